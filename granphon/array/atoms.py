@@ -142,7 +142,7 @@ def adopt(
     """
     balls = atoms.copy()
     _require_info(balls, units)
-    given = {}
+    arrays = {}
     if like is not None:
         if len(like) != len(balls):
             raise InputError(
@@ -152,12 +152,12 @@ def adopt(
         if not has_masses(balls):
             balls.set_array("masses", None)
         names = (*ARRAYS, "radius", "masses")
-        given = {
+        arrays = {
             name: like.arrays[name].copy()
             for name in names
             if name not in balls.arrays and name in like.arrays
         }
-    take_arrays(balls, units, kind, given, coordinates)
+    take_arrays(balls, units, kind, arrays, coordinates)
     return balls
 
 
@@ -176,27 +176,9 @@ def find_kind(balls: Atoms, units: Units, finite_overlap: bool, coordinates: int
             "A file or another program has left this out",
             _MEND,
         )
-    for name, shape in _shapes(coordinates).items():
-        if balls.arrays[name].shape != (len(balls), *shape):
-            axes = "x, y and z" if shape else "z only"
-            why = f"The balls of this state turn about {axes}" if name == "rotations" else ""
-            raise InputError(
-                f"the array {name} has the shape {balls.arrays[name].shape}",
-                why,
-                f"Give {(len(balls), *shape)}",
-            )
+    _require_shapes(balls, coordinates)
     _require_info(balls, units)
-    given = balls.arrays[_SCALES]
-    same = np.all(np.abs(given - _take_logarithms(units)) < _DECIMALS, axis=1)
-    if not np.all(same):
-        ball = int(np.argmin(same))
-        d, k, mass = (f"{value:.9g}" for value in np.exp(given[ball]))
-        raise InputError(
-            f"ball {ball} of the Atoms is in the units {d} m, {k} N/m and {mass} kg, and the"
-            f" state in {units.length:.9g} m, {units.stiffness:.9g} N/m and {units.mass:.9g} kg",
-            "It is in units of another state, or was added without any",
-            "Use the state it was made from, and add balls from gp.atoms(state)",
-        )
+    _require_units(balls, units)
     kinds = set(balls.arrays[_KIND].tolist())
     if len(kinds) > 1:
         raise InputError(
@@ -236,12 +218,40 @@ def _take_logarithms(units: Units) -> Array:
     return np.log([units.length, units.stiffness, units.mass])
 
 
+def _require_shapes(balls: Atoms, coordinates: int) -> None:
+    """Raise InputError if an array is not one of balls with this number of ``coordinates``."""
+    for name, shape in _shapes(coordinates).items():
+        if balls.arrays[name].shape != (len(balls), *shape):
+            axes = "x, y and z" if shape else "z only"
+            why = f"The balls of this state turn about {axes}" if name == "rotations" else ""
+            raise InputError(
+                f"the array {name} has the shape {balls.arrays[name].shape}",
+                why,
+                f"Give {(len(balls), *shape)}",
+            )
+
+
+def _require_units(balls: Atoms, units: Units) -> None:
+    """Raise InputError if a ball came with the units of another state than these."""
+    scales = balls.arrays[_SCALES]
+    same = np.all(np.abs(scales - _take_logarithms(units)) < _DECIMALS, axis=1)
+    if not np.all(same):
+        ball = int(np.argmin(same))
+        d, k, mass = (f"{value:.9g}" for value in np.exp(scales[ball]))
+        raise InputError(
+            f"ball {ball} of the Atoms is in the units {d} m, {k} N/m and {mass} kg, and the"
+            f" state in {units.length:.9g} m, {units.stiffness:.9g} N/m and {units.mass:.9g} kg",
+            "It is in units of another state, or was added without any",
+            "Use the state it was made from, and add balls from gp.atoms(state)",
+        )
+
+
 def _require_info(balls: Atoms, units: Units) -> None:
     for key, value in units.to_info().items():
-        given = balls.info.get(key, value)
-        if not np.isclose(float(given), value, rtol=1e-9, atol=0.0):
+        scale = balls.info.get(key, value)
+        if not np.isclose(float(scale), value, rtol=1e-9, atol=0.0):
             raise InputError(
-                f"the Atoms have {key} = {given}, the state {value}",
+                f"the Atoms have {key} = {scale}, the state {value}",
                 "They are in the reduced units of another state",
                 "Use the state they were made from, or gp.atoms of this one",
             )

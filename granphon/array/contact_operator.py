@@ -6,7 +6,7 @@ the forces on balls; between them stand shifts of whole arrays with ghost cells.
 array a shift along the lattice is one number, so that what all contacts of a kind need are two
 slices of one long array, whatever the number of dimensions. Ghost cells hold images of balls, and
 images of contacts: so each ball finds all its contacts, and nothing has to be added up across the
-boundary. The array is worked on in parts, some layers of its first axis at a time, that stay in the
+boundary. The array is worked on in slabs, some layers of its first axis at a time, that stay in the
 processor's cache.
 """
 
@@ -23,7 +23,7 @@ Values = NDArray[Any]
 Index = tuple[Any, ...]
 #: bytes of what the ends of contacts contribute that are worked on at a time
 _CACHED = 2**21
-#: layers of a part, at least, over the ghost layers around it, for which work is done twice
+#: layers of a slab, at least, over the ghost layers around it, for which work is done twice
 _LONG = 2
 #: number of products in a product of matrices up to which OpenBLAS takes one thread
 _ONE_THREAD = 2**18
@@ -83,8 +83,8 @@ class Halo:
 
 
 class _Workspace(NamedTuple):
-    """Views of the buffers for a part of the array; the last axis runs over the places in the
-    flattened part.
+    """Views of the buffers for a slab of the array; the last axis runs over the places in the
+    flattened slab.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class _Workspace(NamedTuple):
         repeat, but for whole layers.
     ends : (2 rows, ...) what the ends of contacts contribute to deformations.
     contacts : (rows, layers, ...) those of the tails; deformations or tensions of all contacts take
-        their place. ``rows`` are those of contacts that have an end in the part.
+        their place. ``rows`` are those of contacts that have an end in the slab.
     pairs : head and tail of each kind of contact.
     gathered : a place for the tension at ball j, and the tension at ball i.
     joined : tensions at both ends.
@@ -112,7 +112,7 @@ class _Workspace(NamedTuple):
     forces: Values
 
 
-class _Part(NamedTuple):
+class _Slab(NamedTuple):
     """Layers of the first axis that are worked on together.
 
     ``sources`` pairs layers with their places in the workspace, ghost layers included. ``start`` is
@@ -143,7 +143,7 @@ class ContactOperator:
         halo = Halo(shape, both_ways)
         along = (0,) * (len(shape) - 1)
         steps = [halo.offset(shift) for shift in shifts]
-        # the parts of all kinds of contacts are alike: one that begins in a ghost cell and leads
+        # the slabs of all kinds of contacts are alike: one that begins in a ghost cell and leads
         # away has a far end too
         reach = max(0, *steps) - min(0, *steps) - halo.offset((0, *halo.below[1:]))
         layers = -(-reach // halo.offset((1, *along)))
@@ -155,12 +155,12 @@ class ContactOperator:
         self.halo = Halo(shape, [*both_ways, (layers, *along), (-layers, *along)])
         self._stride = self.halo.offset((1, *along))
         self._steps = [self.halo.offset(shift) for shift in shifts]
-        self._found: dict[Any, list[_Part]] = {}
+        self._found: dict[Any, list[_Slab]] = {}
 
-    # -- parts -------------------------------------------------------------------------------------
+    # -- slabs -------------------------------------------------------------------------------------
 
-    def parts(self, precision: DTypeLike) -> list[_Part]:
-        """Return the parts of the array, which share buffers of this precision."""
+    def slabs(self, precision: DTypeLike) -> list[_Slab]:
+        """Return the slabs of the array, which share buffers of this precision."""
         key = np.dtype(precision)
         halo = self.halo
         count = self.shape[0]
@@ -168,7 +168,7 @@ class ContactOperator:
             ghosts = halo.below[0] + halo.above[0]
             cached = _CACHED // (2 * self.n_rows * key.itemsize * self._stride)
             most = max(1, cached - ghosts, _LONG * ghosts)
-            step = -(-count // -(-count // most))  # parts of one length, but for the last
+            step = -(-count // -(-count // most))  # slabs of one length, but for the last
             spaces = {
                 layers: self._make_workspace(layers, key) for layers in {step, count % step or step}
             }
@@ -178,22 +178,23 @@ class ContactOperator:
                 sources = []
                 below = halo.below[0]
                 space = spaces[stop - start]
-                at = start - below
+                layer = start - below
                 end = stop + halo.above[0]
-                while at < end:  # layers that follow each other in the array, ghost layers included
-                    low = at % count
-                    length = min(count - low, end - at)
-                    place = at - start + below
+                # layers that follow each other in the array, ghost layers included
+                while layer < end:
+                    low = layer % count
+                    length = min(count - low, end - layer)
+                    place = layer - start + below
                     sources.append(
                         (
                             slice(low, low + length),
                             (slice(None), slice(place, place + length), *halo.inner[2:]),
                         )
                     )
-                    at += length
+                    layer += length
                 first = start * self._stride + halo.offset(halo.below) - max(0, *self._steps)
                 inner = (slice(None), slice(below, below + stop - start), *halo.inner[2:])
-                self._found[key].append(_Part(slice(start, stop), sources, first, inner, space))
+                self._found[key].append(_Slab(slice(start, stop), sources, first, inner, space))
         return self._found[key]
 
     def _make_workspace(self, layers: int, precision: DTypeLike) -> _Workspace:
@@ -212,7 +213,7 @@ class ContactOperator:
         first = halo.offset(halo.below)
         end = flat.shape[1] - halo.offset(halo.above)
         low = first - most
-        high = end - least  # contacts that begin here have an end in this part
+        high = end - least  # contacts that begin here have an end in this slab
         kinds = list(enumerate(self._steps))
         return _Workspace(
             balls=balls,
@@ -239,9 +240,9 @@ class ContactOperator:
         """Return the deformations C u."""
         out = np.empty((self.n_rows, *self.shape), balls.dtype)
         split = np.concatenate([self.head, self.tail]).astype(balls.real.dtype)
-        for part in self.parts(balls.dtype):
-            stretch(split, balls, part)
-            out[:, part.layers] = part.space.contacts[part.inner]
+        for slab in self.slabs(balls.dtype):
+            stretch(split, balls, slab)
+            out[:, slab.layers] = slab.space.contacts[slab.inner]
         return out
 
     def pull(self, *tensions: Values) -> Values:
@@ -262,26 +263,26 @@ class ContactOperator:
             matrix.astype(contacts[0].real.dtype),
             np.empty((len(matrix), *self.shape), precision),
         )
-        for part in self.parts(precision):
-            space = part.space
-            at = 0
-            for one in contacts:
-                for layers, source in part.sources:
-                    space.contacts[at : at + len(one)][source] = one[:, layers]
-                at += len(one)
+        for slab in self.slabs(precision):
+            space = slab.space
+            row = 0
+            for values in contacts:
+                for layers, source in slab.sources:
+                    space.contacts[row : row + len(values)][source] = values[:, layers]
+                row += len(values)
             for image, cell in self.halo.images(space.contacts, 1):
                 image[...] = cell
             for place, tension in space.gathered:
                 place[...] = tension
             if len(matrix) == self.n_fields:
-                found = space.balls
+                gathered = space.balls
                 forces = space.forces
             else:
-                found = np.empty((len(matrix), *space.balls.shape[1:]), precision)
+                gathered = np.empty((len(matrix), *space.balls.shape[1:]), precision)
                 first = self.halo.offset(self.halo.below)
-                forces = found.reshape(len(matrix), -1)[:, first : first + space.forces.shape[1]]
+                forces = gathered.reshape(len(matrix), -1)[:, first : first + space.forces.shape[1]]
             multiply_columns(matrix, space.joined, forces)
-            out[:, part.layers] = found[part.inner]
+            out[:, slab.layers] = gathered[slab.inner]
         return out
 
 
@@ -313,11 +314,11 @@ class ContactHessian:
         for image, cell in operator.halo.images(law, 0):
             image[...] = cell
         law = law.reshape(len(law), -1)
-        #: D of each part
+        #: D of each slab
         self._law: list[Values] = []
-        for part in operator.parts(precision):
-            count = part.space.rows.shape[1]
-            self._law.append(law[:, part.start : part.start + count])
+        for slab in operator.slabs(precision):
+            count = slab.space.rows.shape[1]
+            self._law.append(law[:, slab.start : slab.start + count])
 
     def __call__(self, balls: Values, press: float | None = None) -> tuple[Values, float]:
         """Return the forces (fields, L1, ..., Lp), and the sum of the tensions along normals with
@@ -329,19 +330,19 @@ class ContactHessian:
         n = self._operator.n_contacts
         total = 0.0
         out = np.empty((operator.n_fields, *operator.shape), self._precision)
-        for part, law in zip(operator.parts(self._precision), self._law, strict=True):
-            space = part.space
-            stretch(self._split, balls, part)
+        for slab, law in zip(operator.slabs(self._precision), self._law, strict=True):
+            space = slab.space
+            stretch(self._split, balls, slab)
             if press:
                 loss = space.rows[:n]
                 np.subtract(loss, space.rows.dtype.type(press), out=loss)
             np.multiply(space.rows, law, out=space.rows)
             if press is not None:
-                total -= float(np.sum(space.contacts[:n][part.inner]))
+                total -= float(np.sum(space.contacts[:n][slab.inner]))
             for place, tension in space.gathered:
                 place[...] = tension
             multiply_columns(self._join, space.joined, space.forces)
-            out[:, part.layers] = space.balls[part.inner]
+            out[:, slab.layers] = space.balls[slab.inner]
         return out, total
 
     @property
@@ -350,10 +351,10 @@ class ContactHessian:
         return self._operator.n_contacts * math.prod(self._operator.shape)
 
 
-def stretch(split: Values, balls: Values, part: _Part) -> None:
-    """Write the deformations of the contacts of a part into its workspace."""
-    space = part.space
-    for layers, place in part.sources:
+def stretch(split: Values, balls: Values, slab: _Slab) -> None:
+    """Write the deformations of the contacts of a slab into its workspace."""
+    space = slab.space
+    for layers, place in slab.sources:
         space.balls[place] = balls[:, layers]
     for image, cell in space.images:
         image[...] = cell
@@ -366,8 +367,8 @@ def multiply_columns(matrix: Values, columns: Values, out: Values) -> None:
     """Write the product of a small matrix with many columns, in parts for which BLAS takes one
     thread.
 
-    Its threads wait for each other, and their number changes the last digit. A real matrix takes
-    the two parts of complex columns as columns of their own.
+    Threads of BLAS wait for each other, and their number changes the last digit. A real matrix
+    takes the two parts of complex columns as columns of their own.
     """
     if matrix.dtype != out.dtype:
         columns = columns.view(matrix.dtype)

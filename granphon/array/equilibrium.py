@@ -90,20 +90,20 @@ class Equilibrium(Result):
     def __reduce__(self) -> tuple[Any, ...]:
         # keep derivatives already found: each costs a linear response, and another process may have
         # asked for them
-        found = {name: vars(self)[name] for name in ("_derivatives",) if name in vars(self)}
-        return *super().__reduce__(), found
+        derivatives = {name: vars(self)[name] for name in ("_derivatives",) if name in vars(self)}
+        return *super().__reduce__(), derivatives
 
     def share(self, deviations: Array, stencils: Stencils) -> Self:
         """Return the same equilibrium with ``deviations``, equal to its own, and ``stencils``
         shared with others.
         """
-        other = replace(self, deviations=deviations)
-        known = vars(self)
-        vars(other).update(
-            {name: known[name] for name in ("_derivatives", "place") if name in known},
+        twin = replace(self, deviations=deviations)
+        attributes = vars(self)
+        vars(twin).update(
+            {name: attributes[name] for name in ("_derivatives", "place") if name in attributes},
             stencils=stencils,
         )
-        return other
+        return twin
 
     @cached_property
     def stencils(self) -> Stencils:
@@ -116,14 +116,15 @@ class Equilibrium(Result):
         """
         super()._check()
         shape = array_shape(self.deviations, self.lattice)
-        wanted = self.lattice.n_balls * self.lattice.periods, *shape
-        if len(shape) != self.lattice.periods or np.shape(self.balls) != wanted:
-            found = (
+        expected = self.lattice.n_balls * self.lattice.periods, *shape
+        if len(shape) != self.lattice.periods or np.shape(self.balls) != expected:
+            shapes = (
                 f"deviations of the shape {np.shape(self.deviations)} and balls of"
                 f" {np.shape(self.balls)}"
             )
             raise InputError(
-                f"the Equilibrium has {found}, which is no array of the {self.lattice.name} lattice"
+                f"the Equilibrium has {shapes}, which is no array of the {self.lattice.name}"
+                " lattice"
             )
 
     @cached_property
@@ -289,7 +290,7 @@ class Equilibrium(Result):
     def _find_tensor_on_grid(self, shear: ArrayLike, torsion: ArrayLike, bending: float) -> Array:
         """Return the tensor without a list, which takes much memory."""
         normal = self.stiffnesses
-        own = self.stencils
+        on_lattice = self.stencils
         # the grid has one ratio for all contacts, on which its preconditioner is built: the mean,
         # weighted by stiffness
         slip, twist = (np.asarray(ratio, float) for ratio in (shear, torsion))
@@ -298,9 +299,9 @@ class Equilibrium(Result):
         if not eta:
             # only shear turns balls that are strained: without it twist and roll store nothing
             mean = bending = 0.0
-        stencils = Stencils(own.shape, eta, own.workers, self.lattice, mean, bending)
+        stencils = Stencils(on_lattice.shape, eta, on_lattice.workers, self.lattice, mean, bending)
         tensor = find_tensor_on_grid(stencils, stencils.weights(normal, slip=slip, twist=twist))
-        own.forget()  # many samples may be kept, each with a large Green's function
+        on_lattice.forget()  # many samples may be kept, each with a large Green's function
         return tensor
 
     def _list_contacts(

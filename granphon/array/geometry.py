@@ -94,12 +94,12 @@ def require_small(ratio: float) -> None:
     :data:`LARGEST_RATIO`.
     """
     if not 0.0 <= ratio <= LARGEST_RATIO:
-        what = f"the exact geometry is not simulated of a width of {ratio:.3g} diameters"
+        problem = f"the exact geometry is not simulated of a width of {ratio:.3g} diameters"
         why = (
             "Contacts are those of neighbours on the lattice: of balls that differ much, others"
             " touch"
         )
-        raise InputError(what, why, f"Give a width from zero to {LARGEST_RATIO:g} diameters")
+        raise InputError(problem, why, f"Give a width from zero to {LARGEST_RATIO:g} diameters")
 
 
 class ExactGeometry:
@@ -379,12 +379,12 @@ def _times(factor: Any, vector: _Vector) -> _Vector:
     return _scale(factor, vector[0]), _scale(factor, vector[1]), _scale(factor, vector[2])
 
 
-def _add(one: _Vector, other: _Vector) -> _Vector:
-    return one[0] + other[0], one[1] + other[1], one[2] + other[2]
+def _add(first: _Vector, second: _Vector) -> _Vector:
+    return first[0] + second[0], first[1] + second[1], first[2] + second[2]
 
 
-def _subtract(one: _Vector, other: _Vector) -> _Vector:
-    return one[0] - other[0], one[1] - other[1], one[2] - other[2]
+def _subtract(first: _Vector, second: _Vector) -> _Vector:
+    return first[0] - second[0], first[1] - second[1], first[2] - second[2]
 
 
 def _product(a: Any, b: Any) -> Any:
@@ -394,5 +394,9 @@ def _product(a: Any, b: Any) -> Any:
     return _scale(a, b)
 
 
-def _dot(one: _Vector, other: _Vector) -> Any:
-    return _product(one[0], other[0]) + _product(one[1], other[1]) + _product(one[2], other[2])
+def _dot(first: _Vector, second: _Vector) -> Any:
+    return (
+        _product(first[0], second[0])
+        + _product(first[1], second[1])
+        + _product(first[2], second[2])
+    )

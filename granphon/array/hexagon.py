@@ -123,9 +123,9 @@ class PressedHexagon(Result):
         """What limits the result, in sentences; empty if nothing does."""
         if self.contact_radius <= MOST_CONTACT_RADIUS:
             return ()
-        what = f"The radius of a contact is {100.0 * self.contact_radius:.4g} % of that of a ball"
+        radius = f"The radius of a contact is {100.0 * self.contact_radius:.4g} % of that of a ball"
         return (
-            f"{what}, more than {100.0 * MOST_CONTACT_RADIUS:g} %: Hertz's law assumes that"
+            f"{radius}, more than {100.0 * MOST_CONTACT_RADIUS:g} %: Hertz's law assumes that"
             f" the contact is a small spot.",
         )
 
@@ -147,11 +147,11 @@ class PressedHexagon(Result):
         places[:count, :2], places[count:, :2] = self.positions, distance[:, None] * _NORMALS
         normal = np.zeros((int(np.sum(live) + np.sum(leant)), 3))
         normal[:, :2] = np.concatenate([self.normal[live], _NORMALS[self.wall[leant]]])
-        both = (
+        kinds = (
             (law.coefficient, self.forces[live]),
             (self.wall_coefficient, self.wall_forces[leant]),
         )
-        stiffness = np.concatenate([hertz.stiffness_under(c**2 * force) for c, force in both])
+        stiffness = np.concatenate([hertz.stiffness_under(c**2 * force) for c, force in kinds])
         masses = np.append(np.full(count, packing.mass), np.full(6, math.inf))
         half = np.full(len(normal), 0.5 * d)
         return ContactNetwork(
@@ -204,16 +204,7 @@ class Hexagon:
         diameters: ArrayLike | None = None,
         wall_material: Material | None = None,
     ) -> None:
-        if (
-            given_packing(packing).structure.contacts.normal.shape != (3, 2)
-            or packing.named_motions.name != "in_plane"
-        ):
-            raise InputError(
-                f"a hexagon of the {packing.structure.name} lattice with motions"
-                f" {packing.named_motions.name}",
-                "The hexagon is made of the triangular lattice, in its plane",
-                "Leave lattice and motions out of the Packing",
-            )
+        _require_triangular(packing)
         if not isinstance(wall_material, Material | None):
             raise InputError(
                 f"wall_material is {brief(wall_material)}", mend="Give a gp.Material, or None"
@@ -235,31 +226,13 @@ class Hexagon:
         self._cells = q[np.abs(q[:, 0] - q[:, 1]) < n]
         #: (3n(n - 1) + 1, 2) lattice sites, m
         self.sites: Array = read_only(packing.diameter * self._cells @ TRIANGULAR.vectors)
-        count = len(self.sites)
-        d = packing.diameter
-        if diameters is not None:
-            drawn = finite_array("diameters", diameters, "m", "above zero")
-            if drawn.shape != (count,):
-                raise InputError(
-                    f"diameters have the shape {drawn.shape}", mend=f"Give {count} numbers"
-                )
-            if abs(np.mean(drawn) - d) > 1e-9 * d:
-                what = (
-                    f"the mean of the diameters is {np.mean(drawn):.9g} m, that of the packing"
-                    f" {d:.9g} m"
-                )
-                raise InputError(what)
-        else:
-            drawn = (
-                np.zeros(count)
-                if packing.spread is None
-                else packing.spread.sample(count, int(self.seed or 0))
-            )
+        drawn = _draw_diameters(packing, len(self.sites), diameters, self.seed)
         #: (3n(n - 1) + 1,) deviations from the mean diameter, m
         self.deviations = read_only(drawn - np.mean(drawn))
-        own = packing.material
-        other = wall_material
-        soft = 0.0 if other is None else own.contact_modulus / other.contact_modulus
+        material = packing.material
+        soft = 0.0
+        if wall_material is not None:
+            soft = material.contact_modulus / wall_material.contact_modulus
         #: coefficient of Hertz's law of a ball against a wall, N/m^(3/2): twice the radius, and the
         #: modulus of both
         self.wall_coefficient = packing.law.coefficient * math.sqrt(2.0) * 2.0 / (1.0 + soft)
@@ -336,13 +309,13 @@ class Hexagon:
         :class:`~granphon.base.errors.ConvergenceError` if the balls do not come to rest. What
         limits the result otherwise is in its ``warnings``.
         """
-        wanted = positive("side_force", side_force, "N")
-        self._require_shallow(wanted, force_of_frame(wanted, self.balls_per_side), 0.0)
+        applied = positive("side_force", side_force, "N")
+        self._require_shallow(applied, force_of_frame(applied, self.balls_per_side), 0.0)
         assembly = self._assembly
         on_balls = np.zeros(2 * assembly.n_balls)
         load = AppliedLoad(
-            force=np.append(on_balls, np.full(6, -wanted)),
-            words=f"side_force = {wanted:g} N",
+            force=np.append(on_balls, np.full(6, -applied)),
+            words=f"side_force = {applied:g} N",
             stress=None,
             strain=np.zeros((0, 0)),
             pressure_force=np.append(on_balls, np.zeros(6)),
@@ -353,11 +326,11 @@ class Hexagon:
         (ball, wall) = self._leaning
         between_balls = forces[: len(i)]
         at_walls = forces[len(i) :]
-        self._require_shallow(wanted, float(np.max(between_balls)), float(np.max(at_walls)))
+        self._require_shallow(applied, float(np.max(between_balls)), float(np.max(at_walls)))
         return PressedHexagon(
             self.packing,
             self.balls_per_side,
-            wanted,
+            applied,
             self.sites,
             self.deviations,
             np.insert(rest.displacement, self._middle, 0.0, axis=0),
@@ -386,8 +359,8 @@ class Hexagon:
         )
         depth = 2.0 * float(HertzLaw(self.wall_coefficient).overlap(at_wall)) / packing.diameter
         if not depth < 1.0:
-            what = f"{load} presses a ball into its wall by {depth:.4g} times its radius"
-            raise InputError(what, "Its centre would be beyond the wall", "Lower the load")
+            problem = f"{load} presses a ball into its wall by {depth:.4g} times its radius"
+            raise InputError(problem, "Its centre would be beyond the wall", "Lower the load")
 
     def at_force(self, force: float) -> PressedHexagon:
         """Press the walls with F = n 3^1/2 f, where f is the contact ``force``, N; see
@@ -396,3 +369,41 @@ class Hexagon:
         return self.at_side_force(
             positive("force", force, "N") * math.sqrt(3.0) * self.balls_per_side
         )
+
+
+def _require_triangular(packing: Packing) -> None:
+    """Raise InputError unless the packing is the triangular lattice with motions in its plane."""
+    if (
+        given_packing(packing).structure.contacts.normal.shape != (3, 2)
+        or packing.named_motions.name != "in_plane"
+    ):
+        raise InputError(
+            f"a hexagon of the {packing.structure.name} lattice with motions"
+            f" {packing.named_motions.name}",
+            "The hexagon is made of the triangular lattice, in its plane",
+            "Leave lattice and motions out of the Packing",
+        )
+
+
+def _draw_diameters(
+    packing: Packing, count: int, diameters: ArrayLike | None, seed: int | None
+) -> Array:
+    """Return the ``diameters`` (count,), m, if they are given and fit to the packing, or else
+    deviations from the mean that are drawn with the ``seed``.
+    """
+    if diameters is None:
+        return (
+            np.zeros(count)
+            if packing.spread is None
+            else packing.spread.sample(count, int(seed or 0))
+        )
+    values = finite_array("diameters", diameters, "m", "above zero")
+    if values.shape != (count,):
+        raise InputError(f"diameters have the shape {values.shape}", mend=f"Give {count} numbers")
+    d = packing.diameter
+    mean = float(np.mean(values))
+    if abs(mean - d) > 1e-9 * d:
+        raise InputError(
+            f"the mean of the diameters is {mean:.9g} m, that of the packing {d:.9g} m"
+        )
+    return values

@@ -119,10 +119,11 @@ class LoadingHistory:
             try:
                 state = equilibrate(self.deviations, load, smooth)
             except InputError as error:
-                what = f"the history starts below the threshold, at {self.stepper.name_load(load)}"
+                where = self.stepper.name_load(load)
+                problem = f"the history starts below the threshold, at {where}"
                 mend = 'Start at a higher load, or at "gas" for an array that only friction holds'
                 raise InputError(
-                    what, "Without friction the balls carry no load there", mend
+                    problem, "Without friction the balls carry no load there", mend
                 ) from error
         assert isinstance(state, Equilibrium)
         ratio = self.ratio
@@ -142,9 +143,9 @@ class LoadingHistory:
         """
         trail = [self.begin() if first is None else first]
         for load in loads:
-            here = self.stepper.measure(trail[-1], load)
+            current = self.stepper.measure(trail[-1], load)
             aim = find_aim(load)
-            if abs(aim - here) <= _SAME_LOAD * (here if load.overlap is None else 1.0):
+            if abs(aim - current) <= _SAME_LOAD * (current if load.overlap is None else 1.0):
                 # the array stands there
                 yield trail[-1]
                 continue
@@ -162,27 +163,27 @@ class LoadingHistory:
             yield self.stepper.step(trail, load)
             return
         ahead = [(load, self.tolerance, 0)]
-        taken = 0
+        n_steps = 0
         kept = 0.0
         while ahead:
             load, allowed, halvings = ahead.pop()
             middle = self.stepper.halve(trail[-1], load)
-            found = []
+            states = []
             if not goes_on(
-                [*(self.stepper.measure(one, load) for one in trail[-2:]), find_aim(load)]
+                [*(self.stepper.measure(state, load) for state in trail[-2:]), find_aim(load)]
             ):
                 # nothing tells yet how the path bends: two halves do
-                found = [self.stepper.step(trail, middle)]
-            found.append(self.stepper.step([*trail, *found], load))
-            change, bent = self._compare([*trail, *found], len(found), load)
-            change /= found[-1].force
-            before = trail[-1]
-            after = found[-1]
+                states = [self.stepper.step(trail, middle)]
+            states.append(self.stepper.step([*trail, *states], load))
+            change, bent = self._compare([*trail, *states], len(states), load)
+            change /= states[-1].force
+            start = trail[-1]
+            end = states[-1]
             # halving changes what is lost by little
-            lost = after.slid + after.loosened - before.slid - before.loosened
-            work = abs(after.work - before.work)
-            kept_loss = sum(abs(sum(more)) for more in bent) <= self.tolerance * (
-                _OF_LOSS * lost + _OF_WORK * work
+            loss = end.slid + end.loosened - start.slid - start.loosened
+            work = abs(end.work - start.work)
+            kept_loss = sum(abs(sum(losses)) for losses in bent) <= self.tolerance * (
+                _OF_LOSS * loss + _OF_WORK * work
             )
             # where a ball falls, the shortest step keeps a change that is none of the step's
             falls = halvings == MOST_HALVINGS and kept + change <= self.tolerance
@@ -191,16 +192,11 @@ class LoadingHistory:
                 change <= max(allowed, _NOISE * BALANCE_TOLERANCE)
                 and (halvings >= _LOSS_HALVINGS or kept_loss)
             ):
-                more = np.cumsum(bent, axis=0).tolist()  # what is lost more, from each state on
-                for at, (one, (slid, loosened)) in enumerate(zip(found, more, strict=True)):
-                    work = one.work + (slid + loosened)
-                    found[at] = replace(
-                        one, slid=one.slid + slid, loosened=one.loosened + loosened, work=work
-                    )
-                yield from found
-                trail, taken, kept = (
-                    [*trail, *found][-3:],
-                    taken + len(found),
+                states = _add_losses(states, np.cumsum(bent, axis=0).tolist())
+                yield from states
+                trail, n_steps, kept = (
+                    [*trail, *states][-3:],
+                    n_steps + len(states),
                     kept + change * falls,
                 )
             elif halvings == MOST_HALVINGS:
@@ -208,7 +204,7 @@ class LoadingHistory:
                 raise self.stepper.explain(
                     load, f"halving the step still changes the contact force by {percent:.2g} %"
                 )
-            elif taken + len(ahead) > _MOST_STEPS:
+            elif n_steps + len(ahead) > _MOST_STEPS:
                 raise self.stepper.explain(load, f"it takes more than {_MOST_STEPS} steps")
             else:
                 # where a ball loses its hold and falls, one of the halves keeps all of the change
@@ -226,34 +222,48 @@ class LoadingHistory:
         over the contacts' slips under dy.
         """
         three = trail[-3:]
-        loads = [self.stepper.measure(one, load) for one in three]
+        loads = [self.stepper.measure(state, load) for state in three]
         change = 0.0
         bent = []
         for last in range(-steps, 0):
-            before = three[last - 1].contacts
-            after = three[last].contacts
+            start = three[last - 1].contacts
+            end = three[last].contacts
             weights = weigh_states(loads, 0.5 * (loads[last] + loads[last - 1]))
             overlaps, slips = (
                 np.sum([w * value for w, value in zip(weights, values, strict=True)], axis=0)
                 for values in zip(
-                    *((one.contacts.overlaps, one.contacts.slips) for one in three), strict=True
+                    *((state.contacts.overlaps, state.contacts.slips) for state in three),
+                    strict=True,
                 )
             )
-            half, _ = self._law.advance(before, overlaps, slips)
-            again, _ = self._law.advance(half, after.overlaps, after.slips)
-            rise = (after.slips - before.slips) * (again.shears - after.shears)
+            half, _ = self._law.advance(start, overlaps, slips)
+            again, _ = self._law.advance(half, end.overlaps, end.slips)
+            rise = (end.slips - start.slips) * (again.shears - end.shears)
             # single contacts that begin to slide or open are not foreseen well: their number is
             # uncertain by its root
             share = abs(float(np.sum(rise))) + math.sqrt(dot(rise, rise))
             change += (
                 _CAUTION
                 * share
-                / after.overlaps.size
+                / end.overlaps.size
                 / abs(three[last].overlap - three[last - 1].overlap)
             )
-            lost = np.add(self._law.lost(before, half), self._law.lost(half, again))
+            losses = np.add(self._law.lost(start, half), self._law.lost(half, again))
             whole = np.diff(
-                [(one.slid, one.loosened) for one in (three[last - 1], three[last])], axis=0
+                [(state.slid, state.loosened) for state in (three[last - 1], three[last])], axis=0
             )
-            bent.append(lost - whole[0])
+            bent.append(losses - whole[0])
         return change, bent
+
+
+def _add_losses(
+    states: Sequence[PressedArray], losses: Sequence[Sequence[float]]
+) -> list[PressedArray]:
+    """Return states with further energies lost up to each of them, to sliding and to loosening."""
+    corrected = []
+    for state, (slid, loosened) in zip(states, losses, strict=True):
+        work = state.work + (slid + loosened)
+        corrected.append(
+            replace(state, slid=state.slid + slid, loosened=state.loosened + loosened, work=work)
+        )
+    return corrected

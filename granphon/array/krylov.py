@@ -35,7 +35,7 @@ def conjugate_gradients(
     remaining = right.copy()
     aim = math.inf
     product = 0.0
-    way = np.zeros_like(right)
+    direction = np.zeros_like(right)
     for count in range(most + 1):
         better = precondition(remaining)
         last = product
@@ -46,24 +46,24 @@ def conjugate_gradients(
             return solution, count
         if count == most:
             break
-        _add(way, 1.0, better, product / last if count else 0.0)
-        change = apply(way)
-        curvature = dot(way, change)
+        _add(direction, 1.0, better, product / last if count else 0.0)
+        change = apply(direction)
+        curvature = dot(direction, change)
         if curvature <= 0.0:
             return solution, count
         length = product / curvature
-        _add(solution, length, way)
+        _add(solution, length, direction)
         _add(remaining, -length, change)
     return solution, most
 
 
-def _add(vector: Values, factor: float, other: Values, own: float = 1.0) -> None:
-    """Multiply a vector by its ``own`` factor, and add another times a ``factor`` to it."""
-    one = vector.reshape(-1)
-    two = other.reshape(-1)
-    for low in range(0, one.size, _CACHED):
-        part = one[low : low + _CACHED]
-        more = two[low : low + _CACHED]
-        if own != 1.0:
-            np.multiply(part, own, out=part)
-        np.add(part, more if factor == 1.0 else factor * more, out=part)
+def _add(vector: Values, factor: float, addend: Values, scale: float = 1.0) -> None:
+    """Multiply a vector by the ``scale``, and add ``factor`` times the ``addend`` to it."""
+    flat = vector.reshape(-1)
+    flat_addend = addend.reshape(-1)
+    for low in range(0, flat.size, _CACHED):
+        block = flat[low : low + _CACHED]
+        added = flat_addend[low : low + _CACHED]
+        if scale != 1.0:
+            np.multiply(block, scale, out=block)
+        np.add(block, added if factor == 1.0 else factor * added, out=block)

@@ -93,43 +93,42 @@ def find_linear_response(
     def precondition(force: Single) -> Single:
         return inverse(force.astype(np.float32, copy=False)).astype(force.dtype, copy=False)
 
-    motions = []
-    for force in forces:
+    def solve(force: Array) -> Array:
+        """Return the motions under forces on balls."""
         right = force / mean
-        rest = right
-        found = np.zeros_like(rest)
-        taken = 0
-        before = math.inf
-        left = dot(rest, precondition(rest))
-        aim = max(reduction**2 * left, _NOISE**2 * tensions)
-        while aim < left < _STALLED * before:
-            ahead = max(math.sqrt(aim / left), _SINGLE)
-            given = rest.astype(np.float32)
-            most = _MOST_ITERATIONS - taken
+        residual = right
+        motion = np.zeros_like(residual)
+        n_iterations = 0
+        last_square = math.inf
+        square = dot(residual, precondition(residual))
+        aim = max(reduction**2 * square, _NOISE**2 * tensions)
+        # in single precision, refined by residuals in double precision
+        while aim < square < _STALLED * last_square:
+            ahead = max(math.sqrt(aim / square), _SINGLE)
+            rounded = residual.astype(np.float32)
+            most = _MOST_ITERATIONS - n_iterations
             change, count = conjugate_gradients(
-                lambda balls: product(balls)[0], precondition, given, ahead, most
+                lambda balls: product(balls)[0], precondition, rounded, ahead, most
             )
-            found = found + change
-            taken = taken + count
-            rest = right - resist(found)
-            before = left
-            left = dot(rest, precondition(rest))
-        if left > aim:
-            ahead = math.sqrt(aim / left)
-            most = _MOST_ITERATIONS - taken
-            change, count = conjugate_gradients(
-                resist,
-                precondition,
-                rest,
-                ahead,
-                most,
+            motion = motion + change
+            n_iterations = n_iterations + count
+            residual = right - resist(motion)
+            last_square = square
+            square = dot(residual, precondition(residual))
+        if square <= aim:
+            return motion
+        # in double precision where that has stalled
+        most = _MOST_ITERATIONS - n_iterations
+        ahead = math.sqrt(aim / square)
+        change, count = conjugate_gradients(resist, precondition, residual, ahead, most)
+        if count == most:
+            raise ConvergenceError(
+                f"the linear response of the sample is not found in {_MOST_ITERATIONS} steps",
+                mend="Raise the load",
             )
-            if count == most:
-                what = f"the linear response of the sample is not found in {_MOST_ITERATIONS} steps"
-                raise ConvergenceError(what, mend="Raise the load")
-            found += change
-        motions.append(found)
-    return motions
+        return motion + change
+
+    return [solve(force) for force in forces]
 
 
 def _find_inverse(

@@ -33,8 +33,8 @@ from granphon.array.krylov import Single
 from granphon.array.preconditioners import Patches, Put
 from granphon.array.pressed_array import PressedArray
 from granphon.array.pressed_place import PressedGeometry, PressedPlace, PressedTangent
-from granphon.array.stencils import Motion, dot
-from granphon.base.arrays import Array, Index
+from granphon.array.stencils import HOLDING, Motion, dot
+from granphon.base.arrays import Array, Flags, Index
 from granphon.contacts.friction import Contacts, FrictionLaw, Tangent
 
 #: largest force, or torque over the diameter, left on a ball, over the mean normal force
@@ -92,9 +92,6 @@ _LOOSE = 1e-2
 #: torques on balls that turn without resistance, over all that is left of balance, from which they
 #: are turned by themselves
 _TURNING = 0.01
-#: stiffness, over the mean, that the preconditioner adds to the motions of each ball: a ball may
-#: have no contact
-_LEAST_LOCAL = 1e-5
 #: GMRES iterations, at most
 _MOST_ITERATIONS = 300
 #: GMRES iterations after which weakly held balls are looked for
@@ -211,7 +208,7 @@ class LoadStep:
                     break
                 guess = lagged.contacts.overlaps
                 lagged = lagged.follow(self._try(lagged.balls, lagged.overlap, guess))
-                lagged = self._iterate(lagged, _PATIENCE, _PATIENCE, guess, part=lags.left)
+                lagged = self._iterate(lagged, _PATIENCE, _PATIENCE, guess, share=lags.left)
                 trial = lagged.follow(self._try(lagged.balls, lagged.overlap))
                 if trial.size > _NEARER * tried and lag % lags.often:
                     continue
@@ -256,17 +253,17 @@ class LoadStep:
         patience: int,
         guess: Array | None = None,
         enough: float = 0.0,
-        part: float = 0.0,
+        share: float = 0.0,
     ) -> Trial:
         """Return the state after Newton's method: ``most`` steps, of which each ``patience`` have
         to halve the residual.
 
-        It ends where no more than ``enough`` is left of balance, or a ``part`` of what was left.
+        It ends where no more than ``enough`` is left of balance, or a ``share`` of what was left.
         """
-        before = math.inf
+        last_size = math.inf
         hold = 1.0
         slow = False
-        aim = part * trial.size
+        aim = share * trial.size
         for count in range(most):
             if trial.is_balanced or trial.size < aim or trial.left == math.inf:
                 # nothing is in contact
@@ -274,17 +271,17 @@ class LoadStep:
             if max(trial.left, trial.missed) <= enough:
                 break
             if count % patience == 0:
-                if trial.size > 0.5 * before:
+                if trial.size > 0.5 * last_size:
                     break
-                before = trial.size
-            way, taken = self._direct(trial, hold)
-            new, length = self._search(trial, way, guess, slow)
+                last_size = trial.size
+            motion, iterations = self._direct(trial, hold)
+            new, length = self._search(trial, motion, guess, slow)
             slow = length == 1.0 and new.size > _LEFT_BY_LOOSE * trial.size
             turned = self._turn_loose(new, guess)
             # where contacts of turned balls change, this may undo the step, and again after the
             # next one
             new = turned if turned.size <= trial.size else new
-            trial = replace(new, newton=trial.newton + 1, krylov=trial.krylov + taken)
+            trial = replace(new, newton=trial.newton + 1, krylov=trial.krylov + iterations)
             if not math.isfinite(trial.size) or hold > _MOST_HOLD:
                 break
             if length == 1.0:
@@ -294,7 +291,7 @@ class LoadStep:
         return trial
 
     def _search(
-        self, trial: Trial, way: Motion, guess: Array | None, slow: bool
+        self, trial: Trial, motion: Motion, guess: Array | None, slow: bool
     ) -> tuple[Trial, float]:
         """Return the state after a step of Newton's method, and the length of the step: halved
         until less is left.
@@ -305,11 +302,13 @@ class LoadStep:
 
         def go(length: float) -> Trial:
             return self._try(
-                trial.balls + length * way.balls, trial.overlap + length * way.compression, guess
+                trial.balls + length * motion.balls,
+                trial.overlap + length * motion.compression,
+                guess,
             )
 
         def slope(state: Trial) -> float:
-            return dot(state.pull, way.balls) + state.push * way.compression
+            return dot(state.pull, motion.balls) + state.push * motion.compression
 
         first, length, best = slope(trial), 1.0, (go(1.0), 1.0)
         new = best[0]
@@ -330,9 +329,9 @@ class LoadStep:
 
     def _try(self, balls: Array, overlap: float, guess: Array | None = None) -> Trial:
         place = self._geometry.place(balls, overlap)
-        before = self._here.contacts
-        slips = place.find_slips(self._place, before.slips)
-        contacts, linearise = self._law.advance(before, place.overlaps, slips, guess)
+        start = self._here.contacts
+        slips = place.find_slips(self._place, start.slips)
+        contacts, linearise = self._law.advance(start, place.overlaps, slips, guess)
         forces = contacts.forces
         load = self._load
         stencils = self._stencils
@@ -340,9 +339,9 @@ class LoadStep:
         normal = forces
         shears = contacts.shears
         if self._drag:  # dashpots resist what neighbours have moved against each other
-            loss = contacts.overlaps - before.overlaps - (overlap - self._here.overlap)
+            loss = contacts.overlaps - start.overlaps - (overlap - self._here.overlap)
             normal = forces + self._drag * loss
-            shears = shears + stencils.mindlin_ratio * self._drag * (contacts.slips - before.slips)
+            shears = shears + stencils.mindlin_ratio * self._drag * (contacts.slips - start.slips)
         on_balls = place.push(normal, shears)
         pull = self._geometry.collect_forces(*on_balls)
         push = forces.size * find_lack(load, place, forces, contacts.shears)
@@ -376,9 +375,11 @@ class LoadStep:
             _LOOSEST, max(_FORCING * math.sqrt(distance), 0.1 * BALANCE_TOLERANCE / distance)
         )
         push = trial.push / mean if free else None
-        way, taken = self._linear.solve(product, tangent, trial.pull / mean, push, reduction)
+        motion, iterations = self._linear.solve(
+            product, tangent, trial.pull / mean, push, reduction
+        )
         # the motions of balls that are about to lose their hold and fall are made shorter
-        fields = way.balls.reshape(stencils.n_balls, stencils.motions.count, *stencils.shape)
+        fields = motion.balls.reshape(stencils.n_balls, stencils.motions.count, *stencils.shape)
         limit = _FARTHEST * math.sqrt(float(np.mean(trial.contacts.overlaps**2)))
         sizes = np.max(np.abs(fields[:, stencils.motions.translating]), axis=1, initial=0.0)
         np.maximum(
@@ -388,7 +389,7 @@ class LoadStep:
         )
         if float(np.max(sizes)) > limit:
             fields = fields * np.minimum(1.0, limit / np.maximum(sizes, limit))[:, None]
-        return Motion(fields.reshape(trial.balls.shape), way.compression), taken
+        return Motion(fields.reshape(trial.balls.shape), motion.compression), iterations
 
     def _turn_loose(self, trial: Trial, guess: Array | None) -> Trial:
         """Return the state with balls whose contacts all slide turned by themselves until their
@@ -397,64 +398,26 @@ class LoadStep:
         if not self._spins or trial.left == math.inf or trial.is_balanced:
             return trial
         stencils = self._stencils
-        tangent = trial.tangent
-        least = _LOOSE * self._law.mindlin_ratio
-        resisting = np.ravel(tangent.springs[0] - least * tangent.stiffness)
-        contacts = self._geometry.contacts
-        n_balls = stencils.n_balls * math.prod(stencils.shape)
-        around = np.bincount(contacts.i, resisting, n_balls)
-        around += np.bincount(contacts.j, resisting, n_balls)
-        loose = around.reshape(stencils.n_balls, *stencils.shape) < 0.0
+        loose = self._find_loose(trial)
         count = stencils.motions.count
         (turning,) = range(count)[stencils.motions.turning]
         torque = trial.pull.reshape(-1, count, *stencils.shape)[:, turning][loose]
         if not dot(torque, torque) > (_TURNING * trial.size) ** 2:
             return trial
-        # contacts around these balls, (contacts, balls) of each, and their slips as the balls turn
-        ball, *cell = np.nonzero(loose)
-        places: list[Any] = []
-        reach: list[Array] = []
-        slips = stencils.coefficients[:, stencils.n_contacts :].swapaxes(0, 1)
-        for kind, ((head, tail), shift, (i, j)) in enumerate(
-            zip(slips, stencils.shifts, stencils.ends, strict=True)
-        ):
-            for one, steps, ends in ((j, shift, head), (i, (0,) * len(shift), -tail)):
-                begun = [
-                    (at - step) % size
-                    for at, step, size in zip(cell, steps, stencils.shape, strict=True)
-                ]
-                places.append([np.full_like(ball, kind), *begun])
-                reach.append(np.where(ball == one, ends[count * one + turning], 0.0))
-        at = tuple(np.moveaxis(np.array(places), 1, 0))
-        arms = np.array(reach)
-        before = self._here.contacts
-        after = trial.contacts
+        index, arms = self._list_around(loose, turning)
+        start = self._here.contacts
+        end = trial.contacts
         ends_before = Contacts(
-            before.overlaps[at], before.slips[0][at][None], before.shears[0][at][None]
+            start.overlaps[index], start.slips[0][index][None], start.shears[0][index][None]
         )
-        held = after.overlaps if guess is None else guess
-        bent, springs, limits = self._law.bend(ends_before, held[at], after.slips[0][at][None])
-        # the angles at which the torques, which rise with the angle, vanish: between two of those
-        # where contacts slide
-        pull = springs * arms
-        safe = np.where(pull == 0.0, 1.0, pull)
-        corners = [
-            np.where(pull == 0.0, 0.0, (side * limits - bent[0]) / safe) for side in (-1.0, 1.0)
-        ]
-        angles = np.sort(np.concatenate(corners), axis=0)
-        sums = np.sum(arms * np.clip(bent[0] + pull * angles[:, None], -limits, limits), axis=1)
-        last = np.clip(np.sum(sums <= 0.0, axis=0), 1, len(angles) - 1)
-        (low, high), (less, more) = (
-            np.take_along_axis(one, np.stack([last - 1, last]), 0) for one in (angles, sums)
-        )
-        crosses = (less <= 0.0) & (more >= 0.0) & (more > less)
-        part = np.divide(-less, more - less, out=np.zeros_like(less), where=crosses)
-        turn = np.where(crosses, low + part * (high - low), 0.0)
+        held = end.overlaps if guess is None else guess
+        bent, springs, limits = self._law.bend(ends_before, held[index], end.slips[0][index][None])
+        turn = _find_turns(bent[0], springs * arms, limits, arms)
         # balls that touch would each undo what the other's turn has brought: of those the one with
         # the greatest torque turns
         torques = np.abs(np.sum(arms * np.clip(bent[0], -limits, limits), axis=0))
-        numbers = np.ravel_multi_index(at, (stencils.n_contacts, *stencils.shape))
-        greatest = np.zeros(after.overlaps.size)
+        numbers = np.ravel_multi_index(index, (stencils.n_contacts, *stencils.shape))
+        greatest = np.zeros(end.overlaps.size)
         felt = np.where(arms != 0.0, torques, 0.0)
         np.maximum.at(greatest, numbers, felt)
         turn = np.where(
@@ -466,6 +429,41 @@ class LoadStep:
         ]
         fields[:, 0][loose] += turn
         return self._try(balls, trial.overlap, guess)
+
+    def _find_loose(self, trial: Trial) -> Flags:
+        """Return (balls, L1, ..., Lp) which balls have contacts that all slide."""
+        stencils = self._stencils
+        tangent = trial.tangent
+        least = _LOOSE * self._law.mindlin_ratio
+        resisting = np.ravel(tangent.springs[0] - least * tangent.stiffness)
+        contacts = self._geometry.contacts
+        n_balls = stencils.n_balls * math.prod(stencils.shape)
+        around = np.bincount(contacts.i, resisting, n_balls)
+        around += np.bincount(contacts.j, resisting, n_balls)
+        return np.asarray(around.reshape(stencils.n_balls, *stencils.shape) < 0.0)
+
+    def _list_around(self, loose: Flags, turning: int) -> tuple[tuple[Index, ...], Array]:
+        """Return the index (contacts, balls) of the contacts around each of the ``loose`` balls,
+        and their slips as the ball turns, which is the ``turning`` motion of it; zero for contacts
+        of other balls of the cell.
+        """
+        stencils = self._stencils
+        count = stencils.motions.count
+        ball, *cell = np.nonzero(loose)
+        places: list[Any] = []
+        arms: list[Array] = []
+        slips = stencils.coefficients[:, stencils.n_contacts :].swapaxes(0, 1)
+        for kind, ((head, tail), shift, (i, j)) in enumerate(
+            zip(slips, stencils.shifts, stencils.ends, strict=True)
+        ):
+            for end, steps, slip in ((j, shift, head), (i, (0,) * len(shift), -tail)):
+                first_cell = [
+                    (coordinate - step) % size
+                    for coordinate, step, size in zip(cell, steps, stencils.shape, strict=True)
+                ]
+                places.append([np.full_like(ball, kind), *first_cell])
+                arms.append(np.where(ball == end, slip[count * end + turning], 0.0))
+        return tuple(np.moveaxis(np.array(places), 1, 0)), np.array(arms)
 
 
 class LinearSteps:
@@ -513,33 +511,35 @@ class LinearSteps:
             return np.ravel(balls) if push is None else np.append(balls, held * vector[size])
 
         right = np.ravel(pull) if push is None else np.append(pull, push)
-        found = np.zeros_like(right)
-        rest = right
-        taken = 0
+        solution = np.zeros_like(right)
+        residual = right
+        iterations = 0
         most = _FEW
         renewed = False
         goal = reduction * math.sqrt(dot(right, right))
-        while taken < _MOST_ITERATIONS:
-            left = math.sqrt(dot(rest, rest))
-            if not left > goal:
+        while iterations < _MOST_ITERATIONS:
+            norm = math.sqrt(dot(residual, residual))
+            if not norm > goal:
                 break
-            change, count = solve_by_minimal_residuals(apply, precondition, rest, goal / left, most)
-            found += change
-            taken += count
+            change, count = solve_by_minimal_residuals(
+                apply, precondition, residual, goal / norm, most
+            )
+            solution += change
+            iterations += count
             if count < most:
                 break
-            rest = right - apply(found.astype(np.float32))
+            residual = right - apply(solution.astype(np.float32))
             weak = self._patches.join(
-                self._weak, self._patches.find_worst(rest[:size].reshape(pull.shape))
+                self._weak, self._patches.find_worst(residual[:size].reshape(pull.shape))
             )
             if weak.size == self._weak.size and (renewed or not weak.size):
                 # the patch has no more to give
-                most = _MOST_ITERATIONS - taken
+                most = _MOST_ITERATIONS - iterations
             else:
                 self._weak, self._put, renewed = weak, self._patches.invert(weak, tangent), True
         return Motion(
-            found[:size].reshape(pull.shape), 0.0 if push is None else float(found[size])
-        ), taken
+            solution[:size].reshape(pull.shape), 0.0 if push is None else float(solution[size])
+        ), iterations
 
     def invert(self, tangent: Tangent, product: PressedTangent) -> Inverse:
         """Return an approximate inverse of C^T D C, of which ``product`` is the product.
@@ -550,7 +550,7 @@ class LinearSteps:
         from granphon.contacts import grid_product  # imported here: averages need no Numba
 
         level = float(np.mean(tangent.stiffness))
-        alone = product.invert_alone(_LEAST_LOCAL * level)
+        alone = product.invert_alone(HOLDING * level)
         green = self._stencils.green_preconditioner(np.float32, level)
 
         def apply(force: Single) -> Single:
@@ -567,3 +567,25 @@ class LinearSteps:
             return motion
 
         return apply
+
+
+def _find_turns(bent: Array, pull: Array, limits: Array, arms: Array) -> Array:
+    """Return the angles (balls,) by which balls turn until their torques vanish; zero where no
+    angle does it.
+
+    Of the contacts (contacts, balls) around each ball ``bent`` are the shears without a turn, which
+    grow by ``pull`` times the angle up to the ``limits``; the torque is the sum of the shears times
+    ``arms``. It rises with the angle, and vanishes between two of the angles at which a contact
+    begins to slide.
+    """
+    safe = np.where(pull == 0.0, 1.0, pull)
+    corners = [np.where(pull == 0.0, 0.0, (side * limits - bent) / safe) for side in (-1.0, 1.0)]
+    angles = np.sort(np.concatenate(corners), axis=0)
+    sums = np.sum(arms * np.clip(bent + pull * angles[:, None], -limits, limits), axis=1)
+    last = np.clip(np.sum(sums <= 0.0, axis=0), 1, len(angles) - 1)
+    (low, high), (below, above) = (
+        np.take_along_axis(values, np.stack([last - 1, last]), 0) for values in (angles, sums)
+    )
+    crosses = (below <= 0.0) & (above >= 0.0) & (above > below)
+    fraction = np.divide(-below, above - below, out=np.zeros_like(below), where=crosses)
+    return np.where(crosses, low + fraction * (high - low), 0.0)

@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 
 from granphon.array.sparse_matrices import compose
-from granphon.array.stencils import Stencils, number_cells
+from granphon.array.stencils import HOLDING, Stencils, number_cells
 from granphon.base.arrays import Array, Index
 from granphon.contacts.friction import Tangent
 from granphon.dynamics.factors import factorise
@@ -36,8 +36,6 @@ _WHOLE = 0.4
 #: largest number of contacts between the balls of a patch, for lattices with 1, 2, 3 periods:
 #: factors of more cost more than the iterations that they save
 _LARGEST = (2**16, 12_288, 768)
-#: stiffness that holds balls which nothing holds, over the mean stiffness
-_HOLDING = 1e-5
 
 
 class Patches:
@@ -72,10 +70,10 @@ class Patches:
         """
         kinds = self.stencils.n_contacts
         (head, tail) = self.stencils.coefficients
-        both = np.array([head, -tail]).reshape(2, -1, kinds, self.stencils.n_balls, self._fields)
+        rows = np.array([head, -tail]).reshape(2, -1, kinds, self.stencils.n_balls, self._fields)
         kind = np.arange(kinds)
         (i, j) = np.transpose(self.stencils.ends)
-        return np.array([both[0][:, kind, j], both[1][:, kind, i]]).swapaxes(1, 2)
+        return np.array([rows[0][:, kind, j], rows[1][:, kind, i]]).swapaxes(1, 2)
 
     def find_worst(self, forces: Array) -> Index:
         """Return the balls, with their neighbours, on which most of the ``forces`` (fields, L1,
@@ -94,11 +92,11 @@ class Patches:
         ]
         return np.unique(self._ends[:, self._find_contacts(worst)])
 
-    def join(self, balls: Index, more: Index) -> Index:
-        """Return the balls of a patch and more, or all balls if those are many; ``balls`` alone if
-        it would be too large.
+    def join(self, balls: Index, added: Index) -> Index:
+        """Return the balls of a patch and those ``added``, or all balls if these are many; the
+        ``balls`` alone if the patch would be too large.
         """
-        joined = np.union1d(balls, more)
+        joined = np.union1d(balls, added)
         if joined.size > _WHOLE * self._balls and self._balls <= self._largest:
             return np.arange(self._balls)
         return joined if joined.size <= self._largest else balls
@@ -131,25 +129,27 @@ class Patches:
             parts.append((row, column, coefficients[contacts[inside] // self._cells]))
         c = compose(parts, (len(rows) * n, self._fields * balls.size))
         stiffness, springs, coupling, cross = (
-            one.reshape(-1, tangent.stiffness.size)[:, contacts]
-            for one in (tangent.stiffness, tangent.springs, tangent.coupling, tangent.cross)
+            values.reshape(-1, tangent.stiffness.size)[:, contacts]
+            for values in (tangent.stiffness, tangent.springs, tangent.coupling, tangent.cross)
         )
         elongation = np.arange(n)
         slips = n * (1 + np.arange(len(springs)))[:, None] + elongation
         entries = [(elongation, elongation, stiffness[0]), *zip(slips, slips, springs, strict=True)]
-        entries += [(slip, elongation, -one) for one, slip in zip(coupling, slips, strict=True)]
-        entries += [(*pair, -one) for one in cross for pair in (slips, slips[::-1])]
+        entries += [
+            (slip, elongation, -values) for values, slip in zip(coupling, slips, strict=True)
+        ]
+        entries += [(*pair, -values) for values in cross for pair in (slips, slips[::-1])]
         d = compose(entries, (c.shape[0], c.shape[0]))
-        matrix = c.T.tocsr() @ (d @ c) + _HOLDING * eye_array(c.shape[1], format="csr")
+        matrix = c.T.tocsr() @ (d @ c) + HOLDING * eye_array(c.shape[1], format="csr")
         try:
             factors = factorise(matrix, symmetric=False, approximate=True)
         except RuntimeError:  # singular to the last digit
             return None
-        at = balls // self._cells, slice(None), balls % self._cells
+        index = balls // self._cells, slice(None), balls % self._cells
         shape = self.stencils.n_balls, self._fields, self._cells
 
         def put(force: Array, motion: Array) -> None:
-            found = factors.solve(force.reshape(shape)[at].ravel())
-            motion.reshape(shape)[at] = found.reshape(balls.size, self._fields)
+            solution = factors.solve(force.reshape(shape)[index].ravel())
+            motion.reshape(shape)[index] = solution.reshape(balls.size, self._fields)
 
         return put

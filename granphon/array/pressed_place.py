@@ -121,16 +121,16 @@ class PressedGeometry:
         overlaps = np.empty(contacts.offset.size)
         count = len(self.stencils.shape) - 1
         if not self.ratio:
-            here = (contacts.normal, contacts.tangent, self._distance)
+            frames = (contacts.normal, contacts.tangent, self._distance)
             slid = np.empty((count, overlaps.size))
             slips.measure_straight(contacts, displacement, rotation, overlap, overlaps, slid)
-            return Configuration(overlap, displacement, rotation, *here), overlaps, slid
+            return Configuration(overlap, displacement, rotation, *frames), overlaps, slid
         normal, tangent = np.empty((2, overlaps.size, 3))
         distance = np.empty(overlaps.size)
-        here = (normal, tangent, distance)
+        frames = (normal, tangent, distance)
         motion = (displacement, rotation, overlap)
-        slips.measure_turned(contacts, *motion, count == 1, overlaps, *here)
-        return Configuration(overlap, displacement, rotation, *here), overlaps, None
+        slips.measure_turned(contacts, *motion, count == 1, overlaps, *frames)
+        return Configuration(overlap, displacement, rotation, *frames), overlaps, None
 
 
 class PressedPlace:
@@ -173,11 +173,11 @@ class PressedPlace:
         """
         from granphon.contacts import slips  # imported here: averages need no Numba
 
-        here = self.configuration
-        force, torque = np.zeros((2, *here.displacement.shape))
+        configuration = self.configuration
+        force, torque = np.zeros((2, *configuration.displacement.shape))
         tangential = by_contact(shears, len(shears))
         slips.add_forces(
-            self.geometry.contacts, here, by_contact(forces), tangential, force, torque
+            self.geometry.contacts, configuration, by_contact(forces), tangential, force, torque
         )
         return force, torque
 

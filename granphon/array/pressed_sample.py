@@ -111,16 +111,16 @@ class PressedEquilibrium(Equilibrium):
         super()._check()
         stencils = self.sheared
         turns = stencils.n_fields - len(self.balls)
-        wanted = (
+        expected = (
             (turns, *stencils.shape),
             (self.lattice.periods - 1, stencils.n_contacts, *stencils.shape),
         )
-        if (self.rotations.shape, self.shears.shape) != wanted:
-            found = (
+        if (self.rotations.shape, self.shears.shape) != expected:
+            shapes = (
                 f"rotations of the shape {self.rotations.shape} and shears of {self.shears.shape}"
             )
             raise InputError(
-                f"the PressedEquilibrium has {found}, which do not belong to its balls"
+                f"the PressedEquilibrium has {shapes}, which do not belong to its balls"
             )
 
     @cached_property
@@ -193,8 +193,8 @@ class PressedEquilibrium(Equilibrium):
         if response == "stick":
             return np.full(self.shears.shape[1:], self.mindlin_ratio)
         mobilised = self.law.mobilise(self.contacts)
-        part = reduce_by_slip(mobilised) if response == "partial_slip" else 1.0
-        return self.mindlin_ratio * np.where(mobilised >= SLIDES, 0.0, part)
+        share = reduce_by_slip(mobilised) if response == "partial_slip" else 1.0
+        return self.mindlin_ratio * np.where(mobilised >= SLIDES, 0.0, share)
 
     def find_elasticity(
         self, shear: ArrayLike, torsion: ArrayLike = 0.0, bending: float = 0.0
@@ -247,16 +247,17 @@ class PressedSample(Sample):
         shape = self.shape
         by_ball = self.equilibrium.rotations.reshape(cells, -1, *shape).swapaxes(0, 1)
         turns = self._order(by_ball if cells > 1 else by_ball[:, 0])
-        found = self._units.width / self.packing.diameter * np.moveaxis(turns, 0, -1)
-        return found[..., 0] if found.shape[-1] == 1 else found
+        angles = self._units.width / self.packing.diameter * np.moveaxis(turns, 0, -1)
+        return angles[..., 0] if angles.shape[-1] == 1 else angles
 
     @property
     def tangential_forces(self) -> Array:
         """(L1, ..., Lp, n_c, p) tangential forces with which ball i acts on ball j, N; zero where
         balls are apart.
         """
-        here = self.equilibrium
-        vectors = here.pressed_place.turn(here.shears)[:, : self.packing.structure.periods]
+        equilibrium = self.equilibrium
+        p = self.packing.structure.periods
+        vectors = equilibrium.pressed_place.turn(equilibrium.shears)[:, :p]
         by_kind = vectors.reshape(-1, *self.shape, vectors.shape[1])
         return np.asarray(-self._units.force * np.moveaxis(by_kind, 0, -2))
 
@@ -293,9 +294,9 @@ class PressedSample(Sample):
         :class:`~granphon.base.errors.InputError` if ``bins`` is no whole number above zero, or
         ``largest`` not above zero.
         """
-        here = self.equilibrium.contacts
+        contacts = self.equilibrium.contacts
         mu = self.equilibrium.friction_coefficient
-        ratios = self.equilibrium.law.ratios(here)[here.carried]
+        ratios = self.equilibrium.law.ratios(contacts)[contacts.carried]
         if largest is None:
             largest = mu if 0.0 < mu <= 1.0 else 1.0
         return find_density(ratios, bins, 0.0, largest)
@@ -308,13 +309,15 @@ class PressedSample(Sample):
         :class:`~granphon.base.errors.InputError` if mu is zero or infinite, or ``bins`` no whole
         number above zero.
         """
-        here = self.equilibrium.contacts
-        mu = self.equilibrium.friction_coefficient
+        equilibrium = self.equilibrium
+        contacts = equilibrium.contacts
+        mu = equilibrium.friction_coefficient
         if not 0.0 < mu < math.inf:
-            what = f"there is no |T|/(mu f) where mu is {mu:g}"
+            problem = f"there is no |T|/(mu f) where mu is {mu:g}"
             why = "Coulomb's limit mu f is zero, or infinite"
-            raise InputError(what, why, "Use tangential_ratio_distribution, of |T|/f")
-        return find_density(self.equilibrium.law.mobilise(here)[here.carried], bins, 0.0, 1.0)
+            raise InputError(problem, why, "Use tangential_ratio_distribution, of |T|/f")
+        mobilised = equilibrium.law.mobilise(contacts)[contacts.carried]
+        return find_density(mobilised, bins, 0.0, 1.0)
 
     @property
     def work(self) -> float:
@@ -351,11 +354,11 @@ class PressedSample(Sample):
         """Slope of :attr:`normal_stiffness` against the overlap as loading goes on, N/m^2."""
         f = self.force
         k = self.normal_stiffness
-        found = []
+        stiffnesses = []
         for tensor, times in zip(self.elastic_tensors_beside, (1.0, 3.0), strict=True):
-            more = f * math.expm1(times * STEP)
-            found.append(self._average_stiffness(tensor, f + more, self.overlap + more / k))
-        return (found[1] - found[0]) / (2.0 * STEP) * k / f
+            rise = f * math.expm1(times * STEP)
+            stiffnesses.append(self._average_stiffness(tensor, f + rise, self.overlap + rise / k))
+        return (stiffnesses[1] - stiffnesses[0]) / (2.0 * STEP) * k / f
 
     def _average_stiffness(self, tensor: Array, force: float, overlap: float) -> float:
         """Return df/d(delta), N/m, of an elastic tensor: under an even strain only normal forces do
@@ -386,23 +389,30 @@ class PressedSample(Sample):
         equally long, because the number of contacts that slide at the end of a step depends a
         little on its length.
         """
-        here = self.equilibrium
-        stencils = here.sheared
+        equilibrium = self.equilibrium
+        stencils = equilibrium.sheared
         loads = [
-            ReducedLoad(force=here.force * math.exp(times * STEP)) for times in (1.0, 2.0, 3.0)
+            ReducedLoad(force=equilibrium.force * math.exp(times * STEP))
+            for times in (1.0, 2.0, 3.0)
         ]
-        geometry = PressedGeometry(stencils, here.deviations, here.ratio)
+        geometry = PressedGeometry(stencils, equilibrium.deviations, equilibrium.ratio)
         history = LoadingHistory(
-            here.deviations, stencils, here.friction_coefficient, math.inf, geometry=geometry
+            equilibrium.deviations,
+            stencils,
+            equilibrium.friction_coefficient,
+            math.inf,
+            geometry=geometry,
         )
-        states = list(history.path(loads, here.resume()))
+        states = list(history.path(loads, equilibrium.resume()))
         beside = (
-            PressedEquilibrium.of(state, here.deviations, stencils, here.ratio)
+            PressedEquilibrium.of(state, equilibrium.deviations, stencils, equilibrium.ratio)
             for state in states[::2]
         )
         tensors = [
-            self._compute_elastic_tensor(one.share(here.deviations, here.stencils))
-            for one in beside
+            self._compute_elastic_tensor(
+                neighbour.share(equilibrium.deviations, equilibrium.stencils)
+            )
+            for neighbour in beside
         ]
         stencils.forget()
         return read_only(tensors)
@@ -423,20 +433,20 @@ class PressedSample(Sample):
         tables.
         """
         balls = super().atoms()
-        here = self.equilibrium
-        contacts = here.contacts
+        equilibrium = self.equilibrium
+        contacts = equilibrium.contacts
         stencils = self.equilibrium.stencils
-        slides = contacts.carried & (here.law.mobilise(contacts) >= SLIDES)
+        slides = contacts.carried & (equilibrium.law.mobilise(contacts) >= SLIDES)
         turns = self.rotations
         balls.set_array(
             "rotations", turns.reshape(len(balls), *balls.arrays["rotations"].shape[1:])
         )
-        tangential = self._order(stencils.average_around(contacts.tangential / here.force))
+        tangential = self._order(stencils.average_around(contacts.tangential / equilibrium.force))
         balls.set_array("tangential_force", tangential.ravel())
         balls.set_array(
             "sliding_contacts", self._order(stencils.around(slides.astype(int))).ravel()
         )
-        balls.info["friction_coefficient"] = here.friction_coefficient
+        balls.info["friction_coefficient"] = equilibrium.friction_coefficient
         return balls
 
     def respond(self, shear_response: str) -> Self:

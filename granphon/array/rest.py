@@ -35,10 +35,11 @@ _LOAD_PART = 1e-3
 #: that
 _OF_RATIO = 1e-4
 #: least tolerance that rounding allows
-_LEAST_TOLERANCE = 1e-12
-#: tolerance of the equilibrium on the lattice from which the search starts, where one rest is near,
-#: or the interior-point method has brought the balls there: that in true directions is farther off
-_TOLERANCE_OF_START = 1e-3
+LEAST_TOLERANCE = 1e-12
+#: tolerance of a rest from which a search starts that goes farther: of that on the lattice, where
+#: one rest is near or the interior-point method has brought the balls there, and of that in a cell
+#: that keeps its shape
+START_TOLERANCE = 1e-3
 #: overlap, in W, and f* below which rests differ: the side to which loose balls go, and so the
 #: energy, depends on where the lattice leaves them. With a rough start energies are higher, in two
 #: of three arrays that differ
@@ -83,18 +84,18 @@ def equilibrate(
         below f* = 1e-8; or the ratio is too large.
     ConvergenceError : the tolerance is not reached; the message states the residual that is.
     """
-    own = stencils or Stencils(deviations.shape)
+    stencils = stencils or Stencils(deviations.shape)
     if ratio:
         require_small(ratio)
-        begin = start or _find_start(deviations, load, own)
+        begin = start or _find_start(deviations, load, stencils)
         if tolerance is None:
-            tolerance = min(REST_TOLERANCE, max(_LEAST_TOLERANCE, _OF_RATIO * ratio))
-        return _rest_in_true_directions(deviations, load, own, begin, tolerance, ratio)
+            tolerance = min(REST_TOLERANCE, max(LEAST_TOLERANCE, _OF_RATIO * ratio))
+        return _rest_in_true_directions(deviations, load, stencils, begin, tolerance, ratio)
     if ratio is None:
-        return _rest_on_lattice(deviations, load, own, start, tolerance or REST_TOLERANCE)
-    state = start or _rest_on_lattice(deviations, load, own, None, REST_TOLERANCE)
+        return _rest_on_lattice(deviations, load, stencils, start, tolerance or REST_TOLERANCE)
+    state = start or _rest_on_lattice(deviations, load, stencils, None, REST_TOLERANCE)
     values = {field.name: getattr(state, field.name) for field in fields(Equilibrium)}
-    return TrueEquilibrium(**values).share(deviations, own)
+    return TrueEquilibrium(**values).share(deviations, stencils)
 
 
 def _find_start(deviations: Array, load: ReducedLoad, stencils: Stencils) -> Equilibrium:
@@ -109,7 +110,7 @@ def _find_start(deviations: Array, load: ReducedLoad, stencils: Stencils) -> Equ
         closed = np.mean(load.overlap + stencils.average_pairs(deviations) > 0.0)
         begins_inside = bool(closed < options.closed_on_sites)
     is_rough = begins_inside or not rests_differ
-    tolerance = _TOLERANCE_OF_START if is_rough else REST_TOLERANCE
+    tolerance = START_TOLERANCE if is_rough else REST_TOLERANCE
     return _rest_on_lattice(deviations, load, stencils, None, tolerance)
 
 
@@ -173,8 +174,10 @@ def _rest_in_true_directions(
     applied = _apply(assembly, load, ratio, LOAD_TOLERANCE / REST_TOLERANCE)
     begin = _take_up(assembly, start.balls, overlap, stencils, ratio)
     # the search measures a residual by the mean force of closed contacts
-    part = float(np.mean(start.forces > 0.0))
-    options = RestOptions(tolerance=0.9 * part * tolerance, required=part * tolerance)
+    closed_share = float(np.mean(start.forces > 0.0))
+    options = RestOptions(
+        tolerance=0.9 * closed_share * tolerance, required=closed_share * tolerance
+    )
     try:
         rest = find_rest(assembly, applied, "exact", "isotropic", begin, options)
     except ConvergenceError as error:
@@ -246,7 +249,7 @@ def _apply(
 ) -> AppliedLoad:
     """Return the load on an assembly whose contacts are as long as 1/``scale``."""
     p = assembly.dimension
-    nothing = np.broadcast_to(0.0, (assembly.n_balls * p,))
+    no_force = np.broadcast_to(0.0, (assembly.n_balls * p,))
     strain = np.zeros((p, p))
     stress = None
     mean_force = None
@@ -258,11 +261,11 @@ def _apply(
     else:
         mean_force = load.force
     return AppliedLoad(
-        force=nothing,
+        force=no_force,
         words="the load",
         stress=stress,
         strain=strain,
-        pressure_force=nothing,
+        pressure_force=no_force,
         mean_force=mean_force,
         cell_tolerance=cell_tolerance,
     )

@@ -18,10 +18,10 @@ from granphon.array.sheared_equilibrium import equilibrate_as
 from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.balls.contact_model import ContactModel
 from granphon.balls.hertz import COUNTED_FORCE
-from granphon.balls.lattices import BALL
+from granphon.balls.lattices import BALL, Lattice
 from granphon.balls.neighbours import contact_frames
 from granphon.balls.packing import MINDLIN, Packing
-from granphon.base.arrays import Array
+from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, brief, needing
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units, WidthUnits
@@ -206,10 +206,10 @@ class Sample(Result):
 
         This takes two more equilibria, each started from this one, and their linear responses.
         """
-        here = self.equilibrium
-        loads = [ReducedLoad(force=here.force * math.exp(step)) for step in (-STEP, STEP)]
-        found = [equilibrate_as(here, load) for load in loads]
-        return read_only([self._compute_elastic_tensor(one) for one in found])
+        equilibrium = self.equilibrium
+        loads = [ReducedLoad(force=equilibrium.force * math.exp(step)) for step in (-STEP, STEP)]
+        neighbours = [equilibrate_as(equilibrium, load) for load in loads]
+        return read_only([self._compute_elastic_tensor(neighbour) for neighbour in neighbours])
 
     @cached_property
     def network(self) -> ContactNetwork:
@@ -232,63 +232,44 @@ class Sample(Result):
         contacts have none, which are zeros under prestress.
         """
         packing = self.packing
-        here = self.equilibrium
-        exact = here.place if self.is_exact else None
-        diameters = self.diameters
-        force = self.contact_forces
-        stiffness = self._units.stiffness * np.moveaxis(here.stiffnesses, 0, -1)
-        positions = packing.diameter * self.sites @ self._deformation + self.displacements
         structure = packing.structure
-        table = packing.structure.contacts
         d = packing.diameter
-        n = structure.n_balls
         p = structure.periods
+        force = self.contact_forces
         shape = force.shape[:-1]
-        cells = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1).reshape(
-            -1, 1, p
-        )
-        steps = cells + table.shift  # (cells, n_c, p) cell of ball j
-        number = np.ravel_multi_index(tuple(np.moveaxis(np.mod(steps, shape), -1, 0)), shape)
-        live = stiffness.reshape(number.shape) > 0.0
-        shift, normal = np.zeros((*number.shape, 3), int), np.zeros((*number.shape, 3))
-        shift[..., :p], normal[..., : structure.dimension] = (
-            np.floor_divide(steps, shape),
-            table.normal,
-        )
-        places = np.zeros((diameters.size, 3))
-        cell = np.zeros((3, 3))
-        places[:, :p], cell[:p, :p] = (
-            positions.reshape(-1, p),
-            d * structure.vectors[:, :p] * np.array(shape)[:, None],
-        )
-        arms = [np.broadcast_to(d * arm, number.shape) for arm in (table.arm_i, table.arm_j)]
-        if exact is not None:
-            cell[:p, :p] = cell[:p, :p] @ self._deformation
-            normal = turn_frames(packing, exact.normal, shape).reshape(normal.shape)
-            reach = [0.5 * exact.size + sign * exact.geometry.uneven for sign in (-1.0, 1.0)]
-            arms = [d * np.moveaxis(arm, 0, -1).reshape(number.shape) for arm in reach]
-        arm_i, arm_j = (arm[live] for arm in arms)
-        carried, spring = (values.reshape(number.shape)[live] for values in (force, stiffness))
+        i, j, shift = _number_ends(structure, shape)
+        stiffness = self._units.stiffness * np.moveaxis(self.equilibrium.stiffnesses, 0, -1)
+        live = stiffness.reshape(i.shape) > 0.0
+        normal, arm_i, arm_j = (values[live] for values in self._find_frames(i.shape))
+        carried, spring = (values.reshape(i.shape)[live] for values in (force, stiffness))
         eta = packing.mindlin_ratio if shear is None else shear
-        ratio = np.broadcast_to(eta, (*shape, len(table))).reshape(number.shape)[live]
+        ratio = np.broadcast_to(eta, (*shape, i.shape[1])).reshape(i.shape)[live]
         across = None
-        if tangential is not None or exact is not None:
+        if tangential is not None or self.is_exact:
             across = np.zeros((len(carried), 3))
         if tangential is not None and across is not None:
-            across[:, :p] = tangential.reshape(*number.shape, p)[live]
-        mass = np.full(len(places), packing.mass)
+            across[:, :p] = tangential.reshape(*i.shape, p)[live]
+        diameters = self.diameters
+        positions = np.zeros((diameters.size, 3))
+        sites = d * self.sites @ self._deformation + self.displacements
+        positions[:, :p] = sites.reshape(-1, p)
+        cell = np.zeros((3, 3))
+        cell[:p, :p] = d * structure.vectors[:, :p] * np.array(shape)[:, None]
+        if self.is_exact:
+            cell[:p, :p] = cell[:p, :p] @ self._deformation
+        mass = np.full(len(positions), packing.mass)
         twist = packing.find_torsion(carried, spring)
         return ContactNetwork(
             cell=cell,
             pbc=(p > 0, p > 1, p > 2),
-            positions=places,
+            positions=positions,
             radii=0.5 * diameters.ravel(),
             masses=mass,
             inertias=(GYRATION * d) ** 2 * mass,
-            i=(n * np.arange(len(cells))[:, None] + table.i)[live],
-            j=(n * number + table.j)[live],
+            i=i[live],
+            j=j[live],
             shift=shift[live],
-            normal=normal[live],
+            normal=normal,
             normal_force=carried,
             normal_stiffness=spring,
             shear_stiffness=ratio * spring,
@@ -298,12 +279,30 @@ class Sample(Result):
             arm_j=arm_j,
             motions=packing.named_motions.name,
             dimension=structure.dimension,
-            prestress=exact is not None,
-            lattice=structure if exact is None else None,
-            shape=shape if exact is None else None,
+            prestress=self.is_exact,
+            lattice=None if self.is_exact else structure,
+            shape=None if self.is_exact else shape,
             tangential_force=across,
             contact_model=ContactModel.of(packing),
         )
+
+    def _find_frames(self, shape: tuple[int, ...]) -> tuple[Array, Array, Array]:
+        """Return the normals (cells, n_c, 3) and both arms (cells, n_c), m, of all contacts; the
+        last two arrays have this ``shape``.
+        """
+        packing = self.packing
+        table = packing.structure.contacts
+        d = packing.diameter
+        if self.is_exact:
+            exact = self.equilibrium.place
+            normal = turn_frames(packing, exact.normal, self.contact_forces.shape[:-1])
+            reach = [0.5 * exact.size + sign * exact.geometry.uneven for sign in (-1.0, 1.0)]
+            arm_i, arm_j = (d * np.moveaxis(arm, 0, -1).reshape(shape) for arm in reach)
+            return normal.reshape(*shape, 3), arm_i, arm_j
+        normal = np.zeros((*shape, 3))
+        normal[..., : packing.structure.dimension] = table.normal
+        arm_i, arm_j = (np.broadcast_to(d * arm, shape) for arm in (table.arm_i, table.arm_j))
+        return normal, arm_i, arm_j
 
     @property
     def is_exact(self) -> bool:
@@ -317,10 +316,10 @@ class Sample(Result):
         """(p, p) deformation of the cell, symmetric: that of no load where contacts keep the
         directions of the lattice.
         """
-        here = self.equilibrium
-        deformation = (1.0 - here.ratio * here.overlap) * np.eye(len(self.shape))
-        if here.strain is not None:
-            deformation += here.ratio * here.strain
+        equilibrium = self.equilibrium
+        deformation = (1.0 - equilibrium.ratio * equilibrium.overlap) * np.eye(len(self.shape))
+        if equilibrium.strain is not None:
+            deformation += equilibrium.ratio * equilibrium.strain
         return deformation
 
     def _compute_elastic_tensor(self, equilibrium: Equilibrium) -> Array:
@@ -371,7 +370,7 @@ class Sample(Result):
             cell=cell,
             pbc=[axis < p for axis in range(3)],
         )
-        own = {
+        arrays = {
             "diameter_deviations": self._units.width
             / d
             * self._order(self.equilibrium.deviations).ravel(),
@@ -382,7 +381,7 @@ class Sample(Result):
             balls,
             Units(d, self.normal_stiffness, packing.mass),
             SAMPLE,
-            own,
+            arrays,
             count_coordinates(packing),
         )
         forces = self.equilibrium.forces / self.equilibrium.force
@@ -439,3 +438,21 @@ def jackknife(of: Callable[[Array], Array], values: Array) -> Array:
     count = values.shape[-2]
     without = of((np.sum(values, axis=-2, keepdims=True) - values) / (count - 1))
     return np.asarray(math.sqrt(count - 1) * np.std(without, axis=-1))
+
+
+def _number_ends(structure: Lattice, shape: tuple[int, ...]) -> tuple[Index, Index, Index]:
+    """Return the numbers (cells, n_c) of the balls i and j of all contacts of an array, and by how
+    many periods of the array (cells, n_c, 3) the place of ball j is shifted.
+    """
+    table = structure.contacts
+    n = structure.n_balls
+    p = structure.periods
+    cells = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1)
+    cells = cells.reshape(-1, 1, p)
+    cells_of_j = cells + table.shift
+    wrapped = np.moveaxis(np.mod(cells_of_j, shape), -1, 0)
+    shift = np.zeros((*cells_of_j.shape[:2], 3), int)
+    shift[..., :p] = np.floor_divide(cells_of_j, shape)
+    i = n * np.arange(len(cells))[:, None] + table.i
+    j = n * np.ravel_multi_index(tuple(wrapped), shape) + table.j
+    return i, j, shift

@@ -18,7 +18,14 @@ import numpy as np
 
 from granphon.array.equilibrium import REST_TOLERANCE, Equilibrium
 from granphon.array.geometry import LOAD_TOLERANCE, ReducedLoad
-from granphon.array.rest import assemble, equilibrate, find_residual, gather_balls
+from granphon.array.rest import (
+    LEAST_TOLERANCE,
+    START_TOLERANCE,
+    assemble,
+    equilibrate,
+    find_residual,
+    gather_balls,
+)
 from granphon.array.stencils import Stencils
 from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.balls import hertz
@@ -31,11 +38,6 @@ from granphon.statics.rest import Rest, find_rest
 
 #: pressures that are tried for a mean force or an overlap, at most
 _PRESSURES = 40
-#: largest force left on a ball, over the mean force of closed contacts
-_TOLERANCE = 1e-12
-#: tolerance of the equilibrium of a cell that keeps its shape, from which a search takes its first
-#: pressure
-_GUESS = 1e-3
 
 
 def equilibrate_sheared(
@@ -59,13 +61,13 @@ def equilibrate_sheared(
     if load.overlap is None and (load.on_boundary or not ratio):
         return search.press(load.force)
     if load.overlap is None:
-        wanted = load.force
+        goal = load.force
 
         def measure(state: Equilibrium) -> float:
             return float(hertz.overlap_of(state.force))
 
-        return search.find(wanted, measure, float(hertz.overlap_of(wanted)))
-    near = equilibrate(deviations, load, stencils, tolerance=_GUESS)
+        return search.find(goal, measure, float(hertz.overlap_of(goal)))
+    near = equilibrate(deviations, load, stencils, tolerance=START_TOLERANCE)
     return search.find(near.force, lambda state: state.overlap, load.overlap)
 
 
@@ -89,17 +91,17 @@ class _PressureSearch:
         """Return the equilibrium under a pressure."""
         assembly = self._assembly
         p = assembly.dimension
-        nothing = np.zeros(assembly.n_balls * p)
+        no_force = np.zeros(assembly.n_balls * p)
         virial = force * assembly.n_contacts * assembly.mean_distance
         load = AppliedLoad(
-            force=nothing,
+            force=no_force,
             words="the load",
             stress=-virial / (p * assembly.measure) * np.eye(p),
             strain=np.zeros((p, p)),
-            pressure_force=nothing,
+            pressure_force=no_force,
         )
         geometry: Geometry = "exact" if self._ratio else "lattice"
-        options = RestOptions(tolerance=_TOLERANCE, required=REST_TOLERANCE)
+        options = RestOptions(tolerance=LEAST_TOLERANCE, required=REST_TOLERANCE)
         rest = find_rest(assembly, load, geometry, "stress", self._last, options)
         self._last = rest
         self._steps += rest.steps
@@ -117,21 +119,21 @@ class _PressureSearch:
         """
         pressure = hertz.overlap_of(guess)
         slope = 1.0
-        before: tuple[float, float] | None = None
+        last: tuple[float, float] | None = None
         for _ in range(_PRESSURES):
             state = self.press(hertz.force_of(pressure))
             lack = goal - measure(state)
             if abs(lack) <= LOAD_TOLERANCE * max(1.0, abs(goal)):
                 return state
-            if before is not None:
-                change = pressure - before[0]
-                gain = before[1] - lack
+            if last is not None:
+                change = pressure - last[0]
+                gain = last[1] - lack
                 slope = change / gain if gain * change > 0.0 else slope
-            before = (pressure, lack)
+            last = (pressure, lack)
             # no pressure below zero, nor far from those that are known
             pressure = min(max(pressure + slope * lack, 0.5 * pressure), 2.0 * pressure)
-        what = "no pressure is found under which the sample has this load"
-        raise ConvergenceError(what, mend="Raise the load, or give a pressure")
+        problem = "no pressure is found under which the sample has this load"
+        raise ConvergenceError(problem, mend="Raise the load, or give a pressure")
 
     def _make_state(self, rest: Rest) -> Equilibrium:
         """Return the equilibrium of balls at rest."""

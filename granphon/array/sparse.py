@@ -134,11 +134,15 @@ class SparseArray:
                 break
             if residual <= max(tolerance * scale, _FORCE_ROUNDING * mean):
                 return np.asarray(forces.reshape(-1, *self.shape))
-            left = residual / scale
+            relative_residual = residual / scale
             stiffness = hertz.stiffness_of(root)
             # held by hardly anything, loose balls that all but touch others would move far under
             # what rounding leaves
-            stiffness += ADDED_STIFFNESS * min(1.0, max(left, _LEAST_ADDED)) * np.mean(stiffness)
+            stiffness += (
+                ADDED_STIFFNESS
+                * min(1.0, max(relative_residual, _LEAST_ADDED))
+                * np.mean(stiffness)
+            )
             _, strain = find_step(self._c, self._transposed, stiffness, pull, self._free)
             h = h - find_step_length(h, strain) * strain
         raise ConvergenceError(
@@ -184,9 +188,11 @@ class SparseArray:
         motion = np.zeros((c.shape[1], strained.shape[1]))
         for _ in range(_REFINEMENTS):
             motion += factors.solve(transposed @ (stiffness[:, None] * (strained - c @ motion)))
-        left = strained - c @ motion
+        deformation = strained - c @ motion
         return np.asarray(
-            left.T @ (stiffness[:, None] * left) / (self.lattice.measure * math.prod(self.shape))
+            deformation.T
+            @ (stiffness[:, None] * deformation)
+            / (self.lattice.measure * math.prod(self.shape))
         )
 
 

@@ -33,8 +33,8 @@ def compose(
     """
     from scipy.sparse import coo_array  # imported here: most simulations do not need it
 
-    flat = [[np.ravel(one) for one in np.broadcast_arrays(*part)] for part in parts]
-    lines, columns, entries = (np.concatenate(one) for one in zip(*flat, strict=True))
+    flat = [[np.ravel(values) for values in np.broadcast_arrays(*triplet)] for triplet in parts]
+    lines, columns, entries = (np.concatenate(values) for values in zip(*flat, strict=True))
     where = lines.astype(np.int32), columns.astype(np.int32)
     matrix: csr_array[Any] = coo_array((entries, where), shape=shape).tocsr()
     matrix.eliminate_zeros()
@@ -49,16 +49,19 @@ def share_places(matrices: Iterable[Any]) -> list[Any]:
     """
     from scipy.sparse import csc_array
 
-    given = [one.tocoo() for one in matrices]
-    size = given[0].shape[0]
-    keys = [one.col.astype(np.int64) * size + one.row for one in given]
+    triplets = [matrix.tocoo() for matrix in matrices]
+    size = triplets[0].shape[0]
+    keys = [matrix.col.astype(np.int64) * size + matrix.row for matrix in triplets]
     places = np.unique(np.concatenate(keys))
     starts = np.searchsorted(places, np.arange(size + 1) * size)
     every: Any = csc_array((np.zeros(places.size), places % size, starts), shape=(size, size))
-    at = [np.searchsorted(places, key) for key in keys]
+    positions = [np.searchsorted(places, key) for key in keys]
     return [
         every,
-        *(np.bincount(place, one.data, places.size) for place, one in zip(at, given, strict=True)),
+        *(
+            np.bincount(position, matrix.data, places.size)
+            for position, matrix in zip(positions, triplets, strict=True)
+        ),
     ]
 
 

@@ -31,9 +31,9 @@ from granphon.dynamics.linalg import invert_hermitian
 #: number of elements of one array that are worked on at a time, so that they stay in the
 #: processor's cache
 _CACHED = 2**15
-#: stiffness, as a fraction of the mean, that the preconditioner adds to each contact, so that each
-#: ball's block has an inverse
-_LEAST_LOCAL = 1e-5
+#: stiffness, over the mean, that preconditioners add to contacts or balls: a ball may have no
+#: contact, and its block has an inverse all the same
+HOLDING = 1e-5
 #: part of the way to its balance that each ball moves before and after Green's function
 _DAMPED = 0.8
 #: standard deviation of stiffnesses, over their mean, from which the preconditioner has a part for
@@ -98,8 +98,10 @@ class Stencils:
         self.basis = np.empty((0, p))
         for vector in normal:  # the first normals that are independent
             units = np.linalg.qr(self.basis.T)[0].T
-            rest = vector - sum((unit @ vector * unit for unit in units), np.zeros_like(vector))
-            if len(self.basis) < p and np.linalg.norm(rest) > _INDEPENDENT:
+            remainder = vector - sum(
+                (unit @ vector * unit for unit in units), np.zeros_like(vector)
+            )
+            if len(self.basis) < p and np.linalg.norm(remainder) > _INDEPENDENT:
                 self.basis = np.append(self.basis, [vector], axis=0)
         self._kinds = contact_rows(
             normal,
@@ -118,12 +120,14 @@ class Stencils:
         """Return stencils of the same motions that have these kinds of deformation instead of their
         own.
         """
-        other = object.__new__(Stencils)
-        known = ("coefficients", "operator", "_green", "_groups")
-        vars(other).update({name: value for name, value in vars(self).items() if name not in known})
-        other._found = {}
-        other._kinds = list(kinds)
-        return other
+        observer = object.__new__(Stencils)
+        left_out = ("coefficients", "operator", "_green", "_groups")
+        vars(observer).update(
+            {name: value for name, value in vars(self).items() if name not in left_out}
+        )
+        observer._found = {}
+        observer._kinds = list(kinds)
+        return observer
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Green's function is not pickled: it is large, and quickly computed again
@@ -152,16 +156,17 @@ class Stencils:
         p = len(self.basis)
         n = self.n_contacts
         m = self.motions.count
-        found, project = np.zeros((2, self.n_rows, self.n_fields)), np.eye(m)
+        matrices = np.zeros((2, self.n_rows, self.n_fields))
+        project = np.eye(m)
         project[:p, :p] = np.linalg.inv(self.basis)
         for place, kind in enumerate(self._kinds):
-            for at, rows in enumerate((kind.head @ project, kind.tail @ project)):
+            for end, rows in enumerate((kind.head @ project, kind.tail @ project)):
                 near = np.rint(rows)
                 rows = np.where(np.abs(rows - near) < _ROUNDED, near, rows)
                 for contact, (ends, line) in enumerate(zip(self.ends, rows, strict=True)):
-                    first = m * ends[1 - at]
-                    found[at, place * n + contact, first : first + m] = line
-        return found
+                    first = m * ends[1 - end]
+                    matrices[end, place * n + contact, first : first + m] = line
+        return matrices
 
     @cached_property
     def operator(self) -> ContactOperator:
@@ -247,9 +252,9 @@ class Stencils:
         """
         out = np.zeros((self.n_balls, *self.shape), contacts.dtype)
         axes = tuple(range(len(self.shape)))
-        for one, shift, (i, j) in zip(contacts, self.shifts, self.ends, strict=True):
-            out[i] += one
-            out[j] += np.roll(one, shift, axes)
+        for values, shift, (i, j) in zip(contacts, self.shifts, self.ends, strict=True):
+            out[i] += values
+            out[j] += np.roll(values, shift, axes)
         return out.reshape(self.ball_shape)
 
     def average_around(self, contacts: Array) -> Array:
@@ -342,46 +347,18 @@ class Stencils:
         shape = self.shape
         fields = self.n_fields
         real = self.n_balls == 1
-        per_ball = self.motions.count
-        is_rotation = np.tile(self.motions.is_rotation, self.n_balls)
-        ratios = [float(kind.stiffness) for kind in self._kinds for _ in range(self.n_contacts)]
         waves = (*shape[:-1], shape[-1] // 2 + 1)
         entries = np.zeros((fields, fields, *waves), float if real else complex)
-        still = np.zeros((fields, fields))  # the projection on translations of the whole array
-        for field in np.flatnonzero(~is_rotation):
-            still[field, field % per_ball :: per_ball] = 1.0 / self.n_balls
+        still = self._project_on_translations()
         step = max(1, _WAVES * shape[0] // max(1, math.prod(waves)))
         for first in range(0, waves[0], step):
             ticks = [np.arange(count) for count in waves]
             ticks[0] = ticks[0][first : first + step]
-            half = np.meshgrid(
+            half_phases = np.meshgrid(
                 *(np.pi / length * tick for length, tick in zip(shape, ticks, strict=True)),
                 indexing="ij",
             )
-            matrix = np.zeros((*half[0].shape, fields, fields), entries.dtype)
-            for row, (head, tail, ratio) in enumerate(zip(*self.coefficients, ratios, strict=True)):
-                angle: Any = sum(
-                    move * part
-                    for move, part in zip(self.shifts[row % self.n_contacts], half, strict=True)
-                )
-                own: list[int] = np.flatnonzero((head != 0.0) | (tail != 0.0)).tolist()
-                if real:
-                    # the deformation about the middle of the contact, by a wave z exp(i q r) of
-                    # each field, less a common phase. A displacement deforms by 2i sin. A rotation
-                    # deforms by 2 cos in a slip, which becomes 2i cos as rotations are multiplied
-                    # by i, and by 2i sin in twist and roll
-                    sine = 2.0 * np.sin(angle)
-                    cosine = 2.0 * np.cos(angle)
-                    factors = {
-                        a: head[a] * (cosine if is_rotation[a] and head[a] == -tail[a] else sine)
-                        for a in own
-                    }
-                else:  # by a wave exp(i q R), where R is the place of the cell
-                    ahead = np.exp(2.0j * angle)
-                    factors = {a: head[a] * ahead - tail[a] for a in own}
-                for a, one in factors.items():
-                    for b, other in factors.items():
-                        matrix[..., a, b] += ratio * np.conj(one) * other
+            matrix = self._find_wave_matrices(half_phases)
             if first == 0:
                 matrix[(0,) * len(shape)] += still
             inverse = invert_hermitian(matrix)
@@ -392,6 +369,52 @@ class Stencils:
             for a, b in combinations(range(fields), 2):
                 entries[b, a] = entries[a, b]
         return entries
+
+    def _project_on_translations(self) -> Array:
+        """Return the projection (fields, fields) on translations of the whole array."""
+        per_ball = self.motions.count
+        projection = np.zeros((self.n_fields, self.n_fields))
+        is_rotation = np.tile(self.motions.is_rotation, self.n_balls)
+        for field in np.flatnonzero(~is_rotation):
+            projection[field, field % per_ball :: per_ball] = 1.0 / self.n_balls
+        return projection
+
+    def _find_wave_matrices(self, half_phases: Sequence[Array]) -> NDArray[Any]:
+        """Return C^T K C (L1, ..., fields, fields) of equal contacts for waves of which half the
+        phase from cell to cell along each axis is given, (L1, ...); see :attr:`_green`.
+        """
+        real = self.n_balls == 1
+        is_rotation = np.tile(self.motions.is_rotation, self.n_balls)
+        ratios = [float(kind.stiffness) for kind in self._kinds for _ in range(self.n_contacts)]
+        size = (self.n_fields, self.n_fields)
+        matrix = np.zeros((*half_phases[0].shape, *size), float if real else complex)
+        for row, (head, tail, ratio) in enumerate(zip(*self.coefficients, ratios, strict=True)):
+            angle: Any = sum(
+                steps * half_phase
+                for steps, half_phase in zip(
+                    self.shifts[row % self.n_contacts], half_phases, strict=True
+                )
+            )
+            moved: list[int] = np.flatnonzero((head != 0.0) | (tail != 0.0)).tolist()
+            if real:
+                # the deformation about the middle of the contact, by a wave z exp(i q r) of
+                # each field, less a common phase. A displacement deforms by 2i sin. A rotation
+                # deforms by 2 cos in a slip, which becomes 2i cos as rotations are multiplied
+                # by i, and by 2i sin in twist and roll
+                sine = 2.0 * np.sin(angle)
+                cosine = 2.0 * np.cos(angle)
+                factors = {
+                    field: head[field]
+                    * (cosine if is_rotation[field] and head[field] == -tail[field] else sine)
+                    for field in moved
+                }
+            else:  # by a wave exp(i q R), where R is the place of the cell
+                ahead = np.exp(2.0j * angle)
+                factors = {field: head[field] * ahead - tail[field] for field in moved}
+            for a, factor_a in factors.items():
+                for b, factor_b in factors.items():
+                    matrix[..., a, b] += ratio * np.conj(factor_a) * factor_b
+        return matrix
 
     def preconditioner(
         self, stiffness: Array, product: ContactHessian | None = None
@@ -426,11 +449,11 @@ class Stencils:
         hessian, smooth = product or self.hessian(stiffness), self.block_jacobi(stiffness, _DAMPED)
 
         def apply(force: Array) -> Array:
-            found = np.zeros_like(force)
-            smooth(force, found)
-            found += green(force - hessian(found)[0])
-            smooth(force - hessian(found)[0], found)
-            return found
+            motion = np.zeros_like(force)
+            smooth(force, motion)
+            motion += green(force - hessian(motion)[0])
+            smooth(force - hessian(motion)[0], motion)
+            return motion
 
         return apply
 
@@ -483,14 +506,16 @@ class Stencils:
 
         Displacements and rotations are taken apart; motions are multiplied by ``damping``.
         """
-        least = _LEAST_LOCAL * float(np.mean(stiffness[: self.n_contacts]))
+        least = HOLDING * float(np.mean(stiffness[: self.n_contacts]))
         ratios = np.array([float(kind.stiffness) for kind in self._kinds]).repeat(self.n_contacts)
         # the upper triangles of all blocks, row after row: sums over the contacts of a ball
         pairs = [
             list(combinations_with_replacement(range(group.start, group.stop), 2))
             for group in self._groups
         ]
-        first_of, second_of = np.array([pair for own in pairs for pair in own]).T
+        first_of, second_of = np.array(
+            [pair for pairs_of_group in pairs for pair in pairs_of_group]
+        ).T
         ends = np.array([self.operator.head, self.operator.tail])
         squares = ends[..., first_of] * ends[..., second_of]
         # inverted in double precision: where few contacts hold a ball, its block is nearly singular
@@ -499,12 +524,12 @@ class Stencils:
             -1, *(1,) * len(self.shape)
         )
         local = []
-        parts = np.split(entries, np.cumsum([len(own) for own in pairs])[:-1])
-        for group, own, part in zip(self._groups, pairs, parts, strict=True):
+        parts = np.split(entries, np.cumsum([len(pairs_of_group) for pairs_of_group in pairs])[:-1])
+        for group, pairs_of_group, entries_of_group in zip(self._groups, pairs, parts, strict=True):
             size = group.stop - group.start
-            _invert_symmetric(part, size)
+            _invert_symmetric(entries_of_group, size)
             block = np.empty((size, size, *self.shape), stiffness.dtype)
-            for entry, (a, b) in zip(part, own, strict=True):
+            for entry, (a, b) in zip(entries_of_group, pairs_of_group, strict=True):
                 block[a - group.start, b - group.start] = block[
                     b - group.start, a - group.start
                 ] = entry
@@ -515,11 +540,11 @@ class Stencils:
         def add(force: Array, out: Array) -> None:
             for rows in blocks:
                 for fields, block in local:
-                    there = out[fields, rows]
+                    target = out[fields, rows]
                     np.add(
-                        there,
+                        target,
                         np.einsum("ab...,b...->a...", block[:, :, rows], force[fields, rows]),
-                        out=there,
+                        out=target,
                     )
 
         return add

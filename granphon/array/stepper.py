@@ -162,11 +162,11 @@ class Stepper:
         halvings = 0
         failed = 0
         while ahead:
-            here = trail[-1]
+            state = trail[-1]
             # where friction alone holds balls, shorter steps of the load help sooner
             patience = FAST_LIMITS if self.from_gas else SLOW_LIMITS
             lags = None if relaxes and 0 < halvings < _LAG_HALVINGS else patience
-            trial = self._make_step(here, ahead[-1], drag).solve(
+            trial = self._make_step(state, ahead[-1], drag).solve(
                 *self._extrapolate(trail, ahead[-1]), lags
             )
             at_rest = None
@@ -175,33 +175,19 @@ class Stepper:
             if trial.is_balanced:
                 trail = [
                     *trail[-2:],
-                    self._damp(trail, trial) if drag else self._arrive(here, trial),
+                    self._damp(trail, trial) if drag else self._arrive(state, trial),
                 ]
             elif at_rest is not None:
                 trail = [at_rest]
-            elif trial.left == math.inf and here.force < THRESHOLD_FORCE:
-                last = (
-                    f"at f* = {here.force:.3g} and an overlap of {here.overlap:.6g} widths they"
-                    f" have nearly come apart"
-                )
-                raise self.explain(
-                    load, f"no load is left on the balls; {last}", "End the path before this load"
-                )
-            elif (
-                halvings == MOST_HALVINGS
-                or failed == _MOST_FAILED
-                or self.measure(here, ahead[-1]) == find_aim(ahead[-1])
-            ):
-                last = (
-                    f"it was last at an overlap of {here.overlap:.6g} widths, f* = {here.force:.3g}"
-                )
-                raise self.explain(
-                    load, f"its forces are not in balance, however short the steps; {last}"
-                )
             else:
+                is_shortest = self.measure(state, ahead[-1]) == find_aim(ahead[-1])
+                if trial.left == math.inf and state.force < THRESHOLD_FORCE:
+                    raise self._explain_loss(load, state)
+                if halvings == MOST_HALVINGS or failed == _MOST_FAILED or is_shortest:
+                    raise self._explain_failure(load, state)
                 halvings = halvings + 1
                 failed = failed + 1
-                ahead.append(self.halve(here, ahead[-1]))
+                ahead.append(self.halve(state, ahead[-1]))
                 continue
             halvings = max(0, halvings - 1)
             ahead.pop()
@@ -235,24 +221,24 @@ class Stepper:
         push = math.inf
         calm = 0
         for _ in range(_MOST_DAMPED_STEPS):
-            here = trail[-1]
-            after = self.settle(trail, load, drag)
-            if after is None:
+            start = trail[-1]
+            end = self.settle(trail, load, drag)
+            if end is None:
                 if calm or drag >= DRAG:  # balls do not fall: shorter steps of the load help
                     return None
                 too_weak = drag
                 drag = drag / WEAKER
                 continue
             # dashpots take at least the energy that they take if balls move evenly through the step
-            loss = here.contacts.overlaps - after.contacts.overlaps + after.overlap - here.overlap
-            slips = after.contacts.slips - here.contacts.slips
+            loss = start.contacts.overlaps - end.contacts.overlaps + end.overlap - start.overlap
+            slips = end.contacts.slips - start.contacts.slips
             evenly = (
-                drag * (dot(loss, loss) + after.law.mindlin_ratio * dot(slips, slips)) / loss.size
+                drag * (dot(loss, loss) + end.law.mindlin_ratio * dot(slips, slips)) / loss.size
             )
-            trail = [replace(after, damped=max(after.damped, here.damped + evenly))]
-            before = push
-            push = drag * after.measure_motion(here)
-            calm = calm + 1 if push <= before else 0
+            trail = [replace(end, damped=max(end.damped, start.damped + evenly))]
+            last_push = push
+            push = drag * end.measure_motion(start)
+            calm = calm + 1 if push <= last_push else 0
             if calm:
                 too_weak = 0.0
                 at_rest = self.settle(trail, load, 0.0) if calm % _CALM == 0 else None
@@ -272,12 +258,24 @@ class Stepper:
             return f"f* = {load.force:.6g}"
         return f"an overlap of {load.overlap:.6g} widths (a* = {load.overlap + 0.5:.6g})"
 
+    def _explain_loss(self, load: ReducedLoad, last: PressedArray) -> ConvergenceError:
+        """Return the error of balls on which no load is left after the ``last`` state."""
+        where = f"at f* = {last.force:.3g} and an overlap of {last.overlap:.6g} widths"
+        why = f"no load is left on the balls; {where} they have nearly come apart"
+        return self.explain(load, why, "End the path before this load")
+
+    def _explain_failure(self, load: ReducedLoad, last: PressedArray) -> ConvergenceError:
+        """Return the error of balls that find no balance after the ``last`` state."""
+        where = f"it was last at an overlap of {last.overlap:.6g} widths, f* = {last.force:.3g}"
+        why = f"its forces are not in balance, however short the steps; {where}"
+        return self.explain(load, why)
+
     def explain(self, load: ReducedLoad, why: str, mend: str = "") -> ConvergenceError:
         """Return the error of a load that is not reached."""
-        what = f"the loading with friction has not reached {self.name_load(load)}"
-        other = "take another seed" if self.from_gas else "start at a higher load"
-        mend = mend or f"End the path before this load, or {other}"
-        return ConvergenceError(what, why[0].upper() + why[1:], mend)
+        problem = f"the loading with friction has not reached {self.name_load(load)}"
+        remedy = "take another seed" if self.from_gas else "start at a higher load"
+        mend = mend or f"End the path before this load, or {remedy}"
+        return ConvergenceError(problem, why[0].upper() + why[1:], mend)
 
     def locate(self, here: PressedArray) -> PressedPlace:
         """Return the configuration of a state; those of the last three are kept."""
@@ -306,7 +304,7 @@ class Stepper:
 
         After a turn of the path only the last state is used.
         """
-        loads = [self.measure(one, load) for one in trail[-3:]]
+        loads = [self.measure(state, load) for state in trail[-3:]]
         aim = find_aim(load)
         count = 1
         steps = np.diff([*loads, aim])
@@ -316,9 +314,9 @@ class Stepper:
             count += 1
         weights = weigh_states(loads[-count:], aim)
         states = trail[-len(weights) :]
-        balls = np.sum([w * one.balls for w, one in zip(weights, states, strict=True)], axis=0)
+        balls = np.sum([w * state.balls for w, state in zip(weights, states, strict=True)], axis=0)
         y = (
-            sum(w * one.overlap for w, one in zip(weights, states, strict=True))
+            sum(w * state.overlap for w, state in zip(weights, states, strict=True))
             if load.overlap is None
             else load.overlap
         )
@@ -351,12 +349,12 @@ class Stepper:
         state = self._arrive(trail[-1], trial)
         states = [*trail[-2:], state]
         presses = [
-            self.locate(one).press(one.contacts.forces, one.contacts.shears) for one in states
+            self.locate(passed).press(passed.contacts.forces, passed.contacts.shears)
+            for passed in states
         ]
-        rest = integrate_last([one.overlap for one in states], presses) - (
-            state.work - trail[-1].work
-        )
-        return replace(state, work=state.work + rest, damped=state.damped + rest)
+        pressed = integrate_last([passed.overlap for passed in states], presses)
+        released = pressed - (state.work - trail[-1].work)
+        return replace(state, work=state.work + released, damped=state.damped + released)
 
     # -- from the gas ------------------------------------------------------------------------------
 
@@ -368,16 +366,16 @@ class Stepper:
         widths, or if balls that dashpots slow down do not come into balance.
         """
         stencils = self.geometry.stencils
-        here = self.place(
+        state = self.place(
             np.zeros((stencils.n_balls * len(stencils.shape), *stencils.shape)), contact
         )
-        while here.overlap < _MOST_OVERLAP:
+        while state.overlap < _MOST_OVERLAP:
             try:
-                here = self.step([here], ReducedLoad(overlap=here.overlap + STEP), DRAG)
+                state = self.step([state], ReducedLoad(overlap=state.overlap + STEP), DRAG)
             except ConvergenceError as error:
-                what = (
+                problem = (
                     f"the balls, pressed from the gas, are not in balance beyond an overlap of"
-                    f" {here.overlap:.3g} widths"
+                    f" {state.overlap:.3g} widths"
                 )
                 why = "Too few contacts hold them"
                 mend = "Take another seed, or another friction coefficient"
@@ -387,43 +385,43 @@ class Stepper:
                         " that too few contacts hold"
                     )
                     mend = 'Take the geometry "lattice"'
-                raise ConvergenceError(what, why, mend) from error
-            if here.force >= STANDING_FORCE:
-                at_rest = self._come_to_rest(here)
+                raise ConvergenceError(problem, why, mend) from error
+            if state.force >= STANDING_FORCE:
+                at_rest = self._come_to_rest(state)
                 if at_rest is not None:
                     return at_rest
         raise ConvergenceError(
-            f"the balls still do not stand at an overlap of {here.overlap:.3g} widths",
+            f"the balls still do not stand at an overlap of {state.overlap:.3g} widths",
             "Friction does not hold what the lattice leaves loose",
             "Raise the friction coefficient",
         )
 
-    def _come_to_rest(self, here: PressedArray) -> PressedArray | None:
+    def _come_to_rest(self, state: PressedArray) -> PressedArray | None:
         """Return the state to which balls come without dashpots at the same overlap, None if they
         give way.
         """
-        load = ReducedLoad(overlap=here.overlap)
+        load = ReducedLoad(overlap=state.overlap)
         drag = DRAG
         ratio = self.geometry.ratio
         moved = 0.0
         pushed = ratio > 0.0 and len(self.geometry.stencils.shape) == 3
-        weakest = min(drag, _ABOVE_PUSH * ratio * here.force) if pushed else 0.0
+        weakest = min(drag, _ABOVE_PUSH * ratio * state.force) if pushed else 0.0
         for _ in range(_MOST_SETTLINGS):
             stronger = drag
             slower = moved
             drag = max(WEAKER * drag, weakest)
-            after = self.settle([here], load, drag, FAST_LIMITS)
-            if after is None or after.force < 0.5 * STANDING_FORCE:
+            settled = self.settle([state], load, drag, FAST_LIMITS)
+            if settled is None or settled.force < 0.5 * STANDING_FORCE:
                 return None
-            here, moved = after, after.measure_motion(here)
+            state, moved = settled, settled.measure_motion(state)
             if drag == stronger and moved > slower:
                 return None
             if (
                 drag == stronger and moved < _STILL
                 if pushed
-                else drag * moved < _NEXT_TO_NOTHING * here.force
+                else drag * moved < _NEXT_TO_NOTHING * state.force
             ):
-                at_rest = self.settle([here], load, 0.0, FAST_LIMITS)
+                at_rest = self.settle([state], load, 0.0, FAST_LIMITS)
                 return (
                     at_rest
                     if at_rest is not None and at_rest.force >= 0.5 * STANDING_FORCE
@@ -445,9 +443,9 @@ def goes_on(loads: Sequence[float]) -> bool:
 def weigh_states(loads: Sequence[float], load: float) -> list[float]:
     """Return the weights of the states at ``loads`` in Lagrange's polynomial, at another load."""
     weights = []
-    for one in loads:
-        others = [other for other in loads if other != one]
-        weights.append(float(np.prod([(load - other) / (one - other) for other in others])))
+    for node in loads:
+        factors = [(load - root) / (node - root) for root in loads if root != node]
+        weights.append(float(np.prod(factors)))
     return weights
 
 

@@ -85,7 +85,7 @@ class TrueEquilibrium(Equilibrium):
             for axis in range(len(table)):
                 table[axis, axis] += shear * stiffness
         blocks = [
-            [stencils.around(one) for one in row]
+            [stencils.around(values) for values in row]
             for row in np.einsum("nka,kln...,nlb->abn...", axes, table, axes)
         ]
         aside = np.linalg.eigvalsh(np.moveaxis(np.array(blocks), (0, 1), (-2, -1)))[..., 0] < 0.0
@@ -129,9 +129,9 @@ class TrueEquilibrium(Equilibrium):
         # balances those of forces
         bend, push = place.curve(moved, self.forces, stiffness, self.stiffness_slopes)
         follow = find(place.geometry.join(push))
-        more = bend - place.lose(place.geometry.split(Motion(follow, 0.0)))
+        overlap_curvature = bend - place.lose(place.geometry.split(Motion(follow, 0.0)))
         return float(np.mean(-stiffness * loss)), float(
-            np.mean(self.stiffness_slopes * loss**2 + stiffness * more)
+            np.mean(self.stiffness_slopes * loss**2 + stiffness * overlap_curvature)
         )
 
     def _shear_along(self) -> HydrostaticCourse:
@@ -204,21 +204,25 @@ class HydrostaticCourse:
         return self._measure(np.zeros_like(self._cell))
 
     def find_derivatives(self) -> tuple[float, float]:
-        """Return the first and the second derivative of the mean force by y."""
+        """Return the first and the second derivative of the mean force f* by the overlap y of the
+        spacing, by way of those by t.
+        """
         state = self._state
         place = self._place
         stiffness = state.stiffnesses
         slopes = state.stiffness_slopes
+        # the second derivative of the motion: forces that the first leaves move balls, and shear
+        # the cell so that the stress stays hydrostatic
         bend, push = place.curve(self.moved, state.forces, stiffness, slopes)
         motion = self._find(self._geometry.join(push))
         straight = self._geometry.split(Motion(motion, 0.0))
         forced = (self._multiply(push) + self._resist(straight)) @ self._cell
         forced += 2.0 * self._resist(self.moved) @ self._strained.T
         shears = self._balance(forced)
-        more = bend - place.lose(self._add(straight, shears))
+        overlap_curvature = bend - place.lose(self._add(straight, shears))
         loss = place.lose(self.moved)
         first = float(np.mean(-stiffness * loss))
-        second = float(np.mean(slopes * loss**2 + stiffness * more))
+        second = float(np.mean(slopes * loss**2 + stiffness * overlap_curvature))
         bent = state.ratio * np.einsum("s,sab->ab", shears, self._units)
         rise, curvature = self._measure(bent)
         return first / rise, (second - first / rise * curvature) / rise**2

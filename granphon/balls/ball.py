@@ -272,14 +272,14 @@ def _name_wall(wall: Wall, kinds: Mapping[str, Ball], walls: Sequence[Wall]) -> 
     """Return a wall with its name: the given one, that of an equal one of the ``walls``, or the
     next that is free.
     """
-    taken = {*kinds, RIGID_PLANE.name, *(other.name for other in walls)}
+    used_names = {*kinds, RIGID_PLANE.name, *(other.name for other in walls)}
     for other in walls:
         if other.material == wall.material and wall.name in ("", other.name):
             return other
     if not wall.name:
         names = (_WALL if number == 1 else f"{_WALL}_{number}" for number in itertools.count(1))
-        return replace(wall, name=next(name for name in names if name not in taken))
-    if wall.name in taken:
+        return replace(wall, name=next(name for name in names if name not in used_names))
+    if wall.name in used_names:
         problem = f"a wall is called {wall.name!r}, as another kind or wall"
         raise InputError(problem, mend="Name it differently")
     return wall

@@ -55,12 +55,12 @@ def _unpack_members(name: str, raw: bytes, limit: int, start: Any) -> tuple[byte
     while raw.strip(b"\0") and n_left > 0:
         member = start()
         try:
-            part = member.decompress(raw, n_left)
+            content = member.decompress(raw, n_left)
         except Exception as error:  # each module has its own class
             fault = f"{name} cannot be unpacked: {error}"
             raise InputError(fault, "The packed file is damaged", "Make it again") from None
-        parts.append(part)
-        n_left -= len(part)
+        parts.append(content)
+        n_left -= len(content)
         if not member.eof:
             if n_left > 0:
                 return b"".join(parts), False

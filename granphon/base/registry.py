@@ -28,21 +28,21 @@ _PROGRAM = "the program"
 
 
 class Registry(Mapping[str, T]):
-    """The entries of one kind by their names, in the order in which they were added; ``what`` is
+    """The entries of one kind by their names, in the order in which they were added; ``noun`` is
     the kind in words, such as "observable".
     """
 
     #: every registry, by its kind
     every: dict[str, Registry[Any]] = {}
 
-    def __init__(self, what: str) -> None:
-        self.what = what
+    def __init__(self, noun: str) -> None:
+        self.noun = noun
         self._entries = dict[str, T]()
         #: who has added each entry that is not granphon's own, in words
         self._sources = dict[str, str]()
         #: the identity, by :func:`_identify`, of each entry that is not granphon's own
         self._identities = dict[str, Any]()
-        self.every[what] = self
+        self.every[noun] = self
 
     def own(self, name: str, entry: T) -> T:
         """Add an entry of granphon, and return it."""
@@ -61,13 +61,13 @@ class Registry(Mapping[str, T]):
         # imported here, so that a command that only lists the plug-ins loads no NumPy
         from granphon.base.validation import label, require
 
-        require(f"the name of a {self.what}", label, name)
+        require(f"the name of a {self.noun}", label, name)
         source = getattr(_plugins, "loading", "") or _PROGRAM
         identity = _identify(made)
         if name in self._entries and not self._has_same(name, source, identity):
             holder = self._sources.get(name, "granphon")
             raise InputError(
-                f"the {self.what} {name!r} exists already, of {holder}", mend="Give another name"
+                f"the {self.noun} {name!r} exists already, of {holder}", mend="Give another name"
             )
         self._entries[name] = entry
         self._sources[name] = source
@@ -107,7 +107,7 @@ class Registry(Mapping[str, T]):
         of the plug-in x".
         """
         source = self._sources.get(name, _PROGRAM)
-        words = f"the {self.what} {name!r}"
+        words = f"the {self.noun} {name!r}"
         return words if source == _PROGRAM else f"{words} of {source}"
 
     @property
@@ -204,11 +204,11 @@ def _load_plugin(point: EntryPoint) -> None:
         _plugins.loading = ""
 
 
-def list_added(what: str) -> tuple[str, ...]:
+def list_added(noun: str) -> tuple[str, ...]:
     """Return the sorted names of a kind that plug-ins and the program have added; none where
     nothing has asked for the kind yet.
     """
     load_plugins()
-    if what not in Registry.every:
+    if noun not in Registry.every:
         return ()
-    return tuple(sorted(Registry.every[what]._sources))
+    return tuple(sorted(Registry.every[noun]._sources))

@@ -332,8 +332,8 @@ def read_block(block_class: type[BlockClass], value: Any, context: ValueContext)
 def _keys_of(block_class: type[Block]) -> Kind:
     """Return the kind of the block of keys that the settings are in a file."""
     settings = list_settings(block_class)
-    needed = [name for name, declared in settings.items() if declared.default == NEEDED]
-    return block_of({name: declared.kind for name, declared in settings.items()}, needed)
+    required = [name for name, declared in settings.items() if declared.default == NEEDED]
+    return block_of({name: declared.kind for name, declared in settings.items()}, required)
 
 
 def write_block(settings: Block, context: ValueContext) -> dict[str, Any]:

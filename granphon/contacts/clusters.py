@@ -66,10 +66,10 @@ def _order_balls(
     order[begin] = first
     place[first] = begin
     end = begin + 1
-    at = begin
-    while at < end:
-        ball = order[at]
-        at += 1
+    visited = begin
+    while visited < end:
+        ball = order[visited]
+        visited += 1
         for entry in range(starts[ball], starts[ball + 1]):
             neighbour = neighbours[entry]
             if place[neighbour] < 0:
@@ -80,21 +80,23 @@ def _order_balls(
 
 
 @compiled
-def _multiply(values: Array, one: int, another: int, count: int) -> float:
-    """Return the sum of products of ``count`` values from two places on."""
-    # four sums at a time: an addition need not wait for the one before
+def _multiply(values: Array, start: int, other_start: int, count: int) -> float:
+    """Return the sum of the products of ``count`` values from ``start`` on and as many from
+    ``other_start`` on.
+    """
+    # four sums at a time: an addition need not wait for the last one
     first = 0.0
     second = 0.0
     third = 0.0
     fourth = 0.0
     quarter = count // 4 * 4
     for entry in range(0, quarter, 4):
-        first += values[one + entry] * values[another + entry]
-        second += values[one + entry + 1] * values[another + entry + 1]
-        third += values[one + entry + 2] * values[another + entry + 2]
-        fourth += values[one + entry + 3] * values[another + entry + 3]
+        first += values[start + entry] * values[other_start + entry]
+        second += values[start + entry + 1] * values[other_start + entry + 1]
+        third += values[start + entry + 2] * values[other_start + entry + 2]
+        fourth += values[start + entry + 3] * values[other_start + entry + 3]
     for entry in range(quarter, count):
-        first += values[one + entry] * values[another + entry]
+        first += values[start + entry] * values[other_start + entry]
     return first + second + third + fourth
 
 
@@ -195,17 +197,17 @@ def find_cluster_steps(
                     values[row_starts[later + line] + earlier + column] -= stiffness
     diagonal = np.empty(size)
     for row in range(size):
-        at = row_starts[row]
+        row_start = row_starts[row]
         begin = first[row]
         for column in range(begin, row):
             low = max(begin, first[column])
-            products = _multiply(values, at + low, row_starts[column] + low, column - low)
-            values[at + column] -= products
-        pivot = values[at + row]
+            products = _multiply(values, row_start + low, row_starts[column] + low, column - low)
+            values[row_start + column] -= products
+        pivot = values[row_start + row]
         for column in range(begin, row):
-            factor = values[at + column] / diagonal[column]
-            pivot -= factor * values[at + column]
-            values[at + column] = factor
+            factor = values[row_start + column] / diagonal[column]
+            pivot -= factor * values[row_start + column]
+            values[row_start + column] = factor
             solution[row] -= factor * solution[column]
         diagonal[row] = pivot
     for row in range(size):
@@ -280,11 +282,11 @@ def choose_lengths(
     for group in range(len(work)):
         if is_done[group]:
             continue
-        at = length[group]
+        trial = length[group]
         if work[group] > 0.0:
-            low[group] = at
+            low[group] = trial
         elif work[group] < 0.0:
-            high[group] = at
+            high[group] = trial
         is_open = high[group] == np.inf
         if abs(work[group]) <= slope * first[group] or (work[group] >= 0.0 and is_open):
             is_done[group] = True
@@ -294,7 +296,7 @@ def choose_lengths(
         if change > 0.0:
             fall = first[group] + change
             change = exponent * fall * (1.0 - (first[group] / fall) ** (1.0 / exponent))
-        near = at - change / rise[group] if rise[group] > 0.0 else at
+        near = trial - change / rise[group] if rise[group] > 0.0 else trial
         end = min(high[group], 1.0)
         least = 0.9 * low[group] + 0.1 * end
         length[group] = min(max(near, least), 0.1 * low[group] + 0.9 * end)

@@ -309,10 +309,10 @@ class FrictionLaw:
         apart.
         """
         forces = contacts.forces
-        found = np.divide(
+        ratios = np.divide(
             contacts.tangential, forces, out=np.zeros_like(forces), where=forces > 0.0
         )
-        return np.minimum(found, self.friction_coefficient)
+        return np.minimum(ratios, self.friction_coefficient)
 
     def sliding_fraction(self, contacts: Contacts) -> float:
         """Return the part of the contacts that carry load whose tangential force is at Coulomb's

@@ -32,8 +32,8 @@ def measure_losses(runs: Runs, motions: Values, loss: Values) -> None:
         start = runs.table[run, 1]
         end = runs.table[run, 2]
         count = runs.table[run, 3]
-        lost = loss[kind, start : start + count]
-        lost[:] = 0.0
+        losses = loss[kind, start : start + count]
+        losses[:] = 0.0
         for axis in range(d):
             component = runs.normal[kind, axis]
             if component == 0.0:
@@ -41,7 +41,7 @@ def measure_losses(runs: Runs, motions: Values, loss: Values) -> None:
             near = motions[d * runs.ends[kind, 0] + axis, start : start + count]
             far = motions[d * runs.ends[kind, 1] + axis, end : end + count]
             for contact in range(count):
-                lost[contact] += component * (far[contact] - near[contact])
+                losses[contact] += component * (far[contact] - near[contact])
 
 
 @compiled
@@ -237,9 +237,9 @@ def leave(
     resist(runs, stiffness, motions, none, remaining, none)
     for field in range(len(forces)):
         pull = forces[field]
-        left = remaining[field]
+        remainder = remaining[field]
         for cell in range(len(pull)):
-            left[cell] = pull[cell] - left[cell]
+            remainder[cell] = pull[cell] - remainder[cell]
 
 
 @compiled
@@ -298,13 +298,14 @@ def go_on(
     strained: Values,
     better: Values,
     last: float,
-    way: Values,
+    direction: Values,
     change: Values,
     solution: Values,
     remaining: Values,
 ) -> tuple[float, float, float]:
     """Take a step of conjugate gradients; return the product of the forces that remain with the
-    motion that is ``better``, the curvature along the way, and the square of what then remains.
+    motion that is ``better``, the curvature along the direction, and the square of what then
+    remains.
 
     Vectors (n + s,) are motions of balls, field by field, and strains of the cell, or forces on
     them. ``strained`` (kinds, s) are elongations by unit strains, and ``last`` is the product of
@@ -312,30 +313,30 @@ def go_on(
     """
     kinds, cells = stiffness.shape
     s = strained.shape[1]
-    n = len(way) - s
+    n = len(direction) - s
     fields = n // cells
     product = multiply(remaining, better)
     factor = product / last if last else 0.0
-    for place in range(len(way)):
-        way[place] = factor * way[place] + better[place]
-    elongations = np.zeros(kinds if s else 0, way.dtype)
-    tensions = np.zeros(kinds if s else 0, way.dtype)
+    for place in range(len(direction)):
+        direction[place] = factor * direction[place] + better[place]
+    elongations = np.zeros(kinds if s else 0, direction.dtype)
+    tensions = np.zeros(kinds if s else 0, direction.dtype)
     for strain in range(s):
         for kind in range(kinds):
-            elongations[kind] += strained[kind, strain] * way[n + strain]
+            elongations[kind] += strained[kind, strain] * direction[n + strain]
     change[:] = 0.0
-    motions = way[:n].reshape((fields, cells))
+    motions = direction[:n].reshape((fields, cells))
     forces = change[:n].reshape((fields, cells))
     resist(runs, stiffness, motions, elongations, forces, tensions)
     for strain in range(s):
         for kind in range(kinds):
             change[n + strain] += strained[kind, strain] * tensions[kind]
-    curvature = multiply(way, change)
+    curvature = multiply(direction, change)
     if curvature <= 0.0:
         return product, curvature, 0.0
     length = product / curvature
-    for place in range(len(way)):
-        solution[place] += length * way[place]
-    for place in range(len(way)):
+    for place in range(len(direction)):
+        solution[place] += length * direction[place]
+    for place in range(len(direction)):
         remaining[place] -= length * change[place]
     return product, curvature, multiply(remaining, remaining)

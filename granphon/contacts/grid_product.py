@@ -83,9 +83,9 @@ def leave(product: GridProduct, forces: Values, motions: Values, remaining: Valu
     for field in range(len(forces)):
         for k in range(forces.shape[1]):
             pull = forces[field, k]
-            left = remaining[field, k]
+            remainder = remaining[field, k]
             for cell in range(len(pull)):
-                left[cell] = pull[cell] - left[cell]
+                remainder[cell] = pull[cell] - remainder[cell]
 
 
 @compiled

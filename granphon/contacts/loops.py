@@ -151,11 +151,11 @@ def fill_tangent(
 
 
 @compiled
-def _cross(one: Array, other: Array, out: Array) -> None:
+def _cross(first: Array, second: Array, out: Array) -> None:
     """Set ``out`` to the vector product of two vectors."""
-    out[0] = one[1] * other[2] - one[2] * other[1]
-    out[1] = one[2] * other[0] - one[0] * other[2]
-    out[2] = one[0] * other[1] - one[1] * other[0]
+    out[0] = first[1] * second[2] - first[2] * second[1]
+    out[1] = first[2] * second[0] - first[0] * second[2]
+    out[2] = first[0] * second[1] - first[1] * second[0]
 
 
 @compiled

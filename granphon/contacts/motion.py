@@ -205,16 +205,16 @@ class MovingContacts:
         self.measure(moment)
         joined = self.law.begin(moment.e)
         self.press(moment, joined)
-        rest = self.make_moment()._replace(k=moment.k, punch=moment.punch)
-        self._go(rest, moment, self.rules)
+        at_rest = self.make_moment()._replace(k=moment.k, punch=moment.punch)
+        self._go(at_rest, moment, self.rules)
         return joined
 
     def act(self, moment: Moment, speeds: Array) -> None:
         """Set the forces on balls of contacts that a step begins with, of which dashpots have those
         of the ``speeds`` (n, m) of the balls.
         """
-        after = moment._replace(pull=moment.pull.copy())
-        self._go(moment, after, self._stick, speeds=speeds)
+        damped_moment = moment._replace(pull=moment.pull.copy())
+        self._go(moment, damped_moment, self._stick, speeds=speeds)
 
     def follow(
         self, before: Moment, after: Moment, knows_law: bool, speeds: Array
@@ -253,7 +253,7 @@ class MovingContacts:
     ) -> tuple[float, float]:
         """Make a step; without speeds or a mean, there are no dashpots."""
         has_dash = speeds is not None or mean is not None
-        spent, lost, self.stiffest = loops.follow(
+        spent, damped, self.stiffest = loops.follow(
             self._columns,
             rules,
             self.axes,
@@ -271,7 +271,7 @@ class MovingContacts:
             self.on_balls -= self.springs * moved
         if not rules.is_hertz:
             self.stiffest = max(self.stiffest, float(np.max(after.k, initial=0.0)))
-        return spent, lost
+        return spent, damped
 
     def rest_energy(self, moment: Moment) -> float:
         """Return the energy of the loads that hold the balls at rest, J, less what the laws count

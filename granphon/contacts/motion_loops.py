@@ -209,8 +209,8 @@ def _turn(force: _Vector, start: _Vector, end: _Vector, half: float, cosine: flo
     it is mirrored between both, and about ``end`` by the angle of whose half this is the tangent;
     ``cosine`` is that of the angle, and one.
     """
-    both = _add(start, 1.0, end)
-    carried = _add(force, -_dot(both, force) / max(1.0 + _dot(start, end), _NONE), both)
+    bisector = _add(start, 1.0, end)
+    carried = _add(force, -_dot(bisector, force) / max(1.0 + _dot(start, end), _NONE), bisector)
     return _add(_scale(cosine - 1.0, carried), half * cosine, _cross(end, carried))
 
 
@@ -268,17 +268,17 @@ def _read_separate(
 @compiled
 def _read(rows: Array, row: int, values: Array, first: int, n: int) -> None:
     """Set a row to numbers of contacts."""
-    part = values[first : first + n]
+    block = values[first : first + n]
     for c in range(n):
-        rows[row + c] = part[c]
+        rows[row + c] = block[c]
 
 
 @compiled
 def _write(rows: Array, row: int, values: Array, first: int, n: int) -> None:
     """Set numbers of contacts to a row."""
-    part = values[first : first + n]
+    block = values[first : first + n]
     for c in range(n):
-        part[c] = rows[row + c]
+        block[c] = rows[row + c]
 
 
 @compiled
@@ -383,35 +383,35 @@ def _go_along(rows: Array, n: int) -> None:
 
 @compiled
 def _lengthen(
-    rest: _Vector, length: float, free: float, across: _Vector
+    r_at_rest: _Vector, length: float, free: float, across: _Vector
 ) -> tuple[_Vector, float, _Vector, float]:
-    """Return r = rest + free across, its length, its direction, and by what it is longer than the
-    ``length`` at rest.
+    """Return r = r_at_rest + free across, its length, its direction, and by what it is longer than
+    the ``length`` at rest.
     """
-    r = _add(rest, free, across)
+    r = _add(r_at_rest, free, across)
     # |r|^2 - |r_0|^2, no difference of near-equal lengths
-    square = _dot(_add(rest, 1.0, r), across)
+    square = _dot(_add(r_at_rest, 1.0, r), across)
     r_length = math.sqrt(length * length + free * square)
     # of one division, 1/|r| and e, which is the square over |r| + |r_0|
-    both = length + r_length
-    quotient = 1.0 / (r_length * both)
-    return r, r_length, _scale(both * quotient, r), square * (r_length * quotient)
+    total_length = length + r_length
+    quotient = 1.0 / (r_length * total_length)
+    return r, r_length, _scale(total_length * quotient, r), square * (r_length * quotient)
 
 
 @compiled
 def _find_directions(rows: Array, n: int, is_mean: bool) -> None:
     """Find r, its directions and elongations where n turns."""
     for c in range(n):
-        rest = _get(rows, REST + c)
+        r_at_rest = _get(rows, REST + c)
         length = rows[LENGTH + c]
         gap = rows[GAP + c]
         free = rows[FREE + c]
         across = _get(rows, _ACROSS + c)
-        start, start_length, direction, elongation = _lengthen(rest, length, free, across)
+        start, start_length, direction, elongation = _lengthen(r_at_rest, length, free, across)
         rows[_E_START + c] = gap + elongation
         _set(rows, _START + c, direction)
         across = _get(rows, _ACROSS_END + c)
-        end, end_length, direction, elongation = _lengthen(rest, length, free, across)
+        end, end_length, direction, elongation = _lengthen(r_at_rest, length, free, across)
         rows[_E + c] = gap + elongation
         _set(rows, _END + c, direction)
         middle = _scale(0.5, _add(start, 1.0, end))
@@ -506,12 +506,12 @@ def _resist(rows: Array, n: int, mu: float, is_total: bool) -> None:
     """
     slides = mu < math.inf
     for c in range(n):
-        before = rows[_PUNCH_START + c]
+        start_punch = rows[_PUNCH_START + c]
         punch = rows[_PUNCH + c]
-        least = min(punch, before)
+        least = min(punch, start_punch)
         # the share of a force that the law keeps: all where the contact widens, as much as is left
         # of its stiffness where it narrows, nothing where it was open
-        kept = least / max(before, _NONE)
+        kept = least / max(start_punch, _NONE)
         # the mean stiffness of a step in which the contact widens; that at its end otherwise
         stiffness = 0.5 * (least + punch) * rows[SLIP_RATIO + c]
         sides = _get(rows, _SIDES + c)
@@ -536,10 +536,10 @@ def _resist(rows: Array, n: int, mu: float, is_total: bool) -> None:
 def _resist_roll(rows: Array, n: int) -> None:
     """Find the torques against twist and roll at the end of a step, and add their work."""
     for c in range(n):
-        before = rows[_PUNCH_START + c]
+        start_punch = rows[_PUNCH_START + c]
         punch = rows[_PUNCH + c]
-        least = min(punch, before)
-        kept = least / max(before, _NONE)
+        least = min(punch, start_punch)
+        kept = least / max(start_punch, _NONE)
         stiffness = 0.5 * (least + punch)
         twist = rows[_SIDES + _TWIST + c]
         held_twist = rows[_HELD + _TWIST + c]
@@ -613,8 +613,8 @@ def _find_shares(rows: Array, n: int, is_mean: bool, pulls: bool) -> None:
         was_closed = rows[_PUNCH_START + c] > 0.0
         is_closed = rows[_PUNCH + c] > 0.0
         longest = max(rows[OVERLAP + c] - min(rows[_E_START + c], rows[_E + c]), 0.0)
-        way = abs(rows[_E + c] - rows[_E_START + c])
-        share = min(longest / max(way, _NONE), 1.0)
+        travel = abs(rows[_E + c] - rows[_E_START + c])
+        share = min(longest / max(travel, _NONE), 1.0)
         if not is_mean:
             share += 0.5 if is_closed else -0.5
             share = share if is_closed or pulls else 0.0

@@ -28,9 +28,9 @@ def _find_spring(eta: float, old: float, new: float, change: float) -> float:
     """
     if old == 0.0 and new > 0.0:
         return eta * new * new * new / change
-    less = min(old, new)
-    total = less + new
-    return eta * (total - less * new / max(total, _TINY))
+    least = min(old, new)
+    total = least + new
+    return eta * (total - least * new / max(total, _TINY))
 
 
 @compiled
@@ -61,13 +61,13 @@ def set_shears(
     for c in range(len(overlaps)):
         old = math.sqrt(max(old_overlaps[c], 0.0))
         new = math.sqrt(max(overlaps[c], 0.0))
-        less = min(old, new)  # where h falls, as if it had been at its end before
+        least = min(old, new)  # where h falls, as if it had been at its end before
         spring = _find_spring(eta, old, new, overlaps[c] - old_overlaps[c])
         size = 0.0
         for s in range(len(slips)):
             shear = spring * (slips[s, c] - old_slips[s, c])
             if old > 0.0:
-                shear += less * (old_shears[s, c] / old)
+                shear += least * (old_shears[s, c] / old)
             shears[s, c] = shear
             size = math.hypot(size, shear) if s else abs(shear)
         limit = mu * (new * new * new)
@@ -104,21 +104,21 @@ def set_tangent(
     for c in range(len(overlaps)):
         old = math.sqrt(max(old_overlaps[c], 0.0))
         new = math.sqrt(max(held[c], 0.0))
-        less = min(old, new)
+        least = min(old, new)
         width = held[c] - old_overlaps[c]
         spring = _find_spring(eta, old, new, width)
         k = EXPONENT * math.sqrt(max(overlaps[c], 0.0))
         stiffness[c] = k
-        over = 1.0 / max(less + new, _TINY) if new > 0.0 else 0.0
+        over = 1.0 / max(least + new, _TINY) if new > 0.0 else 0.0
         if old == 0.0 and new > 0.0:
             slope = eta * (EXPONENT * new - new * new * new / width) / width
         else:
-            slope = 0.5 * eta * (less * over + 1.0) * over
+            slope = 0.5 * eta * (least * over + 1.0) * over
         size = 0.0
         for s in range(n_s):
             change = slips[s, c] - old_slips[s, c]
             bent = old_shears[s, c] / old if old > 0.0 else 0.0
-            trial[s] = spring * change + less * bent
+            trial[s] = spring * change + least * bent
             size = math.hypot(size, trial[s]) if s else abs(trial[s])
             coupled = 0.0
             if couples:
@@ -167,24 +167,24 @@ def sum_losses(
             continue
         # a contact that closes or opens in the step: only the part of the step in which it is
         # closed counts
-        part = 1.0
+        closed_share = 1.0
         if old == 0.0 or new == 0.0:
-            part = (new * new - old * old) / (overlaps[c] - old_overlaps[c])
+            closed_share = (new * new - old * old) / (overlaps[c] - old_overlaps[c])
         bent_square = 0.0
         product = 0.0
         slip_square = 0.0
         for s in range(len(slips)):
             bent = old_shears[s, c] / old if old > 0.0 else 0.0
-            slip = part * (slips[s, c] - old_slips[s, c])
+            slip = closed_share * (slips[s, c] - old_slips[s, c])
             bent_square += bent * bent
             product += bent * slip
             slip_square += slip * slip
         if new > old:
-            lost = _lose_rising(old, new, bent_square, product, slip_square, eta, mu)
+            losses = _lose_rising(old, new, bent_square, product, slip_square, eta, mu)
         else:
-            lost = _lose_falling(old, new, bent_square, product, slip_square, eta, mu)
-        slid += lost[0]
-        loosened += lost[1]
+            losses = _lose_falling(old, new, bent_square, product, slip_square, eta, mu)
+        slid += losses[0]
+        loosened += losses[1]
     return slid, loosened
 
 
@@ -206,16 +206,16 @@ def _lose_rising(
     mean = eta * (old * old + old * new + new * new) / max(old + new, _TINY)
     cube = old * old * old
     rise = new * new * new - cube
-    first = old * old * bent_square
-    both = old * mean * product
-    more = mean * mean * slip_square
-    share, over = _meet(first, both, more, mu, cube, rise)
+    a_square = old * old * bent_square
+    a_dot_b = old * mean * product
+    b_square = mean * mean * slip_square
+    share, over = _meet(a_square, a_dot_b, b_square, mu, cube, rise)
     # where it begins to slide
     turn = new if share == 1.0 else min(max(float(np.cbrt(cube + share * rise)), old), new)
     three = max(old * old + old * turn + turn * turn, _TINY)
-    stuck = old * bent_square + (turn + 2.0 * old) * share * both / three
+    stuck = old * bent_square + (turn + 2.0 * old) * share * a_dot_b / three
     powers = ((turn + 3.0 * old) * turn + 6.0 * old * old) * turn + 5.0 * cube
-    stuck += powers * share * share * more / (5.0 * three * three)
+    stuck += powers * share * share * b_square / (5.0 * three * three)
     stuck *= (turn - old) / (3.0 * eta * max(turn, _TINY))
     if mu == math.inf:
         return 0.0, stuck
@@ -240,14 +240,14 @@ def _lose_falling(
     """
     to_slip = EXPONENT * eta
     fall = new * new - old * old
-    first = bent_square / to_slip / to_slip
-    both = product / to_slip
-    share, over = _meet(first, both, slip_square, mu / to_slip, old * old, fall)
+    a_square = bent_square / to_slip / to_slip
+    a_dot_b = product / to_slip
+    share, over = _meet(a_square, a_dot_b, slip_square, mu / to_slip, old * old, fall)
     turn = new
     if share != 1.0:
         turn = min(max(math.sqrt(max(old * old + share * fall, 0.0)), new), old)
     width = max(old + turn, _TINY)
-    stuck = first + 2.0 * (2.0 * old + turn) * share * both / (3.0 * width)
+    stuck = a_square + 2.0 * (2.0 * old + turn) * share * a_dot_b / (3.0 * width)
     powers = 8.0 * old * old + 9.0 * old * turn + 3.0 * turn * turn
     stuck += powers * share * share * slip_square / (15.0 * width * width)
     stuck *= 0.75 * eta * (old - turn)
@@ -260,23 +260,22 @@ def _lose_falling(
 
 @compiled
 def _meet(
-    first: float, both: float, more: float, mu: float, size: float, rise: float
+    a_square: float, a_dot_b: float, b_square: float, mu: float, size: float, rise: float
 ) -> tuple[float, float]:
-    """Return the part of the way at which ``|a + b|`` comes to mu (size + rise), and what is then
-    above it: nothing if mu is infinite.
-
-    ``first``, ``both`` and ``more`` are a.a, a.b and b.b.
+    """Return the share s of a step at which ``|a + s b|`` comes to mu (size + s rise), 1 if it does
+    not; and by how much it is above that at the end of the step, zero if it is not, or mu is
+    infinite.
     """
     if mu == math.inf:
         return 1.0, 0.0
     limit = mu * size
     rise = mu * rise
-    over = math.sqrt(max(first + 2.0 * both + more, 0.0)) - (limit + rise)
+    over = math.sqrt(max(a_square + 2.0 * a_dot_b + b_square, 0.0)) - (limit + rise)
     if not over > 0.0:
         return 1.0, 0.0
-    square = more - rise * rise
-    half = both - limit * rise
-    remaining = min(first - limit * limit, 0.0)
+    square = b_square - rise * rise
+    half = a_dot_b - limit * rise
+    remaining = min(a_square - limit * limit, 0.0)
     root = math.sqrt(max(half * half - square * remaining, 0.0))
     if half <= 0.0:  # T leaves the limit at first
         share = (root - half) / max(square, _TINY)

@@ -175,10 +175,10 @@ def measure_turned(
         ty = contacts.tangent[c, 1]
         tz = contacts.tangent[c, 2]
         along = ex * nx + ey * ny + ez * nz
-        part = (tx * nx + ty * ny + tz * nz) / max(1.0 + along, ROUND)
-        tx -= part * (ex + nx)
-        ty -= part * (ey + ny)
-        tz -= part * (ez + nz)
+        factor = (tx * nx + ty * ny + tz * nz) / max(1.0 + along, ROUND)
+        tx -= factor * (ex + nx)
+        ty -= factor * (ey + ny)
+        tz -= factor * (ez + nz)
         spin = (rotation[i, 0] + rotation[j, 0]) * ex
         spin += (rotation[i, 1] + rotation[j, 1]) * ey
         spin += (rotation[i, 2] + rotation[j, 2]) * ez
@@ -210,11 +210,11 @@ def measure_slips(
     """
     moved = after.displacement - before.displacement
     turned = after.rotation - before.rotation
-    more = after.overlap - before.overlap
+    overlap_change = after.overlap - before.overlap
     if len(slips) == 1:
-        _measure_slips_in_plane(contacts, before, after, moved, turned, more, slips[0])
+        _measure_slips_in_plane(contacts, before, after, moved, turned, overlap_change, slips[0])
     else:
-        _measure_slips_in_space(contacts, before, after, moved, turned, more, slips)
+        _measure_slips_in_space(contacts, before, after, moved, turned, overlap_change, slips)
 
 
 @compiled
@@ -224,7 +224,7 @@ def _measure_slips_in_plane(
     after: Configuration,
     moved: Array,
     turned: Array,
-    more: float,
+    overlap_change: float,
     slips: Array,
 ) -> None:
     """Add to ``slips`` (n_c,) those of :func:`measure_slips`."""
@@ -232,8 +232,8 @@ def _measure_slips_in_plane(
     for c in range(len(slips)):
         i = contacts.i[c]
         j = contacts.j[c]
-        x = moved[j, 0] - moved[i, 0] - more * contacts.normal[c, 0]
-        y = moved[j, 1] - moved[i, 1] - more * contacts.normal[c, 1]
+        x = moved[j, 0] - moved[i, 0] - overlap_change * contacts.normal[c, 0]
+        y = moved[j, 1] - moved[i, 1] - overlap_change * contacts.normal[c, 1]
         px = before.normal[c, 0]
         py = before.normal[c, 1]
         nx = after.normal[c, 0]
@@ -253,7 +253,7 @@ def _measure_slips_in_space(
     after: Configuration,
     moved: Array,
     turned: Array,
-    more: float,
+    overlap_change: float,
     slips: Array,
 ) -> None:
     """Add to ``slips`` (2, n_c) those of :func:`measure_slips`."""
@@ -261,9 +261,9 @@ def _measure_slips_in_space(
     for c in range(slips.shape[1]):
         i = contacts.i[c]
         j = contacts.j[c]
-        x = moved[j, 0] - moved[i, 0] - more * contacts.normal[c, 0]
-        y = moved[j, 1] - moved[i, 1] - more * contacts.normal[c, 1]
-        z = moved[j, 2] - moved[i, 2] - more * contacts.normal[c, 2]
+        x = moved[j, 0] - moved[i, 0] - overlap_change * contacts.normal[c, 0]
+        y = moved[j, 1] - moved[i, 1] - overlap_change * contacts.normal[c, 1]
+        z = moved[j, 2] - moved[i, 2] - overlap_change * contacts.normal[c, 2]
         px = before.normal[c, 0]
         py = before.normal[c, 1]
         pz = before.normal[c, 2]

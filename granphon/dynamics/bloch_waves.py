@@ -19,6 +19,7 @@ import numpy as np
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import PrecisionError
 from granphon.base.memory import require_memory
+from granphon.dynamics.linalg import NO_ENERGY
 
 #: matrices of a block, twice as wide, that are held for each frequency, and rows of a contact where
 #: it loses energy
@@ -34,8 +35,6 @@ _TOGETHER = 1e-7
 #: angle of lambda up to which waves are long: the error of an eigenvalue is that of rounding over
 #: this angle
 _LONG = 0.1
-#: eigenvalue of D of equal layers, over the largest, up to which it is the rounding of zero
-_FREE = 1e-13
 #: steps of Newton's method for long waves: each step doubles the digits, and the longest waves that
 #: are told apart start with one digit
 _NEWTON = 5
@@ -257,10 +256,10 @@ def _sharpen_long(
         for coupling, opposite in zip(couplings, couplings[::-1], strict=True)
     )
     largest = np.max(np.abs(couplings[len(couplings) // 2]))
-    if not long_waves.size or loss > _FREE * largest:
+    if not long_waves.size or loss > NO_ENERGY * largest:
         return factors, vectors
     stiffness, modes = np.linalg.eigh(np.sum(couplings, axis=0))
-    is_stiff = np.abs(stiffness) > _FREE * np.max(np.abs(stiffness))
+    is_stiff = np.abs(stiffness) > NO_ENERGY * np.max(np.abs(stiffness))
     free = modes[:, ~is_stiff]
     stiff = modes[:, is_stiff]
     factors = factors.copy()

@@ -36,8 +36,9 @@ from granphon.dynamics.linalg import (
 
 #: number of motions from which those that cost nothing at any wave vector are split off by LAPACK
 _MANY_FREE = 48
-#: relative difference of frequencies below which branches are treated as one degenerate set
-_DEGENERATE = 1e-9
+#: relative difference of frequencies, or of their slopes, below which branches are treated as one
+#: degenerate set
+DEGENERATE = 1e-9
 #: difference of slopes of omega^2, d k/M, below which branches that touch have one slope
 _EQUAL_SLOPES = 1e-9
 #: |dq|d at which branches that touch with one slope are told apart
@@ -251,7 +252,7 @@ class Block:
         point = self._compute(q)
         frequencies, modes = self._decompose(point)
         slopes = _Slopes(self, point, frequencies)
-        joined = frequencies[:, 1:] - frequencies[:, :-1] <= _DEGENERATE * frequencies[:, 1:]
+        joined = frequencies[:, 1:] - frequencies[:, :-1] <= DEGENERATE * frequencies[:, 1:]
         if np.any(joined):
             if np.any(frequencies[:, 0] == 0.0):
                 # branches that vanish everywhere have no order among themselves
@@ -300,7 +301,7 @@ class Block:
         else:
             speeds, turn, forms = self._find_pressed_cones(stiff, change, along)
         speeds = np.where(speeds <= self._limit * self._largest, 0.0, speeds)
-        is_equal = np.diff(speeds) <= _DEGENERATE * speeds[1:]
+        is_equal = np.diff(speeds) <= DEGENERATE * speeds[1:]
         for _, run in _find_runs(is_equal[None]):
             # modes of one speed stay as they are, as far as they can: u vh is the nearest rotation
             u, _, vh = np.linalg.svd(turn[run, run])
@@ -403,7 +404,7 @@ class Block:
             steps = np.searchsorted(solved, points)
             highest = squares[steps, branches.stop - 1]
             lowest = squares[steps, branches.start]
-            is_split = highest - lowest > _DEGENERATE * highest
+            is_split = highest - lowest > DEGENERATE * highest
             if not np.any(is_split):
                 continue
             split_points = points[is_split]

@@ -15,6 +15,7 @@ from granphon.balls.neighbours import steps_within
 from granphon.base.arrays import ROUNDED, Array
 from granphon.base.errors import GranphonError, UnreachableFrequencyError
 from granphon.base.validation import real_array
+from granphon.dynamics.blocks import DEGENERATE
 from granphon.dynamics.contact_lattice import ContactLattice
 
 #: number of points, from Gamma to the edge of the zone, at which branches are followed
@@ -22,9 +23,6 @@ _PATH_POINTS = 128
 #: number of these points that are solved together; after each such group, directions that have
 #: reached their frequency are dropped
 _POINTS_TOGETHER = 16
-#: relative difference of frequencies, and of slopes along the path, below which branches are one
-#: but for rounding
-_ONE_BRANCH = 1e-9
 #: projection of a vector on a direction, over its length, up to which the vector is across it
 _ACROSS = 1e-9
 #: wavenumber, over that of the first point, at which branches are told apart beside Gamma
@@ -152,8 +150,8 @@ def _find_nearest(
         difference = np.abs(modes.frequencies - frequencies[:, None])
         slope_difference = np.abs(slopes - slopes[points, nearest][:, None])
         steepest = np.max(np.abs(slopes), axis=1, keepdims=True)
-        coincides = difference <= _ONE_BRANCH * frequencies[:, None]
-        coincides &= slope_difference <= _ONE_BRANCH * steepest
+        coincides = difference <= DEGENERATE * frequencies[:, None]
+        coincides &= slope_difference <= DEGENERATE * steepest
         counts = np.count_nonzero(coincides, axis=1)
         several = np.flatnonzero(counts > 1)
         sums = np.sum(coincides[several, :, None] * modes.group_velocities[several], axis=1)

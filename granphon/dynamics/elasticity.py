@@ -147,7 +147,7 @@ def _carries_balls(turn: Array, cell: Array, balls: Array) -> bool:
     """
     p = len(cell)
     turned = np.concatenate([balls[:, :p] @ turn.T, balls[:, p:]], axis=1)
-    for shift in balls - turned[0]:
+    for shift in balls - turned[0]:  # it carries the first ball to a ball
         offset = (turned + shift)[:, None] - balls
         steps = offset[..., :p] @ np.linalg.inv(cell)
         offset[..., :p] = (steps - np.rint(steps)) @ cell

@@ -22,14 +22,13 @@ from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError, InstabilityError
 from granphon.base.progress import Progress, silent
 from granphon.dynamics.compatibility import Compatibility
+from granphon.dynamics.linalg import NO_ENERGY
 
 #: size of the residual, over that at the start, with which the iteration is content: waves of
 #: motions that cost nothing are told from sound by nine digits
 _REDUCTION = 1e-11
 #: most iterations; random packings of 1e5 balls take some hundred
 _MOST = 20_000
-#: eigenvalue of what holds a ball, over the largest of all, up to which it is rounding of zero
-_FREE = 1e-13
 
 
 class IterativeRelaxation:
@@ -60,7 +59,7 @@ class IterativeRelaxation:
         parts = self._free @ (self._free.T @ shifts)
         parts -= shifts @ (shifts.T @ parts)
         basis, sizes, _ = np.linalg.svd(parts, full_matrices=False)
-        return np.asarray(basis[:, sizes > math.sqrt(_FREE)])
+        return np.asarray(basis[:, sizes > math.sqrt(NO_ENERGY)])
 
     def relax(self, deformations: Array) -> Array:
         """Return the part of deformations (n_rows, ...) that remains once the inner motions have
@@ -156,7 +155,7 @@ def _invert_blocks(matrix: Any, count: int) -> tuple[Any, Any]:
     blocks = np.zeros((n_balls, count, count))
     blocks[rows // count, rows % count, columns % count] = entries.data[is_own]
     stiffness, vectors = np.linalg.eigh(blocks)
-    is_held = stiffness > _FREE * np.max(stiffness)
+    is_held = stiffness > NO_ENERGY * np.max(stiffness)
     inverse = np.divide(1.0, stiffness, out=np.zeros_like(stiffness), where=is_held)
     inverses = np.einsum("bik,bk,bjk->bij", vectors, inverse, vectors)
     pointers = np.arange(n_balls + 1)

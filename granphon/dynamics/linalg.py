@@ -28,9 +28,11 @@ _MOST_SWEEPS = 40
 _NO_COLUMN = 1e-100
 #: fraction of the trace of a singular matrix by which rounding may make an eigenvalue negative
 _BELOW_ZERO = 16.0 * _EPSILON
+#: eigenvalue of an energy, over the largest, up to which it is the rounding of zero
+NO_ENERGY = 1e-13
 #: singular value, over the largest, of rows and columns of comparable length, below which they are
 #: dependent
-_DEPENDENT = 1e-9
+DEPENDENT = 1e-9
 #: number of columns up to which the Jacobi iteration is as fast as LAPACK
 _FEW_COLUMNS = 3
 #: number of columns above which matrices are taken one by one
@@ -379,7 +381,7 @@ def find_rank(rows: NDArray[Any]) -> int:
         return int(scaled.shape[1])
     # rows of length one have a singular value of one or more; rows of zeros alone have rank zero
     singular_values = np.linalg.svd(scaled, compute_uv=False)
-    return int(np.count_nonzero(singular_values > _DEPENDENT * max(singular_values[0], 1.0)))
+    return int(np.count_nonzero(singular_values > DEPENDENT * max(singular_values[0], 1.0)))
 
 
 def is_independent(rows: NDArray[Any]) -> bool:
@@ -417,7 +419,7 @@ def find_dependent(
         return np.zeros((n, 0), rows.dtype), np.eye(n, dtype=rows.dtype)
     padded = _pad_rows(scaled[None])[0]
     range_basis, singular_values, adjoint = np.linalg.svd(padded, full_matrices=False)
-    rank = int(np.count_nonzero(singular_values > _DEPENDENT * max(singular_values[0], 1.0)))
+    rank = int(np.count_nonzero(singular_values > DEPENDENT * max(singular_values[0], 1.0)))
     count = len(singular_values) - rank
     free, _ = np.linalg.qr(adjoint[rank:].conj().T / lengths[:, None])
     # vectors that are longest in long columns come out as small differences of others, which are

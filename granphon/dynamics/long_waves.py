@@ -46,7 +46,13 @@ from granphon.dynamics.elasticity import (
     voigt_pairs,
 )
 from granphon.dynamics.iterative_relaxation import IterativeRelaxation
-from granphon.dynamics.linalg import MANY_COLUMNS, cholesky_factor, is_independent, jacobi_svd
+from granphon.dynamics.linalg import (
+    MANY_COLUMNS,
+    NO_ENERGY,
+    cholesky_factor,
+    is_independent,
+    jacobi_svd,
+)
 from granphon.dynamics.sparse_relaxation import SparseRelaxation, compose_ends
 
 #: ratio of the softest to the stiffest strain (singular values) below which a lattice is called a
@@ -57,8 +63,6 @@ _ROUNDED_ARM = 1e-14
 #: relative difference of the lever arms of a ball up to which overlaps explain it: that at which
 #: Hertz's law ends, as (contact radius / ball radius)^2 is overlap over diameter
 _UNEVEN_ARM = MOST_CONTACT_RADIUS**2
-#: eigenvalue of the energy of inner motions, over the largest, up to which it is rounding
-_NO_ENERGY = 1e-13
 #: coupling of free inner motions with sound, over its largest possible value, above which it counts
 #: as coupling
 _COUPLED = 1e-9
@@ -260,7 +264,7 @@ class LongWaves(Compatibility):
             idle = in_frame.reshape(idle.shape)[n_shifts:]
         if push is not None and idle.size:
             energies, vectors = np.linalg.eigh(idle.T @ push @ idle)
-            is_unpushed = np.abs(energies) <= _NO_ENERGY * np.linalg.norm(push)
+            is_unpushed = np.abs(energies) <= NO_ENERGY * np.linalg.norm(push)
             idle = idle @ vectors[:, is_unpushed]
         if not idle.size:
             return np.eye(self.n_branches - n_shifts)
@@ -544,8 +548,8 @@ class LongWaves(Compatibility):
         self._require_stable_cell(energies, is_moved, motions)
         # D lacks the part of static forces without a potential, so that energies a little below
         # zero count as zero
-        lowest = -max(_NO_ENERGY, self.slack) * highest
-        is_zero = (energies <= _NO_ENERGY * highest) & (energies >= lowest)
+        lowest = -max(NO_ENERGY, self.slack) * highest
+        is_zero = (energies <= NO_ENERGY * highest) & (energies >= lowest)
         inverse = np.divide(1.0, energies, out=np.zeros_like(energies), where=~is_zero)
         return motions, pull, inverse
 
@@ -559,7 +563,7 @@ class LongWaves(Compatibility):
         (..., n) says whether a gradient moves them. A motion that none moves belongs to another
         wave vector of a smaller cell, or is a wave of its own, whose frequency the bands have.
         """
-        rounding = max(_NO_ENERGY, self.slack) * np.max(np.abs(energies), axis=-1, keepdims=True)
+        rounding = max(NO_ENERGY, self.slack) * np.max(np.abs(energies), axis=-1, keepdims=True)
         is_unstable = is_moved & (energies < -rounding)
         if not np.any(is_unstable):
             return

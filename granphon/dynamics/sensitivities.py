@@ -174,11 +174,11 @@ def turn_motions(motions: Motions, axes: Array) -> Array:
     in_space = np.eye(3)
     in_space[:d, :d] = axes
     matrix = np.zeros((motions.count, motions.count))
-    for part, axes_of_part in (
+    for block, block_axes in (
         (motions.translating, motions.translations),
         (motions.turning, motions.rotations),
     ):
-        matrix[part, part] = in_space[np.ix_(axes_of_part, axes_of_part)]
+        matrix[block, block] = in_space[np.ix_(block_axes, block_axes)]
     return matrix
 
 

@@ -25,15 +25,13 @@ from granphon.base.threads import single_products
 from granphon.dynamics.compatibility import Compatibility
 from granphon.dynamics.deformation_rows import Row
 from granphon.dynamics.fronts import Fronts, Layer, dissect
+from granphon.dynamics.linalg import DEPENDENT
 
-#: ratio of the lowest to the highest eigenvalue of a matrix with prestress below which it is
-#: rounding
-_NO_SQUARE = 1e-12
+#: eigenvalue of a matrix with prestress, over the largest, up to which it is the rounding of zero
+NO_SQUARE = 1e-12
 #: coupling of an inner motion with strains, over its largest possible value, up to which it is
 #: rounding
 _UNCOUPLED = 1e-12
-#: length that vectors of length one have left, if they depend on others, but for rounding
-_DEPENDENT = 1e-9
 #: corrections of a solution of the normal equations
 _CORRECTIONS = 1
 
@@ -228,13 +226,13 @@ class SparseRelaxation:
             largest_pull = np.sqrt(np.linalg.norm(form) * highest)
             coupling = np.max(np.abs(motions.T @ mixed), axis=1, initial=0.0) / largest_pull
             # a motion that no strain moves belongs to another wave vector of a smaller cell
-            is_negative = energies < -max(_NO_SQUARE, lattice.slack) * highest
+            is_negative = energies < -max(NO_SQUARE, lattice.slack) * highest
             unstable = np.flatnonzero(is_negative & (coupling > _UNCOUPLED))
             if unstable.size:
                 raise self._explain_buckling(block, motions[:, unstable[0]])
             # D lacks the part of static forces without a potential; the whole forces do not act on
             # motions that cost nothing
-            is_stiff = energies > _NO_SQUARE * highest
+            is_stiff = energies > NO_SQUARE * highest
             free = motions[:, ~is_stiff]
             acting = mixed - free @ (free.T @ mixed)
             pull = np.asarray(scale @ acting)
@@ -293,4 +291,4 @@ def _leave_out(basis: Any, vectors: Array) -> Array:
 def _orthonormalise(vectors: Array) -> Array:
     """Return an orthonormal basis (n, r) of what vectors (n, m) span."""
     basis, singular_values, _ = np.linalg.svd(vectors, full_matrices=False)
-    return np.asarray(basis[:, singular_values > _DEPENDENT])
+    return np.asarray(basis[:, singular_values > DEPENDENT])

@@ -67,7 +67,7 @@ _EDGES = (BLUE, VERMILION, "0.75")
 _EVEN = 0.25
 #: part of the energy in both of these quarters, from which on modes are waves of the edges
 _MOSTLY = 0.75
-#: lengths of directions below this are rounding of zero
+#: lengths of directions, and fractions of a wave vector, below this are rounding of zero
 _ROUNDING = 1e-9
 #: distance of the name of a corner of the zone from the corner, points
 _NAME_DISTANCE = 7.0
@@ -577,7 +577,7 @@ def plot_asymptotes(
     # from Gamma
     for s, (near, far) in itertools.product(range(len(bands.qpoints)), ((0, -1), (-1, 0))):
         gamma = bands.qpoints[s, near]
-        is_gamma = np.allclose(gamma, np.round(gamma), rtol=0.0, atol=1e-9)
+        is_gamma = np.allclose(gamma, np.round(gamma), rtol=0.0, atol=_ROUNDING)
         if not is_gamma:
             continue
         fractions = (bands.qpoints[s, far] - gamma)[: len(reciprocal)]

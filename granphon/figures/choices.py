@@ -157,8 +157,8 @@ def _match(dataset: Dataset, name: str, text: str, run: str) -> Flags:
         labels = [str(label) for label in values.tolist()]
         is_match = np.array([text in (label, _find_name(label)) for label in labels])
     if not np.any(is_match):
-        known = list_names(_write_value(dataset, name, number) for number in range(values.size))
-        raise InputError(f"{run} has no {name} {text}", f"It has {known}", "Choose one of these")
+        choices = list_names(_write_value(dataset, name, number) for number in range(values.size))
+        raise InputError(f"{run} has no {name} {text}", f"It has {choices}", "Choose one of these")
     return np.asarray(is_match)
 
 
@@ -280,6 +280,20 @@ class Layout:
         return f"too many curves for one panel: {', '.join(places)} ({options})"
 
 
+def _count_values(dataset: Dataset, variable: str, x: str | None) -> dict[str, int]:
+    """Return the parameters that tell the curves of a ``variable`` over ``x`` apart, the load among
+    them over a parameter, with their numbers of values.
+    """
+    counts = {}
+    if x in list_parameters(dataset) and dataset[x].dtype.kind in "fiu":
+        counts[find_load(dataset)] = dataset.sizes["load"]
+    for name in list_parameters(dataset):
+        is_along_curves = name == "direction" and "direction" not in dataset[variable].dims
+        if name != x and not is_along_curves:
+            counts[name] = dataset.sizes[find_dimension(dataset, name)]
+    return {name: count for name, count in counts.items() if count > 1}
+
+
 def arrange(
     dataset: Dataset,
     variable: str,
@@ -298,16 +312,7 @@ def arrange(
     :class:`~granphon.base.errors.InputError` if ``rows`` or ``columns`` name nothing that is swept,
     or take too many panels.
     """
-    # the parameters that tell curves apart, with their numbers of values
-    counts = {}
-    for name in list_parameters(dataset):
-        dimension = find_dimension(dataset, name)
-        is_along_curves = name == "direction" and "direction" not in dataset[variable].dims
-        if name != x and not is_along_curves and dataset.sizes[dimension] > 1:
-            counts[name] = dataset.sizes[dimension]
-    is_over_parameter = x in list_parameters(dataset) and dataset[x].dtype.kind in "fiu"
-    if is_over_parameter and dataset.sizes["load"] > 1:
-        counts = {find_load(dataset): dataset.sizes["load"]} | counts
+    counts = _count_values(dataset, variable, x)
     allowed = list(counts)
     if dataset.sizes["medium"] > 1:
         allowed.append("medium")

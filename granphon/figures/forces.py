@@ -773,8 +773,8 @@ def forces_figure(state: ContactState) -> Figure:
     with styled_figure(height, PAGE_WIDTH) as figure:
         *panels, distribution = figure.subplots(1, n_panels)
         if is_large:
-            whole, part = panels
-            _draw_whole_and_window(sample, whole, part, _choose_window(layer, None))
+            whole, window = panels
+            _draw_whole_and_window(sample, whole, window, _choose_window(layer, None))
             figure.suptitle(_write_title(sample), fontsize=STYLE["axes.titlesize"])
         else:
             plot_forces(sample, panels[0], show="all")

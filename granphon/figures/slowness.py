@@ -39,6 +39,8 @@ _CUT = 180
 _SURFACE = 48
 #: the directions, Cartesian, that span the two cuts through a surface in space
 _CUTS = (((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), ((1.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+#: component of a direction, a unit vector, up to which it is the rounding of zero
+_ROUNDING = 1e-9
 
 
 def _find_slowness(state: State, directions: Array) -> tuple[Array, Array, Array]:
@@ -145,7 +147,7 @@ def _read_plane(plane: ArrayLike) -> Array:
             "plane is not two directions in space", str(error), "Give ((1, 0, 0), (0, 1, 0))"
         ) from None
     second = second - (first @ second) * first
-    if np.linalg.norm(second) < 1e-9:
+    if np.linalg.norm(second) < _ROUNDING:
         raise InputError(
             "the two directions of plane are parallel", mend="Give ((1, 0, 0), (0, 1, 0))"
         )
@@ -194,7 +196,7 @@ def _write_direction(direction: Array) -> str:
 
     Where all components are multiples of the smallest, whole numbers are written.
     """
-    smallest = np.abs(direction[np.abs(direction) > 1e-9]).min()
+    smallest = np.abs(direction[np.abs(direction) > _ROUNDING]).min()
     multiples = np.rint(direction / smallest)
     is_whole = np.allclose(direction / smallest, multiples, atol=1e-6)
     numbers = multiples if is_whole else np.round(direction, 2)

@@ -616,12 +616,12 @@ def _list_states(dataset: Dataset, name: str) -> tuple[list[str], list[dict[str,
     labels = []
     indices = []
     for number in np.argsort(loads, kind="stable").tolist():
-        size = write_value(float(loads[number]), unit)
+        load_text = write_value(float(loads[number]), unit)
         for facts, index in lines:
             texts = [facts[kind] for kind in kinds]
             if len(loads) > 1:
-                texts.insert(0, size)
-            labels.append(", ".join(texts) or size)
+                texts.insert(0, load_text)
+            labels.append(", ".join(texts) or load_text)
             indices.append(index | {"load": number})
     return labels, indices
 

@@ -36,7 +36,7 @@ from granphon.observables.validity import validity
 
 #: a result whose probability is below this, or for chi-squared also above 1 minus this, is not
 #: explained by chance
-_LEAST_CHANCE = 1e-3
+LEAST_CHANCE = 1e-3
 #: least probability of the chi-squared of all data but one with which that datum is judged by the
 #: given sigma, not by the scatter
 _CHANCE_OF_AGREEMENT = 0.05
@@ -105,9 +105,9 @@ def judge_residuals(chi2: float, dof: int, parameters: int) -> list[str]:
         fault = f"as many data as fitted parameters ({parameters}) leave 0 degrees of freedom"
         return [f"{fault}: nothing can be said of how well the model fits"]
     p = compute_probability(chi2, dof)
-    if _LEAST_CHANCE <= p <= 1.0 - _LEAST_CHANCE:
+    if LEAST_CHANCE <= p <= 1.0 - LEAST_CHANCE:
         return []
-    if p < _LEAST_CHANCE:
+    if p < LEAST_CHANCE:
         why = "the model does not fit, or sigma is too small"
     else:
         why = "sigma is too large, or the errors are not independent"
@@ -231,7 +231,7 @@ def _judge_excess(problem: FitProblem, logs: Array, sigma_given: bool) -> list[s
     else:
         chances = stdtr(problem.dof, -excess / noise)
     # the more data there are, the more likely one of them is above by chance
-    is_above = (excess > _NO_EFFECT) & (chances < _LEAST_CHANCE / len(excess))
+    is_above = (excess > _NO_EFFECT) & (chances < LEAST_CHANCE / len(excess))
     count = np.count_nonzero(is_above)
     if not count:
         return []
@@ -294,7 +294,7 @@ def _judge_farthest(
         distance *= math.sqrt((dof - 1) / chi2_of_others)
         tail = float(stdtr(dof - 1, -distance))
     chance = min(2.0 * len(distances) * tail, 1.0)  # any of the data may be the farthest
-    if chance >= _LEAST_CHANCE:
+    if chance >= LEAST_CHANCE:
         return []
     return [
         f"{problem.describe(farthest)}, lies {distance:.3g} standard errors off the fit of the"
@@ -323,7 +323,7 @@ class FitProblem:
         model.require_carried()
         _require_units(model, data.velocity)
         relative_error = np.ones(1) if data.sigma is None else np.ravel(data.sigma / data.velocity)
-        _require_plain_errors(relative_error)
+        _require_plausible_errors(relative_error)
         _require_enough(model.names, len(data.force), data.sigma is not None)
         sigma = 1.0 if data.sigma is None else data.sigma
         return cls(model, data.velocity, np.ones(data.force.shape) * sigma)
@@ -627,7 +627,7 @@ def _require_units(model: VelocityModel, velocity: Array) -> None:
     raise InputError(fault, mend=mend)
 
 
-def _require_plain_errors(relative_error: Array) -> None:
+def _require_plausible_errors(relative_error: Array) -> None:
     """Raise InputError for relative standard errors of velocities, (n,) or (1,), that no
     measurement has.
     """

@@ -54,7 +54,7 @@ class Record:
 
 
 @dataclass(frozen=True)
-class _Part:
+class _FileTraces:
     """What stands in one file: ``times`` (n,), s, or None; ``signals`` (m, n); ``distances`` (m,),
     m, each None if the file does not give it; ``names`` (m,).
     """
@@ -81,46 +81,46 @@ def read_traces(
     if not listed:
         raise InputError("there is no file of traces", mend="Give one or more")
     step = None if time_step is None else positive("time_step", time_step, "s")
-    parts = [_read_part(path) for path in listed]
-    first = parts[0]
+    files = [_read_file(path) for path in listed]
+    first = files[0]
     times = _find_times(first, step)
-    for part in parts[1:]:
-        _require_same_times(first, times, part, _find_times(part, step))
-    where = ", ".join(part.name for part in parts)
-    names = tuple(name for part in parts for name in part.names)
-    given = [distance for part in parts for distance in part.distances]
+    for file in files[1:]:
+        _require_same_times(first, times, file, _find_times(file, step))
+    where = ", ".join(file.name for file in files)
+    names = tuple(name for file in files for name in file.names)
+    file_distances = [distance for file in files for distance in file.distances]
     return Record(
         where=where,
         times=times,
-        signals=np.concatenate([part.signals for part in parts]),
-        distances=_find_distances(where, names, given, distances),
+        signals=np.concatenate([file.signals for file in files]),
+        distances=_find_distances(where, names, file_distances, distances),
         names=names,
     )
 
 
-def _read_part(path: str | os.PathLike[str]) -> _Part:
+def _read_file(path: str | os.PathLike[str]) -> _FileTraces:
     """Read one file."""
     is_hdf5 = Path(path).suffix.lower() in _HDF5
     return _read_hdf5(path) if is_hdf5 else _read_table(path)
 
 
-def _find_times(part: _Part, step: float | None) -> Array:
+def _find_times(file: _FileTraces, step: float | None) -> Array:
     """Return the times of a file, (n,), s, from the file or from a ``step``, s, which begin at
     zero; InputError if they are missing, or given twice.
     """
-    if part.times is not None and step is not None:
+    if file.times is not None and step is not None:
         raise InputError(
-            f"{part.name} has times, and time_step is given", mend="Leave time_step out"
+            f"{file.name} has times, and time_step is given", mend="Leave time_step out"
         )
-    if part.times is not None:
-        return part.times
+    if file.times is not None:
+        return file.times
     if step is None:
         raise InputError(
-            f"{part.name} has no times",
+            f"{file.name} has no times",
             mend="Head their column 'time (s)', write '# time step: 0.1 us' above the headings, or"
             " give time_step",
         )
-    return _count_steps(step, part.signals.shape[1])
+    return _count_steps(step, file.signals.shape[1])
 
 
 def _count_steps(step: float, n: int) -> Array:
@@ -128,11 +128,13 @@ def _count_steps(step: float, n: int) -> Array:
     return np.asarray(step * np.arange(n), np.float64)
 
 
-def _require_same_times(first: _Part, times: Array, part: _Part, other_times: Array) -> None:
+def _require_same_times(
+    first: _FileTraces, times: Array, file: _FileTraces, other_times: Array
+) -> None:
     """Raise InputError if two files have different times, by more than a hundredth of a step."""
     if times.size != other_times.size:
         raise InputError(
-            f"{first.name} has {times.size} samples, and {part.name} {other_times.size}",
+            f"{first.name} has {times.size} samples, and {file.name} {other_times.size}",
             mend="Cut the longer record, so that all have the same times",
         )
     step = (times[-1] - times[0]) / max(times.size - 1, 1)
@@ -140,7 +142,7 @@ def _require_same_times(first: _Part, times: Array, part: _Part, other_times: Ar
     if np.max(differences) > 0.01 * abs(step):
         sample = int(np.argmax(differences))
         raise InputError(
-            f"{first.name} and {part.name} have different times: sample {sample + 1} is at"
+            f"{first.name} and {file.name} have different times: sample {sample + 1} is at"
             f" {times[sample]:.9g} s in one, and at {other_times[sample]:.9g} s in the other",
             mend="Trigger both records by the same signal, and interpolate them at the same times",
         )
@@ -182,7 +184,7 @@ def _find_distances(
     return finite_array("distances", distances, "m")
 
 
-def _read_table(path: str | os.PathLike[str]) -> _Part:
+def _read_table(path: str | os.PathLike[str]) -> _FileTraces:
     """Read a table; the lines above its headings may give the step of time."""
     raw = read_bytes(path)
     lines = decode(str(path), raw).splitlines()
@@ -226,7 +228,7 @@ def _read_table(path: str | os.PathLike[str]) -> _Part:
         raise InputError(
             f"{path} has no trace", mend="Give each sensor a column, such as 'bead 5 at 40 mm (V)'"
         )
-    return _Part(str(path), times, np.array(signals), tuple(distances), tuple(names))
+    return _FileTraces(str(path), times, np.array(signals), tuple(distances), tuple(names))
 
 
 def _split_heading(heading: Heading) -> tuple[str, float | None]:
@@ -243,7 +245,7 @@ def _split_heading(heading: Heading) -> tuple[str, float | None]:
     return (match[1] or heading.name).strip(), distance
 
 
-def _read_hdf5(path: str | os.PathLike[str]) -> _Part:
+def _read_hdf5(path: str | os.PathLike[str]) -> _FileTraces:
     """Read an HDF5 file."""
     require_installed("A file of HDF5", "h5py")
     import h5py
@@ -280,7 +282,7 @@ def _read_hdf5(path: str | os.PathLike[str]) -> _Part:
             f"{path} has {len(signals)} traces, {len(distances)} distances and {len(names)} names",
             mend="Write one of each for a sensor",
         )
-    return _Part(str(path), times, signals, distances, names)
+    return _FileTraces(str(path), times, signals, distances, names)
 
 
 def _read_quantity(path: str | os.PathLike[str], data: Any, name: str, kind: Quantity) -> Array:

@@ -25,7 +25,7 @@ from granphon.base.errors import InputError
 from granphon.base.results import Result
 from granphon.base.text import list_names, suggest
 from granphon.base.validation import finite_array, is_one_of, positive, text_list
-from granphon.fits.fit import compute_probability
+from granphon.fits.fit import LEAST_CHANCE, compute_probability
 
 #: share of its maximum at which a trace begins, by default
 THRESHOLD = 0.1
@@ -53,8 +53,6 @@ _ROOM = 2.0
 _WIDE = 0.9
 #: least number of samples per period of a frequency whose phase is asked for
 _SAMPLES_PER_PERIOD = 4.0
-#: least probability of the scatter about a straight line that is not warned of
-_LEAST_CHANCE = 1e-3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -225,9 +223,9 @@ class Traces(Result, array="signals"):
         frequency that the traces do not have, and arrivals that are not later at farther sensors.
         """
         if not is_one_of(method, METHODS):
-            known = list_names(map(repr, METHODS))
+            methods = list_names(map(repr, METHODS))
             raise InputError(
-                f"{method!r} is not a method", f"Methods are {known}", suggest(method, METHODS)
+                f"{method!r} is not a method", f"Methods are {methods}", suggest(method, METHODS)
             )
         if len(self.signals) < 2:
             raise InputError(
@@ -274,7 +272,7 @@ class Traces(Result, array="signals"):
         chi2 = float(residuals @ residuals)
         dof = distances.size - 2
         warnings = []
-        if dof and compute_probability(chi2, dof) < _LEAST_CHANCE:
+        if dof and compute_probability(chi2, dof) < LEAST_CHANCE:
             warnings.append(
                 f"the arrivals scatter {math.sqrt(chi2 / dof):.3g} times as much about a straight"
                 " line as noise alone makes them: the velocity changes with the distance, or the"
@@ -427,18 +425,18 @@ class _Pulses:
                     mend=f"Give a threshold above {least:.2g}, a lower cut-off of the filter, or"
                     " the method 'correlation'",
                 )
-            after = int(np.argmax(sizes >= level))
-            if after == 0:
+            above = int(np.argmax(sizes >= level))
+            if above == 0:
                 raise InputError(
                     f"the trace of sensor {name} begins above the threshold",
                     mend="Start the record earlier, before the pulse",
                 )
-            rise = sizes[after] - sizes[after - 1]
-            part = (level - sizes[after - 1]) / rise
-            places.append(after - 1 + part)
+            rise = sizes[above] - sizes[above - 1]
+            fraction = (level - sizes[above - 1]) / rise
+            places.append(above - 1 + fraction)
             weight = np.zeros(signal.size)
-            weight[after - 1] = -(1.0 - part) / rise * np.sign(signal[after - 1])
-            weight[after] = -part / rise * np.sign(signal[after])
+            weight[above - 1] = -(1.0 - fraction) / rise * np.sign(signal[above - 1])
+            weight[above] = -fraction / rise * np.sign(signal[above])
             weight[top] += share / rise * np.sign(signal[top])
             weights.append(weight)
         return self._make_independent(np.array(places), np.array(weights))
@@ -453,9 +451,9 @@ class _Pulses:
         for sensor, signal in enumerate(self.signals):
             top = self._find_top(sensor)
             sign = np.sign(signal[top])
-            before, at_top, after = sign * signal[top - 1 : top + 2]
-            curvature = before - 2.0 * at_top + after
-            shift = 0.5 * (before - after) / curvature
+            previous, at_top, following = sign * signal[top - 1 : top + 2]
+            curvature = previous - 2.0 * at_top + following
+            shift = 0.5 * (previous - following) / curvature
             places.append(top + shift)
             weight = np.zeros(signal.size)
             # derivatives of the shift by the three samples
@@ -490,9 +488,9 @@ class _Pulses:
                     f" {self.traces.names[sensor]} share no pulse",
                     mend="Use another method, or look at the traces by gp.plot",
                 )
-            before, at_top, after = correlation[top - 1 : top + 2]
-            curvature = before - 2.0 * at_top + after
-            places[sensor] = top - (n - 1) + 0.5 * (before - after) / curvature
+            previous, at_top, following = correlation[top - 1 : top + 2]
+            curvature = previous - 2.0 * at_top + following
+            places[sensor] = top - (n - 1) + 0.5 * (previous - following) / curvature
             whole_shift = top - (n - 1)
             slope_of_reference = np.gradient(_shift(reference, whole_shift))
             slope_of_signal = np.gradient(_shift(signal, -whole_shift))
@@ -590,9 +588,9 @@ def _require_even(times: Array) -> Array:
     steps = np.diff(times)
     falls = np.flatnonzero(steps <= 0.0)
     if falls.size:
-        before, after = times[falls[0] : falls[0] + 2].tolist()
+        earlier, later = times[falls[0] : falls[0] + 2].tolist()
         raise InputError(
-            f"the time {after:.9g} s comes after {before:.9g} s (sample {falls[0] + 2})",
+            f"the time {later:.9g} s comes after {earlier:.9g} s (sample {falls[0] + 2})",
             mend="Give times in ascending order, each once",
         )
     mean_step = float((times[-1] - times[0]) / steps.size)
@@ -622,11 +620,11 @@ def _require_unclipped(name: str, times: Array, signal: Array) -> None:
         longest = int(np.argmax(lengths))
         length = int(lengths[longest])
         first = int(starts[longest])
-        before = first - length
-        after = first + 2 * length - 1
-        if length < _CLIPPED or before < 0 or after >= signal.size:
+        sample_before = first - length
+        sample_after = first + 2 * length - 1
+        if length < _CLIPPED or sample_before < 0 or sample_after >= signal.size:
             continue
-        drop = min(abs(signal[before] - end), abs(signal[after] - end))
+        drop = min(abs(signal[sample_before] - end), abs(signal[sample_after] - end))
         if drop > _STEEP * digit:
             raise InputError(
                 f"the trace of sensor {name} is cut off at {end:.6g} for {length} samples from"

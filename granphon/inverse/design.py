@@ -240,8 +240,8 @@ def _judge_effects(space: _Space, goal: Goal, random: np.random.Generator) -> li
     if not idle.size:
         return []
     named = ", ".join(space.labels[number] for number in idle[:_NAMED].tolist())
-    more = f" and {idle.size - _NAMED} more" if idle.size > _NAMED else ""
-    return [f"the goal does not depend on {counted(idle.size, 'variable')}: {named}{more}"]
+    ending = f" and {idle.size - _NAMED} more" if idle.size > _NAMED else ""
+    return [f"the goal does not depend on {counted(idle.size, 'variable')}: {named}{ending}"]
 
 
 class _Stopped(Exception):

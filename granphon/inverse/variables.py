@@ -233,18 +233,18 @@ def _make_group(network: ContactNetwork, name: str, per: str) -> _Group:
 
 def read_bounds(name: str, bounds: Any, names: Sequence[str]) -> tuple[float, float]:
     """Return the bounds of the variables of a ``name``."""
-    given = bounds
+    limits = bounds
     if isinstance(bounds, Mapping):
         if name not in bounds:
             raise InputError(f"{name} has no bounds", mend=f"Give bounds of {', '.join(names)}")
-        given = bounds[name]
+        limits = bounds[name]
     elif len(names) > 1:
         mend = f"Give a mapping, with bounds of {', '.join(names)}"
         raise InputError(f"bounds is {brief(bounds)}, and {len(names)} names vary", mend=mend)
-    ends = finite_array("bounds", given)
+    ends = finite_array("bounds", limits)
     if ends.shape != (2,) or not 0.0 <= ends[0] < ends[1]:
         raise InputError(
-            f"the bounds of {name} are {brief(given)}",
+            f"the bounds of {name} are {brief(limits)}",
             mend="Give the least and the greatest value, (low, high), from zero on",
         )
     return float(ends[0]), float(ends[1])

@@ -591,8 +591,8 @@ class ServingMedium:
         for medium, indices in choices:
             loads = self.loads[indices]
             load = self.load[indices]
-            part = replace(self, medium=medium, loads=loads, load=load, is_part=True)
-            serving_media.append(part)
+            serving_medium = replace(self, medium=medium, loads=loads, load=load, is_part=True)
+            serving_media.append(serving_medium)
         return serving_media
 
     @cached_property

@@ -276,7 +276,7 @@ class Source:
         have any place.
         """
         balls = self.balls
-        is_ball = np.isfinite(balls.radii)  # a flat wall has none
+        is_ball = np.isfinite(balls.radii)  # the radius of a flat wall is infinite
         heights = balls.positions[is_ball, 2]
         if heights.size == 0 or np.ptp(heights) > _LEVEL * np.max(balls.radii[is_ball]):
             return False
@@ -549,9 +549,9 @@ class _Joining:
             second = np.minimum(second, np.maximum(nearest, distance))
             nearest = np.minimum(nearest, distance)
         # a ball has two equally near images of itself, which are one contact
-        others = np.where(with_itself, third, second)
+        next_nearest = np.where(with_itself, third, second)
         self.faults.note(
-            ~is_anywhere & (others < touch),
+            ~is_anywhere & (next_nearest < touch),
             "balls that touch at more than one place",
             why="The cell is so small that one contact is not the only one of its balls",
             mend="Give the shift of each contact",

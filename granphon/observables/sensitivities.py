@@ -122,7 +122,7 @@ def _stack(parts: list[dict[str, Any]], shape: tuple[int, ...]) -> dict[str, Any
     for name, first in parts[0].items():
         fields[name] = None
         if first is not None:
-            stacked = np.array([part[name] for part in parts])
+            stacked = np.array([slopes[name] for slopes in parts])
             fields[name] = stacked.reshape(*shape, *first.shape)
     return fields
 

@@ -49,7 +49,9 @@ def number_kinds(masses: Array) -> list[int]:
     masses_of_kinds: list[float] = []
     numbers = []
     for mass in masses.tolist():
-        is_kind = [abs(mass - known) <= _ONE_MASS * known for known in masses_of_kinds]
+        is_kind = [
+            abs(mass - mass_of_kind) <= _ONE_MASS * mass_of_kind for mass_of_kind in masses_of_kinds
+        ]
         if not any(is_kind):
             masses_of_kinds.append(mass)
             is_kind.append(True)
@@ -90,8 +92,8 @@ def choose_symbols(kinds: Iterable[str]) -> dict[str, str]:
     # names that begin with a symbol choose first
     for name in (*beginnings, *names):
         if name not in symbols:
-            taken = (*symbols.values(), *_NO_KIND)
-            symbols[name] = free_symbol(beginnings.get(name, BALL), taken)
+            used_symbols = (*symbols.values(), *_NO_KIND)
+            symbols[name] = free_symbol(beginnings.get(name, BALL), used_symbols)
     return {name: symbols[name] for name in names}
 
 

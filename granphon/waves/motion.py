@@ -513,7 +513,7 @@ def fit_velocity(distances: Array, times: Array) -> tuple[float, str]:
     distance_variance = covariances[1, 1]
     covariance = covariances[0, 1]
     if not covariance > 0.0:
-        return math.nan, "it comes no later to those that are farther away"
+        return math.nan, "it comes no later to contacts that are farther away"
     if not covariance > _STRAIGHT * math.sqrt(time_variance * distance_variance):
         return math.nan, "times scatter about a straight line"
     farthest = float(np.max(np.abs(distances)))

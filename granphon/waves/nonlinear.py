@@ -675,8 +675,8 @@ def _root_radius(radii: Array, i: Index, j: Index) -> Array:
 
 
 class _Trial(NamedTuple):
-    """A step that ends with these ways and forces of drives, and with contacts ``after``; balls
-    have the mean velocity ``drift`` (size,), and come to ``x`` (size,).
+    """A step that ends with these ``strokes``, m, and ``lifts``, N, of drives, and with contacts
+    ``after``; balls have the mean velocity ``drift`` (size,), and come to ``x`` (size,).
 
     An implicit one also has its mean acceleration, the energies that slip, twist and roll, and
     dashpots take up, and the forces that resist drives. Arrays are the spare ones of the system:
@@ -684,7 +684,7 @@ class _Trial(NamedTuple):
     """
 
     step: float
-    ways: Array
+    strokes: Array
     lifts: Array
     x: Array
     drift: Array
@@ -809,7 +809,7 @@ class _System:
 
     at: Moment
     joined: Any
-    ways: Array
+    strokes: Array
     lifts: Array
     worked: Array
     #: where balls were when those that may meet were listed, and how far one may have gone since, m
@@ -834,7 +834,7 @@ class _System:
         indices = operator.indices
         self._places = np.flatnonzero(indices.ravel() >= 0)
         _, self._scale = operator.in_balls
-        self._ways = [drive.displacement for drive in drives if drive.displacement is not None]
+        self._strokes = [drive.displacement for drive in drives if drive.displacement is not None]
         self._lifts = [drive.force for drive in drives if drive.force is not None]
         pushes = [operator.push(*push, 1.0 / np.sqrt(masses[push[0]])) for push in pushed]
         self._push = np.reshape(pushes, (-1, operator.size))
@@ -876,11 +876,11 @@ class _System:
         gather(forces, self._places, self._scale, steady, acceleration)
         return acceleration
 
-    def _spread(self, x: Array, ways: Array, motions: Array) -> None:
+    def _spread(self, x: Array, strokes: Array, motions: Array) -> None:
         """Set the motions (n, m) of all balls."""
         spread(x, self._places, self._scale, motions)
-        for (balls, along), way in zip(self._along, ways, strict=True):
-            motions[balls, : len(along)] = way * along
+        for (balls, along), stroke in zip(self._along, strokes, strict=True):
+            motions[balls, : len(along)] = stroke * along
 
     @property
     def _bulge(self) -> float:
@@ -1059,17 +1059,17 @@ class _System:
         self.v = v.copy()
         self.step = step
         self.widest = 0.0
-        self.ways, self.lifts = self._evaluate_drives(0.0)
-        if np.any(self.ways):
+        self.strokes, self.lifts = self._evaluate_drives(0.0)
+        if np.any(self.strokes):
             raise InputError(
                 "a displacement does not begin at zero", mend="Give a function that is zero at zero"
             )
         contacts = self.contacts
-        rest = contacts.make_moment()
-        contacts.press(rest, None)
-        self._shear_energy_at_rest = contacts.shear_energy(rest)
+        at_rest = contacts.make_moment()
+        contacts.press(at_rest, None)
+        self._shear_energy_at_rest = contacts.shear_energy(at_rest)
         self.at = contacts.make_moment()
-        self._spread(self.x, self.ways, self.at.motions)
+        self._spread(self.x, self.strokes, self.at.motions)
         self.joined = contacts.begin(self.at)
         self._make_spare()
         # balls that may meet are listed behind the contacts of the network, which keep the state
@@ -1081,7 +1081,7 @@ class _System:
         # drives, and energies lost where contacts join and part
         self.worked = np.zeros(4)
         # the speeds of drives follow from their displacements in the last step: there is none yet
-        self._start(np.zeros_like(self.ways))
+        self._start(np.zeros_like(self.strokes))
 
     def _make_spare(self) -> None:
         """Make arrays for a step."""
@@ -1122,15 +1122,15 @@ class _System:
         """Make a step that ends at the time ``end``, s, in parts where contacts join or part within
         it; :class:`_Stop` where one does so too often, and as :meth:`_try` raises it.
         """
-        left = self.step
+        remaining = self.step
         has_jumps = len(self.contacts.law.jumps) > 0
         often: Index = np.zeros(len(self.at.e) if has_jumps else 0, np.intp)
-        while left > 0.0:
-            trial = self._try(left, end, explicit)
+        while remaining > 0.0:
+            trial = self._try(remaining, end, explicit)
             if has_jumps and self._find_overshoot(trial.after) > 0.0:
                 trial = self._cut(trial, end, explicit)
-            speeds = (trial.ways - self.ways) / trial.step
-            before = self.at
+            speeds = (trial.strokes - self.strokes) / trial.step
+            last_moment = self.at
             if len(trial.lifts):
                 mean_lifts = 0.5 * (self.lifts + trial.lifts)
                 moved = trial.step * (self._push @ trial.drift)
@@ -1139,13 +1139,13 @@ class _System:
                 self._leap(trial, speeds)
             else:
                 self._settle(trial)
-            self._spare = before
-            self.ways = trial.ways
+            self._spare = last_moment
+            self.strokes = trial.strokes
             self.lifts = trial.lifts
-            left -= trial.step
+            remaining -= trial.step
             if has_jumps and self._find_overshoot(self.at) > 0.0:
-                self.joined, switched, lost = self.contacts.switch(self.at, self.joined)
-                self.worked[3] += lost
+                self.joined, switched, loss = self.contacts.switch(self.at, self.joined)
+                self.worked[3] += loss
                 self._start(speeds)
                 often[switched] += 1
                 if np.max(often) > _RATTLES:
@@ -1168,22 +1168,22 @@ class _System:
         low = 0.0
         high = whole
         side = 0
-        before = self._find_overshoot(self.at)
-        after = self._find_overshoot(trial.after)
+        low_overshoot = self._find_overshoot(self.at)
+        high_overshoot = self._find_overshoot(trial.after)
         near = _TOGETHER * self.step
         while high - low > near:
-            middle = low - before * (high - low) / (after - before)
+            middle = low - low_overshoot * (high - low) / (high_overshoot - low_overshoot)
             middle = min(max(middle, low + 0.5 * near), high - 0.5 * near)
             passed = self._find_overshoot(self._try(middle, start + middle, explicit).after)
             if passed > 0.0:
                 high = middle
-                after = passed
-                before *= 0.5 if side == 1 else 1.0
+                high_overshoot = passed
+                low_overshoot *= 0.5 if side == 1 else 1.0
                 side = 1
             else:
                 low = middle
-                before = passed
-                after *= 0.5 if side == -1 else 1.0
+                low_overshoot = passed
+                high_overshoot *= 0.5 if side == -1 else 1.0
                 side = -1
         # tried again, as the arrays are those of the last trial
         return (
@@ -1197,28 +1197,28 @@ class _System:
         arrays; :class:`_Stop` for an implicit step without a solution, and where a drive is no
         finite number.
         """
-        ways, lifts = self._evaluate_drives(end)
+        strokes, lifts = self._evaluate_drives(end)
         if not explicit:
-            return self._solve(step, ways, lifts)
-        after = self._go(step, ways, self.acceleration)
-        return _Trial(step, ways, lifts, self._spare_x, self._spare_v, after)
+            return self._solve(step, strokes, lifts)
+        moment = self._go(step, strokes, self.acceleration)
+        return _Trial(step, strokes, lifts, self._spare_x, self._spare_v, moment)
 
-    def _go(self, step: float, ways: Array, acceleration: Array) -> Moment:
+    def _go(self, step: float, strokes: Array, acceleration: Array) -> Moment:
         """Return contacts after a ``step``, s, with an ``acceleration`` (size,), in spare arrays:
         the motions of balls, and elongations unless the loops know the law.
         """
-        after = self._spare
+        moment = self._spare
         drift(self.x, self.v, acceleration, step, self._spare_x, self._spare_v)
-        self._spread(self._spare_x, ways, after.motions)
+        self._spread(self._spare_x, strokes, moment.motions)
         if not self._knows_law:
-            self.contacts.measure(after)
-        return after
+            self.contacts.measure(moment)
+        return moment
 
     def _leap(self, trial: _Trial, speeds: Array) -> None:
         """Make the step of Verlet's that has been tried last, with drives at these ``speeds``."""
         contacts = self.contacts
-        before = self.at
-        after = trial.after
+        start = self.at
+        end = trial.after
         half = 0.5 * trial.step
         self.x, self._spare_x = trial.x, self.x
         self.v, self._spare_v = trial.drift, self.v
@@ -1227,9 +1227,9 @@ class _System:
             end_speed = self.v + half * self.acceleration
             self._spread(end_speed, speeds, self._speeds)
         if not self._knows_law:
-            contacts.press(after, self.joined)
-        spent, damped = contacts.follow(before, after, self._knows_law, self._speeds)
-        self.at = after
+            contacts.press(end, self.joined)
+        spent, damped = contacts.follow(start, end, self._knows_law, self._speeds)
+        self.at = end
         self.worked[0] += spent
         self.worked[1] += damped
         steady = self._steady_push(trial.lifts)
@@ -1238,13 +1238,13 @@ class _System:
             self.worked[1] += trial.step * float(self._drag @ self.v**2)
             self._slow_down(self.acceleration, self.v, half)
         resist = self._find_resistance()
-        self.worked[2] += 0.5 * (self.resist + resist) @ (trial.ways - self.ways)
+        self.worked[2] += 0.5 * (self.resist + resist) @ (trial.strokes - self.strokes)
         self.resist = resist
         kick(self.v, self.acceleration, half)
 
-    def _solve(self, step: float, ways: Array, lifts: Array) -> _Trial:
+    def _solve(self, step: float, strokes: Array, lifts: Array) -> _Trial:
         """Return where an implicit ``step``, s, whose energies add up, comes to, in spare arrays,
-        with drives at the displacements ``ways`` and forces ``lifts`` at its end; :class:`_Stop` if
+        with drives at the ``strokes`` and forces ``lifts`` at its end; :class:`_Stop` if
         the iteration does not converge.
         """
         contacts = self.contacts
@@ -1252,23 +1252,23 @@ class _System:
         guess = 2.0 * self.acceleration - self.last
         change = math.inf
         for _ in range(_ITERATIONS):
-            after = self._go(step, ways, guess)
-            contacts.press(after, self.joined)
-            spent, damped = contacts.follow_mean(self.at, after, self.joined, step)
-            found = self._accelerate(contacts.on_balls, steady)
+            moment = self._go(step, strokes, guess)
+            contacts.press(moment, self.joined)
+            spent, damped = contacts.follow_mean(self.at, moment, self.joined, step)
+            acceleration = self._accelerate(contacts.on_balls, steady)
             if self._has_drag:
                 damped += step * float(self._drag @ self._spare_v**2)
-                self._slow_down(found, self.v, 0.5 * step)
+                self._slow_down(acceleration, self.v, 0.5 * step)
             last = change
-            change = float(np.max(np.abs(found - guess)))
-            size = max(float(np.max(np.abs(found))), float(np.max(np.abs(self.v))) / step)
+            change = float(np.max(np.abs(acceleration - guess)))
+            size = max(float(np.max(np.abs(acceleration))), float(np.max(np.abs(self.v))) / step)
             if change <= _SOLVED * size or last <= change <= _ROUNDED * size:
                 resist = self._find_resistance()
                 x = self._spare_x
                 return _Trial(
-                    step, ways, lifts, x, self._spare_v, after, guess, spent, damped, resist
+                    step, strokes, lifts, x, self._spare_v, moment, guess, spent, damped, resist
                 )
-            guess = found
+            guess = acceleration
         raise _Stop(_UNSOLVED)
 
     def _slow_down(self, acceleration: Array, v: Array, span: float) -> None:
@@ -1286,7 +1286,7 @@ class _System:
         kick(self.v, trial.acceleration, trial.step)
         self.worked[0] += trial.spent
         self.worked[1] += trial.damped
-        self.worked[2] += trial.resist @ (trial.ways - self.ways)
+        self.worked[2] += trial.resist @ (trial.strokes - self.strokes)
 
     def _keep(self, number: int, kept: Frames) -> None:
         """Keep the frame after this ``number`` of steps, and how wide the widest contact has become
@@ -1294,26 +1294,26 @@ class _System:
 
         Elongations and normal forces must be those of the moment, see :meth:`_refresh`.
         """
-        at = self.at
+        moment = self.at
         contacts = self.contacts
         joined = self.joined
         normal = contacts.law
         step = self.step
         operator = self.operator
         square = self.v * self.v
-        shear_energy = contacts.shear_energy(at)
+        shear_energy = contacts.shear_energy(moment)
         stored = (
-            float(np.sum(normal.store(at.e, joined)))
+            float(np.sum(normal.store(moment.e, joined)))
             + shear_energy
             - self._shear_energy_at_rest
             - float(self._weight @ self.x)
         )
-        wide = self._wide * np.sqrt(np.maximum(normal.overlap - at.e, 0.0))
+        wide = self._wide * np.sqrt(np.maximum(normal.overlap - moment.e, 0.0))
         self.widest = max(self.widest, float(np.max(wide, initial=0.0)))
         time = number * step
-        both = (self._displace(), operator.to_balls(self.v))
-        (places, turns), (speeds, spins) = (np.split(one, 2, axis=1) for one in both)
-        if self._ways:
+        motions = (self._displace(), operator.to_balls(self.v))
+        (places, turns), (speeds, spins) = (np.split(columns, 2, axis=1) for columns in motions)
+        if self._strokes:
             drive_speeds = self._find_drive_speeds(number)
             for (balls, along), speed in zip(self.moved, drive_speeds, strict=True):
                 speeds[balls] = speed * along
@@ -1326,15 +1326,15 @@ class _System:
                 "spins": spins,
                 "translation": 0.5 * float(np.sum(square[~operator.is_rotation])),
                 "rotation": 0.5 * float(np.sum(square[operator.is_rotation])),
-                "stored": stored + contacts.rest_energy(at),
+                "stored": stored + contacts.rest_energy(moment),
                 "lost": self.worked[0]
                 - (shear_energy - self._shear_energy_at_start)
                 + self.worked[1]
                 + self.worked[3],
                 "work": self.worked[2],
             },
-            np.where(normal.is_closed(at.e, joined), at.pull[0] + normal.rest, 0.0),
-            contacts.shears(at),
+            np.where(normal.is_closed(moment.e, joined), moment.pull[0] + normal.rest, 0.0),
+            contacts.shears(moment),
             list(self._keys),
         )
 
@@ -1349,35 +1349,35 @@ class _System:
         try:
             end, _ = self._evaluate_drives(time + self.step)
         except _Stop:
-            end = self.ways
+            end = self.strokes
             n_steps = 1
         return (end - start) / (n_steps * self.step)
 
     def _evaluate_drives(self, time: float) -> tuple[Array, Array]:
-        """Return the ways, m, of moved bodies and the forces, N, on pushed balls at a ``time``, s.
+        """Return the strokes, m, of moved bodies and the forces, N, on pushed balls at a time, s.
 
         Where one is not finite the run stops, or at the time zero there is an InputError.
         """
         if not self.drives:
             return _NOTHING, _NOTHING
-        ways = np.array([real_number(displacement(time)) for displacement in self._ways])
+        strokes = np.array([real_number(displacement(time)) for displacement in self._strokes])
         lifts = np.array([real_number(force(time)) for force in self._lifts])
-        if not (np.all(np.isfinite(ways)) and np.all(np.isfinite(lifts))):
+        if not (np.all(np.isfinite(strokes)) and np.all(np.isfinite(lifts))):
             fault = f"a drive is not a finite number at {time:.4g} s"
             if time:
                 raise _Stop(fault)
             raise InputError(fault, mend="Give a function of the time that returns one")
-        return ways, lifts
+        return strokes, lifts
 
     def _displace(self) -> Array:
         """Return displacements, m, and rotations, rad, (n, 6) of all balls and bodies."""
         motions = self.operator.to_balls(self.x)
-        for (balls, along), way in zip(self.moved, self.ways, strict=True):
-            motions[balls, :3] = way * along
+        for (balls, along), stroke in zip(self.moved, self.strokes, strict=True):
+            motions[balls, :3] = stroke * along
         return motions
 
-    def _watch(self, ways: Array) -> None:
-        """List anew the balls that may meet, if one may move in a step to ``ways`` by more than
+    def _watch(self, strokes: Array) -> None:
+        """List anew the balls that may meet, if one may move in a step to ``strokes`` by more than
         half of the margin.
 
         Ends the run where balls without a law have met.
@@ -1390,7 +1390,7 @@ class _System:
         # no ball is faster
         speed = math.sqrt(3.0) * abs(float(self.v[idamax(self.v)])) / self._lightest
         self._travelled += self.step * speed + (
-            float(np.max(np.abs(ways - self.ways))) if len(ways) else 0.0
+            float(np.max(np.abs(strokes - self.strokes))) if len(strokes) else 0.0
         )
         if self._travelled > 0.5 * self._skin:
             gone = self.network.positions + self._displace()[:, :3] - self._listed

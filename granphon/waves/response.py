@@ -492,7 +492,7 @@ class Places:
                 "there is no receiver", mend="Give a contact (i, j), (ball, direction) or 'floor'"
             )
         axes = list(self.network.ball_motions.translations)
-        normals = self.network.normal[np.concatenate([one.contacts for one in sensors])]
+        normals = self.network.normal[np.concatenate([sensor.contacts for sensor in sensors])]
         if not np.any(normals[:, axes]):
             raise InputError(
                 "no motion of the balls changes the force of these contacts",
@@ -1023,8 +1023,8 @@ class _Problem:
         root_mass_i, root_mass_j = (np.sqrt(network.masses[end])[:, None] for end in (i, j))
         shift = np.zeros(contacts.size)
         if driven.moved:
-            ways = driven.amplitude[:, : len(axes)]
-            shift = np.sum(normal * (ways[j] - ways[i]), axis=1)
+            displacement = driven.amplitude[:, : len(axes)]
+            shift = np.sum(normal * (displacement[j] - displacement[i]), axis=1)
         indices = operator.indices[:, : len(axes)]
         return cls(
             driven,

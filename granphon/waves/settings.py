@@ -784,11 +784,11 @@ class DriveSettings(Block):
         """The speed, m/s, force, N, and displacement, m, that the drive reaches, as arguments of
         :meth:`granphon.NonlinearWaves.find_step`.
         """
-        way = self.shaker.amplitude if self.shaker else 0.0
+        amplitude = self.shaker.amplitude if self.shaker else 0.0
         return {
             "speed": abs(self.impact or 0.0),
             "force": self.force.greatest if self.force else 0.0,
-            "displacement": self.displacement.greatest if self.displacement else abs(way),
+            "displacement": self.displacement.greatest if self.displacement else abs(amplitude),
         }
 
     def find_balls(self, network: ContactNetwork) -> Index:

@@ -116,7 +116,7 @@ def test_parts_of_an_array_change_nothing(eta):
     shape = (450, 100)
     shift = (137, 61)
     whole, rng = Stencils(shape, eta), rng_of(shape)
-    assert len(whole.operator.parts(float)) > 1
+    assert len(whole.operator.slabs(float)) > 1
     balls, weights = (
         rng.normal(size=(whole.n_fields, *shape)),
         whole.weights(rng.uniform(0.0, 1.0, size=(3, *shape))),

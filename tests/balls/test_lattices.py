@@ -304,9 +304,7 @@ def test_the_number_that_is_told_makes_the_lattice(name):
         cell[:, axis] *= 1.00003
         with pytest.raises(InputError) as caught:
             gp.Lattice("rounded", cell, named.sites)
-        told = re.search(
-            r"Multiply (every ([xyz]) of )?the cell by ([0-9.]+)[,.;]", str(caught.value)
-        )
+        told = re.search(r"Multiply (every ([xyz]) )?.*?([0-9.]+)[,.;]", str(caught.value))
         assert told[2] in (None, "xyz"[axis])
         cell[:, slice(None) if told[2] is None else axis] *= float(told[3])
         assert len(gp.Lattice("mended", cell, named.sites).contacts) == len(named.contacts)
@@ -385,7 +383,7 @@ def test_no_bent_lattice_is_in_equilibrium(height, steps, turn):
         (((1, 0), (1, 0)), ((0, 0),), "too small"),
         (((1, 0), (0, 1)), ((0, 0), (0.5, 0.5)), "overlap"),
         (((2, 0), (0, 2)), ((0, 0),), "touches no other"),
-        (((1, 0), (0, 3)), ((0, 0), (0, 0.5)), "pieces that do not touch: rows, 2 in each cell"),
+        (((1, 0), (0, 3)), ((0, 0), (0, 0.5)), "pieces .*rows, 2"),
         (((3, 0), (0, 3)), ((0, 0), (1 / 3, 0), (0.5, 0.5)), "touches no other"),
         (((1, 0), (0, math.nan)), ((0, 0),), "not finite"),
         (((1, 0), (0, 1)), (), "sites"),
@@ -563,12 +561,9 @@ def test_images_are_apart_in_a_skewed_cell_too():
     ("name", "allowed"),
     [
         *((n, "a name") for n in ("", " ", 3, None)),
+        *((n, "=, +, - or @") for n in ("=1+1", "+1", "-1+1", "@SUM(A1)", " =1", "\uff1d1")),
         *(
-            (n, "a name that does not begin with =, +, - or @")
-            for n in ("=1+1", "+1", "-1+1", "@SUM(A1)", " =1", "\uff1d1")
-        ),
-        *(
-            (n, "a name of letters that can be seen")
+            (n, "letters that can be seen")
             for n in ("ab\u202edc", "square\u200b", "a\tb", "a\nb", "\x1b[31mred")
         ),
     ],

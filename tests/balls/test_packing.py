@@ -116,11 +116,11 @@ def test_what_resists_rotations_without_friction(steel, motions, torsion, bendin
         ({"bending": "mindlin"}, "bending"),
         (
             {"lattice": "chain", "torsion": 0.1},
-            "torsion without rotations.*'longitudinal'.*motions out_of_plane, all, or",
+            "torsion without .*'longitudinal'.* out_of_plane, all",
         ),
         (
             {"lattice": "chain", "bending": 0.1},
-            "bending without rotations.*motions in_plane, out_of_plane, all, or leave it",
+            "bending without .* in_plane, out_of_plane, all",
         ),
         (
             {"lattice": "chain", "motions": "in_plane", "torsion": 0.1},
@@ -128,11 +128,11 @@ def test_what_resists_rotations_without_friction(steel, motions, torsion, bendin
         ),
         (
             {"lattice": "kagome", "torsion": "mindlin"},
-            "torsion without rotations about .*'in_plane'.* out_of_plane, all, or",
+            "torsion without .*'in_plane'.* out_of_plane, all",
         ),
         (
             {"lattice": "square", "torsion": 0.1, "bending": 0.1},
-            "^torsion without.* motions out_of_plane, all, or leave it",
+            "^torsion without.* out_of_plane, all",
         ),
         (
             {"lattice": "chain", "motions": "longitudinal", "torsion": 0.1, "bending": 0.2},

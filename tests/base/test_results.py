@@ -186,14 +186,14 @@ def test_data_of_other_kinds_shapes_and_units_are_refused(results):
     good = results["state"].to_dict()["packing"]
     refused(
         "velocities",
-        "longitudinal of the SoundVelocities does not hold numbers",
+        "longitudinal .*numbers",
         longitudinal="790",
     )
     refused("velocities", "lack a wave", longitudinal=None)
     refused("velocities", "warnings: found a str, 'none', where", warnings="none")
     refused(
         "velocities",
-        r"direction .* has the shape \(1, 1, 3\) instead of \(p\) or \(n p\)",
+        r"direction .*\(1, 1, 3\) .*\(p\) or \(n p\)",
         direction=[[[1.0, 0.0, 0.0]]],
     )
     refused(
@@ -201,18 +201,18 @@ def test_data_of_other_kinds_shapes_and_units_are_refused(results):
         r"transverse .* has the shape \(2,\) instead of \(...\)",
         transverse=[1.0, 2.0],
     )
-    refused("velocities", "have 'more', which the class does not have", more=1)
+    refused("velocities", "have 'more'", more=1)
     refused(
         "velocities",
-        "units of the SoundVelocities data are not those",
+        "units of the SoundVelocities",
         units={"longitudinal": "km/s"},
     )
     refused("velocities", "schema '1'", schema="1")
     refused("velocities", "schema true", schema=True)
-    refused("moduli", "isotropic: found a int, 1, where bool is needed", isotropic=1)
+    refused("moduli", "isotropic: found a int, 1", isotropic=1)
     refused(
         "moduli",
-        "tensor: found a list where an array of numbers is needed",
+        "tensor: found a list",
         tensor=[[1.0, 2.0], [3.0]],
     )
     refused("moduli", "tensor: found a list", tensor=[["1"] * 3] * 3)

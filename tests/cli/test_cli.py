@@ -66,17 +66,14 @@ def test_scenes_that_cannot_be_read(work, capsys):
     (work / "folder.yaml").mkdir()
     before = tree(work)
     for name, expected in (
-        (
-            "binary.yaml",
-            "binary.yaml:3 cannot be read: found the byte 0x00 where text in UTF-8 is needed. The file does not look like text",
-        ),
-        ("large.yaml", "large.yaml holds more than 100 kB"),
-        ("folder.yaml", "folder.yaml cannot be read: it is a folder. Give the file itself"),
-        ("missing.yaml", "missing.yaml: there is no such file. 'granphon init' writes one"),
-        ("scene.yaml/x", "scene.yaml/x cannot be read: Not a directory"),
+        ("binary.yaml", r"binary\.yaml:3 .*byte 0x00.* does not look like text"),
+        ("large.yaml", r"large\.yaml .*100 kB"),
+        ("folder.yaml", r"folder\.yaml .*folder"),
+        ("missing.yaml", r"missing\.yaml: .*'granphon init'"),
+        ("scene.yaml/x", r"scene\.yaml/x .*Not a directory"),
     ):
         assert main(["run", name, "-o", "out"]) == 2
-        assert expected in one_error(capsys)
+        assert re.search(expected, one_error(capsys))
     assert tree(work) == before
 
 
@@ -91,7 +88,7 @@ def test_run_writes_velocities(work, capsys):
     out, err = capsys.readouterr()
     assert err == ""
     assert "longitudinal velocity 790.96 m/s" in out
-    assert "scene.yaml, summary.yaml, sweep.nc, sweep.csv into new/out" in out
+    assert f"{', '.join(ALONE)} into new/out" in out
     assert tree(work / "new") == {"out", *(f"out/{name}" for name in ALONE)}
     assert Scene.from_yaml("new/out/scene.yaml") == Scene.from_yaml("scene.yaml")
     summary = yaml.safe_load(Path("new/out/summary.yaml").read_text())
@@ -208,13 +205,13 @@ def test_runs_and_plots_draw_figures_of_several_formats(work, capsys):
 
 
 def test_plot_of_nothing(work, capsys):
-    for folder, told in (
-        (".", ". holds no result that can be drawn"),
-        ("missing", "there is no folder missing."),
-        ("scene.yaml", "scene.yaml is no folder, and no file of results"),
+    for folder, words in (
+        (".", r"\. holds no result"),
+        ("missing", "no folder missing"),
+        ("scene.yaml", r"scene\.yaml is no folder"),
     ):
         assert main(["plot", folder]) == 2
-        assert told in one_error(capsys)
+        assert re.search(words, one_error(capsys))
 
 
 @pytest.mark.skipif(os.name != "posix", reason="links and pipes of POSIX")
@@ -224,7 +221,7 @@ def test_plot_leaves_out_nothing_that_the_run_wrote(work, spectra, capsys):
     told = "band.yaml cannot be read: "
     whole = bands.read_bytes()
     for make, why in (
-        (lambda: None, "out holds no band.yaml, though a run wrote it there."),
+        (lambda: None, "out holds no band.yaml"),
         (bands.mkdir, told + "it is a folder"),
         (lambda: os.mkfifo(bands), told + "it is a device or a pipe"),
         (lambda: bands.symlink_to("nowhere"), told + "there is no such file"),
@@ -250,7 +247,7 @@ def test_an_existing_result_is_not_overwritten(work, capsys):
     before = (work / "out" / "summary.yaml").stat().st_mtime_ns
     assert main(["run", "scene.yaml", "-o", "out"]) == 1
     text = one_error(capsys)
-    assert "out already holds scene.yaml, summary.yaml" in text
+    assert "out already holds scene.yaml" in text
     assert "--force" in text
     assert (work / "out" / "summary.yaml").stat().st_mtime_ns == before
     with pytest.raises(FileExistsInRunError):
@@ -398,7 +395,7 @@ def test_help_has_examples(capsys, verb):
         ),
         (["run", "scene.yaml", "-o", "--"], "'--'"),
         (["run", "scene.yaml", "-o", "---"], "'---'"),
-        (["run"], "Missing argument 'SCENE'. See 'granphon run --help'."),
+        (["run"], "Missing argument 'SCENE'"),
         (["mode", "s.yaml", "--at", "K", "-o", "m.png", "--branch", "-1"], "'--branch'"),
         (["run", "scene.yaml", "-o", "out", "--forse"], "No such option"),
         (["check", "a", "b"], "unexpected extra argument"),

@@ -99,17 +99,17 @@ WRONG = [
     ({"--at": "1/3 1/3 1/3"}, "leaves the plane"),
     ({"--at": "1/3 nan"}, "--at: found"),
     ({"--at": ""}, "--at: found ''"),
-    ({"--branch": "3"}, "there is no branch 3. Count from 0 to 2."),
+    ({"--branch": "3"}, "no branch 3. Count from 0 to 2"),
     ({"--branch": "-1"}, "--branch"),
     ({"--cells": "2 2 2"}, "--cells: found '2 2 2'"),
     ({"--cells": "0 2"}, "--cells"),
     ({"--direction": "0 0"}, "--direction: found '0 0'"),
     ({"--direction": "up"}, "--direction: found 'up'"),
-    ({"-o": "mode.doc"}, "--out is mode.doc, whose ending is not ."),
-    ({"-o": "mode"}, "--out is mode, whose ending is not ."),
+    ({"-o": "mode.doc"}, "--out is mode.doc"),
+    ({"-o": "mode"}, "--out is mode,"),
     ({"-o": ""}, "--out is empty"),
     ({"scene": "none.yaml"}, "none.yaml"),
-    ({"scene": "sweep.yaml"}, "sweep.yaml has many states. A mode is drawn of one state."),
+    ({"scene": "sweep.yaml"}, "sweep.yaml has many states"),
     ({"scene": "media.yaml"}, "media.yaml has many states"),
 ]
 
@@ -170,7 +170,9 @@ def test_a_picture_that_fails_half_way_leaves_nothing(command, work, capsys, mon
     before = files(work)
     name = "mode.png" if command == "mode" else "mode.gif"
     assert main([command, "scene.yaml", "--at", "K", "--cells", "1 1", "-o", name]) == 1
-    assert one_error(capsys).startswith(f"{name} could not be drawn: the ink is out")
+    error = one_error(capsys)
+    assert error.startswith(name)
+    assert "the ink is out" in error
     assert files(work) == before
 
 

@@ -178,7 +178,7 @@ def test_rows_and_columns_are_those_that_a_user_names(many):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"rows": "widht"}, "--rows is widht.*Did you mean width"),
+        ({"rows": "widht"}, "--rows is widht.*width"),
         ({"columns": "force"}, "--columns is force"),
         ({"rows": "width", "columns": "width"}, "both width"),
     ],

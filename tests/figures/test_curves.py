@@ -267,8 +267,8 @@ def test_two_fits_of_one_table_show_its_points_once(fit, ax):
 def test_data_that_no_axis_holds(steel, fcc, ax):
     data = Measurements([2.0, 3.0], [400.0, 500.0])
     for results, options, told in (
-        ([steel], {"y": "bulk"}, "measured velocities share no axis with bulk"),
-        ([steel], {"x": "overlap"}, "The overlap of balls was not measured"),
+        ([steel], {"y": "bulk"}, "share no axis with bulk"),
+        ([steel], {"x": "overlap"}, "overlap .*not measured"),
         (
             [gp.sweep(balls(), force=[2.0], width=[1e-6, 2e-6])],
             {"x": "reduced_force"},
@@ -303,22 +303,22 @@ def test_what_cannot_share_an_axis_is_named(steel, fcc, fit, ax):
         (
             {"a": steel, "b": fcc},
             {"x": "pressure"},
-            "^a and b cannot share an axis of pressure. a has it in N/m; b has it in Pa",
+            "^a and b .*pressure.* N/m; b .* Pa",
         ),
         (
             {"a": steel, "b": fcc, "c": chain},
             {"y": "transverse"},
-            "^b and c hold no transverse. All runs hold .*longitudinal",
+            "^b and c hold no transverse.*longitudinal",
         ),
         (
             {"a": steel, "b": bands},
             {},
-            "^b holds bands and no velocities. a is a sweep: they cannot share an axis",
+            "^b holds bands.* a is a sweep",
         ),
         (
             {"a": bands, "b": square},
             {},
-            "^the bands of a and b cannot share an axis: their paths differ. .*G-K.*G-X",
+            "^the bands of a and b .*paths.*G-K.*G-X",
         ),
         ({"a": steel, "b": fit}, {"y": "bulk"}, "^b holds no bulk"),
         ({"a": steel}, {"y": "longitudnal"}, "Did you mean longitudinal"),
@@ -326,7 +326,7 @@ def test_what_cannot_share_an_axis_is_named(steel, fcc, fit, ax):
         (
             {"a": fcc},
             {"x": "reduced_force"},
-            "^reduced_force of a has no finite value. It is infinite for equal balls",
+            "^reduced_force of a .*finite",
         ),
         ({"a": "text"}, {}, "'text' shares no figure with others"),
         ({}, {}, "nothing to draw"),

@@ -230,7 +230,7 @@ def test_a_record_that_ends_before_the_pulse_is_refused() -> None:
         n = int(top - (1.0 - share) * 100e-6 / STEP)
         cut = gp.Traces(whole.times[:n], whole.signals[:, :n], whole.distances)
         for method in ("threshold", "peak", "correlation"):
-            with pytest.raises(InputError, match=r"rises at its end|no quiet part|no pulse"):
+            with pytest.raises(InputError, match=r"at its end|no quiet|no pulse"):
                 cut.velocity(method)
     n = int(top + 60e-6 / STEP)
     cut = gp.Traces(whole.times[:n], whole.signals[:, :n], whole.distances)

@@ -249,7 +249,7 @@ def test_variables_without_effect_are_named(chain):
     goal = gp.MatchFrequencies([5e3], q=[[0.5]], branches=[0])
     best = gp.design(chain, goal, ("mass", "shear_stiffness"), bounds, restarts=0)
     (warning,) = (one for one in best.warnings if "depend" in one)
-    assert "shear_stiffness of contact 0, shear_stiffness of contact 1" in warning
+    assert ", ".join(f"shear_stiffness of contact {number}" for number in (0, 1)) in warning
 
 
 def test_a_search_that_meets_an_impossible_network_keeps_its_best(chain):

@@ -75,46 +75,41 @@ def test_labels_say_what_is_not_the_default():
     [
         (
             "simulaton",
-            "medium: found 'simulaton'; allowed: ala, afa, ema, simulation, auto."
-            " Did you mean 'simulation'?",
+            "medium: found 'simulaton'; .* auto.*'simulation'",
         ),
         (
             {"ala": None, "ema": None},
-            "medium: found a block of keys; allowed: ala, afa, ema, simulation, auto.",
+            "medium: found a block of keys; .* ala, .* auto",
         ),
-        (3, "medium: found 3; allowed: ala, afa, ema, simulation, auto."),
-        ("cluster", "Take {simulation: {shape: 64 64}}"),
-        ({"cluster": {"balls": 7}}, "Take {simulation: {shape: 64 64}}"),
-        ({"afa": {"seed": 1}}, "medium.afa.seed: found an unknown key; allowed: none."),
+        (3, "medium: found 3; .* ala, .* auto"),
+        ("cluster", "simulation: {shape: 64 64}"),
+        ({"cluster": {"balls": 7}}, "simulation: {shape: 64 64}"),
+        ({"afa": {"seed": 1}}, "medium.afa.seed: found an unknown key"),
         (
             {"simulation": {"sampels": 1}},
-            "medium.simulation.sampels: found an unknown key; allowed: shape, seed, samples,"
-            " geometry, boundary, friction_history,",
+            "medium.simulation.sampels: found an unknown key; .* samples",
         ),
         (
             {"simulation": {"samples": 1.0}},
-            "medium.simulation.samples: found 1.0; allowed: a whole number from 1 to 10000.",
+            "medium.simulation.samples: found 1.0; .* from 1 to 10000",
         ),
         (
             {"simulation": {"shape": (16, 16, 1, 1)}},
-            "shape: found [16, 16, 1, 1]; allowed: one to three whole numbers from 1 to"
-            " 20000, one for each period of the",
+            r"shape: found \[16, 16, 1, 1\]; .* from 1 to 20000",
         ),
         (
             {"simulation": 4},
-            "medium.simulation: found 4; allowed: a block of keys: shape, seed, samples,"
-            " geometry, boundary, friction_history,",
+            "medium.simulation: found 4; .* shape, seed, samples",
         ),
         (
             {"ema": {"local_field": None}},
-            "medium.ema.local_field: found nothing; allowed: computed, paper.",
+            "medium.ema.local_field: found nothing; .* computed, paper",
         ),
     ],
 )
 def test_what_is_no_medium(value, told):
-    with pytest.raises(InputError) as error:
+    with pytest.raises(InputError, match=told):
         MediumChoice.parse(value)
-    assert told in str(error.value)
 
 
 def test_what_is_taken_in_place_of_a_cluster_is_a_medium():
@@ -129,7 +124,7 @@ def test_what_is_taken_in_place_of_a_cluster_is_a_medium():
 def test_only_one_of_them_leaves_the_choice_to_the_load():
     for name in MEDIA.keys() - {"auto"}:
         MediumChoice(name).require_fixed("a fit")
-    with pytest.raises(InputError, match="the medium 'auto' cannot be used in a fit"):
+    with pytest.raises(InputError, match=r"'auto' cannot .* a fit"):
         MediumChoice("auto").require_fixed("a fit")
     assert MediumChoice.parse({"auto": {"tolerance": 1e-3}}) == MediumChoice("auto")
     assert MediumChoice.parse({"auto": {"tolerance": 0.02}}).label == "auto(tolerance=0.02)"

@@ -997,7 +997,7 @@ ERRORS = {
     ),
     "scaled": (
         lambda: gp.Crystal([PLAIN], 8.001e-3 * np.eye(2), [[0, 0]]),
-        "Multiply the cell and the positions by 0",
+        "Multiply .* by 0",
     ),
     "pieces": (
         lambda: gp.Crystal([PLAIN] * 2, [[8e-3, 0], [0, 0.05]], [[0.0, 0.0], [0.0, 0.02]]),
@@ -1007,8 +1007,8 @@ ERRORS = {
         lambda: gp.Crystal.on("cubic", [S]),
         "unknown lattice 'cubic'. Use chain, .*zincblende",
     ),
-    "kinds": (lambda: gp.Crystal.on("fcc", [S, A]), "2 kinds of balls do not go on the 1 site"),
-    "sizes": (lambda: gp.Crystal.on("hcp", [S, PLAIN]), "cannot all touch on the hcp lattice"),
+    "kinds": (lambda: gp.Crystal.on("fcc", [S, A]), "2 kinds .* 1 site"),
+    "sizes": (lambda: gp.Crystal.on("hcp", [S, PLAIN]), "cannot all touch .* hcp"),
     "cage": (
         lambda: gp.Crystal.on("NaCl", [S, gp.Ball(STEEL, 3e-3)]),
         "ball B of 0.003 m is too small .* of 0.00789077 m",
@@ -1022,26 +1022,26 @@ ERRORS = {
     "law": (lambda: gp.Crystal.on("chain", [S], law=3.0), "contact law 3.0 has no method force"),
     "motions": (
         lambda: gp.Crystal.on("chain", [S], motions="up"),
-        "has no motions 'up'. It lies on a line",
+        "no motions 'up'.* line",
     ),
     "tension": (lambda: SQUARE.at_pressure(-1.0), "tensile"),
     "zero": (lambda: SQUARE.at_pressure(0.0), "pressure is zero"),
     "no force": (lambda: SQUARE.at_force(0.0), "force is zero"),
-    "open": (lambda: SQUARE.at_strain([1e-4, 1e-4, 0.0]), "all contacts are open under the strain"),
+    "open": (lambda: SQUARE.at_strain([1e-4, 1e-4, 0.0]), "contacts are open .*strain"),
     "deep": (
         lambda: SQUARE.at_pressure(1e12),
-        "presses the balls together by .* diameters. Balls cannot overlap",
+        "balls together by .* diameters.*overlap",
     ),
     "pulled": (lambda: SQUARE.at_stress([1e3, 0.0, 0.0]), "cannot bear the stress"),
     "sheared": (
         lambda: SQUARE.at_stress([-1e3, -1e3, 1.0]),
-        "cannot bear the stress .* Press the crystal from the sides",
+        "cannot bear .* stress .* sides",
     ),
     "skew": (lambda: SQUARE.at_stress([[-1.0, 0.5], [0.0, -1.0]]), "stress is not symmetric"),
     "shape": (lambda: SQUARE.at_stress([-1.0, -1.0]), "stress has the shape"),
     "falls": (
         lambda: SQUARE.at_pressure(1.0, gravity=(0.0, -G)),
-        "gravity acts along y, where crystal 'square' repeats",
+        "gravity .* along y, .*'square' repeats",
     ),
     "no floor": (lambda: SQUARE.cut(1, 3).at_pressure(1.0, gravity=(0.0, -G)), "stands on nothing"),
     "slides": (
@@ -1050,8 +1050,7 @@ ERRORS = {
     ),
     "lifted": (
         lambda: SQUARE.cut(1, 3, ("floor", "free")).at_pressure(0.0, gravity=(0.0, G)),
-        r"cannot bear a pressure of 0 N/m .* along y, away from the floor .* their weight,"
-        r" 7.732 N/m",
+        r"pressure of 0 N/m .* along y, .*floor .*weight, 7.732 N/m",
     ),
     "not lifted": (  # by its weight: nothing holds the balls of an oblique cut from the sides
         lambda: SQUARE.cut((-2, -1), 3, ("free", "floor")).at_pressure(1e6, gravity=(0.0, -G)),
@@ -1059,15 +1058,15 @@ ERRORS = {
     ),
     "lifted down": (
         lambda: SQUARE.cut(1, 3, ("free", "clamped")).at_pressure(1.0, gravity=(0.0, -G)),
-        "along -y, away from the clamped",
+        "along -y, .*clamped",
     ),
     "pulled as hard": (
         lambda: gp.Crystal.on("chain", [PLAIN]).at_stress([5.0]),
-        "A pressure above 5 N from all sides in addition would do",
+        "pressure above 5 N .*sides",
     ),
     "no load": (
         lambda: gp.Phonons(SQUARE),
-        r"has no load. .* Press it, .* crystal.at_force\(...\), in N",
+        r"has no load\. .* crystal.at_force\(...\), in N",
     ),
     "no load of velocities": (lambda: gp.sound_velocities(SQUARE), "has no load"),
     "no load of an exponent": (lambda: gp.local_exponent(SQUARE), "has no load"),
@@ -1086,13 +1085,13 @@ ERRORS = {
     ),
     "no balls": (
         lambda: gp.Crystal(None, [[8e-3]], [[0.0]]),
-        "the balls are None. Give a list of granphon.Ball",
+        "balls are None.* granphon.Ball",
     ),
-    "set": (lambda: gp.Crystal.on("chain", {S, A}), "Give a list of granphon.Ball"),
+    "set": (lambda: gp.Crystal.on("chain", {S, A}), "list of granphon.Ball"),
     "called": (lambda: gp.Crystal.on("chain", [S], name=5), "name: found 5; allowed: a name"),
     "twice": (
         lambda: gp.Crystal([S, S], [[0.0381]], [[0.0], [0.0381]]),
-        "0 m apart, .* Give each site of the cell once",
+        "0 m apart, .* once",
     ),
     "balls of atoms": (lambda: gp.Crystal.from_atoms(Atoms("Na"), S), "Give balls by symbols"),
     "ball of atoms": (lambda: gp.Crystal.from_atoms(Atoms("Na"), {"Na": 5}), "5 is not a ball"),
@@ -1105,7 +1104,7 @@ ERRORS = {
     ),
     "inside out": (
         lambda: SQUARE.at_strain(-1.5 * np.eye(2), finite_overlap=True),
-        "shortens crystal 'square' by 1.5 of its length",
+        "shortens .*'square' by 1.5",
     ),
     "moves aside": (
         lambda: (
@@ -1114,7 +1113,7 @@ ERRORS = {
             .remove(0)
             .at_strain(-1e-5 * np.array([1.0, 1.6, 0.2, -0.2, 0.0, 0.5]))
         ),
-        "all contacts are open under the strain",
+        "contacts are open .*strain",
     ),
     "no face": (
         lambda: gp.Crystal.on("square", [PLAIN]).repeat((2, 1)).cut(1, 3, "floor").remove([0, 1]),
@@ -1127,17 +1126,17 @@ ERRORS = {
     ),
     "wrong third": (
         lambda: gp.Crystal.on("hcp", [PLAIN]).cut((1, 0, 1, 0), 3),
-        "is minus the sum of the first two",
+        "minus the sum",
     ),
     "largest force": (
         lambda: gp.Crystal.on("square", [PLAIN], law=Saturating()).at_force(20.0),
-        "a contact law does not reach the forces under a mean force of 20 N.* about 20 N",
+        "law does not reach .* about 20 N",
     ),
     "moduli apart": (
         lambda: gp.Crystal.on(
             "chain", [PLAIN, PLAIN, gp.Ball(gp.Material(2e-7, 0.3, 8000.0), 8e-3)]
         ).at_pressure(1e-6),
-        "stiffnesses of contacts differ by a factor of .* up to 1e.10",
+        "stiffnesses .* up to 1e.10",
     ),
     "weights apart": (
         lambda: (
@@ -1146,7 +1145,7 @@ ERRORS = {
             .cut((1, 1, 1), 4, ("floor", "free"))
             .at_pressure(3e4, gravity=(0.0, 0.0, -1e-9))
         ),
-        "the forces of the load on balls differ by a factor of .* up to 1e.06",
+        "forces of the load .* up to 1e.06",
     ),
     "vector": (
         lambda: SQUARE.cut(1, 3, "floor").at_pressure(1.0, gravity=-G),
@@ -1154,14 +1153,14 @@ ERRORS = {
     ),
     "axis": (
         lambda: SQUARE.cut(2, 3),
-        "axis is 2. Give the number of a vector of the cell, 0 to 1",
+        "axis is 2.* 0 to 1",
     ),
     "edges": (
         lambda: SQUARE.cut(0, 3, "glued"),
-        "edges: found 'glued'; allowed: free, clamped, floor",
+        "edges: found 'glued'; .* free, clamped, floor",
     ),
     "index": (lambda: SQUARE.replace(1, S), "indices of balls, 0 to 0, each once"),
-    "size": (lambda: SQUARE.replace(0, S), "Its neighbours would overlap or miss it"),
+    "size": (lambda: SQUARE.replace(0, S), "neighbours would overlap"),
     "last": (lambda: SQUARE.remove(0), "no ball is left"),
     "hanging": (
         lambda: gp.Crystal.on("chain", [PLAIN]).repeat((4,)).remove(1),

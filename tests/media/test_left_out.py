@@ -4,6 +4,8 @@ to nothing.
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -120,7 +122,7 @@ def test_a_modulus_that_is_too_small_is_not_valid_and_says_so():
     assert lattice.valid.tolist() == [False, True, True, True, True]
     assert_array_equal(lattice.valid, lattice.shear_deficit <= 0.01)
     (warning,) = gp.validity(lattice).warnings
-    assert "At 1 of 5 loads the simulated shear modulus is too small" in warning
+    assert re.search("1 of 5 loads .*shear modulus", warning)
     assert gp.DirectSimulation(REAL, (8, 8)).at_force(force[::2]).valid.all()
     assert gp.DirectSimulation(REAL, (8, 8)).at_force(force[:1]).shear_deficit is None
 
@@ -156,7 +158,7 @@ def test_check_warns_before_anything_is_simulated_and_tables_mark_it(tmp_path, c
     scene = tmp_path / "scene.yaml"
     scene.write_text(SCENE % ", geometry: lattice")
     assert main(["check", str(scene)]) == 0
-    words = "the simulated shear modulus is too small"
+    words = "shear modulus is too small"
     assert words in " ".join(capsys.readouterr().err.split())
     assert main(["run", str(scene), "-o", str(tmp_path / "out"), "-q", "--no-figures"]) == 0
     assert words in " ".join(capsys.readouterr().err.split())
@@ -214,9 +216,7 @@ def test_from_the_gas_in_the_directions_of_the_lattice_velocities_depend_on_the_
     assert len(warnings) == told
     assert state.valid == (not told)
     if told:
-        assert warnings[0].startswith(
-            "Velocities depend on the numbering of the balls, by some 8 %: loose balls float"
-        )
+        assert re.search("numbering .* 8 %: loose", warnings[0])
 
 
 @pytest.mark.slow

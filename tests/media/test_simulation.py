@@ -10,6 +10,7 @@ import json
 import math
 import os
 import pickle
+import re
 import signal
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, wait
 from contextlib import nullcontext
@@ -894,12 +895,10 @@ def test_a_shear_modulus_that_is_too_small_is_warned_of(steel):
     assert report["shear"].ok.tolist() == [[False, False, False], [False, True, True]]
     (text,) = report.warnings
     worst = value.max()
-    assert text == (
-        f"At 4 of 6 loads the simulated shear modulus is too small, by up to about"
-        f" {100.0 * worst:.2g} %"
-        f" (v_T by {100.0 * (1.0 - math.sqrt(1.0 - worst)):.2g} %):"
-        " contacts of loose balls are left out. Use geometry: exact."
-    )
+    percent = 100.0 * worst
+    percent_of_velocity = 100.0 * (1.0 - math.sqrt(1.0 - worst))
+    numbers = rf"4 of 6 loads .* {percent:.2g} % \(v_T by {percent_of_velocity:.2g} %\)"
+    assert re.search(f"{numbers}.* geometry: exact", text)
     # the limit of no width is reached as (W/d)^0.3
     np.testing.assert_allclose(
         expected(2.04e-9)[1]["shear"].value[0], 1e-3**0.3 * value[0], rtol=1e-12

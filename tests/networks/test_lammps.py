@@ -365,15 +365,15 @@ BAD_DUMPS = {
     "steps": (
         spoil((0, r"TIMESTEP\n\d+", "TIMESTEP\n7")),
         {},
-        "time step 7, and .* Balls and contacts must be of one step",
+        "time step 7, and .* one step",
     ),
     "step": (spoil(), {"step": 3}, "no time step 3. It has .* alone"),
     "units": (spoil((1, r"\A", "ITEM: UNITS\ncgs\n")), {}, "in units si, and .* in others"),
-    "units given": (spoil(), {"units": "cgs"}, "its units are si, and units='cgs' is given"),
+    "units given": (spoil(), {"units": "cgs"}, "units are si, and units='cgs'"),
     "unknown units": (
         spoil(),
         {"units": "feet"},
-        "units: found 'feet'; allowed: si, cgs, micro, nano",
+        "units: found 'feet'; .* si, cgs, micro, nano",
     ),
     "ids": (
         spoil((1, "ENTRIES i j", "ENTRIES a b")),
@@ -397,22 +397,22 @@ BAD_DUMPS = {
     "swapped": (
         lambda name, folder: dumps(name)[::-1],
         {},
-        "is a dump of entries, and a dump of atoms",
+        "dump of entries, .* dump of atoms",
     ),
     "cut off": (
         spoil((1, r"\n[^\n]*\n\Z", "\n")),
         {},
-        "ends before its 64 entries do: 63 are there",
+        "64 entries .* 63 are there",
     ),
     "too few rows said": (
         spoil((1, r"(NUMBER OF ENTRIES\n)\d+", r"\g<1>60")),
         {"step": 3456},
-        r"pairs.dump:\d+: a row follows the 60 entries",
+        r"pairs.dump:\d+: .*row .* 60 entries",
     ),
     "number of rows": (
         spoil((1, r"ITEM: NUMBER OF ENTRIES\n\d+\n", "")),
         {},
-        r"pairs.dump:\d+: the number of entries is not given",
+        r"pairs.dump:\d+: the number of entries",
     ),
     "cell": (
         spoil((1, r"(ITEM: ENTRIES.*\n\d+ \d+) \S+", r"\1 much")),
@@ -427,13 +427,13 @@ BAD_DUMPS = {
     "ball": (
         spoil((1, r"(ITEM: ENTRIES.*\n)\d+", r"\g<1>99")),
         {},
-        "1 of 64 .* not among those of .* balls 99 and .* in line 10",
+        "1 of 64 .* balls 99 and .* in line 10",
     ),
     "part": (spoil((1, r"(ITEM: ENTRIES.*\n)\d+", r"\g<1>1.5")), {}, "1.5 where a whole number"),
     "twice": (
         spoil((0, r"^2 ", "1 ")),
         {},
-        "2 of 30 .* another ball has too: ball 1 in line 12; ball 1",
+        "2 of 30 .*another ball.* ball 1 in line 12; ball 1",
     ),
     "tension": (
         spoil((1, r"(ITEM: ENTRIES.*\n\d+ \d+ )", r"\1-")),
@@ -443,16 +443,16 @@ BAD_DUMPS = {
     "vector": (
         spoil((1, r"(ITEM: ENTRIES.*\n\d+ \d+ \S+ )\S+", r"\g<1>0.1")),
         {},
-        "a vector that does not lead from ball to ball",
+        "a vector .* from ball to ball",
     ),
     "boxes": (spoil((1, r"(BOUNDS.*\n\S+ )\S+", r"\g<1>0.1")), {}, "different boxes"),
-    "box": (spoil((0, r"(BOUNDS.*\n)\S+", r"\g<1>wide")), {}, "bounds of the box cannot be read"),
+    "box": (spoil((0, r"(BOUNDS.*\n)\S+", r"\g<1>wide")), {}, "bounds of the box"),
     "exchanged box": (
         spoil(
             (0, r"(BOUNDS.*\n)(\S+) (\S+)", r"\1\3 \2"), (1, r"(BOUNDS.*\n)(\S+) (\S+)", r"\1\3 \2")
         ),
         {},
-        r"atoms.dump:\d+: the box has the length -0\.\d+ along x. Its lower bound must be below",
+        r"atoms.dump:\d+: the box .* -0\.\d+ along x.* lower bound",
     ),
     "flat box": (
         spoil(
@@ -460,22 +460,22 @@ BAD_DUMPS = {
             (1, r"(BOUNDS.*\n.*\n)(\S+) \S+", r"\1\2 \2"),
         ),
         {},
-        r"atoms.dump:\d+: the box has the length 0 along y",
+        r"atoms.dump:\d+: the box .* 0 along y",
     ),
     "many digits": (
         spoil((0, r"(NUMBER OF ATOMS\n)\d+", r"\g<1>" + "9" * 5000)),
         {},
-        "found '999.*, where a whole number of at most 19",
+        "found '999.*whole number of at most 19",
     ),
     "time of many digits": (
         spoil((1, r"TIMESTEP\n\d+", "TIMESTEP\n" + "1" * 5000)),
         {},
-        "where a whole number of at most",
+        "whole number of at most",
     ),
     "other digits": (
         spoil((0, r"(NUMBER OF ATOMS\n)\d+", "\\1\u0663\u0660")),
         {},
-        "where a whole number is needed",
+        "whole number",
     ),
     "columns of a number": (spoil(), {"columns": 5}, "columns are 5, and .* has 6: i, j, force"),
     "columns of numbers": (spoil(), {"columns": [1, 2, 3, 4, 5, 6]}, "columns are .1, 2, 3"),
@@ -492,7 +492,7 @@ BAD_DUMPS = {
     "arabic box": (
         spoil((0, r"(BOUNDS.*\n)\S+", "\\1-\u0661")),
         {},
-        "bounds of the box cannot be read",
+        "bounds of the box",
     ),
     "escape": (
         spoil((0, "radius", "\x1b[2Jradius")),
@@ -526,11 +526,11 @@ BAD_DUMPS = {
         "where a line 'ITEM: ...' is needed",
     ),
     "no file": (lambda name, folder: (folder / "no.dump", dumps(name)[1]), {}, "no such file"),
-    "material": (spoil(), {"material": "steel"}, "the material is 'steel'. Give a gp.Material"),
+    "material": (spoil(), {"material": "steel"}, "material is 'steel'.* gp.Material"),
     "no material": (
         spoil(),
         {"material": None},
-        "no normal_stiffness, shear_stiffness, and no material is given",
+        "no normal_stiffness, shear_stiffness, .*material",
     ),
     "far": (
         spoil((0, r"^2 \S+", "2 0.00444")),
@@ -540,7 +540,7 @@ BAD_DUMPS = {
     "dimension": (
         spoil((0, r"^(2 \S+ \S+) 0", r"\1 1e-4")),
         {"dimension": 2},
-        "a vector that does not lead from ball to ball",
+        "a vector .* from ball to ball",
     ),
 }
 

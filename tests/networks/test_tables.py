@@ -426,7 +426,7 @@ BAD_TABLES = {
     "a column": (
         lambda b, c: b.pop("radius"),
         {},
-        "no column 'radius'. Its columns are .* columns={'radius': 'NAME'}",
+        "no column 'radius'.* columns={'radius': 'NAME'}",
     ),
     "ends": (lambda b, c: c.pop("j"), {}, "no column 'j'"),
     "no places": (lambda b, c: [b.pop(name) for name in "xyz"], {}, "no column 'x'"),
@@ -441,25 +441,25 @@ BAD_TABLES = {
     "table": (
         lambda b, c: b.update(radius=np.ones((36, 2))),
         {},
-        "radius of the table of balls has the shape",
+        "radius of the table .* shape",
     ),
-    "texts": (lambda b, c: b.update(radius=["a"] * 36), {}, "radius of the table of balls: found"),
+    "texts": (lambda b, c: b.update(radius=["a"] * 36), {}, "radius of the table .*: found"),
     "ball": (
         lambda b, c: c.update(i=c["i"] + 100),
         {},
-        "125 of 125 .* not among those of the table of balls: balls 123 and",
+        "125 of 125 .* table of balls: balls 123 and",
     ),
     "part of a ball": (lambda b, c: c.update(i=c["i"] + 0.5), {}, "where a whole number is needed"),
-    "ids": (lambda b, c: b.update(id=[1] * 36), {}, "36 with an id that another ball has"),
+    "ids": (lambda b, c: b.update(id=[1] * 36), {}, "36 with an id"),
     "tension": (
         lambda b, c: c.update(normal_force=-c["normal_force"]),
         {},
-        "125 with a force that pulls: balls .*-4.* Forces that",
+        "125 with .*pulls: balls .*-4",
     ),
     "nan": (
         lambda b, c: c.update(normal_force=np.nan * c["normal_force"]),
         {},
-        "125 with a normal_force that is not finite.*nan",
+        "125 with a normal_force .*finite.*nan",
     ),
     "misspelled": (
         lambda b, c: c.update(shear_stifness=np.ones(125)),
@@ -474,7 +474,7 @@ BAD_TABLES = {
     "stiffness": (
         lambda b, c: b.update(mass=np.ones(36)),
         {"material": None},
-        "no normal_stiffness, shear_stiffness, and no material",
+        "no normal_stiffness, shear_stiffness, .*material",
     ),
     "shear": (
         lambda b, c: (b.update(mass=np.ones(36)), c.update(normal_stiffness=np.ones(125))),
@@ -484,26 +484,26 @@ BAD_TABLES = {
     "no cell": (
         None,
         {"cell": None},
-        "not near each other.* Compare the cell",
+        "near each other.* the cell",
     ),
     "small cell": (
         None,
         {"cell": [1e-3] * 3},
-        "more than one place|not near each other",
+        "one place|near each other",
     ),
     "flat cell": (None, {"cell": [[1.0, 0, 0], [1.0, 0, 0]]}, "not independent"),
     "cell": (None, {"cell": [[1.0]] * 3}, "the cell has the shape"),
     "pbc": (None, {"cell": None, "pbc": [True]}, "pbc is"),
-    "dimension": (None, {"dimension": 2}, "(leaves the plane|not both in the plane|not near)"),
+    "dimension": (None, {"dimension": 2}, "(leaves|both in) the plane|not near"),
     "unit": (
         lambda b, c: b.update({"radius (mm)": b.pop("radius")}),
         {"columns": {"radius": "radius (mm)"}},
-        "the column 'radius .mm.' is in mm, and arrays are in SI. Convert it",
+        "'radius .mm.' is in mm.* SI",
     ),
     "columns": (
         None,
         {"columns": {"radios": "R"}},
-        "'radios' is not a column.* Did you mean 'radius'",
+        "'radios' .* column.*'radius'",
     ),
     "motions": (None, {"motions": "in_plane"}, "no motions 'in_plane'"),
     "held": (None, {"held_by": 1.5}, "held_by"),
@@ -529,20 +529,20 @@ def test_tables_that_make_no_network(name):
 
 
 BAD_FILES = {
-    "unit": ("x,y (mm),radius (mm)", "the column 'x' has no unit. Write the heading 'x \\(m\\)'"),
+    "unit": ("x,y (mm),radius (mm)", "'x' has no unit.*'x \\(m\\)'"),
     "mixed": (
         "x (mm),y (m),radius (mm)",
-        "coordinates in different units: x \\(mm\\), y \\(m\\). Use one unit",
+        "different units: x \\(mm\\), y \\(m\\)",
     ),
     "kind": ("x (mm),y (mm),radius (N)", "not a unit of length"),
-    "needless unit": ("x (mm),y (mm),radius (mm),id (m)", "'id' has the unit 'm', and needs none"),
+    "needless unit": ("x (mm),y (mm),radius (mm),id (m)", "'id' has the unit 'm'"),
     "missing": (
         "x (mm),y (mm),size (mm)",
-        "no column 'radius'. Its columns are x \\(mm\\), y \\(mm\\), size \\(mm\\)",
+        "no column 'radius'.* x \\(mm\\), y \\(mm\\), size \\(mm\\)",
     ),
     "escape": (
         "x (mm),y (mm),\x1b[2Jsize (mm)",
-        r"no column 'radius'. Its columns are .*, \\x1b\[2Jsize \(mm\)",
+        r"no column 'radius'.*, \\x1b\[2Jsize \(mm\)",
     ),
     "inertia": ("x (mm),y (mm),radius (mm),inertia (kg)", "not a unit of moment of inertia"),
 }
@@ -735,7 +735,7 @@ def test_kinds_of_balls_are_names_or_numbers_of_a_column():
         is None
     )
     for kinds, said in (
-        (["7"], "kinds of the ContactNetwork has the shape"),
+        (["7"], "kinds of the ContactNetwork .* shape"),
         (["7", "=1+1", "7"], "the name of a kind"),
     ):
         with pytest.raises(InputError, match=said):

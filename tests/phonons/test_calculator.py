@@ -840,12 +840,12 @@ def test_balls_of_another_dimension():
     refused(
         gp.HertzMindlin(fcc),
         gp.atoms(flat),
-        r"rotations has the shape \(1,\).*about x, y and z.*Give \(1, 3\)",
+        r"rotations .* \(1,\).*x, y and z.*\(1, 3\)",
     )
     refused(
         gp.HertzMindlin(flat),
         gp.atoms(fcc),
-        r"rotations has the shape \(1, 3\).*about z only.*Give \(1,\)",
+        r"rotations .* \(1, 3\).* z only.*\(1,\)",
     )
     refused(gp.HertzMindlin(bent), gp.atoms(flat), r"rotations has the shape \(1,\)")
     refused(gp.HertzMindlin(bent), gp.atoms(fcc), "tilted out of the plane")
@@ -885,7 +885,7 @@ def test_contacts_of_fixed_direction_are_not_turned(name, axis):
     refused(
         calc,
         balls,
-        r"contacts are turned against the lattice of the state, by (4\.9\d?|5) degrees on average",
+        r"turned .* by (4\.9\d?|5) degrees",
     )
 
 

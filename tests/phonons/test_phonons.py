@@ -192,7 +192,7 @@ def test_a_buckled_state_is_an_error():
 def test_q_points_that_cannot_be(q):
     with pytest.raises(
         InputError,
-        match=r"\(n, 2\) or \(n, 3\) fractions|a q point is not finite|leaves the plane|a real number",
+        match=r"\(n, 2\) or \(n, 3\)|not finite|leaves the plane|a real number",
     ):
         gp.Phonons(at_overlap()).frequencies(q)
 
@@ -399,7 +399,7 @@ BAD = {
     "mesh of a plane for a chain": (
         "chain",
         lambda ph: ph.dos((8, 8)),
-        r"second number is 8.*and two ones.*one row",
+        r"second number is 8.*one row",
     ),
     "dim of two numbers in space": (
         "fcc",

@@ -494,11 +494,9 @@ def test_a_square_lattice_twin_of_a_held_ribbon():
 def test_a_sample_with_loose_balls_says_how_to_leave_them_out():
     packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, spread=gp.Uniform(2e-6))
     network = gp.DirectSimulation(packing, shape=(6, 6), seed=0).at_force(0.2).sample.network
-    said = (
-        r"falls into pieces that do not touch: clusters, .* Of its balls 1 in each cell carry no"
-        r" load.*without_rattlers"
-    )
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(
+        InputError, match=r"pieces .*clusters, .* 1 in each cell .*without_rattlers"
+    ):
         gp.Surface(network, 1)
     assert gp.Surface(network.without_rattlers(), 1).half_space is not None
 

@@ -77,7 +77,7 @@ def test_a_load_is_told_as_the_user_wrote_it():
         "diameter: 1 mm", "diameter: 1 mm, spread: {uniform: 4 um}"
     )
     _, (text, *_) = list_warnings(alone + "\nmedium: ala\n")
-    assert re.search(r"4 of the 5 contact forces .* \(side_force 3 N to ", text)
+    assert re.search(r"4 of the 5 .* \(side_force 3 N to ", text)
 
 
 def test_the_check_of_a_scene_tells_the_same(tmp_path, capsys):

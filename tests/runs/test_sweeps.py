@@ -372,8 +372,8 @@ def test_a_lattice_without_a_pressure_has_none(rough):
     assert ds["lattice"].values.tolist() == ["chained", "square"]
     assert np.isnan(ds["pressure"].sel(lattice="chained")).all()
     same(ds["pressure"].sel(lattice="square").item(), 5.0 / 8e-3)
-    told = "lattice chained: pressure is nan, as the stress of the lattice is not one"
-    assert told in json.loads(ds.attrs["warnings"])
+    warnings = json.loads(ds.attrs["warnings"])
+    assert any(text.startswith("lattice chained: pressure is nan") for text in warnings)
     assert "pressure" not in sweep(rough, force=5.0, lattice=CHAINED)
     with pytest.raises(InputError, match="is not a pressure"):
         sweep(rough, pressure=500.0, lattice=CHAINED)

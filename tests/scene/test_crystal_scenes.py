@@ -155,7 +155,7 @@ def test_the_paths_that_an_error_names_are_taken(lattice):
     with pytest.raises(SceneError) as caught:
         read(f"lattice: {lattice}", rest="phonopy: {band: 0 0 0}")
     told = re.search(
-        r"letters of special points, such as (.+), or points .* such as '(.*)'; a comma",
+        r"letters .*such as (.+), or points .* such as '(.*)'; a comma",
         str(caught.value),
     )
     for band in told.groups():
@@ -266,9 +266,7 @@ def test_a_warning_of_many_cases_of_a_sweep_is_said_once(steel):
     packing = gp.Packing(steel, 8e-3, lattice="fcc", torsion="mindlin")
     data = gp.sweep(packing, pressure=[1e5, 1e6], lattice=["fcc", "bcc"], media=("ala", "afa"))
     (told,) = json.loads(data.attrs["warnings"])
-    assert told.startswith(
-        "At all 8 states overlap over diameter is up to 414.4 % of the torsion of a contact"
-    )
+    assert re.search("all 8 states .* 414.4 % of the torsion", told)
 
 
 def test_many_directions_of_a_scene(tmp_path):
@@ -648,11 +646,11 @@ def test_a_tensor_stands_for_the_shear_modulus_where_one_lattice_is_not_isotropi
     [
         (
             {"friction": False, "lattice": ["fcc", "diamond"]},
-            r"^ala, lattice = diamond: the lattice diamond is a mechanism",
+            r"^ala, lattice = diamond: .*mechanism",
         ),
         (
             {"lattice": ["triangular"], "motions": ["in_plane", "all"], "finite_overlap": True},
-            "^ala, lattice = triangular, motions = all: the lattice triangular buckles",
+            "^ala, lattice = triangular, motions = all: .*buckles",
         ),
     ],
 )
@@ -839,10 +837,7 @@ def test_a_fit_takes_the_direction_of_its_scene(tmp_path, monkeypatch, capsys, s
     code, out, err = fit("")
     assert code == 0
     assert "direction             (0, 0, 1)" in out
-    assert (
-        "sound in the lattice hcp depends on the direction, and none is given: the fit takes"
-        " (0, 0, 1)" in err
-    )
+    assert re.search(r"hcp depends on the direction, .* \(0, 0, 1\)", err)
     code, _, err = fit("direction: [[1, 0, 0], [0, 0, 1]]")
     assert code == 2
     assert "s.yaml has 2 directions" in err

@@ -831,7 +831,7 @@ def test_a_record_that_is_cut_has_no_time_of_flight():
     assert whole.velocity == pytest.approx(np.sqrt(1.0 - 0.25**2) * D * OMEGA, rel=1e-3)
     for part in (0.3, 0.6, 0.8, 0.95):  # a ripple of the cut envelope is no arrival
         cut = gp.Waves(chain(200)).transmit(0.5 * HERTZ, (1,), 40.0 * D, 5, duration=part * last)
-        require_unknown(cut, "the record ends before the pulse is over")
+        require_unknown(cut, "ends before the pulse")
         assert np.isnan(cut.arrivals()).all()
     held = gp.Waves(chain(200)).transmit(0.5 * HERTZ, (1,), 40.0 * D, 5, duration=1.02 * last)
     assert held.velocity == pytest.approx(whole.velocity, rel=1e-4)
@@ -1075,9 +1075,7 @@ def test_waves_say_in_a_line_what_they_are():
 def test_error_of_planes_names_the_lengths_of_the_cell():
     # along [1, 1, 0] the vectors of 6 x 6 x 8 cells go 3, 3 and 8 diameters far: planes meet
     # themselves after one
-    with pytest.raises(
-        InputError, match=r"The cell is 0\.024 and 0\.024 and 0\.064 m long along it"
-    ):
+    with pytest.raises(InputError, match=r"0\.024 and 0\.024 and 0\.064 m long"):
         gp.Waves(ideal("fcc", (6, 6, 8))).transmit(HERTZ, (1, 1, 0), 3 * D)
 
 
