@@ -28,6 +28,8 @@ ROTATION = "rotation"
 #: these axes, N m
 DISPLACEMENTS = ("x", "y", "z")
 ROTATIONS = tuple(f"{ROTATION}_{axis}" for axis in DISPLACEMENTS)
+#: name of the stiffnesses of springs to the ground
+ON_SITE = "on_site"
 #: part of a stiffness that couples two motions, over the largest, that is put down to rounding
 _COUPLED = 1e-9
 
@@ -108,6 +110,34 @@ def _read_springs(value: Any, motions: Motions) -> list[float]:
 def find_unit(name: str) -> str:
     """Return the SI unit of the stiffness of the spring of a ``name``."""
     return "N m" if name.startswith(ROTATION) else "N/m"
+
+
+#: the parameters of springs to the ground that a sweep varies, and their SI units: one stiffness of
+#: all displacements, and those of single motions
+SPRING_PARAMETERS = {ON_SITE: "N/m"} | {
+    f"{ON_SITE}.{name}": find_unit(name) for name in (*DISPLACEMENTS, ROTATION, *ROTATIONS)
+}
+
+
+def list_spring_parameters(motions: Motions) -> list[str]:
+    """Return those of :data:`SPRING_PARAMETERS` that balls of these ``motions`` have."""
+    names = [*name_springs(motions), *([ROTATION] if motions.rotations else [])]
+    return [ON_SITE, *(f"{ON_SITE}.{name}" for name in names)]
+
+
+def change_springs(
+    on_site: Array | None, changes: Mapping[str, float], motions: Motions, n: int
+) -> Array:
+    """Return the stiffnesses (n, motions) of the springs of n balls, of which some are changed:
+    those that a name of :data:`SPRING_PARAMETERS` stands for, of all balls.
+    """
+    springs = np.zeros((n, motions.count)) if on_site is None else on_site.copy()
+    names = name_springs(motions)
+    for parameter, stiffness in changes.items():
+        _, _, changed = parameter.partition(".")
+        group = {"": DISPLACEMENTS, ROTATION: ROTATIONS}.get(changed, (changed,))
+        springs[:, [name in group for name in names]] = stiffness
+    return springs
 
 
 def turn_on_site(on_site: Array | None, turn: Array, motions: Motions) -> Array | None:

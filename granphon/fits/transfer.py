@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls import hertz
+from granphon.balls.packing import LOSSES
 from granphon.base.arrays import ROUNDED, Array
 from granphon.base.errors import InputError
 from granphon.base.quantities import FREQUENCY, Quantity
@@ -30,7 +31,6 @@ from granphon.base.text import list_names, suggest
 from granphon.base.validation import Low, finite_list, positive, texts
 from granphon.dynamics.damping import (
     LEAST_RESTITUTION,
-    LOSSES,
     SMALL_LOSS,
     Losses,
     find_reduced_masses,

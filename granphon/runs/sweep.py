@@ -33,7 +33,16 @@ from granphon.runs.dataset import (
 from granphon.runs.plan import Plan
 from granphon.runs.store import Store
 from granphon.runs.tasks import Grid, Request, require_arrays
-from granphon.waves.settings import PulseSettings, SpectrumSettings, WaveSettings
+from granphon.waves.settings import (
+    NETWORK_BLOCKS,
+    ModesSettings,
+    MotionSettings,
+    PulseSettings,
+    ResponseSettings,
+    SpectrumSettings,
+    WaveSettings,
+    require_losses,
+)
 
 Array = NDArray[Any]
 
@@ -56,6 +65,9 @@ def sweep(
     dos: bool = False,
     spectrum: SpectrumSettings | Mapping[str, Any] | None = None,
     pulse: PulseSettings | Mapping[str, Any] | None = None,
+    response: ResponseSettings | Mapping[str, Any] | None = None,
+    motion: MotionSettings | Mapping[str, Any] | None = None,
+    modes: ModesSettings | Mapping[str, Any] | None = None,
     executor: Executor | None = None,
     progress: Progress = silent,
     path: str | os.PathLike[str] | None = None,
@@ -96,6 +108,9 @@ def sweep(
         default that of the lattice, of a mapping say; and a pulse along the direction, with the
         keys ``frequency`` (Hz), ``distance`` (m), ``cycles``, ``polarisation``, ``source``,
         ``ends``, ``damping`` (s).
+    response, motion, modes : what to find of the network of each state, with the keys that
+        :class:`~granphon.ResponseSettings`, :class:`~granphon.MotionSettings` and
+        :class:`~granphon.ModesSettings` have, in SI units.
     executor : any executor with the interface of :class:`concurrent.futures.Executor`, for work
         side by side; the numbers do not depend on it.
     progress : is told how many steps are done. A step is a medium at one combination of parameters,
@@ -110,7 +125,11 @@ def sweep(
         used; the caller clears it.
     **parameters : values of any of :data:`~granphon.balls.packing.PARAMETERS`; of a crystal those
         of its kinds, as {"A.young_modulus": [...]}, any of
-        :data:`~granphon.balls.packing.KIND_PARAMETERS` but the diameter. A ``width`` (W, m) scales
+        :data:`~granphon.balls.packing.KIND_PARAMETERS` but the diameter, of its walls,
+        {"wall.young_modulus": [...]}, and of springs to the ground, ``on_site`` of all
+        displacements, N/m, {"on_site.rotation": [...]}, N m, and the like. The losses ``damping``,
+        s, ``loss_factor``, ``drag``, 1/s, ``dashpot``, N s/m, and ``restitution`` stand for those
+        of the response, motion and pulse. A ``width`` (W, m) scales
         the spread and keeps its shape, which is uniform if the packing has no spread; a
         ``diameter`` leaves the spread as it is. Lattices must have the same number of periods.
 
@@ -174,7 +193,10 @@ def sweep(
         require_finite_overlap(choices)
     directions = None if direction is None else _read_directions(direction, lattice)
 
-    waves = _read_waves(dos, spectrum, pulse, directions, lattice)
+    networks = {"response": response, "motion": motion, "modes": modes}
+    waves = _read_waves(dos, spectrum, pulse, networks, directions, lattice)
+    of_waves = [] if waves is None else [waves.pulse, *waves.of_networks]
+    require_losses(parameters, of_waves)
     path_of_bands = None if bands is None else (bands, npoints, labels)
     of_zone = {
         "bands": bands is not None,
@@ -182,8 +204,8 @@ def sweep(
         "cutoffs": require("cutoffs", truth, cutoffs),
     }
     observe = ["velocities", *(name for name, is_requested in of_zone.items() if is_requested)]
-    if waves is not None:
-        observe += waves.names
+    of_arrays: Sequence[str] = () if waves is None else waves.names
+    observe += [*of_arrays, *(name for name, settings in networks.items() if settings is not None)]
     request = Request(
         finite_overlap=finite_overlap,
         path=path_of_bands,
@@ -191,12 +213,12 @@ def sweep(
         waves=waves,
         gaps=of_zone["gaps"],
         cutoffs=of_zone["cutoffs"],
-        sound=not any(of_zone.values()),  # a mechanism has bands too, though no sound
+        # a mechanism has bands and motions too, though no sound
+        sound=observe == ["velocities", *of_arrays],
         observe=tuple(observe),
     )
     grid = Grid(packing, axes, choices, load, request)
-    if waves is not None:
-        require_arrays(choices, parameters, waves.names)
+    require_arrays(choices, parameters, of_arrays)
     return Plan(grid).sweep(
         progress,
         executor,
@@ -259,11 +281,13 @@ def _read_waves(
     dos: bool,
     spectrum: SpectrumSettings | Mapping[str, Any] | None,
     pulse: PulseSettings | Mapping[str, Any] | None,
+    networks: Mapping[str, Any],
     directions: tuple[Any, ...] | None,
     lattice: Lattice,
 ) -> WaveSettings | None:
-    """Return the settings of the waves in each sample; None if none are requested. InputError for a
-    pulse along several ``directions``.
+    """Return the settings of the waves in each sample, and in the network of each state, which
+    ``networks`` has by block; None if none are requested. InputError for a pulse along several
+    ``directions``.
     """
     with_dos = require("dos", truth, dos)
     spectrum_settings, corners, names = _read_spectrum(spectrum, lattice)
@@ -272,8 +296,12 @@ def _read_waves(
     has_several = isinstance(directions[0], tuple) if directions else False
     if pulse_settings is not None and has_several:
         raise InputError("a pulse is asked for in several directions", mend="Give one direction")
-    has_waves = with_dos or spectrum_settings is not None or pulse_settings is not None
-    if not has_waves:
+    of_networks = tuple(
+        require(name, partial(read_block, NETWORK_BLOCKS[name], context=IN_PYTHON), settings)
+        for name, settings in networks.items()
+        if settings is not None
+    )
+    if not (with_dos or spectrum_settings or pulse_settings or of_networks):
         return None
     pulse_direction = None if pulse_settings is None else directions
     return WaveSettings(
@@ -283,6 +311,7 @@ def _read_waves(
         labels=names,
         pulse=pulse_settings,
         direction=pulse_direction,
+        of_networks=of_networks,
     )
 
 

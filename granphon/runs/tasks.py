@@ -34,7 +34,13 @@ from granphon.array.sample import Sample
 from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
-from granphon.balls.packing import Axis, combine, describe_combination
+from granphon.balls.packing import (
+    Axis,
+    change_packing,
+    combine,
+    describe_combination,
+    split_losses,
+)
 from granphon.base.errors import ConvergenceError, GranphonError, InputError, MechanismError
 from granphon.base.registry import list_added
 from granphon.base.results import plain, read_only
@@ -151,6 +157,11 @@ class Request:
     sound: bool = True
     whole: bool = False
     observe: tuple[str, ...] = ("velocities",)
+
+    def with_losses(self, losses: Mapping[str, float]) -> Request:
+        """Return the request with other ``losses``, by name, in all settings that have them."""
+        waves = self.waves and self.waves.with_losses(losses)
+        return replace(self, waves=waves, bands=self.bands and self.bands.with_losses(losses))
 
     def find_path(self, structure: Lattice) -> tuple[Array, tuple[str, ...]] | None:
         """Find the points along the path of the bands, (s, p, 3), and the labels of its corners;
@@ -342,10 +353,16 @@ class Grid:
         impossible packing.
         """
         return tuple(
-            Case(values, packing, medium, self.load, self.request, self.written)
-            for values, packing in combine(self.packing, self.axes, self.written.units)
+            Case(values, packing, medium, self.load, request, self.written)
+            for values, (packing, request) in combine(self.change, self.axes, self.written.units)
             for medium in self.media
         )
+
+    def change(self, values: Mapping[str, Any]) -> tuple[Balls, Request]:
+        """Return the packing and the request with other ``values`` of parameters, by name."""
+        losses, of_balls = split_losses(values)
+        request = self.request.with_losses(losses) if losses else self.request
+        return change_packing(self.packing, of_balls), request
 
 
 def require_arrays(

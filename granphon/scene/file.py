@@ -280,7 +280,7 @@ def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
         packing["finite_overlap"] = settings.pop("finite_overlap")
     arrangement = _make_arrangement(document, crystal_values["balls"], settings)
     packing["arrangement"] = arrangement
-    context = Context(arrangement.structure, kinds=arrangement.kind_names, folder=folder)
+    context = Context(arrangement.structure, parameters=arrangement.parameters, folder=folder)
     # spectrum and pulse are of arrays, which packings have
     unused = (*_CRYSTAL_BLOCKS, *_NEEDED_BLOCKS[:2], "spectrum", "pulse")
     readers = {
@@ -339,7 +339,7 @@ def _read_block(name: str, value: Any, context: Context) -> Any:
         return {}  # every key below the name of the block is commented out
     if name == "load" and isinstance(value, dict):
         # a value of another type is refused below, with the keys that are allowed
-        _require_one_load(value, of_crystal=bool(context.kinds))
+        _require_one_load(value, of_crystal=bool(context.parameters))
     readers = {key: declared.kind.rule(context) for key, declared in settings.items()}
     needed_keys = [key for key, declared in settings.items() if declared.default == NEEDED]
     if name != "packing" or not _has_measured_spread(value):

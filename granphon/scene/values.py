@@ -42,6 +42,7 @@ from granphon.waves.settings import (
     SpectrumSettings,
     SurfaceSettings,
     WaveSettings,
+    require_losses,
 )
 
 #: the settings of a spectrum by default
@@ -123,7 +124,7 @@ class SceneValues:
         # media of another type are refused below
         if isinstance(cast("object", self.media), tuple | list) and not self.media:
             assign("media", default_medium(self.packing, self.balls_differ))
-        context = Context(lattice, written=False, kinds=self.packing.kind_names)
+        context = Context(lattice, written=False)
         for name, declared in _CHECKED.items():
             value = getattr(self, name)
             if value is not None:
@@ -430,6 +431,8 @@ class SceneValues:
         first_waves = waves[0] if waves else ""
         with rules.refusing(first_waves, allowed_waves, "observe"):
             require_arrays(self.media, dict(self.parameters), waves)
+        with rules.refusing("sweep", "parameters of what is observed", "sweep"):
+            require_losses(dict(self.parameters), [*map(self.observed_settings, WAVE_BLOCKS)])
         for conflict in self._list_conflicts():
             if conflict.name in self.observe and conflict.holds:
                 found = f"{conflict.name!r} {conflict.problem}"
