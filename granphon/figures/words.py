@@ -124,7 +124,7 @@ def describe_parameter(name: str, value: Any) -> tuple[str, str]:
     """
     if name in SPRING_PARAMETERS:
         motion = name.partition(".")[2]
-        text = f"k = {write_value(float(value), SPRING_PARAMETERS[name])} to the ground"
+        text = f"on site {write_value(float(value), SPRING_PARAMETERS[name])}"
         return name, f"{text}, {spell(motion)}" if motion else text
     kind, _, parameter = name.rpartition(".")
     if kind:

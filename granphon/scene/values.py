@@ -240,7 +240,8 @@ class SceneValues:
             media.append("the same for equal balls")
         load_unit = find_load_unit(load.kind, structure.periods, structure.pressed_axes)
         sweeps = [
-            (f"sweep of {spell(name)}", values, find_unit(name) or "")
+            # a name with a point is a key of the file
+            ("sweep of " + (name if "." in name else spell(name)), values, find_unit(name) or "")
             for name, values in self.parameters
         ]
         directions = [

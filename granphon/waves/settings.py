@@ -321,28 +321,28 @@ class LossSettings(Block, kw_only=True):
         _of_both_motions(LOSS_KINDS["damping"]),
         "viscosity of a contact over its stiffness; of normal and of other motion in a list",
         default=0.0,
-        title="damping of contacts",
+        title="damping of contacts in the {block}",
     )
     drag: float | tuple[float, float] | None = setting(
         _of_both_motions(LOSS_KINDS["drag"], "of displacements, and of rotations"),
         "rate at which balls slow down by themselves; of displacements and of rotations in a list",
         default=None,
         absent="none",
-        title="drag of balls",
+        title="drag of balls in the {block}",
     )
     dashpot: float | tuple[float, float] | None = setting(
         _of_both_motions(LOSS_KINDS["dashpot"]),
         "viscosity of a contact, whatever its stiffness; of normal motion and of slip in a list",
         default=None,
         absent="none",
-        title="dashpot of contacts",
+        title="dashpot of contacts in the {block}",
     )
     restitution: float | None = setting(
         LOSS_KINDS["restitution"],
         "velocity after a collision over that before, whose dashpot each contact has; up to 1",
         default=None,
         absent="none",
-        title="restitution of contacts",
+        title="restitution of contacts in the {block}",
     )
 
     @property
@@ -374,7 +374,7 @@ class LinearLossSettings(LossSettings, kw_only=True):
         _of_both_motions(LOSS_KINDS["loss_factor"]),
         "loss factor of a contact; of normal and of other motion in a list",
         default=0.0,
-        title="loss factor of contacts",
+        title="loss factor of contacts in the {block}",
     )
 
 
