@@ -446,12 +446,6 @@ def find_unit(name: str) -> str | None:
     return KIND_PARAMETERS[name.rpartition(".")[2]]
 
 
-def split_losses(values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return those of the ``values`` of parameters that are losses, and those of balls."""
-    losses = {name: value for name, value in values.items() if name in LOSSES}
-    return losses, {name: value for name, value in values.items() if name not in LOSSES}
-
-
 @dataclass(frozen=True)
 class Axis:
     """One parameter of a packing and the values that it takes; made by :meth:`of`."""

@@ -35,11 +35,11 @@ from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import (
+    LOSSES,
     Axis,
     change_packing,
     combine,
     describe_combination,
-    split_losses,
 )
 from granphon.base.errors import ConvergenceError, GranphonError, InputError, MechanismError
 from granphon.base.registry import list_added
@@ -360,7 +360,8 @@ class Grid:
 
     def change(self, values: Mapping[str, Any]) -> tuple[Balls, Request]:
         """Return the packing and the request with other ``values`` of parameters, by name."""
-        losses, of_balls = split_losses(values)
+        losses = {name: value for name, value in values.items() if name in LOSSES}
+        of_balls = {name: value for name, value in values.items() if name not in LOSSES}
         request = self.request.with_losses(losses) if losses else self.request
         return change_packing(self.packing, of_balls), request
 

@@ -432,8 +432,9 @@ class SceneValues:
         first_waves = waves[0] if waves else ""
         with rules.refusing(first_waves, allowed_waves, "observe"):
             require_arrays(self.media, dict(self.parameters), waves)
-        with rules.refusing("sweep", "parameters of what is observed", "sweep"):
-            require_losses(dict(self.parameters), [*map(self.observed_settings, WAVE_BLOCKS)])
+        if self.parameters:
+            with rules.refusing("sweep", "parameters of what is observed", "sweep"):
+                require_losses(dict(self.parameters), [*map(self.observed_settings, WAVE_BLOCKS)])
         for conflict in self._list_conflicts():
             if conflict.name in self.observe and conflict.holds:
                 found = f"{conflict.name!r} {conflict.problem}"
