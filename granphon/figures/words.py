@@ -124,8 +124,8 @@ def describe_parameter(name: str, value: Any) -> tuple[str, str]:
     """
     if name in SPRING_PARAMETERS:
         motion = name.partition(".")[2]
-        text = f"on site {write_value(float(value), SPRING_PARAMETERS[name])}"
-        return name, f"{text}, {spell(motion)}" if motion else text
+        text = f"springs {write_value(float(value), SPRING_PARAMETERS[name])}"
+        return name, f"{spell(motion)} {text}" if motion else text
     kind, _, parameter = name.rpartition(".")
     if kind:
         return name, f"{describe_parameter(parameter, value)[1]} of {kind}"

@@ -53,6 +53,7 @@ CostClass = Literal[
     "surface",
     "gaps",
     "cutoffs",
+    "onsets",
     "network",
 ]
 #: costs of the observables of the waves in simulated arrays, at edges, in the zone, and in networks
@@ -63,6 +64,7 @@ WAVE_COSTS: tuple[CostClass, ...] = (
     "surface",
     "gaps",
     "cutoffs",
+    "onsets",
     "network",
 )
 
@@ -745,6 +747,28 @@ _OBSERVABLES = (
             dims=("branch",),
         )
         for edge, which in (("lower", "lowest"), ("upper", "highest"))
+    ),
+    Observable(
+        "onset_frequency",
+        "Hz",
+        "cut-off frequencies at which the branches begin, at Gamma",
+        cost="onsets",
+        dims=("branch",),
+    ),
+    Observable(
+        "onset_curvature",
+        "m^2/s",
+        "curvatures d^2 omega/dq^2 of the branches at Gamma",
+        cost="onsets",
+        dims=("branch",),
+    ),
+    Observable(
+        "onset_gap",
+        "Hz",
+        "the lowest frequency of all branches, below which nothing passes",
+        label="Gap below all branches",
+        cost="onsets",
+        told=True,
     ),
     *(
         Observable(

@@ -693,8 +693,9 @@ def _explain_gaps(result: TaskResult, gaps: Sequence[str]) -> str:
 
 def _may_be_gap(name: str) -> bool:
     """Whether some cases of a sweep may have a variable that others lack."""
-    is_of_waves = name in CATALOGUE and CATALOGUE[name].cost in WAVE_COSTS
-    return name == "pressure" or is_of_waves or _is_of_sound(name)
+    entry = CATALOGUE.peek(name)
+    is_of_waves = entry is not None and entry.cost in (*WAVE_COSTS, "velocities")
+    return name == "pressure" or is_of_waves
 
 
 def _is_of_sound(name: str) -> bool:

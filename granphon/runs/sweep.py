@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import Lattice, as_direction, find_lattice
 from granphon.balls.loads import Load
+from granphon.balls.on_site import SPRING_PARAMETERS
 from granphon.balls.packing import Axis, Packing, find_double
 from granphon.base.errors import InputError
 from granphon.base.progress import Progress, silent
@@ -62,6 +63,7 @@ def sweep(
     labels: Sequence[str] | None = None,
     gaps: bool = False,
     cutoffs: bool = False,
+    onsets: bool = False,
     dos: bool = False,
     spectrum: SpectrumSettings | Mapping[str, Any] | None = None,
     pulse: PulseSettings | Mapping[str, Any] | None = None,
@@ -102,6 +104,8 @@ def sweep(
         :meth:`granphon.phonons.phonons.Phonons.find_gaps` does.
     cutoffs : whether to find the lowest and the highest frequency of each branch, as
         :meth:`granphon.phonons.phonons.Phonons.cutoffs` does.
+    onsets : whether to find the frequency and the curvature of each branch at Gamma, as
+        :meth:`granphon.phonons.phonons.Phonons.onset` does.
     dos, spectrum, pulse : what of the waves in each sample to find, where all media are
         simulations: the density of states of the array; spectral functions, as the keys
         ``polarisation``, ``resolution`` (Hz), ``points`` of a leg and ``path``, such as "GM", by
@@ -150,10 +154,11 @@ def sweep(
     the swept motions do not have are nan there, and the warnings say which; with bands
     ``frequencies`` (..., segment, point, branch) in Hz; with gaps ``gap_lower`` and ``gap_upper``
     (..., gap) in Hz by the number of branches below, nan where there is no gap, and
-    ``top_frequency``; with cutoffs ``cutoff_lower`` and ``cutoff_upper`` (..., branch) in Hz; of
-    waves in simulated arrays means over samples with standard errors: ``dos_total`` (..., node)
-    over ``dos_frequency``, ``line_frequency``, ``line_width``, ``phase_velocity``,
-    ``mean_free_path`` and ``attenuation`` (..., polarisation, wavevector),
+    ``top_frequency``; with cutoffs ``cutoff_lower`` and ``cutoff_upper`` (..., branch) in Hz; with
+    onsets ``onset_frequency``, Hz, and ``onset_curvature``, m^2/s, (..., branch), and
+    ``onset_gap``, Hz; of waves in simulated arrays means over samples with standard errors:
+    ``dos_total`` (..., node) over ``dos_frequency``, ``line_frequency``, ``line_width``,
+    ``phase_velocity``, ``mean_free_path`` and ``attenuation`` (..., polarisation, wavevector),
     ``ioffe_regel_longitudinal`` and the like, ``pulse_velocity``, ``time_of_flight``,
     ``coherent_fraction``, nan where a warning says why. Loads are a coordinate
     under their own name. ``attrs`` holds versions, packing, media and the warnings of validity, as
@@ -167,8 +172,8 @@ def sweep(
         lattices of different dimension, waves of media that are no simulations or that an array
         does not have, a pulse in several directions, a ``path`` that does not end in .nc, and
         ``resume`` without a path.
-    MechanismError : a lattice is a mechanism; raised before anything is computed. With bands, gaps
-        or cutoffs, velocities and moduli are left out instead, with a warning.
+    MechanismError : a lattice is a mechanism; raised before anything is computed. With bands, gaps,
+        cutoffs or onsets, velocities and moduli are left out instead, with a warning.
     InstabilityError : with finite overlap, a lattice buckles.
     FileExistsInRunError : the files exist, or finished tasks of another sweep or version do, and
         ``overwrite`` is off; raised before anything is computed.
@@ -202,10 +207,13 @@ def sweep(
         "bands": bands is not None,
         "gaps": require("gaps", truth, gaps),
         "cutoffs": require("cutoffs", truth, cutoffs),
+        "onsets": require("onsets", truth, onsets),
     }
     observe = ["velocities", *(name for name, is_requested in of_zone.items() if is_requested)]
     of_arrays: Sequence[str] = () if waves is None else waves.names
     observe += [*of_arrays, *(name for name, settings in networks.items() if settings is not None)]
+    # balls that are held have no sound, and a mechanism has bands and motions too
+    has_sound = packing.repeats and not packing.is_held and not {*SPRING_PARAMETERS} & {*parameters}
     request = Request(
         finite_overlap=finite_overlap,
         path=path_of_bands,
@@ -213,8 +221,8 @@ def sweep(
         waves=waves,
         gaps=of_zone["gaps"],
         cutoffs=of_zone["cutoffs"],
-        # a mechanism has bands and motions too, though no sound
-        sound=observe == ["velocities", *of_arrays],
+        onsets=of_zone["onsets"],
+        sound=has_sound and observe == ["velocities", *of_arrays],
         observe=tuple(observe),
     )
     grid = Grid(packing, axes, choices, load, request)

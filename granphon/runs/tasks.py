@@ -134,6 +134,7 @@ class Request:
     surface : the edge whose waves are requested; None for none.
     gaps : whether the edges of the gaps, and the top frequency, are requested.
     cutoffs : whether the cut-off frequencies of the branches are requested.
+    onsets : whether the frequencies and curvatures of the branches at Gamma are requested.
     bands : how contacts damp the bands; None for bands without loss alone.
     exponents : whether the exponents of the velocities are requested, for which a simulation solves
         two more equilibria at each load.
@@ -152,6 +153,7 @@ class Request:
     surface: SurfaceSettings | None = None
     gaps: bool = False
     cutoffs: bool = False
+    onsets: bool = False
     bands: BandsSettings | None = None
     exponents: bool = True
     sound: bool = True
@@ -552,7 +554,9 @@ class MediumTask(Task):
             cutoffs = _find_in_zone(state, lambda phonons: phonons.cutoffs())
             lower, upper = np.moveaxis(cutoffs, -1, 0)
             variables |= {"cutoff_lower": lower, "cutoff_upper": upper}
-        if state.n_samples and (request.gaps or request.cutoffs):
+        if request.onsets:
+            variables |= _observe_onsets(state, request.direction)
+        if state.n_samples and (request.gaps or request.cutoffs or request.onsets):
             notes.append(LATTICE_BANDS)
         path = request.find_path(self.serving.packing.structure)
         if path is not None:
@@ -701,6 +705,25 @@ def _observe_gaps(state: ContactState) -> TaskResult:
         state, lambda phonons: phonons.lattice.top_frequency * phonons.scales.frequency
     )
     return {"gap_lower": lower, "gap_upper": upper, "top_frequency": tops}
+
+
+def _observe_onsets(state: ContactState, direction: tuple[Any, ...] | None) -> TaskResult:
+    """Return the variables of the branches at Gamma at each load: frequencies (loads, b), Hz,
+    curvatures (loads, b) along a ``direction``, m^2/s, and the gap below all branches (loads,), Hz.
+    """
+
+    def find_onset(phonons: Phonons) -> Array:
+        onset = phonons.onset(direction)
+        return np.concatenate([onset.frequencies, onset.curvatures, [onset.gap]])
+
+    # curvatures scale as frequencies do, as lattices that serve all loads have one length
+    onsets = _find_in_zone(state, find_onset)
+    frequencies, curvatures = np.split(onsets[:, :-1], 2, axis=1)
+    return {
+        "onset_frequency": frequencies,
+        "onset_curvature": curvatures,
+        "onset_gap": onsets[:, -1],
+    }
 
 
 def _find_in_zone(state: ContactState, find: Callable[[Phonons], Any]) -> Array:

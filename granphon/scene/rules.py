@@ -104,6 +104,7 @@ OBSERVABLES = (
     "bands",
     "gaps",
     "cutoffs",
+    "onsets",
     "dos",
     "surface",
     "spectrum",

@@ -308,9 +308,9 @@ class SceneValues:
             "velocities",
             self.packing.is_held,
             "of balls that are held",
-            "bands, gaps, cutoffs, dos of these",
+            "bands, gaps, cutoffs, onsets, dos of these",
             "Long waves move all balls together, which a floor, a clamp or springs to the ground"
-            " hold: write observe: [bands].",
+            " hold: write observe: [onsets], the cut-off frequencies from which waves begin.",
         )
         first_block = next(iter(NETWORK_BLOCKS))
         without_period = [
@@ -321,7 +321,7 @@ class SceneValues:
                 f"{', '.join(NETWORK_BLOCKS)} of these",
                 f"Waves of this kind need a period: write observe: [{first_block}].",
             )
-            for name in ("velocities", "bands", "gaps", "cutoffs", "dos", "surface")
+            for name in ("velocities", "bands", "gaps", "cutoffs", "onsets", "dos", "surface")
         ]
         pulse = Conflict(
             "pulse",
