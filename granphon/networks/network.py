@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.balls.ball import Body, Wall, find_wall, name_walls
-from granphon.balls.contact_model import ContactModel
+from granphon.balls.contact_model import STIFFNESSES, ContactModel
 from granphon.balls.hertz import HOLDING_FORCE, overlap_from
 from granphon.balls.lattices import Lattice
 from granphon.balls.layers import Layers, find_axes, find_faces, read_edges
@@ -931,6 +931,33 @@ class ContactNetwork(Result):
             contact_model=model,
             on_site=on_site,
         )
+
+    @property
+    def wall(self) -> Wall:
+        """The wall of the network; InputError unless it has one wall whose material is known."""
+        walls = () if self.contact_model is None else self.contact_model.walls
+        if len(walls) != 1:
+            fault = f"the network has {counted(len(walls), 'wall')} of a known material"
+            raise InputError(fault, mend="Cut it with one: edges=(gp.Wall(steel), 'free')")
+        return walls[0]
+
+    def with_wall(self, material: Material) -> Self:
+        """Return the network with its wall of another ``material``: contacts with it are under the
+        same forces. Raises the error of :attr:`wall`.
+        """
+        wall = replace(self.wall, material=material)
+        model = self.contact_model
+        assert model is not None  # which knows the wall
+        names = np.array(self.kinds or [wall.name] * self.n_balls)
+        is_wall = np.isinf(self.radii) & (names == wall.name)
+        contacts = np.flatnonzero(is_wall[self.j])
+        balls = self.i[contacts]
+        kinds = self._name_kinds(balls, model, f"face at {wall.name}")
+        pressed = model.press_on_wall(kinds, self.radii[balls], self.normal_force[contacts], wall)
+        changed = {name: getattr(self, name).copy() for name in STIFFNESSES}
+        for name, stiffness in changed.items():
+            stiffness[contacts] = pressed[name]
+        return replace(self, contact_model=replace(model, walls=(wall,)), **changed)
 
     def _require_joined_cut(
         self, contacts: Mapping[str, Any], is_still: Flags, n_periods: int
