@@ -18,10 +18,12 @@ from numpy.typing import ArrayLike
 from granphon.balls.hertz import ENERGY, FORCE, STIFFNESS, EnergyLaw
 from granphon.balls.motions import Motions
 from granphon.base.arrays import Array
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, Refused
 from granphon.base.results import read_only
 from granphon.base.validation import block, require, zero_or_above
 
+#: greatest stiffness, N/m or N m, far above any: products of several are within the range of floats
+_MOST = 1e30
 #: name under which one stiffness of all rotations is given, N m
 ROTATION = "rotation"
 #: names of the stiffnesses against displacements along x, y and z, N/m, and against rotations about
@@ -98,13 +100,21 @@ def _read_springs(value: Any, motions: Motions) -> list[float]:
     if isinstance(value, list | tuple) and len(value) == len(names):
         value = dict(zip(names, value, strict=True))
     if not isinstance(value, Mapping):
-        stiffness: float = require("on_site", partial(zero_or_above, unit="N/m"), value)
+        stiffness: float = require("on_site", partial(_read_stiffness, unit="N/m"), value)
         return [0.0 if name in ROTATIONS else stiffness for name in names]
     allowed = (*names, ROTATION) if motions.rotations else names
-    rules = {name: partial(zero_or_above, unit=find_unit(name)) for name in allowed}
+    rules = {name: partial(_read_stiffness, unit=find_unit(name)) for name in allowed}
     stiffnesses = require("on_site", partial(block, rules=rules), value)
     of_rotations = stiffnesses.get(ROTATION, 0.0)
     return [stiffnesses.get(name, of_rotations if name in ROTATIONS else 0.0) for name in names]
+
+
+def _read_stiffness(value: Any, unit: str) -> float:
+    """Return a stiffness, zero or above, in an SI ``unit``; refuse one above the greatest."""
+    stiffness = zero_or_above(value, unit)
+    if stiffness > _MOST:
+        raise Refused(f"{stiffness:g}", f"a stiffness up to {_MOST:g} {unit}")
+    return stiffness
 
 
 def find_unit(name: str) -> str:

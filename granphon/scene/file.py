@@ -421,6 +421,9 @@ def _find_block(key: Any, keys_of_blocks: Mapping[str, Sequence[str]]) -> str:
     """Return a sentence on the block to which a key belongs; empty if it belongs to none."""
     for name, keys in keys_of_blocks.items():
         if key in keys:
+            if name in _CRYSTAL_BLOCKS:
+                blocks = " and ".join(_CRYSTAL_BLOCKS)
+                return f"It belongs under '{name}': {blocks} in place of material and packing."
             return f"It belongs under '{name}'." if name else "It belongs at the top level."
     return ""
 
