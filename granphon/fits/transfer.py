@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls import hertz
 from granphon.balls.packing import LOSSES
 from granphon.base.arrays import ROUNDED, Array
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, brief
 from granphon.base.quantities import FREQUENCY, Quantity
 from granphon.base.results import Result
 from granphon.base.tables import Table
@@ -246,14 +246,16 @@ class TransferFunction(Result):
         independent = n_segments / (1.0 + 2.0 / 36.0 * (n_segments - 1) / n_segments)
         # coherence that noise alone exceeds with the probability of a hundredth
         least = 1.0 - _BY_CHANCE ** (1.0 / max(independent - 1.0, 1.0))
-        low, high = (0.0, math.inf) if band is None else band
+        low, high = (0.0, math.inf) if band is None else _read_band(band)
         kept = (coherences > least) & (frequencies > low) & (frequencies <= high)
         # segments have lost their means, and with these the frequencies of one window about zero
         kept &= frequencies > 2.0 / (n_segment * step)
-        if not np.any(kept):
+        # and that noise alone exceeds at any of all frequencies with this probability
+        least_of_all = 1.0 - (_BY_CHANCE / frequencies.size) ** (1.0 / max(independent - 1.0, 1.0))
+        if not np.any(coherences[kept] > least_of_all):
             raise InputError(
                 "nothing connects drive and response: no coherence is above"
-                f" {least:.2g} in the band",
+                f" {least_of_all:.2g} in the band",
                 mend="Look at the band, drive harder, or record for longer",
             )
         transfer = cross_spectrum[kept] / spectrum[kept]
@@ -269,10 +271,23 @@ class TransferFunction(Result):
         )
 
 
+def _read_band(band: Any) -> tuple[float, float]:
+    """Return the lowest and the highest frequency of a band, Hz; InputError for another one."""
+    edges = finite_list("band", band, "Hz", "zero or above")
+    if len(edges) != 2 or not edges[0] < edges[1]:
+        raise InputError(f"band is {brief(band)}", mend="Give (lowest, highest), Hz")
+    return edges[0], edges[1]
+
+
 def _require_pair(drive: Traces, response: Traces) -> float:
     """Return the step of time, s, of two traces of one sensor each at the same times; InputError
     for others.
     """
+    given: Any
+    for name, given in (("drive", drive), ("response", response)):
+        if not isinstance(given, Traces):
+            mend = "Give gp.Traces(times, signal, 0.0)"
+            raise InputError(f"{name} is {brief(given)}", mend=mend)
     for name, traces in (("drive", drive), ("response", response)):
         if len(traces.signals) != 1:
             raise InputError(

@@ -226,7 +226,9 @@ def test_a_wall_that_yields_is_told():
         (lambda: gp.Wall(STEEL, name=3), "name"),
         (lambda: CHAIN.cut(0, 2, (gp.Wall("B"), "free")), "'B'"),
         (lambda: CHAIN.cut(0, 2, gp.Wall(BRASS, "A")), "'A'"),
-        (lambda: CHAIN.cut(0, 2, ("wall", "free")), "clamped, floor"),
+        (lambda: CHAIN.cut(0, 2, ("wall", "free")), "gp.Wall"),
+        (lambda: CHAIN.cut(0, 2, (BRASS, "free")), "gp.Wall"),
+        (lambda: CHAIN.cut(0, 2, ("glued", "free")), "clamped, floor"),
     ],
 )
 def test_walls_that_are_refused(make, word):
