@@ -37,6 +37,7 @@ _ORDER = (
     "zigzag_edge",
     "surface_waves_fcc",
     "transfer_function",
+    "losses",
     "time_of_flight",
     "transmission",
     "pressure_sweep",

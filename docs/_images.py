@@ -35,7 +35,7 @@ from granphon.figures.bands import bands_figure, plot_bands, plot_dos
 from granphon.figures.curves import fit_figure
 from granphon.figures.forces import forces_figure
 from granphon.figures.modes import plot_mode
-from granphon.figures.style import BLUE, GUIDE, ORANGE, STYLE, VERMILION
+from granphon.figures.style import BLUE, GUIDE, STYLE, VERMILION
 from granphon.figures.views import Painter, View
 from granphon.figures.work_precision import plot_work_precision
 
@@ -410,43 +410,6 @@ def draw_laws() -> Any:
     return figure
 
 
-def collide(speed: float, **losses: Any) -> float:
-    """The restitution of two balls of steel that meet at a ``speed``, m/s: by their velocities in
-    the first frame after they part.
-    """
-    pair = gp.Crystal([gp.Ball(STEEL, 8e-3)] * 2, [], [[0.0], [8e-3]], friction=False)
-    duration = 200.0 * gp.NonlinearWaves(pair).find_step(0.5 * speed)
-    velocities = [[0.5 * speed], [-0.5 * speed]]
-    motion = gp.NonlinearWaves(pair, **losses).run(duration, velocities=velocities, frames=401)
-    parted = int(np.flatnonzero(motion.forces[:, 0] > 0.0)[-1]) + 1
-    return float(np.ptp(motion.velocities[parted])) / speed
-
-
-def draw_losses() -> Any:
-    """The restitution of two balls over their velocity, by each loss; and over the one that is
-    given, by dashpots that may pull and by others.
-    """
-    figure, (left, right) = panels(1.3, 1.0, height=2.4)
-    speeds = np.geomspace(1e-3, 1.0, 13)
-    for words, losses, style, colour in (
-        ("damping 0.73 µs", {"damping": 0.73e-6}, "-", BLUE),
-        ("dashpot 5.15 N s/m", {"dashpot": 5.15}, "-", ORANGE),
-        ("drag 4880 1/s", {"drag": 4880.0}, "--", "black"),
-        ("restitution 0.9", {"restitution": 0.9}, "-", VERMILION),
-    ):
-        found = [collide(speed, **losses) for speed in speeds.tolist()]
-        left.semilogx(speeds, found, style, color=colour, label=words)
-    left.set(xlabel="Velocity (m/s)", ylabel="Velocity after over before", ylim=(0.6, 1.0))
-    left.legend(loc="lower right")
-    given = np.linspace(0.05, 1.0, 20)
-    for pull, colour in (("limited", BLUE), ("whole", VERMILION)):
-        found = [collide(0.1, restitution=e, viscous_pull=pull) for e in given.tolist()]
-        right.plot(given, found, color=colour, label=f"{pull} pull")
-    right.set(xlabel="Restitution, as given", ylabel="Velocity after over before", ylim=(0.0, 1.0))
-    right.legend(loc="upper left")
-    return figure
-
-
 def draw_run() -> Any:
     """What ``granphon run`` draws of the array of the first page."""
     with tempfile.TemporaryDirectory() as folder:
@@ -507,7 +470,7 @@ IMAGES: dict[str, Callable[[], Any] | str] = {
     "kinds": of_example("diatomic_chain"),
     "loads": of_example("pressed_along_one_axis"),
     "law": draw_laws,
-    "losses": draw_losses,
+    "losses": of_example("losses"),
     "edges": of_example("zigzag_edge"),
     "response": of_example("transfer_function"),
     "traces": of_example("time_of_flight"),

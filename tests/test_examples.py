@@ -47,6 +47,7 @@ LONG = {
     "impact_on_hexagon",
     "iso_frequency",
     "ladder",
+    "losses",
     "magnetic_chain",
     "membrane",
     "paper_figures6_7_8",

@@ -254,6 +254,11 @@ def name_walls(
     return tuple(named)
 
 
+def replace_walls(edges: Iterable[str | Wall], walls: Mapping[str, Wall]) -> tuple[str | Wall, ...]:
+    """Return the edges of a cut with other ``walls``, by name, in the place of named walls."""
+    return tuple(walls.get(edge.name, edge) if isinstance(edge, Wall) else edge for edge in edges)
+
+
 def _find_material(wall: Wall, kinds: Mapping[str, Ball]) -> Wall:
     """Return a wall with its material in place of the name of a kind of balls."""
     if isinstance(wall.material, Material):

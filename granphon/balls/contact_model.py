@@ -33,6 +33,8 @@ PlainLaw = Hertz | PowerLaw | DMT | JKR | TabulatedLaw
 #: the law of the contacts of balls of several kinds: one law of all pairs, or pairs of names, each
 #: with its law; a law may be a user's own
 GivenLaw = PlainLaw | tuple[tuple[tuple[str, str], PlainLaw], ...] | Any
+#: the stiffnesses of a contact
+STIFFNESSES = ("normal_stiffness", "shear_stiffness", "torsion_stiffness", "bending_stiffness")
 
 
 @dataclass(frozen=True)
@@ -153,7 +155,7 @@ class ContactModel:
         diameters = 2.0 * radii
         if not self.own_radii:
             diameters = np.array([ball.diameter for ball in self.kinds])[kinds]
-        columns = {name: np.zeros(len(radii)) for name in ("overlap", "arm", *_STIFFNESSES)}
+        columns = {name: np.zeros(len(radii)) for name in ("overlap", "arm", *STIFFNESSES)}
         # balls of the same kind and diameter share a law
         groups, group_of_ball = np.unique(
             np.stack([kinds, diameters], axis=1), axis=0, return_inverse=True
@@ -190,6 +192,3 @@ class ContactModel:
             "torsion_stiffness": torsion,
             "bending_stiffness": self.find_bending(stiffness, radius),
         }
-
-
-_STIFFNESSES = ("normal_stiffness", "shear_stiffness", "torsion_stiffness", "bending_stiffness")

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from granphon.balls.ball import Wall
+from granphon.balls.material import Material
 from granphon.balls.neighbours import TOUCH, contact_frames
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, Refused, brief
 from granphon.base.text import counted, show
-from granphon.base.validation import choice, each, is_whole, whole
+from granphon.base.validation import choice, each, is_one_of, is_whole, whole
 
 #: how an edge may be held
 EDGES = ("free", "clamped", "floor")
@@ -163,16 +164,25 @@ def read_edges(value: Any) -> tuple[str | Wall, str | Wall]:
     if not isinstance(words, list | tuple) or len(words) not in (1, 2):
         raise Refused(
             show(value),
-            f"one word for both faces, or two for the lower and the upper: {', '.join(EDGES)}; or"
-            " walls of a material",
+            f"one edge for both faces, or two for the lower and the upper: {', '.join(EDGES)}, or"
+            " a wall of a material",
         )
     edges = [read_edge(word) for word in words]
     return edges[0], edges[-1]
 
 
 def read_edge(value: Any) -> str | Wall:
-    """Read how one edge is held, from a word or a wall."""
-    return value if isinstance(value, Wall) else choice(value, EDGES)
+    """Read how one edge is held, from a word or a wall; raises Refused for another value."""
+    if isinstance(value, Wall):
+        return value
+    try:
+        return choice(value, EDGES)
+    except Refused as refused:
+        allowed = f"{refused.allowed}, or a wall of a material"
+        mend = refused.mend
+        if isinstance(value, Material) or is_one_of(value, ("wall",)):
+            mend = "Write gp.Wall(material), in a scene {wall: ...} with a material or a kind"
+        raise Refused(refused.found, allowed, mend) from None
 
 
 def find_faces(

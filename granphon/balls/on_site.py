@@ -18,16 +18,20 @@ from numpy.typing import ArrayLike
 from granphon.balls.hertz import ENERGY, FORCE, STIFFNESS, EnergyLaw
 from granphon.balls.motions import Motions
 from granphon.base.arrays import Array
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, Refused
 from granphon.base.results import read_only
 from granphon.base.validation import block, require, zero_or_above
 
+#: greatest stiffness, N/m or N m, far above any: products of several are within the range of floats
+_MOST = 1e30
 #: name under which one stiffness of all rotations is given, N m
 ROTATION = "rotation"
 #: names of the stiffnesses against displacements along x, y and z, N/m, and against rotations about
 #: these axes, N m
 DISPLACEMENTS = ("x", "y", "z")
 ROTATIONS = tuple(f"{ROTATION}_{axis}" for axis in DISPLACEMENTS)
+#: name of the stiffnesses of springs to the ground
+ON_SITE = "on_site"
 #: part of a stiffness that couples two motions, over the largest, that is put down to rounding
 _COUPLED = 1e-9
 
@@ -96,18 +100,54 @@ def _read_springs(value: Any, motions: Motions) -> list[float]:
     if isinstance(value, list | tuple) and len(value) == len(names):
         value = dict(zip(names, value, strict=True))
     if not isinstance(value, Mapping):
-        stiffness: float = require("on_site", partial(zero_or_above, unit="N/m"), value)
+        stiffness: float = require("on_site", partial(_read_stiffness, unit="N/m"), value)
         return [0.0 if name in ROTATIONS else stiffness for name in names]
     allowed = (*names, ROTATION) if motions.rotations else names
-    rules = {name: partial(zero_or_above, unit=find_unit(name)) for name in allowed}
+    rules = {name: partial(_read_stiffness, unit=find_unit(name)) for name in allowed}
     stiffnesses = require("on_site", partial(block, rules=rules), value)
     of_rotations = stiffnesses.get(ROTATION, 0.0)
     return [stiffnesses.get(name, of_rotations if name in ROTATIONS else 0.0) for name in names]
 
 
+def _read_stiffness(value: Any, unit: str) -> float:
+    """Return a stiffness, zero or above, in an SI ``unit``; refuse one above the greatest."""
+    stiffness = zero_or_above(value, unit)
+    if stiffness > _MOST:
+        raise Refused(f"{stiffness:g}", f"a stiffness up to {_MOST:g} {unit}")
+    return stiffness
+
+
 def find_unit(name: str) -> str:
     """Return the SI unit of the stiffness of the spring of a ``name``."""
     return "N m" if name.startswith(ROTATION) else "N/m"
+
+
+#: the parameters of springs to the ground that a sweep varies, and their SI units: one stiffness of
+#: all displacements, and those of single motions
+SPRING_PARAMETERS = {ON_SITE: "N/m"} | {
+    f"{ON_SITE}.{name}": find_unit(name) for name in (*DISPLACEMENTS, ROTATION, *ROTATIONS)
+}
+
+
+def list_spring_parameters(motions: Motions) -> list[str]:
+    """Return those of :data:`SPRING_PARAMETERS` that balls of these ``motions`` have."""
+    names = [*name_springs(motions), *([ROTATION] if motions.rotations else [])]
+    return [ON_SITE, *(f"{ON_SITE}.{name}" for name in names)]
+
+
+def change_springs(
+    on_site: Array | None, changes: Mapping[str, float], motions: Motions, n: int
+) -> Array:
+    """Return the stiffnesses (n, motions) of the springs of n balls, of which some are changed:
+    those that a name of :data:`SPRING_PARAMETERS` stands for, of all balls.
+    """
+    springs = np.zeros((n, motions.count)) if on_site is None else on_site.copy()
+    names = name_springs(motions)
+    for parameter, stiffness in changes.items():
+        _, _, changed = parameter.partition(".")
+        group = {"": DISPLACEMENTS, ROTATION: ROTATIONS}.get(changed, (changed,))
+        springs[:, [name in group for name in names]] = stiffness
+    return springs
 
 
 def turn_on_site(on_site: Array | None, turn: Array, motions: Motions) -> Array | None:

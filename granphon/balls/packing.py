@@ -7,7 +7,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, TypeVar
@@ -20,6 +20,7 @@ from granphon.balls.hertz import HertzLaw, contact_radius_ratio
 from granphon.balls.lattices import LATTICES, Lattice, find_lattice
 from granphon.balls.material import LEAST_YOUNG_MODULUS, Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
+from granphon.balls.on_site import SPRING_PARAMETERS
 from granphon.base.errors import InputError, brief
 from granphon.base.results import write_html
 from granphon.base.scales import WidthUnits
@@ -389,6 +390,8 @@ def require_shallow(modulus: float, overlap: float, load: str) -> None:
 
 #: a packing, or what has kinds of balls that can be changed
 BallsT = TypeVar("BallsT")
+#: what is made of the values of parameters
+ChangedT = TypeVar("ChangedT")
 #: most packings of a sweep; more are taken for a mistake
 MOST_COMBINATIONS = 100_000
 _MATERIAL = {
@@ -396,6 +399,8 @@ _MATERIAL = {
     for name, declared in list_settings(Material).items()
     if declared.default == NEEDED
 }
+#: the constants of a material on which a contact depends
+_ELASTIC = ("young_modulus", "poisson_ratio")
 #: where a lattice of one, two or three periods extends
 _EXTENTS = {1: "along a line", 2: "in a plane", 3: "in space"}
 #: the parameters of a packing and their SI units; None for parameters that are not numbers
@@ -413,14 +418,32 @@ PARAMETERS: Mapping[str, str | None] = {
 #: the parameters of each kind of ball of a crystal and their SI units; a sweep calls them by kind
 #: and name, "A.diameter"
 KIND_PARAMETERS: Mapping[str, str] = {**_MATERIAL, "diameter": "m", "mass": "kg"}
+#: the parameters of each wall of a crystal and their SI units; a sweep calls them by the name of
+#: the wall, "wall.young_modulus"
+WALL_PARAMETERS: Mapping[str, str] = {name: _MATERIAL[name] for name in _ELASTIC}
+#: the losses of contacts and balls by the names of arguments and settings, and their SI units
+LOSSES: Mapping[str, str] = {
+    "damping": "s",
+    "loss_factor": "",
+    "drag": "1/s",
+    "dashpot": "N s/m",
+    "restitution": "",
+}
+#: the parameters of a sweep that are not those of a kind of ball or a wall, and their SI units
+SWEPT: Mapping[str, str | None] = {
+    **PARAMETERS,
+    **SPRING_PARAMETERS,
+    **{name: unit or "1" for name, unit in LOSSES.items()},
+}
 
 
 def find_unit(name: str) -> str | None:
-    """Return the SI unit of a parameter of packings, or of a kind of ball ("A.diameter"); None if
-    it is not a number.
+    """Return the SI unit of a parameter of a sweep: of packings, of losses, or of a kind of ball
+    ("A.diameter"); None if it is not a number.
     """
-    kind, _, parameter = name.rpartition(".")
-    return KIND_PARAMETERS[parameter] if kind else PARAMETERS[name]
+    if name in SWEPT:
+        return SWEPT[name]
+    return KIND_PARAMETERS[name.rpartition(".")[2]]
 
 
 @dataclass(frozen=True)
@@ -532,16 +555,18 @@ class Axis:
 
 
 def _require_parameter(name: str) -> None:
-    """Raise :class:`InputError` unless ``name`` is a parameter of packings, or, as "A.diameter", of
-    a kind of ball.
+    """Raise :class:`InputError` unless ``name`` is a parameter of packings, of losses, or, as
+    "A.diameter", of a kind of ball.
     """
+    if name in SWEPT:
+        return
     kind, _, _ = name.rpartition(".")
     if kind:
         owner = "a kind of ball"
         parameters = [f"{kind}.{parameter}" for parameter in KIND_PARAMETERS]
     else:
         owner = "a packing"
-        parameters = list(PARAMETERS)
+        parameters = [*PARAMETERS, *LOSSES]
     if name in parameters:
         return
     guess = closest(name, parameters)
@@ -600,10 +625,13 @@ def change_packing(packing: BallsT, values: Mapping[str, Any]) -> BallsT:
         return packing.change(values)  # type: ignore[attr-defined, no-any-return]
     unknown = [name for name in values if name not in PARAMETERS]
     if unknown:
+        mend = "Use one"
+        if unknown[0] in SPRING_PARAMETERS:
+            mend = "Springs to the ground are those of a gp.Crystal(..., on_site=...)"
         raise InputError(
             f"a packing has no parameter {unknown[0]!r}",
             "It has " + ", ".join(PARAMETERS),
-            "Use one",
+            mend,
         )
     material_values = {name: value for name, value in values.items() if name in _MATERIAL}
     packing_values = {name: value for name, value in values.items() if name not in _MATERIAL}
@@ -636,11 +664,13 @@ def describe_combination(values: Sequence[tuple[str, str]]) -> str:
 
 
 def combine(
-    packing: BallsT, axes: Sequence[Axis], units: Mapping[str, str] = _NO_UNITS
-) -> list[tuple[tuple[tuple[str, str], ...], BallsT]]:
-    """Make a packing for each combination of values; return pairs of the combination, names of
-    parameters with their values as texts, and its packing. ``units`` are those of the texts, by
-    name; by default SI units with decimal prefixes.
+    change: Callable[[Mapping[str, Any]], ChangedT],
+    axes: Sequence[Axis],
+    units: Mapping[str, str] = _NO_UNITS,
+) -> list[tuple[tuple[tuple[str, str], ...], ChangedT]]:
+    """Return pairs of each combination of values, names of parameters with their values as texts,
+    and what ``change`` makes of these values by name. ``units`` are those of the texts, by name; by
+    default SI units with decimal prefixes.
 
     The last axis runs fastest. :class:`InputError` names a combination that makes no packing, or
     says that there are too many.
@@ -656,10 +686,9 @@ def combine(
             for axis, label in zip(axes, labels, strict=True)
         ]
         combination = tuple(zip(names, words, strict=True))
-        changes = dict(zip(names, values, strict=True))
         try:
-            changed_packing = change_packing(packing, changes)
+            changed = change(dict(zip(names, values, strict=True)))
         except InputError as error:
             raise InputError(f"{describe_combination(combination)}: {error}") from error
-        combinations.append((combination, changed_packing))
+        combinations.append((combination, changed))
     return combinations

@@ -250,7 +250,8 @@ class Setting(NamedTuple):
     meaning : in words, for the reference.
     default : of a key that is left out, in words; :data:`NEEDED` where it has none, and empty for
         that of the class.
-    title : its name in the lines of ``granphon check``; without one it is not listed.
+    title : its name in the lines of ``granphon check``, in which {block} stands for the name of the
+        block; without one it is not listed.
     is_optional : whether its value may be None, as its default is.
     """
 
@@ -353,5 +354,6 @@ def describe_settings(settings: Block) -> list[tuple[str, Any, str]]:
     for name, declared in list_settings(type(settings)).items():
         value = getattr(settings, name)
         if declared.title and value is not None:
-            rows.append((declared.title, value, declared.kind.unit))
+            title = declared.title.format(block=settings.block)
+            rows.append((title, value, declared.kind.unit))
     return rows

@@ -438,7 +438,8 @@ def indices(values: Any, count: int, what: str = "balls") -> NDArray[np.intp]:
     is_list = numbers.ndim < 2
     has_twins = np.unique(numbers).size < numbers.size
     if not is_list or not np.all(is_index) or has_twins:
-        raise Refused(brief(values), f"indices of {what}, 0 to {count - 1}, each once")
+        listed = values.tolist() if isinstance(values, np.ndarray) else values
+        raise Refused(brief(listed), f"indices of {what}, 0 to {count - 1}, each once")
     return np.atleast_1d(numbers).astype(np.intp)
 
 

@@ -38,14 +38,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.motions import Motions
+from granphon.balls.packing import LOSSES
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError, PrecisionError, Refused, brief
 from granphon.base.results import Result
 from granphon.base.validation import Rule, finite_numbers, require
 from granphon.networks.network import ContactNetwork
 
-#: the losses of a network by the names of arguments and settings, and their SI units
-LOSSES = {"damping": "s", "loss_factor": "", "drag": "1/s", "dashpot": "N s/m", "restitution": ""}
 #: greatest losses, far above any of a contact or ball: their powers stay within the range of floats
 LARGEST_LOSSES = {"damping": 1e30, "loss_factor": 1e6, "drag": 1e30, "dashpot": 1e30}
 #: least restitution of a collision: with less, the dashpot is the critical one to rounding

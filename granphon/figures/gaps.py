@@ -151,6 +151,16 @@ def sweep_surface_figure(dataset: Dataset, x: str | None = None) -> Figure:
     return _draw_lines(dataset, x, "surface_frequency", "surface_wave", words)
 
 
+def onsets_figure(dataset: Dataset, x: str | None = None) -> Figure:
+    """Draw a figure of the cut-off frequencies of a sweep, one column wide: those of each branch at
+    Gamma over ``x``, as in :func:`sweep_gaps_figure`.
+
+    Raises :class:`~granphon.base.errors.InputError` if the sweep has no onsets.
+    """
+    _require(dataset, "onset_frequency", "frequencies at Gamma", "onsets")
+    return _draw_lines(dataset, x, "onset_frequency", "branch", "branches at Gamma")
+
+
 def modes_figure(dataset: Dataset, x: str | None = None) -> Figure:
     """Draw a figure of the lowest modes of the networks of a sweep, one column wide: their
     frequencies over ``x``, as in :func:`sweep_gaps_figure`.

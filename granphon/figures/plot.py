@@ -72,6 +72,7 @@ OF_DATASETS = {
     "sweep_gaps": Picture("gaps.sweep_gaps_figure"),
     "sweep_surface": Picture("gaps.sweep_surface_figure"),
     "cutoffs": Picture("gaps.cutoffs_figure"),
+    "onsets": Picture("gaps.onsets_figure"),
     "modes": Picture("gaps.modes_figure"),
 }
 #: cells along each period in the picture of a small network, for one, two and three periods

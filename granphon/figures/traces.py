@@ -63,8 +63,8 @@ def plot_traces(traces: Traces, ax: Axes, velocity: TraceVelocity | None = None)
         )
         # above the Axes, as traces may be anywhere in it
         ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
-    ax.set_xlabel(f"time ({time_name.replace('u', 'µ')})")
-    ax.set_ylabel(f"distance of the sensor ({length_name.replace('u', 'µ')})")
+    ax.set_xlabel(f"Time ({time_name.replace('u', 'µ')})")
+    ax.set_ylabel(f"Distance of the sensor ({length_name.replace('u', 'µ')})")
     ax.margins(x=0.0)
     return ax
 

@@ -6,9 +6,11 @@ import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from granphon.balls.on_site import SPRING_PARAMETERS
 from granphon.balls.packing import Packing
 from granphon.base.quantities import load_quantities
 from granphon.base.scales import write_quantity
+from granphon.base.text import spell
 from granphon.media.choice import find_medium, split_label
 from granphon.media.simulation import DEFAULT_SHAPES
 
@@ -36,6 +38,11 @@ _SYMBOLS = {
     "diameter": ("d", "m"),
     "width": ("W", "m"),
     "mass": ("m", "kg"),
+    "damping": ("τ", "s"),
+    "loss_factor": ("η", ""),
+    "drag": ("γ", "1/s"),
+    "dashpot": ("c", "N s/m"),
+    "restitution": ("e", ""),
 }
 #: words for the default motions, stiffness of rolling, and terms of finite overlap: a title leaves
 #: them out
@@ -103,7 +110,7 @@ def write_unit(unit: str) -> str:
 
 def write_value(value: float, unit: str) -> str:
     """Return a number with its unit as it stands in a legend, five digits at most: "2.04 µm"."""
-    if unit not in ("m", "Pa", "N", "Hz", "N/m"):
+    if unit not in ("m", "s", "Pa", "N", "Hz", "N/m"):
         return f"{value:.5g} {unit}".rstrip()
     return write_unit(write_quantity(value, unit))
 
@@ -115,6 +122,10 @@ def describe_parameter(name: str, value: Any) -> tuple[str, str]:
     A parameter of a kind of ball, "A.diameter", has the kind in its words: "d = 8 mm of A". A
     number is in SI units.
     """
+    if name in SPRING_PARAMETERS:
+        motion = name.partition(".")[2]
+        text = f"springs {write_value(float(value), SPRING_PARAMETERS[name])}"
+        return name, f"{spell(motion)} {text}" if motion else text
     kind, _, parameter = name.rpartition(".")
     if kind:
         return name, f"{describe_parameter(parameter, value)[1]} of {kind}"

@@ -263,9 +263,13 @@ class Traces(Result, array="signals"):
         centre, flight = inverse @ weighted_times
         flight_error = float(np.linalg.norm(inverse[1]))
         if not flight > 0.0:
+            why = ""
+            if method == "phase":
+                why = "Of a tone without a beginning phases are known but for whole periods"
             raise InputError(
                 "the pulse does not arrive later at farther sensors",
-                mend="Look at the order of the distances, and at the traces by gp.plot",
+                why,
+                "Look at the order of the distances, and at the traces by gp.plot",
             )
         residuals = weighted_times - weighted_columns @ np.array([centre, flight])
         velocity = float(span / flight)

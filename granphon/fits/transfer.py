@@ -21,8 +21,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls import hertz
+from granphon.balls.packing import LOSSES
 from granphon.base.arrays import ROUNDED, Array
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, brief
 from granphon.base.quantities import FREQUENCY, Quantity
 from granphon.base.results import Result
 from granphon.base.tables import Table
@@ -30,7 +31,6 @@ from granphon.base.text import list_names, suggest
 from granphon.base.validation import Low, finite_list, positive, texts
 from granphon.dynamics.damping import (
     LEAST_RESTITUTION,
-    LOSSES,
     SMALL_LOSS,
     Losses,
     find_reduced_masses,
@@ -58,14 +58,19 @@ _LOSS_OF = {
     **{name: name for name in (*_OTHERS, _RESTITUTION)},
     **{other: name for name, other in _OTHERS.items()},
 }
-#: what may be fitted, and its unit; of stiffness, load and gain it is the ratio to those of the
-#: network
+#: what may be fitted, and its unit; of stiffness, load, springs to the ground and gain it is the
+#: ratio to those of the network
 PARAMETERS = {
     **{name: LOSSES[loss] or "1" for name, loss in _LOSS_OF.items()},
     "stiffness": "1",
     "load": "1",
+    "on_site": "1",
+    "wall_modulus": "Pa",
     "gain": "1",
 }
+#: those that move resonances, and the power of a ratio of stiffnesses by which each is searched: a
+#: contact is stiffer by the cubic root of its load, and less so by the modulus of a wall
+_POWERS = {"stiffness": 1.0, "load": 3.0, "on_site": 2.0, "wall_modulus": 3.0}
 #: loss factors from which the search starts
 _LOSSES = np.geomspace(1e-3, 1.0, 10)
 #: loss factor with which stiffnesses are searched
@@ -241,14 +246,16 @@ class TransferFunction(Result):
         independent = n_segments / (1.0 + 2.0 / 36.0 * (n_segments - 1) / n_segments)
         # coherence that noise alone exceeds with the probability of a hundredth
         least = 1.0 - _BY_CHANCE ** (1.0 / max(independent - 1.0, 1.0))
-        low, high = (0.0, math.inf) if band is None else band
+        low, high = (0.0, math.inf) if band is None else _read_band(band)
         kept = (coherences > least) & (frequencies > low) & (frequencies <= high)
         # segments have lost their means, and with these the frequencies of one window about zero
         kept &= frequencies > 2.0 / (n_segment * step)
-        if not np.any(kept):
+        # and that noise alone exceeds at any of all frequencies with this probability
+        least_of_all = 1.0 - (_BY_CHANCE / frequencies.size) ** (1.0 / max(independent - 1.0, 1.0))
+        if not np.any(coherences[kept] > least_of_all):
             raise InputError(
                 "nothing connects drive and response: no coherence is above"
-                f" {least:.2g} in the band",
+                f" {least_of_all:.2g} in the band",
                 mend="Look at the band, drive harder, or record for longer",
             )
         transfer = cross_spectrum[kept] / spectrum[kept]
@@ -264,10 +271,23 @@ class TransferFunction(Result):
         )
 
 
+def _read_band(band: Any) -> tuple[float, float]:
+    """Return the lowest and the highest frequency of a band, Hz; InputError for another one."""
+    edges = finite_list("band", band, "Hz", "zero or above")
+    if len(edges) != 2 or not edges[0] < edges[1]:
+        raise InputError(f"band is {brief(band)}", mend="Give (lowest, highest), Hz")
+    return edges[0], edges[1]
+
+
 def _require_pair(drive: Traces, response: Traces) -> float:
     """Return the step of time, s, of two traces of one sensor each at the same times; InputError
     for others.
     """
+    given: Any
+    for name, given in (("drive", drive), ("response", response)):
+        if not isinstance(given, Traces):
+            mend = "Give gp.Traces(times, signal, 0.0)"
+            raise InputError(f"{name} is {brief(given)}", mend=mend)
     for name, traces in (("drive", drive), ("response", response)):
         if len(traces.signals) != 1:
             raise InputError(
@@ -486,8 +506,10 @@ class _Model:
         """Return the value of a parameter of which the loss at the median frequency is one of the
         order of a loss factor of one; one of other parameters.
         """
-        omega = 2.0 * math.pi * float(np.median(self.frequencies))
         network = self.network
+        if name == "wall_modulus":
+            return network.wall.solid.young_modulus
+        omega = 2.0 * math.pi * float(np.median(self.frequencies))
         stiffness = float(np.mean(network.normal_stiffness))
         reduced = find_reduced_masses(network.masses, network.i, network.j)
         root = math.sqrt(float(np.mean(reduced)) * stiffness)  # kg/s
@@ -505,16 +527,21 @@ class _Model:
         """
         values = dict(zip(self.names, parameters.tolist(), strict=True))
         network = self.network
+        if "wall_modulus" in values:
+            material = replace(network.wall.solid, young_modulus=values["wall_modulus"])
+            network = network.with_wall(material)
         load = values.get("load", 1.0)
         under_load = hertz.stiffness_under(load)
         stiffer = values.get("stiffness", 1.0) * under_load / hertz.stiffness_under(1.0)
-        scaled = {
+        scaled: dict[str, Any] = {
             "normal_stiffness": stiffer * network.normal_stiffness,
             "shear_stiffness": stiffer * network.shear_stiffness,
             "torsion_stiffness": stiffer * network.torsion_stiffness,
             "bending_stiffness": stiffer * network.bending_stiffness,
             "normal_force": load * network.normal_force,
         }
+        if "on_site" in values:
+            scaled["on_site"] = values["on_site"] * network.on_site
         if network.tangential_force is not None:
             scaled["tangential_force"] = load * network.tangential_force
         # a frequency that was measured several times is solved once
@@ -534,8 +561,8 @@ class DampingFit(Fitted):
     ----------
     parameters, values : names (p,) and SI values (p,) of the fitted parameters: damping and
         tangential_damping, s; loss_factor and tangential_loss_factor; drag and rotational_drag,
-        1/s; dashpot and tangential_dashpot, N s/m; restitution; stiffness, load and gain, ratios to
-        those of the network.
+        1/s; dashpot and tangential_dashpot, N s/m; restitution; stiffness, load, on_site and gain,
+        ratios to those of the network; wall_modulus, Pa.
     covariance : covariance (p, p) of their errors, SI; the attribute ``correlation`` has their
         correlations.
     damping, loss_factor : (2,) of normal and of all other motion, s and 1, as ``Waves.response``
@@ -680,7 +707,8 @@ def fit_damping(
         "tangential_damping", "tangential_loss_factor" and "tangential_dashpot", of slip, twist and
         rolling, which are otherwise those of normal motion; "rotational_drag", otherwise that of
         displacements; "restitution"; "stiffness", by which all stiffnesses are multiplied; "load",
-        by which static forces are, and stiffnesses by its cubic root, as in Hertz's law; and
+        by which static forces are, and stiffnesses by its cubic root, as in Hertz's law; "on_site",
+        by which springs to the ground are; "wall_modulus", the Young modulus of the wall, Pa; and
         "gain", by which the whole response is, where sensors are not calibrated.
     damping, loss_factor, drag, dashpot, restitution : losses that are not fitted, as for
         :meth:`granphon.Waves.response`.
@@ -706,6 +734,9 @@ def fit_damping(
     if {"stiffness", "load"} <= set(names) and not network.prestress:
         why = "Without prestress a load does no more than scale stiffnesses"
         raise InputError("the data cannot tell stiffness and load apart", why, "Fit one of them")
+    if "on_site" in names and network.on_site is None:
+        mend = "Give them to the crystal: gp.Crystal(..., on_site=...), crystal.on_site"
+        raise InputError("there are no springs to the ground to fit", mend=mend)
     if not measured.calibrated and "gain" not in names:
         raise InputError(
             "the sensors are not calibrated",
@@ -794,7 +825,7 @@ class _Comparison:
         if measured.phase is not None:
             self.phasor = np.exp(1j * measured.phase)
         self.scale = np.array([model.find_scale(name) for name in self.names])
-        self.is_loss = np.array([name not in ("stiffness", "load", "gain") for name in self.names])
+        self.is_loss = np.array([name in _LOSS_OF for name in self.names])
         self._respond = lru_cache(maxsize=16)(self._find_response)
 
     @property
@@ -845,14 +876,11 @@ class _Comparison:
     def find_start(self, loss: float, stiffer: float = 1.0) -> tuple[float, Array]:
         """Return the misfit of logarithms, and scaled parameters (p,) with the gain that fits best.
 
-        The losses add up to ``loss``, and stiffnesses are ``stiffer`` times those of the network.
+        The losses add up to ``loss``, and stiffnesses are about ``stiffer`` times those of the
+        network.
         """
-        scaled = np.where(self.is_loss, loss / max(int(np.sum(self.is_loss)), 1), 1.0)
-        if "stiffness" in self.names:
-            scaled[self.names.index("stiffness")] = stiffer
-        if "load" in self.names:
-            # Hertz: a stiffness rises with the cubic root of the load
-            scaled[self.names.index("load")] = stiffer**3
+        ratios = np.array([stiffer ** _POWERS.get(name, 0.0) for name in self.names])
+        scaled = np.where(self.is_loss, loss / max(int(np.sum(self.is_loss)), 1), ratios)
         differences = self.compare_logarithms(scaled)
         if "gain" in self.names:
             of_magnitudes = differences[: self.measured.magnitude.size]
@@ -863,7 +891,7 @@ class _Comparison:
     def list_starts(self) -> list[Array]:
         """Return the scaled parameters (p,) from which minima are sought, the best first."""
         ratios = [1.0]
-        if {"stiffness", "load"} & set(self.names):
+        if _POWERS.keys() & set(self.names):
             ratios = self._find_best_ratios()
         losses = _LOSSES.tolist() if np.any(self.is_loss) else [0.0]
         starts = [self.find_start(loss, ratio) for ratio in ratios for loss in losses]

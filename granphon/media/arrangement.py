@@ -22,8 +22,15 @@ from granphon.balls.contact_laws import Hertz
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.motions import Motions
-from granphon.balls.on_site import find_unit
-from granphon.balls.packing import KIND_PARAMETERS, Packing, given_packing
+from granphon.balls.on_site import (
+    SPRING_PARAMETERS,
+    change_springs,
+    find_unit,
+    list_spring_parameters,
+    name_springs,
+    read_on_site,
+)
+from granphon.balls.packing import KIND_PARAMETERS, WALL_PARAMETERS, Packing, given_packing
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.text import closest, counted, spell
@@ -290,31 +297,88 @@ class Arrangement:
         rows.append(("motions", crystal.ball_motions.name.replace("_", " "), ""))
         return rows
 
+    @cached_property
+    def _walls(self) -> dict[str, Wall]:
+        """The walls at the faces, by name, with their materials."""
+        edges = [edge for face in self.crystal.faces for edge in face.edges]
+        return {edge.name: edge for edge in edges if isinstance(edge, Wall)}
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """The names of the parameters that :meth:`change` knows: of kinds of balls, "A.density", of
+        walls, "wall.young_modulus", and of springs to the ground, "on_site", "on_site.x".
+        """
+        of_kinds = itertools.product(self.kind_names, KIND_PARAMETERS)
+        of_walls = itertools.product(self._walls, WALL_PARAMETERS)
+        names = [f"{owner}.{parameter}" for owner, parameter in (*of_kinds, *of_walls)]
+        return (*names, *list_spring_parameters(self.crystal.named_motions))
+
     def change(self, values: Mapping[str, Any]) -> Arrangement:
-        """Return the arrangement with other ``values`` of parameters of kinds, in SI units:
+        """Return the arrangement with other ``values`` of :attr:`parameters`, in SI units:
         {"A.diameter": 8e-3}, m.
 
         A mass that was given stays if the material or the diameter changes. The diameter of a kind
-        changes the distances of balls, so that balls must lie on a lattice. Raises
-        :class:`~granphon.base.errors.InputError` for a parameter that the crystal does not have,
-        and for balls that make no crystal.
+        changes the distances of balls, so that balls must lie on a lattice. Springs change of all
+        balls. Raises :class:`~granphon.base.errors.InputError` for a parameter that the crystal
+        does not have, and for balls that make no crystal.
         """
-        allowed = [
-            f"{kind}.{parameter}"
-            for kind, parameter in itertools.product(self.kind_names, KIND_PARAMETERS)
-        ]
         balls = dict(self.kinds)
+        walls = dict[str, Wall]()
+        springs = dict[str, float]()
         for name, value in values.items():
-            if name not in allowed:
+            if name not in self.parameters:
                 raise InputError(
                     f"the crystal has no parameter {name!r}",
-                    f"It has {', '.join(allowed)}",
+                    f"It has {', '.join(self.parameters)}",
                     "Use one of these",
                 )
-            kind, _, parameter = name.rpartition(".")
-            balls[kind] = _change_ball(balls[kind], parameter, value)
-        crystal = None if self.given is None else self.given.with_balls(balls)
-        return replace(self, kinds=tuple(balls.items()), given=crystal)
+            owner, _, parameter = name.rpartition(".")
+            if name in SPRING_PARAMETERS:
+                springs[name] = value
+            elif owner in self._walls:
+                wall = walls.get(owner, self._walls[owner])
+                material = replace(wall.solid, **{parameter: value})
+                walls[owner] = replace(wall, material=material)
+            else:
+                balls[owner] = _change_ball(balls[owner], parameter, value)
+        if self.given is not None:
+            return Arrangement.of(self._change_given(balls, walls, springs))
+        changes: dict[str, Any] = {"kinds": tuple(balls.items())}
+        if springs:
+            changes["on_site"] = self._change_springs(springs)
+        if walls:
+            changes["cut"] = self._change_cuts(walls)
+        return replace(self, **changes)
+
+    def _change_given(
+        self, balls: Mapping[str, Ball], walls: Mapping[str, Wall], springs: Mapping[str, float]
+    ) -> Crystal:
+        """Return the crystal that was given with other balls, walls and springs."""
+        assert self.given is not None
+        crystal = self.given.with_balls(balls).with_walls(walls)
+        if not springs:
+            return crystal
+        n = crystal.n_balls
+        changed = change_springs(crystal.on_site, springs, crystal.named_motions, n)
+        return crystal.with_springs(changed)
+
+    def _change_springs(self, changes: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
+        """Return ``on_site`` with other stiffnesses, as names of motions with their stiffness."""
+        motions = self.crystal.named_motions
+        value = dict(self.on_site) if isinstance(self.on_site, tuple) else self.on_site
+        (springs,) = change_springs(read_on_site(value, motions, 1), changes, motions, 1)
+        return tuple(zip(name_springs(motions), springs.tolist(), strict=True))
+
+    def _change_cuts(self, walls: Mapping[str, Wall]) -> tuple[Any, ...]:
+        """Return ``cut`` with other walls at the faces of these names."""
+        cuts = []
+        for (axis, layers, edges), face in zip(self.cut, self.crystal.faces, strict=True):
+            changed = [
+                walls.get(named.name, edge) if isinstance(named, Wall) else edge
+                for edge, named in zip(edges, face.edges, strict=True)
+            ]
+            cuts.append((axis, layers, tuple(changed)))
+        return tuple(cuts)
 
 
 def _describe_springs(on_site: Any) -> list[tuple[str, Any, str]]:

@@ -31,6 +31,7 @@ from granphon.balls.ball import (
     Wall,
     find_wall,
     name_walls,
+    replace_walls,
 )
 from granphon.balls.contact_laws import (
     PairLaw,
@@ -671,6 +672,15 @@ class Crystal(Result):
         changed_kinds = kinds | dict(balls)  # in the order of the names
         return self._derive(kinds=tuple(changed_kinds.values()))
 
+    def with_springs(self, on_site: Array) -> Self:
+        """Return the crystal with other stiffnesses (n, motions) of springs to the ground."""
+        return self._derive(on_site=read_on_site(on_site, self.named_motions, self.n_balls))
+
+    def with_walls(self, walls: Mapping[str, Wall]) -> Self:
+        """Return the crystal with other walls in the place of those of the same names."""
+        faces = tuple(replace(face, edges=replace_walls(face.edges, walls)) for face in self.faces)
+        return self._derive(faces=faces)
+
     def remove(self, index: Any) -> Self:
         """Return the crystal without a ball, or without several: a vacancy. ``index`` is a number
         or a list of numbers.
@@ -741,7 +751,7 @@ class Crystal(Result):
         face_balls = find_faces(heights, self._mean_radii[origin], face_edges, n)
         thickness = count * abs(float(layering.stack[normal_axis]))
         faces = Faces(normal_axis, thickness, face_edges, face_balls)
-        on_site = turn_on_site(crystal.on_site, layering.turn, self._named_motions)
+        on_site = turn_on_site(crystal.on_site, layering.turn, self.named_motions)
         crystal = crystal._derive(faces=(*crystal.faces, faces), on_site=on_site)
         crystal._require_joined()
         return crystal
@@ -852,7 +862,7 @@ class Crystal(Result):
     def is_anchored(self) -> bool:
         """Whether springs to the ground resist displacements of balls."""
         springs = self.on_site
-        return springs is not None and bool(np.any(springs[:, self._named_motions.translating]))
+        return springs is not None and bool(np.any(springs[:, self.named_motions.translating]))
 
     @property
     def downward(self) -> Array:
@@ -1047,11 +1057,11 @@ class Crystal(Result):
         mindlin_ratio = 1.0 if self.friction else 0.0
         torsion = 1.0 if self.torsion else 0.0
         return select_motions(
-            mindlin_ratio, torsion, self.bending, self._named_motions, self.on_site
+            mindlin_ratio, torsion, self.bending, self.named_motions, self.on_site
         )
 
     @property
-    def _named_motions(self) -> Motions:
+    def named_motions(self) -> Motions:
         """The motions that :attr:`motions` names."""
         return _find_motions(self.dimension, self.motions)
 
@@ -1063,7 +1073,7 @@ class Crystal(Result):
         if self.on_site is None:
             nothing = np.zeros(0, np.intp)
             return nothing, nothing, np.zeros(0)
-        axes = np.array(self._named_motions.translations)
+        axes = np.array(self.named_motions.translations)
         along = np.flatnonzero(axes < self.dimension)  # statics know no other axis
         springs = np.where(self._bodies.ball_number[:, None] >= 0, self.on_site[:, along], 0.0)
         balls, columns = np.nonzero(springs)

@@ -14,7 +14,7 @@ from typing import Any, Self
 import numpy as np
 
 from granphon.balls.ball import Body, Wall, find_wall, name_walls
-from granphon.balls.contact_model import ContactModel
+from granphon.balls.contact_model import STIFFNESSES, ContactModel
 from granphon.balls.layers import Layers, find_faces
 from granphon.balls.neighbours import TOUCH, require_joined
 from granphon.balls.on_site import turn_on_site
@@ -70,6 +70,24 @@ def cut_network(network: Any, layers: Layers, count: int, edges: tuple[Any, Any]
         "contact_model": model,
         "on_site": on_site,
     }
+
+
+def change_wall(network: Any, wall: Wall) -> dict[str, Any]:
+    """Return the fields of a network whose only wall becomes ``wall``, which has its name: contacts
+    with it are under the same forces.
+    """
+    model = network.contact_model
+    names = np.array(network.kinds or [wall.name] * network.n_balls)
+    is_wall = np.isinf(network.radii) & (names == wall.name)
+    contacts = np.flatnonzero(is_wall[network.j])
+    balls = network.i[contacts]
+    kinds = _name_kinds(network, balls, model, f"face at {wall.name}")
+    forces = network.normal_force[contacts]
+    pressed = model.press_on_wall(kinds, network.radii[balls], forces, wall)
+    changed = {name: getattr(network, name).copy() for name in STIFFNESSES}
+    for name, stiffness in changed.items():
+        stiffness[contacts] = pressed[name]
+    return {"contact_model": replace(model, walls=(wall,)), **changed}
 
 
 def _hold_faces(

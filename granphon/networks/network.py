@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar, Unpac
 import numpy as np
 from numpy.typing import ArrayLike
 
+from granphon.balls.ball import Wall
 from granphon.balls.contact_model import ContactModel
 from granphon.balls.hertz import overlap_from
 from granphon.balls.lattices import Lattice
@@ -841,6 +842,23 @@ class ContactNetwork(Result):
         faces = require("edges", read_edges, edges)
         self._require_memory(n_layers)
         return replace(self, **cut_network(self, self.layers_across(axis), n_layers, faces))
+
+    @property
+    def wall(self) -> Wall:
+        """The wall of the network; InputError unless it has one wall whose material is known."""
+        walls = () if self.contact_model is None else self.contact_model.walls
+        if len(walls) != 1:
+            fault = f"the network has {counted(len(walls), 'wall')} of a known material"
+            raise InputError(fault, mend="Cut it with one: edges=(gp.Wall(steel), 'free')")
+        return walls[0]
+
+    def with_wall(self, material: Material) -> Self:
+        """Return the network with its wall of another ``material``: contacts with it are under the
+        same forces. Raises the error of :attr:`wall`.
+        """
+        from granphon.networks.cuts import change_wall
+
+        return replace(self, **change_wall(self, replace(self.wall, material=material)))
 
     def storable(self) -> Self:
         """Return the network as plain data and files can hold it: without the contact model of a

@@ -17,7 +17,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granphon.balls.packing import PARAMETERS
+from granphon.balls.on_site import ON_SITE, find_unit
+from granphon.balls.packing import SWEPT
 from granphon.base.errors import InputError, brief, one_line
 from granphon.base.quantities import is_si
 from granphon.base.registry import Registry
@@ -52,6 +53,7 @@ CostClass = Literal[
     "surface",
     "gaps",
     "cutoffs",
+    "onsets",
     "network",
 ]
 #: costs of the observables of the waves in simulated arrays, at edges, in the zone, and in networks
@@ -62,6 +64,7 @@ WAVE_COSTS: tuple[CostClass, ...] = (
     "surface",
     "gaps",
     "cutoffs",
+    "onsets",
     "network",
 )
 
@@ -162,6 +165,9 @@ def _write_words(name: str) -> str:
     of a kind of balls, "Density of A".
     """
     kind, _, parameter = name.rpartition(".")
+    if ON_SITE in (kind, parameter):
+        motion = f", {parameter.replace('_', ' ')}" if kind else ""
+        return f"Springs to the ground{motion}"
     words = parameter.replace("_", " ").capitalize()
     return f"{words} of {kind}" if kind else words
 
@@ -336,6 +342,12 @@ _PARAMETERS = {
     "motions": "motions of the balls",
     "torsion": "stiffness of a contact against twist, over k d^2",
     "bending": "stiffness of a contact against rolling, over k d^2",
+    "on_site": "stiffness of springs to the ground",
+    "damping": "viscosity of a contact over its stiffness",
+    "loss_factor": "loss factor of a contact",
+    "drag": "drag of balls",
+    "dashpot": "viscosity of a contact",
+    "restitution": "restitution of a collision",
 }
 _OBSERVABLES = (
     _make_state_entry("force", "mean contact force", label="Contact force", told=True),
@@ -736,6 +748,28 @@ _OBSERVABLES = (
         )
         for edge, which in (("lower", "lowest"), ("upper", "highest"))
     ),
+    Observable(
+        "onset_frequency",
+        "Hz",
+        "cut-off frequencies at which the branches begin, at Gamma",
+        cost="onsets",
+        dims=("branch",),
+    ),
+    Observable(
+        "onset_curvature",
+        "m^2/s",
+        "curvatures d^2 omega/dq^2 of the branches at Gamma",
+        cost="onsets",
+        dims=("branch",),
+    ),
+    Observable(
+        "onset_gap",
+        "Hz",
+        "the lowest frequency of all branches, below which nothing passes",
+        label="Gap below all branches",
+        cost="onsets",
+        told=True,
+    ),
     *(
         Observable(
             f"gap_{edge}",
@@ -760,7 +794,7 @@ _OBSERVABLES = (
 CATALOGUE: Registry[Observable] = Registry("observable")
 for _entry in (
     *_OBSERVABLES,
-    *(Observable(name, PARAMETERS[name] or "", title) for name, title in _PARAMETERS.items()),
+    *(Observable(name, SWEPT[name] or "", title) for name, title in _PARAMETERS.items()),
 ):
     CATALOGUE.own(_entry.name, _entry)
 
@@ -855,6 +889,9 @@ def entry_of(name: str, packing: Balls) -> Observable:
     in its title.
     """
     kind, _, parameter = name.rpartition(".")
+    if kind == ON_SITE:
+        title = f"{CATALOGUE[ON_SITE].title}, {spell(parameter)}"
+        return Observable(name, find_unit(parameter), title)
     entry = CATALOGUE[parameter]
     periods = packing.structure.periods
     if kind:

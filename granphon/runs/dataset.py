@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.packing import PARAMETERS, Packing
+from granphon.balls.packing import SWEPT, Packing
 from granphon.base.errors import (
     InputError,
     InstabilityError,
@@ -499,7 +499,7 @@ def collect_identity(frame: Dataset) -> dict[str, Any]:
     all_versions = json.loads(frame.attrs["versions"])
     # other packages, such as those that write files, change no number
     identity["versions"] = {name: all_versions[name] for name in packages()}
-    parameters = {*LOAD_KINDS, *PARAMETERS, "direction"}
+    parameters = {*LOAD_KINDS, *SWEPT, "direction"}
     # a name with a point is a parameter of a medium
     swept = [name for name in frame.coords if name in parameters or "." in str(name)]
     path = [name for name in ("labels", "qpoints") if name in frame]
@@ -693,8 +693,9 @@ def _explain_gaps(result: TaskResult, gaps: Sequence[str]) -> str:
 
 def _may_be_gap(name: str) -> bool:
     """Whether some cases of a sweep may have a variable that others lack."""
-    is_of_waves = name in CATALOGUE and CATALOGUE[name].cost in WAVE_COSTS
-    return name == "pressure" or is_of_waves or _is_of_sound(name)
+    entry = CATALOGUE.peek(name)
+    is_of_waves = entry is not None and entry.cost in (*WAVE_COSTS, "velocities")
+    return name == "pressure" or is_of_waves
 
 
 def _is_of_sound(name: str) -> bool:

@@ -369,17 +369,17 @@ class Plan:
 
     def _require_parameters(self) -> None:
         """Raise InputError, placed in the file, for the first value of a parameter that the packing
-        cannot have.
+        or its losses cannot have.
         """
         for axis in self.axes:
             try:
                 # between values that a packing can have are no others
                 for value in axis.ends.values:
-                    change_packing(self.grid.packing, {axis.name: value})
+                    self.grid.change({axis.name: value})
             except (GranphonError, ArithmeticError):
                 for index, value in enumerate(axis.values):
                     with self.places.at_index("sweep", axis.name, index):
-                        change_packing(self.grid.packing, {axis.name: value})
+                        self.grid.change({axis.name: value})
 
     @property
     def _path_of_lattice(self) -> tuple[str, ...]:

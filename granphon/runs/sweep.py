@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import Lattice, as_direction, find_lattice
 from granphon.balls.loads import Load
+from granphon.balls.on_site import SPRING_PARAMETERS
 from granphon.balls.packing import Axis, Packing, find_double
 from granphon.base.errors import InputError
 from granphon.base.progress import Progress, silent
@@ -33,7 +34,16 @@ from granphon.runs.dataset import (
 from granphon.runs.plan import Plan
 from granphon.runs.store import Store
 from granphon.runs.tasks import Grid, Request, require_arrays
-from granphon.waves.settings import PulseSettings, SpectrumSettings, WaveSettings
+from granphon.waves.settings import (
+    NETWORK_BLOCKS,
+    ModesSettings,
+    MotionSettings,
+    PulseSettings,
+    ResponseSettings,
+    SpectrumSettings,
+    WaveSettings,
+    require_losses,
+)
 
 Array = NDArray[Any]
 
@@ -53,9 +63,13 @@ def sweep(
     labels: Sequence[str] | None = None,
     gaps: bool = False,
     cutoffs: bool = False,
+    onsets: bool = False,
     dos: bool = False,
     spectrum: SpectrumSettings | Mapping[str, Any] | None = None,
     pulse: PulseSettings | Mapping[str, Any] | None = None,
+    response: ResponseSettings | Mapping[str, Any] | None = None,
+    motion: MotionSettings | Mapping[str, Any] | None = None,
+    modes: ModesSettings | Mapping[str, Any] | None = None,
     executor: Executor | None = None,
     progress: Progress = silent,
     path: str | os.PathLike[str] | None = None,
@@ -90,12 +104,17 @@ def sweep(
         :meth:`granphon.phonons.phonons.Phonons.find_gaps` does.
     cutoffs : whether to find the lowest and the highest frequency of each branch, as
         :meth:`granphon.phonons.phonons.Phonons.cutoffs` does.
+    onsets : whether to find the frequency and the curvature of each branch at Gamma, as
+        :meth:`granphon.phonons.phonons.Phonons.onset` does.
     dos, spectrum, pulse : what of the waves in each sample to find, where all media are
         simulations: the density of states of the array; spectral functions, as the keys
         ``polarisation``, ``resolution`` (Hz), ``points`` of a leg and ``path``, such as "GM", by
         default that of the lattice, of a mapping say; and a pulse along the direction, with the
         keys ``frequency`` (Hz), ``distance`` (m), ``cycles``, ``polarisation``, ``source``,
         ``ends``, ``damping`` (s).
+    response, motion, modes : what to find of the network of each state, with the keys that
+        :class:`~granphon.ResponseSettings`, :class:`~granphon.MotionSettings` and
+        :class:`~granphon.ModesSettings` have, in SI units.
     executor : any executor with the interface of :class:`concurrent.futures.Executor`, for work
         side by side; the numbers do not depend on it.
     progress : is told how many steps are done. A step is a medium at one combination of parameters,
@@ -110,7 +129,11 @@ def sweep(
         used; the caller clears it.
     **parameters : values of any of :data:`~granphon.balls.packing.PARAMETERS`; of a crystal those
         of its kinds, as {"A.young_modulus": [...]}, any of
-        :data:`~granphon.balls.packing.KIND_PARAMETERS` but the diameter. A ``width`` (W, m) scales
+        :data:`~granphon.balls.packing.KIND_PARAMETERS` but the diameter, of its walls,
+        {"wall.young_modulus": [...]}, and of springs to the ground, ``on_site`` of all
+        displacements, N/m, {"on_site.rotation": [...]}, N m, and the like. The losses ``damping``,
+        s, ``loss_factor``, ``drag``, 1/s, ``dashpot``, N s/m, and ``restitution`` stand for those
+        of the response, motion and pulse. A ``width`` (W, m) scales
         the spread and keeps its shape, which is uniform if the packing has no spread; a
         ``diameter`` leaves the spread as it is. Lattices must have the same number of periods.
 
@@ -131,10 +154,11 @@ def sweep(
     the swept motions do not have are nan there, and the warnings say which; with bands
     ``frequencies`` (..., segment, point, branch) in Hz; with gaps ``gap_lower`` and ``gap_upper``
     (..., gap) in Hz by the number of branches below, nan where there is no gap, and
-    ``top_frequency``; with cutoffs ``cutoff_lower`` and ``cutoff_upper`` (..., branch) in Hz; of
-    waves in simulated arrays means over samples with standard errors: ``dos_total`` (..., node)
-    over ``dos_frequency``, ``line_frequency``, ``line_width``, ``phase_velocity``,
-    ``mean_free_path`` and ``attenuation`` (..., polarisation, wavevector),
+    ``top_frequency``; with cutoffs ``cutoff_lower`` and ``cutoff_upper`` (..., branch) in Hz; with
+    onsets ``onset_frequency``, Hz, and ``onset_curvature``, m^2/s, (..., branch), and
+    ``onset_gap``, Hz; of waves in simulated arrays means over samples with standard errors:
+    ``dos_total`` (..., node) over ``dos_frequency``, ``line_frequency``, ``line_width``,
+    ``phase_velocity``, ``mean_free_path`` and ``attenuation`` (..., polarisation, wavevector),
     ``ioffe_regel_longitudinal`` and the like, ``pulse_velocity``, ``time_of_flight``,
     ``coherent_fraction``, nan where a warning says why. Loads are a coordinate
     under their own name. ``attrs`` holds versions, packing, media and the warnings of validity, as
@@ -148,8 +172,8 @@ def sweep(
         lattices of different dimension, waves of media that are no simulations or that an array
         does not have, a pulse in several directions, a ``path`` that does not end in .nc, and
         ``resume`` without a path.
-    MechanismError : a lattice is a mechanism; raised before anything is computed. With bands, gaps
-        or cutoffs, velocities and moduli are left out instead, with a warning.
+    MechanismError : a lattice is a mechanism; raised before anything is computed. With bands, gaps,
+        cutoffs or onsets, velocities and moduli are left out instead, with a warning.
     InstabilityError : with finite overlap, a lattice buckles.
     FileExistsInRunError : the files exist, or finished tasks of another sweep or version do, and
         ``overwrite`` is off; raised before anything is computed.
@@ -174,16 +198,22 @@ def sweep(
         require_finite_overlap(choices)
     directions = None if direction is None else _read_directions(direction, lattice)
 
-    waves = _read_waves(dos, spectrum, pulse, directions, lattice)
+    networks = {"response": response, "motion": motion, "modes": modes}
+    waves = _read_waves(dos, spectrum, pulse, networks, directions, lattice)
+    of_waves = [] if waves is None else [waves.pulse, *waves.of_networks]
+    require_losses(parameters, of_waves)
     path_of_bands = None if bands is None else (bands, npoints, labels)
     of_zone = {
         "bands": bands is not None,
         "gaps": require("gaps", truth, gaps),
         "cutoffs": require("cutoffs", truth, cutoffs),
+        "onsets": require("onsets", truth, onsets),
     }
     observe = ["velocities", *(name for name, is_requested in of_zone.items() if is_requested)]
-    if waves is not None:
-        observe += waves.names
+    of_arrays: Sequence[str] = () if waves is None else waves.names
+    observe += [*of_arrays, *(name for name, settings in networks.items() if settings is not None)]
+    # balls that are held have no sound, and a mechanism has bands and motions too
+    has_sound = packing.repeats and not packing.is_held and not {*SPRING_PARAMETERS} & {*parameters}
     request = Request(
         finite_overlap=finite_overlap,
         path=path_of_bands,
@@ -191,12 +221,12 @@ def sweep(
         waves=waves,
         gaps=of_zone["gaps"],
         cutoffs=of_zone["cutoffs"],
-        sound=not any(of_zone.values()),  # a mechanism has bands too, though no sound
+        onsets=of_zone["onsets"],
+        sound=has_sound and observe == ["velocities", *of_arrays],
         observe=tuple(observe),
     )
     grid = Grid(packing, axes, choices, load, request)
-    if waves is not None:
-        require_arrays(choices, parameters, waves.names)
+    require_arrays(choices, parameters, of_arrays)
     return Plan(grid).sweep(
         progress,
         executor,
@@ -259,11 +289,13 @@ def _read_waves(
     dos: bool,
     spectrum: SpectrumSettings | Mapping[str, Any] | None,
     pulse: PulseSettings | Mapping[str, Any] | None,
+    networks: Mapping[str, Any],
     directions: tuple[Any, ...] | None,
     lattice: Lattice,
 ) -> WaveSettings | None:
-    """Return the settings of the waves in each sample; None if none are requested. InputError for a
-    pulse along several ``directions``.
+    """Return the settings of the waves in each sample, and in the network of each state, which
+    ``networks`` has by block; None if none are requested. InputError for a pulse along several
+    ``directions``.
     """
     with_dos = require("dos", truth, dos)
     spectrum_settings, corners, names = _read_spectrum(spectrum, lattice)
@@ -272,8 +304,12 @@ def _read_waves(
     has_several = isinstance(directions[0], tuple) if directions else False
     if pulse_settings is not None and has_several:
         raise InputError("a pulse is asked for in several directions", mend="Give one direction")
-    has_waves = with_dos or spectrum_settings is not None or pulse_settings is not None
-    if not has_waves:
+    of_networks = tuple(
+        require(name, partial(read_block, NETWORK_BLOCKS[name], context=IN_PYTHON), settings)
+        for name, settings in networks.items()
+        if settings is not None
+    )
+    if not (with_dos or spectrum_settings or pulse_settings or of_networks):
         return None
     pulse_direction = None if pulse_settings is None else directions
     return WaveSettings(
@@ -283,6 +319,7 @@ def _read_waves(
         labels=names,
         pulse=pulse_settings,
         direction=pulse_direction,
+        of_networks=of_networks,
     )
 
 

@@ -34,7 +34,13 @@ from granphon.array.sample import Sample
 from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
-from granphon.balls.packing import Axis, combine, describe_combination
+from granphon.balls.packing import (
+    LOSSES,
+    Axis,
+    change_packing,
+    combine,
+    describe_combination,
+)
 from granphon.base.errors import ConvergenceError, GranphonError, InputError, MechanismError
 from granphon.base.registry import list_added
 from granphon.base.results import plain, read_only
@@ -128,6 +134,7 @@ class Request:
     surface : the edge whose waves are requested; None for none.
     gaps : whether the edges of the gaps, and the top frequency, are requested.
     cutoffs : whether the cut-off frequencies of the branches are requested.
+    onsets : whether the frequencies and curvatures of the branches at Gamma are requested.
     bands : how contacts damp the bands; None for bands without loss alone.
     exponents : whether the exponents of the velocities are requested, for which a simulation solves
         two more equilibria at each load.
@@ -146,11 +153,17 @@ class Request:
     surface: SurfaceSettings | None = None
     gaps: bool = False
     cutoffs: bool = False
+    onsets: bool = False
     bands: BandsSettings | None = None
     exponents: bool = True
     sound: bool = True
     whole: bool = False
     observe: tuple[str, ...] = ("velocities",)
+
+    def with_losses(self, losses: Mapping[str, float]) -> Request:
+        """Return the request with other ``losses``, by name, in all settings that have them."""
+        waves = self.waves and self.waves.with_losses(losses)
+        return replace(self, waves=waves, bands=self.bands and self.bands.with_losses(losses))
 
     def find_path(self, structure: Lattice) -> tuple[Array, tuple[str, ...]] | None:
         """Find the points along the path of the bands, (s, p, 3), and the labels of its corners;
@@ -342,10 +355,17 @@ class Grid:
         impossible packing.
         """
         return tuple(
-            Case(values, packing, medium, self.load, self.request, self.written)
-            for values, packing in combine(self.packing, self.axes, self.written.units)
+            Case(values, packing, medium, self.load, request, self.written)
+            for values, (packing, request) in combine(self.change, self.axes, self.written.units)
             for medium in self.media
         )
+
+    def change(self, values: Mapping[str, Any]) -> tuple[Balls, Request]:
+        """Return the packing and the request with other ``values`` of parameters, by name."""
+        losses = {name: value for name, value in values.items() if name in LOSSES}
+        of_balls = {name: value for name, value in values.items() if name not in LOSSES}
+        request = self.request.with_losses(losses) if losses else self.request
+        return change_packing(self.packing, of_balls), request
 
 
 def require_arrays(
@@ -534,7 +554,9 @@ class MediumTask(Task):
             cutoffs = _find_in_zone(state, lambda phonons: phonons.cutoffs())
             lower, upper = np.moveaxis(cutoffs, -1, 0)
             variables |= {"cutoff_lower": lower, "cutoff_upper": upper}
-        if state.n_samples and (request.gaps or request.cutoffs):
+        if request.onsets:
+            variables |= _observe_onsets(state, request.direction)
+        if state.n_samples and (request.gaps or request.cutoffs or request.onsets):
             notes.append(LATTICE_BANDS)
         path = request.find_path(self.serving.packing.structure)
         if path is not None:
@@ -683,6 +705,25 @@ def _observe_gaps(state: ContactState) -> TaskResult:
         state, lambda phonons: phonons.lattice.top_frequency * phonons.scales.frequency
     )
     return {"gap_lower": lower, "gap_upper": upper, "top_frequency": tops}
+
+
+def _observe_onsets(state: ContactState, direction: tuple[Any, ...] | None) -> TaskResult:
+    """Return the variables of the branches at Gamma at each load: frequencies (loads, b), Hz,
+    curvatures (loads, b) along a ``direction``, m^2/s, and the gap below all branches (loads,), Hz.
+    """
+
+    def find_onset(phonons: Phonons) -> Array:
+        onset = phonons.onset(direction)
+        return np.concatenate([onset.frequencies, onset.curvatures, [onset.gap]])
+
+    # curvatures scale as frequencies do, as lattices that serve all loads have one length
+    onsets = _find_in_zone(state, find_onset)
+    frequencies, curvatures = np.split(onsets[:, :-1], 2, axis=1)
+    return {
+        "onset_frequency": frequencies,
+        "onset_curvature": curvatures,
+        "onset_gap": onsets[:, -1],
+    }
 
 
 def _find_in_zone(state: ContactState, find: Callable[[Phonons], Any]) -> Array:

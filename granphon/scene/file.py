@@ -288,7 +288,7 @@ def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
         packing["finite_overlap"] = settings.pop("finite_overlap")
     arrangement = _make_arrangement(document, crystal_values["balls"], settings)
     packing["arrangement"] = arrangement
-    context = Context(arrangement.structure, kinds=arrangement.kind_names, folder=folder)
+    context = Context(arrangement.structure, parameters=arrangement.parameters, folder=folder)
     # spectrum and pulse are of arrays, which packings have
     unused = (*_CRYSTAL_BLOCKS, *_NEEDED_BLOCKS[:2], "spectrum", "pulse")
     readers = {
@@ -347,7 +347,7 @@ def _read_block(name: str, value: Any, context: Context) -> Any:
         return {}  # every key below the name of the block is commented out
     if name == "load" and isinstance(value, dict):
         # a value of another type is refused below, with the keys that are allowed
-        _require_one_load(value, of_crystal=bool(context.kinds))
+        _require_one_load(value, of_crystal=bool(context.parameters))
     readers = {key: declared.kind.rule(context) for key, declared in settings.items()}
     needed_keys = [key for key, declared in settings.items() if declared.default == NEEDED]
     if name != "packing" or not _has_measured_spread(value):
@@ -429,6 +429,9 @@ def _find_block(key: Any, keys_of_blocks: Mapping[str, Sequence[str]]) -> str:
     """Return a sentence on the block to which a key belongs; empty if it belongs to none."""
     for name, keys in keys_of_blocks.items():
         if key in keys:
+            if name in _CRYSTAL_BLOCKS:
+                blocks = " and ".join(_CRYSTAL_BLOCKS)
+                return f"It belongs under '{name}': {blocks} in place of material and packing."
             return f"It belongs under '{name}'." if name else "It belongs at the top level."
     return ""
 

@@ -307,6 +307,12 @@ def _find_motion(run: Any) -> Any:
     return restore_motion(run.records[0])
 
 
+def _list_onsets(run: Any) -> dict[str, Any]:
+    """Return the frequencies, Hz, and curvatures, m^2/s, of the branches at Gamma."""
+    names = ("onset_frequency", "onset_curvature")
+    return {name: run.dataset[name].values.ravel().tolist() for name in names}
+
+
 def _list_peaks(run: Any) -> dict[str, Any]:
     """Return the peaks of the response at each receiver: frequency, Hz, height and Q."""
     data = run.dataset
@@ -682,6 +688,17 @@ for _row in (
         draw=partial(_draw_dataset, "cutoffs"),
         words="lowest and highest frequency of each branch in the zone; these over the load",
         caption="Branches, from their lowest to their highest frequency",
+    ),
+    Export(
+        "onsets",
+        ("onsets.csv", "onsets.png"),
+        observed="onsets",
+        summarise=_list_onsets,
+        write=partial(_write_table, "onsets.csv", ("branch",), numbered=True),
+        draw=partial(_draw_dataset, "onsets"),
+        words="cut-off frequency and curvature of each branch at Gamma; the frequencies over the"
+        " load",
+        caption="Cut-off frequencies from which waves begin, at Gamma",
     ),
     Export(
         "modes",

@@ -30,9 +30,9 @@ from granphon.balls.lattices import (
 from granphon.balls.loads import balls_on_side
 from granphon.balls.material import Material
 from granphon.balls.motions import allowed_motions
-from granphon.balls.on_site import DISPLACEMENTS, ROTATION, ROTATIONS
+from granphon.balls.on_site import DISPLACEMENTS, ROTATION, ROTATIONS, SPRING_PARAMETERS
 from granphon.balls.packing import (
-    KIND_PARAMETERS,
+    LOSSES,
     MINDLIN,
     PARAMETERS,
     Axis,
@@ -94,7 +94,7 @@ from granphon.media.choice import MEDIA, MediumChoice, read_medium
 from granphon.observables.catalogue import CATALOGUE
 from granphon.phonons.paths import BandPath, read_labels
 from granphon.scene.outputs import DIAMETERS_FILE
-from granphon.waves.settings import CUT, NETWORK_BLOCKS, REPEAT
+from granphon.waves.settings import CUT, LOSS_KINDS, NETWORK_BLOCKS, REPEAT
 
 #: version number of the layout of a scene file, its key "schema"
 SCENE_SCHEMA = 1
@@ -104,6 +104,7 @@ OBSERVABLES = (
     "bands",
     "gaps",
     "cutoffs",
+    "onsets",
     "dos",
     "surface",
     "spectrum",
@@ -128,13 +129,13 @@ class Context(ValueContext):
     lattice : lattice of the packing, on which motions, pressures, samples, directions, paths and
         meshes depend.
     swept : the lattices of a sweep; motions must be allowed on each.
-    kinds : names of the kinds of balls of a crystal.
+    parameters : names of the parameters of a crystal that a sweep may vary; empty of a packing.
     folder, written : see :class:`~granphon.base.settings.ValueContext`.
     """
 
     lattice: Lattice = TRIANGULAR
     swept: tuple[Lattice, ...] = ()
-    kinds: tuple[str, ...] = ()
+    parameters: tuple[str, ...] = ()
 
 
 @contextmanager
@@ -404,12 +405,10 @@ PACKING: dict[str, Setting] = {
 
 def _read_parameters(value: Any, context: Context) -> tuple[tuple[str, tuple[Any, ...]], ...]:
     """Return the parameters of a sweep, in the order of their block, each as its name and its
-    values; those of a crystal have the name of a kind and a point in front.
+    values.
     """
-    names = list(PARAMETERS)
-    if context.kinds:
-        names = [f"{kind}.{name}" for kind in context.kinds for name in KIND_PARAMETERS]
-    elif isinstance(value, Mapping) and "lattice" in value:
+    names = [*(context.parameters or PARAMETERS), *LOSSES]
+    if not context.parameters and isinstance(value, Mapping) and "lattice" in value:
         # motions must be allowed on each of the lattices
         lattices = tuple(map(find_lattice, read_lattices(value["lattice"])))
         context = replace(context, swept=lattices)
@@ -419,11 +418,18 @@ def _read_parameters(value: Any, context: Context) -> tuple[tuple[str, tuple[Any
     return tuple(block(value, rules).items())
 
 
+def _find_kind(name: str) -> Kind:
+    """Return the kind of the values of a parameter of a sweep."""
+    if name in SPRING_PARAMETERS:
+        return _SPRING_KINDS.get(name.partition(".")[2], _SPRING)
+    return LOSS_KINDS[name] if name in LOSSES else PARTS[name.rpartition(".")[2]]
+
+
 def _read_axis(value: Any, name: str, context: Context) -> tuple[Any, ...]:
     """Return the values of the parameter ``name`` of a sweep, numbers in SI units; Refused for a
     value that is given twice.
     """
-    rule = PARTS[name.rpartition(".")[2]].rule(context)
+    rule = _find_kind(name).rule(context)
     values: tuple[Any, ...]
     if find_unit(name):
         values = read_values(value, rule)
@@ -446,7 +452,7 @@ def _write_parameters(
 
     def write(name: str, values: tuple[Any, ...]) -> Any:
         """Return plain data for the values of a parameter."""
-        kind = PARTS[name.rpartition(".")[2]]
+        kind = _find_kind(name)
         has_words = any(isinstance(value, str) for value in values)
         if find_unit(name) and not has_words:
             return write_values(values, lambda value: kind.write(value, context))
@@ -933,13 +939,12 @@ _SITES = listed(_SITE.made(lambda site: (site["at"], site["kind"])), "sites")
 _ALL_MOTIONS = tuple(
     dict.fromkeys(motions for dimension in (1, 2, 3) for motions in allowed_motions(dimension))
 )
-#: the spring to the ground of each motion, by name
-_SPRINGS = block_of(
-    {
-        name: with_unit(TURN_STIFFNESS if name.startswith(ROTATION) else STIFFNESS)
-        for name in (*DISPLACEMENTS, ROTATION, *ROTATIONS)
-    }
-)
+#: the spring to the ground of each motion, by name, and of all displacements
+_SPRING_KINDS = {
+    name: with_unit(TURN_STIFFNESS if name.startswith(ROTATION) else STIFFNESS)
+    for name in (*DISPLACEMENTS, ROTATION, *ROTATIONS)
+}
+_SPRINGS = block_of(_SPRING_KINDS)
 _SPRING = with_unit(STIFFNESS)
 
 

@@ -97,6 +97,7 @@ _EXTENTS = (
     "greatest_force",
     "energy_lost",
     "top_frequency",
+    "onset_gap",
     *(f"ioffe_regel_{name}" for name in POLARISATIONS),
 )
 
@@ -116,9 +117,9 @@ class Scene(SceneValues):
         mapping.
     finite_overlap : keep the terms of relative order delta/d; True if all media are simulations in
         their exact geometry, which always have them.
-    observe : which of "velocities", "bands", "gaps", "cutoffs", "dos", "surface", "spectrum",
-        "pulse", "response", "motion", "modes" to compute; spectrum, pulse and the density of states
-        of the array itself, of a simulation.
+    observe : which of "velocities", "bands", "gaps", "cutoffs", "onsets", "dos", "surface",
+        "spectrum", "pulse", "response", "motion", "modes" to compute; spectrum, pulse and the
+        density of states of the array itself, of a simulation.
     direction : Cartesian direction of sound, a number for each period of the lattice, or a tuple of
         such directions; None for x, on which velocities do not depend where sound is isotropic.
     band, band_points : path of the bands, None for that of the lattice, and number of points on
@@ -342,7 +343,7 @@ class Scene(SceneValues):
         """How the states of the scene are checked and found."""
         has_velocities = "velocities" in self.observe
         # a mechanism has other observables, but no velocities
-        of_mechanisms = {"bands", "gaps", "cutoffs", "dos", "surface", *NETWORK_BLOCKS}
+        of_mechanisms = {"bands", "gaps", "cutoffs", "onsets", "dos", "surface", *NETWORK_BLOCKS}
         path = None
         if "bands" in self.observe:
             path = (self.path.arrays, self.band_points, self.path.labels)
@@ -355,6 +356,7 @@ class Scene(SceneValues):
             surface=self.observed_settings("surface"),
             gaps="gaps" in self.observe,
             cutoffs="cutoffs" in self.observe,
+            onsets="onsets" in self.observe,
             bands=self.observed_settings("bands"),
             observe=self.observe,
             sound=has_velocities or of_mechanisms.isdisjoint(self.observe),

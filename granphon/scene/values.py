@@ -42,6 +42,7 @@ from granphon.waves.settings import (
     SpectrumSettings,
     SurfaceSettings,
     WaveSettings,
+    require_losses,
 )
 
 #: the settings of a spectrum by default
@@ -125,7 +126,7 @@ class SceneValues:
         # media of another type are refused below
         if isinstance(cast("object", self.media), tuple | list) and not self.media:
             assign("media", default_medium(self.packing, self.balls_differ))
-        context = Context(lattice, written=False, kinds=self.packing.kind_names)
+        context = Context(lattice, written=False)
         for name, declared in _CHECKED.items():
             value = getattr(self, name)
             if value is not None:
@@ -242,7 +243,8 @@ class SceneValues:
             media.append("the same for equal balls")
         load_unit = find_load_unit(load.kind, structure.periods, structure.pressed_axes)
         sweeps = [
-            (f"sweep of {spell(name)}", values, find_unit(name) or "")
+            # a name with a point is a key of the file
+            ("sweep of " + (name if "." in name else spell(name)), values, find_unit(name) or "")
             for name, values in self.parameters
         ]
         directions = [
@@ -309,9 +311,9 @@ class SceneValues:
             "velocities",
             self.packing.is_held,
             "of balls that are held",
-            "bands, gaps, cutoffs, dos of these",
+            "bands, gaps, cutoffs, onsets, dos of these",
             "Long waves move all balls together, which a floor, a clamp or springs to the ground"
-            " hold: write observe: [bands].",
+            " hold: write observe: [onsets], the cut-off frequencies from which waves begin.",
         )
         first_block = next(iter(NETWORK_BLOCKS))
         without_period = [
@@ -322,7 +324,7 @@ class SceneValues:
                 f"{', '.join(NETWORK_BLOCKS)} of these",
                 f"Waves of this kind need a period: write observe: [{first_block}].",
             )
-            for name in ("velocities", "bands", "gaps", "cutoffs", "dos", "surface")
+            for name in ("velocities", "bands", "gaps", "cutoffs", "onsets", "dos", "surface")
         ]
         pulse = Conflict(
             "pulse",
@@ -433,6 +435,9 @@ class SceneValues:
         first_waves = waves[0] if waves else ""
         with rules.refusing(first_waves, allowed_waves, "observe"):
             require_arrays(self.media, dict(self.parameters), waves)
+        if self.parameters:
+            with rules.refusing("sweep", "parameters of what is observed", "sweep"):
+                require_losses(dict(self.parameters), [*map(self.observed_settings, WAVE_BLOCKS)])
         for conflict in self._list_conflicts():
             if conflict.name in self.observe and conflict.holds:
                 found = f"{conflict.name!r} {conflict.problem}"

@@ -146,8 +146,10 @@ def explain(
         mend = "Lower the load, or give a law whose force grows on"
         return InputError(f"a contact law does not reach the forces under {words}", why, mend)
     forces = np.abs(problem.force * problem.weights)
+    # springs to the ground bear any tension, as bonds do
+    kinds = "contacts and springs" if np.any(np.isinf(laws.tension)) else "contacts"
     for quantity, values, most in (
-        ("the stiffnesses of contacts", stiffness, _MOST_STIFF),
+        (f"the stiffnesses of {kinds}", stiffness, _MOST_STIFF),
         ("the forces of the load on balls", forces, _MOST_FORCES),
     ):
         present = values[values > 0.0]

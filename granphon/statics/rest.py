@@ -548,6 +548,8 @@ class _LatticeSearch(_Search):
             problem = f"{self.problem.load.words} pulls contact {contact} apart"
             tension = laws.tension[contact] + 0.0  # of contacts that only push, no -0
             why = f"It bears a tension of up to {tension:.6g} N"
+            if not tension and np.any(np.isinf(laws.tension)):
+                why += ", and springs or bonds bear the load in its place"
             return InputError(problem, why, "Press the crystal more")
         return error
 

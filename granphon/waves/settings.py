@@ -7,16 +7,18 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, fields
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from granphon.balls.ball import Wall
 from granphon.balls.layers import read_axis, read_edge, read_edges
 from granphon.balls.material import Material
+from granphon.balls.packing import LOSSES
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import (
@@ -65,7 +67,7 @@ from granphon.base.validation import (
     real_number,
     zero_or_above,
 )
-from granphon.dynamics.damping import LEAST_RESTITUTION, LOSSES, read_loss
+from granphon.dynamics.damping import LEAST_RESTITUTION, read_loss
 from granphon.networks.network import ContactNetwork
 from granphon.waves.sensors import FLOOR
 
@@ -140,12 +142,14 @@ def _of_both_motions(kind: Kind, parts: str = "of normal motion, and of all othe
     return Kind(read, write, kind.unit)
 
 
-#: zero is written without its unit
-_DAMPING = _of_both_motions(_loss_kind("damping", SINCE))
-_LOSS_FACTOR = _of_both_motions(Kind.plain(partial(read_loss, "loss_factor", rule=zero_or_above)))
-_DRAG = _of_both_motions(_loss_kind("drag", RATE), "of displacements, and of rotations")
-_DASHPOT = _of_both_motions(_loss_kind("dashpot", VISCOSITY))
-_RESTITUTION = Kind.plain(partial(number, low=LEAST_RESTITUTION, high=1.0))
+#: the kind of each loss of all motions; zero is written without its unit
+LOSS_KINDS = {
+    "damping": _loss_kind("damping", SINCE),
+    "loss_factor": Kind.plain(partial(read_loss, "loss_factor", rule=zero_or_above)),
+    "drag": _loss_kind("drag", RATE),
+    "dashpot": _loss_kind("dashpot", VISCOSITY),
+    "restitution": Kind.plain(partial(number, low=LEAST_RESTITUTION, high=1.0)),
+}
 
 
 def _read_frequencies(value: Any, context: ValueContext) -> tuple[float, ...]:
@@ -314,31 +318,31 @@ class LossSettings(Block, kw_only=True):
     """
 
     damping: float | tuple[float, float] = setting(
-        _DAMPING,
+        _of_both_motions(LOSS_KINDS["damping"]),
         "viscosity of a contact over its stiffness; of normal and of other motion in a list",
         default=0.0,
-        title="damping of contacts",
+        title="damping of contacts in the {block}",
     )
     drag: float | tuple[float, float] | None = setting(
-        _DRAG,
+        _of_both_motions(LOSS_KINDS["drag"], "of displacements, and of rotations"),
         "rate at which balls slow down by themselves; of displacements and of rotations in a list",
         default=None,
         absent="none",
-        title="drag of balls",
+        title="drag of balls in the {block}",
     )
     dashpot: float | tuple[float, float] | None = setting(
-        _DASHPOT,
+        _of_both_motions(LOSS_KINDS["dashpot"]),
         "viscosity of a contact, whatever its stiffness; of normal motion and of slip in a list",
         default=None,
         absent="none",
-        title="dashpot of contacts",
+        title="dashpot of contacts in the {block}",
     )
     restitution: float | None = setting(
-        _RESTITUTION,
+        LOSS_KINDS["restitution"],
         "velocity after a collision over that before, whose dashpot each contact has; up to 1",
         default=None,
         absent="none",
-        title="restitution of contacts",
+        title="restitution of contacts in the {block}",
     )
 
     @property
@@ -353,6 +357,10 @@ class LossSettings(Block, kw_only=True):
         losses = {name: getattr(self, name, None) for name in LOSSES}
         return {name: loss for name, loss in losses.items() if loss is not None}
 
+    def with_losses(self, losses: Mapping[str, float]) -> Self:
+        """Return the settings with those of other ``losses``, by name, that they have."""
+        return replace(self, **{name: x for name, x in losses.items() if hasattr(self, name)})
+
 
 class LinearLossSettings(LossSettings, kw_only=True):
     """Losses of waves of one frequency.
@@ -363,11 +371,24 @@ class LinearLossSettings(LossSettings, kw_only=True):
     """
 
     loss_factor: float | tuple[float, float] = setting(
-        _LOSS_FACTOR,
+        _of_both_motions(LOSS_KINDS["loss_factor"]),
         "loss factor of a contact; of normal and of other motion in a list",
         default=0.0,
-        title="loss factor of contacts",
+        title="loss factor of contacts in the {block}",
     )
+
+
+def require_losses(names: Iterable[str], settings: Sequence[Block | None]) -> None:
+    """Raise :class:`InputError` for a loss, of ``names`` of swept parameters, that none of the
+    ``settings`` of what is observed has.
+    """
+    for name in names:
+        if name in LOSSES and not any(hasattr(block, name) for block in settings):
+            raise InputError(
+                f"nothing that is observed depends on {name}",
+                "Losses are those of a response, a motion, a pulse, or of bands with a block bands",
+                "Observe one of these, or leave the parameter out",
+            )
 
 
 class SpectrumSettings(Block):
@@ -998,6 +1019,15 @@ class WaveSettings:
     pulse: PulseSettings | None = None
     direction: tuple[Any, ...] | None = None
     of_networks: tuple[NetworkSettings, ...] = ()
+
+    def with_losses(self, losses: Mapping[str, float]) -> WaveSettings:
+        """Return the settings with other ``losses``, by name, wherever they have them."""
+        networks = (
+            settings.with_losses(losses) if isinstance(settings, LossSettings) else settings
+            for settings in self.of_networks
+        )
+        pulse = self.pulse and self.pulse.with_losses(losses)
+        return replace(self, pulse=pulse, of_networks=tuple(networks))
 
     @property
     def names(self) -> tuple[str, ...]:

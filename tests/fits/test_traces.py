@@ -316,8 +316,13 @@ def test_what_gives_no_transfer_function_is_refused() -> None:
     response = gp.Traces(times, rng.standard_normal(4096), 0.0)
     with pytest.raises(InputError, match="segment"):
         gp.TransferFunction.from_traces(drive, response, segment=1e-5)
-    with pytest.raises(InputError, match="band"):
-        gp.TransferFunction.from_traces(drive, response, band=(1e3, 1e3))
+    for band in ((1e3, 1e3), (2e3, 1e3), (-1.0, 1e3), (1e3,), "a"):
+        with pytest.raises(InputError, match="band"):
+            gp.TransferFunction.from_traces(drive, response, band=band)
+    with pytest.raises(InputError, match="connects"):  # noise, at any frequency
+        gp.TransferFunction.from_traces(drive, response)
+    with pytest.raises(InputError, match="Traces"):
+        gp.TransferFunction.from_traces(drive.signals, response)
     later = gp.Traces(times + 1.0, response.signals[0], 0.0)
     with pytest.raises(InputError, match="times"):
         gp.TransferFunction.from_traces(drive, later)

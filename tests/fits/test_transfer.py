@@ -171,6 +171,42 @@ def test_drag_and_dashpots_are_found_alone_and_two_at_once(names):
     assert gp.DampingFit.from_dict(found.to_dict()) == found
 
 
+@pytest.mark.parametrize("name", ["on_site", "wall_modulus"])
+def test_springs_and_a_wall_that_are_not_there_are_refused(name):
+    measured = gp.TransferFunction(HERTZ, np.abs(closed_form(TAU, 0.0)))
+    with pytest.raises(InputError, match={"on_site": "springs", "wall_modulus": "wall"}[name]):
+        fit(measured, parameters=(name,))
+
+
+@pytest.mark.slow
+@pytest.mark.claim("fit-springs-and-walls")
+@pytest.mark.parametrize("name", ["on_site", "wall_modulus"])
+def test_springs_and_the_modulus_of_a_wall_are_those_of_the_closed_form(name):
+    """A ball of steel on a wall, over a spring to the ground or none."""
+    ball = gp.Ball(gp.Material(193e9, 0.30, 8000.0), 8e-3)
+    springs = {"on_site": 1e6, "wall_modulus": 0.0}[name]
+    row = gp.Crystal.on("chain", [ball], on_site=springs)
+    network = (
+        row.cut(0, 1, (gp.Wall(gp.Material(3e9, 0.35, 1200.0)), "free")).at_force(20.0).network
+    )
+    true_modulus = {"on_site": 3e9, "wall_modulus": 9e9}[name]
+    compliance = (1.0 - 0.30**2) / 193e9 + (1.0 - 0.35**2) / true_modulus
+    # k = 2 E* a, with a^3 = (3/4) f R / E*
+    stiffness = 2.0 / compliance * (0.75 * 20.0 * ball.radius * compliance) ** (1.0 / 3.0)
+    stiffness += 1.7 * springs
+    resonance = math.sqrt(stiffness / ball.mass)
+    hertz = resonance * np.array([0.97, 1.0, 1.03]) / (2.0 * math.pi)
+    omega = 2.0 * math.pi * hertz
+    drag = 0.05 * resonance
+    values = 1.0 / (stiffness - ball.mass * omega**2 + 1j * omega * ball.mass * drag)
+    measured = gp.TransferFunction(hertz, np.abs(values), np.angle(values), 0.02 * np.abs(values))
+    names = ("drag", name)
+    found = gp.fit_damping(network, measured, (0, "x"), (0, "x"), parameters=names)
+    expected = {"on_site": 1.7, "wall_modulus": true_modulus}[name]
+    assert_allclose(found.values, [drag, expected], rtol=1e-6)
+    assert np.all(found.stderrs > 0.0)
+
+
 def test_stiffness_and_gain_are_found_with_the_damping_and_errors_follow_from_the_scatter():
     truth = {"damping": TAU, "stiffness": 1.2, "gain": 3.0}
     hertz = HERTZ[::2]

@@ -100,7 +100,7 @@ def test_a_crystal_keeps_its_springs():
 
 
 @pytest.mark.parametrize(
-    "springs", [-1.0, np.inf, {"x": -1.0}, {"z": 1.0}, {0: 1.0}, "1 N/m", [1.0, 2.0]]
+    "springs", [-1.0, np.inf, 1e300, {"x": -1.0}, {"z": 1.0}, {0: 1.0}, "1 N/m", [1.0, 2.0]]
 )
 def test_springs_that_are_refused(springs):
     with pytest.raises(InputError, match="on_site"):

@@ -72,6 +72,24 @@ def test_a_network_that_is_cut_has_the_wall_of_a_crystal():
     assert gp.ContactNetwork.from_dict(json.loads(json.dumps(network.to_dict()))) == network
 
 
+@pytest.mark.parametrize("of_packing", [False, True])
+def test_another_wall_at_a_network_is_that_of_a_cut_with_it(of_packing):
+    medium = gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice="chain")) if of_packing else CHAIN
+    network = medium.at_force(20.0).network
+    found = network.cut(0, 3, edges=(gp.Wall(BRASS), "free")).with_wall(STEEL)
+    expected = network.cut(0, 3, edges=(gp.Wall(STEEL), "free"))
+    for name in ("normal_stiffness", "shear_stiffness", "torsion_stiffness"):
+        assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-14)
+    assert found.wall.material == STEEL
+
+
+@pytest.mark.parametrize("edges", ["floor", (gp.Wall(BRASS), gp.Wall(STEEL))])
+def test_there_must_be_one_wall_to_change(edges):
+    network = CHAIN.at_force(20.0).network.cut(0, 3, edges=edges)
+    with pytest.raises(InputError, match="wall"):
+        network.with_wall(STEEL)
+
+
 def test_two_walls_have_two_names_and_alike_ones_have_one():
     plane = gp.Crystal.on("triangular", [BALL])
     strip = plane.cut(1, 3, (gp.Wall(BRASS), gp.Wall("A")))
@@ -208,7 +226,9 @@ def test_a_wall_that_yields_is_told():
         (lambda: gp.Wall(STEEL, name=3), "name"),
         (lambda: CHAIN.cut(0, 2, (gp.Wall("B"), "free")), "'B'"),
         (lambda: CHAIN.cut(0, 2, gp.Wall(BRASS, "A")), "'A'"),
-        (lambda: CHAIN.cut(0, 2, ("wall", "free")), "clamped, floor"),
+        (lambda: CHAIN.cut(0, 2, ("wall", "free")), "gp.Wall"),
+        (lambda: CHAIN.cut(0, 2, (BRASS, "free")), "gp.Wall"),
+        (lambda: CHAIN.cut(0, 2, ("glued", "free")), "clamped, floor"),
     ],
 )
 def test_walls_that_are_refused(make, word):
