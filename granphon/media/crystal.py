@@ -1600,7 +1600,7 @@ class Crystal(Result):
                 state = self._find_rest(load, "exact", boundary, nearest)
             else:
                 state = small
-            contacts = _MeanContacts.of(state, laws, differ)
+            contacts = MeanContacts.of(state, laws, differ)
             if not np.any(contacts.counts):
                 problem = f"all contacts are open under {words} {pressure:.6g}"
                 why = "Those that adhere have come apart"
@@ -1794,7 +1794,7 @@ class _PressureSearch:
         return None if chosen in (self.low, self.high) else chosen
 
 
-class _MeanContacts(NamedTuple):
+class MeanContacts(NamedTuple):
     """The contacts of a state at rest over which means are taken.
 
     ``overlap``, ``force`` and ``stiffness`` (n_c,) are in SI; ``counts`` (n_c,) says which contacts
