@@ -19,7 +19,7 @@ import itertools
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,7 +34,7 @@ from granphon.array.linear_response import find_linear_response, find_tensor_on_
 from granphon.array.stencils import Stencils, dot
 from granphon.balls import hertz
 from granphon.balls.lattices import TRIANGULAR, Lattice
-from granphon.base.arrays import Array
+from granphon.base.arrays import Array, Flags
 from granphon.base.errors import InputError
 from granphon.base.results import Result
 from granphon.contacts.contact_list import ContactList
@@ -137,12 +137,18 @@ class Equilibrium(Result):
     def differences(self) -> Array:
         """(n_c, L1, ..., Lp) differences h - y of the contacts' overlaps from the common one."""
         if self.ratio:
-            return self.place.differences
-        differences = self.stencils.average_pairs(self.deviations)
-        differences -= self.stencils.operator.deform(self.balls)
-        if self.strain is not None:
-            differences -= self._elongate(self.strain)
-        return differences
+            differences = self.place.differences
+        else:
+            differences = self.stencils.average_pairs(self.deviations)
+            differences -= self.stencils.operator.deform(self.balls)
+            if self.strain is not None:
+                differences -= self._elongate(self.strain)
+        if self._stay_open is None:
+            return differences
+        return np.where(self._stay_open, np.minimum(differences, -self.overlap), differences)
+
+    #: (n_c, L1, ..., Lp) contacts that are open wherever the balls are; None if there are none
+    _stay_open: ClassVar[Flags | None] = None
 
     def _elongate(self, strain: Array) -> Array:
         """Return what a ``strain`` (p, p) of the cell adds to the lengths of contacts along their
@@ -195,6 +201,11 @@ class Equilibrium(Result):
         overlaps = self.overlaps
         least = hertz.overlap_of(CARRIED_FORCE * self.residual * self.force)
         return np.asarray(np.sqrt(np.where(overlaps > least, overlaps, 0.0)))
+
+    @property
+    def carries(self) -> Flags:
+        """(n_c, L1, ..., Lp) whether each contact carries load."""
+        return self._roots > 0.0
 
     @property
     def force(self) -> float:

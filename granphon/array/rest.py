@@ -126,10 +126,10 @@ def _rest_on_lattice(
     if is_small and start is None and np.ptp(deviations):
         raise explain_too_small(load.force)
     assembly = assemble(deviations, stencils, 1.0)
-    applied = _apply(assembly, load._replace(on_boundary=False), 1.0, _LOAD_PART)
+    applied = apply_load(assembly, load._replace(on_boundary=False), 1.0, _LOAD_PART)
     begin = None
     if start is not None:
-        begin = _take_up(assembly, start.balls, start.overlap, stencils, 1.0)
+        begin = take_up(assembly, start.balls, start.overlap, stencils, 1.0)
     options = RestOptions(grid_tolerance=tolerance, workers=stencils.workers)
     try:
         rest = find_rest(assembly, applied, "lattice", "isotropic", begin, options)
@@ -171,8 +171,8 @@ def _rest_in_true_directions(
     """Return the equilibrium in the true geometry."""
     overlap = start.overlap if load.overlap is None else load.overlap
     assembly = assemble(deviations, stencils, ratio)
-    applied = _apply(assembly, load, ratio, LOAD_TOLERANCE / REST_TOLERANCE)
-    begin = _take_up(assembly, start.balls, overlap, stencils, ratio)
+    applied = apply_load(assembly, load, ratio, LOAD_TOLERANCE / REST_TOLERANCE)
+    begin = take_up(assembly, start.balls, overlap, stencils, ratio)
     # the search measures a residual by the mean force of closed contacts
     closed_share = float(np.mean(start.forces > 0.0))
     options = RestOptions(
@@ -244,7 +244,7 @@ def gather_balls(rest: Rest, stencils: Stencils) -> Array:
     return stencils.centre(motions.swapaxes(0, 1).reshape(-1, *stencils.shape))
 
 
-def _apply(
+def apply_load(
     assembly: Assembly, load: ReducedLoad, scale: float, cell_tolerance: float
 ) -> AppliedLoad:
     """Return the load on an assembly whose contacts are as long as 1/``scale``."""
@@ -271,7 +271,7 @@ def _apply(
     )
 
 
-def _take_up(
+def take_up(
     assembly: Assembly, balls: Array, overlap: float, stencils: Stencils, scale: float
 ) -> Rest:
     """Return the state from which a search begins, of displacements in the coordinates of the

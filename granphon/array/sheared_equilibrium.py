@@ -21,6 +21,7 @@ from granphon.array.geometry import LOAD_TOLERANCE, ReducedLoad
 from granphon.array.rest import (
     LEAST_TOLERANCE,
     START_TOLERANCE,
+    apply_load,
     assemble,
     equilibrate,
     find_residual,
@@ -32,7 +33,7 @@ from granphon.balls import hertz
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
 from granphon.contacts.assembly import Assembly
-from granphon.statics.configuration import AppliedLoad, Geometry
+from granphon.statics.configuration import Geometry
 from granphon.statics.options import RestOptions
 from granphon.statics.rest import Rest, find_rest
 
@@ -89,20 +90,10 @@ class _PressureSearch:
 
     def press(self, force: float) -> Equilibrium:
         """Return the equilibrium under a pressure."""
-        assembly = self._assembly
-        p = assembly.dimension
-        no_force = np.zeros(assembly.n_balls * p)
-        virial = force * assembly.n_contacts * assembly.mean_distance
-        load = AppliedLoad(
-            force=no_force,
-            words="the load",
-            stress=-virial / (p * assembly.measure) * np.eye(p),
-            strain=np.zeros((p, p)),
-            pressure_force=no_force,
-        )
+        load = apply_load(self._assembly, ReducedLoad(force=force, on_boundary=True), 1.0, 1.0)
         geometry: Geometry = "exact" if self._ratio else "lattice"
         options = RestOptions(tolerance=LEAST_TOLERANCE, required=REST_TOLERANCE)
-        rest = find_rest(assembly, load, geometry, "stress", self._last, options)
+        rest = find_rest(self._assembly, load, geometry, "stress", self._last, options)
         self._last = rest
         self._steps += rest.steps
         self._iterations += rest.iterations
@@ -139,12 +130,7 @@ class _PressureSearch:
         """Return the equilibrium of balls at rest."""
         stencils = self._stencils
         ratio = self._ratio
-        p = stencils.lattice.periods
-        if ratio:
-            logarithms = np.log1p(np.linalg.eigvalsh(rest.strain))
-            overlap = -math.expm1(float(np.mean(logarithms))) / ratio
-        else:
-            overlap = -float(np.trace(rest.strain)) / p
+        overlap, strain = split_strain(rest.strain, ratio)
         kind = TrueEquilibrium if ratio else Equilibrium
         state = kind(
             deviations=self._deviations,
@@ -155,9 +141,23 @@ class _PressureSearch:
             conjugate=self._iterations,
             lattice=stencils.lattice,
             ratio=ratio,
-            strain=rest.strain / (ratio or 1.0) + overlap * np.eye(p),
+            strain=strain,
         )
         return state.share(self._deviations, stencils)
+
+
+def split_strain(strain: Array, ratio: float) -> tuple[float, Array]:
+    """Return the overlap y, in W, of a cell with a ``strain`` (p, p), that of a cell of the same
+    size, and the strain (p, p) beside it, in W/d; of contacts as long as d/W in the true geometry,
+    with a ``ratio`` W/d, and else as long as one.
+    """
+    p = len(strain)
+    if ratio:
+        logarithms = np.log1p(np.linalg.eigvalsh(strain))
+        overlap = -math.expm1(float(np.mean(logarithms))) / ratio
+    else:
+        overlap = -float(np.trace(strain)) / p
+    return overlap, strain / (ratio or 1.0) + overlap * np.eye(p)
 
 
 def equilibrate_as(state: Equilibrium, load: ReducedLoad) -> Equilibrium:

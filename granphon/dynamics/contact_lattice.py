@@ -427,9 +427,7 @@ class ContactLattice(LongWaves):
         """Return the energies of modes at a few wave vectors q (n_q, p), 1/d, of their ``branches``
         (n_q, b); ``turn`` (motions, motions) is that of the motions of each ball.
         """
-        # modes of one frequency may be any basis of their space, and so any path will do
-        along = np.broadcast_to(np.eye(self.periods)[0], q.shape)
-        _, frequencies, vectors, *_ = self._find_modes(q, along)
+        frequencies, vectors = self._find_vectors(q)
         groups = number_equal(frequencies)
         chosen = np.take_along_axis(groups, branches, axis=1)
         is_needed = [np.isin(*pair) for pair in zip(groups, chosen, strict=True)]
@@ -439,8 +437,15 @@ class ContactLattice(LongWaves):
         of_balls = kept.reshape(len(q), self.n_balls, self.motions.count, -1)
         motions = np.abs(turn @ of_balls) ** 2
 
+        sizes = [np.bincount(numbers)[of_q] for numbers, of_q in zip(groups, chosen, strict=True)]
+        is_degenerate = np.reshape(sizes, chosen.shape) > 1
+        places = np.searchsorted(columns, branches)
+        are_in_order = places.shape[1] == len(columns) and np.all(places == np.arange(len(columns)))
+
         def average(values: Array) -> Array:
             """Return means (n_q, b, ...) at the branches of values (n_q, ..., m) at the columns."""
+            if are_in_order and not np.any(is_degenerate):
+                return np.moveaxis(values, -1, 1)
             means = [
                 average_equal(values_at_q, groups_at_q[columns], chosen_at_q)
                 for values_at_q, groups_at_q, chosen_at_q in zip(
@@ -449,13 +454,29 @@ class ContactLattice(LongWaves):
             ]
             return np.moveaxis(np.reshape(means, (*values.shape[:-1], branches.shape[1])), -1, 1)
 
-        sizes = np.sum(groups[:, :, None] == chosen[:, None, :], axis=1)
         return ModeEnergies(
             np.take_along_axis(frequencies, branches, axis=1),
-            sizes > 1,
+            is_degenerate,
             {name: average(values) for name, values in squares.items()},
             average(motions),
         )
+
+    def _find_vectors(self, q: Array) -> tuple[Array, Complex]:
+        """Return frequencies (n_q, n_branches) and eigenvectors (n_q, n_branches, n_branches), as
+        columns, at a few wave vectors q (n_q, p), 1/d.
+        """
+        is_limit = np.all(q == 0.0, axis=1) | _is_faint(q)
+        if self._large is not None and not np.any(is_limit):  # one wave vector
+            folded, copies = self._fold(q)
+            modes = self._large.solve_modes(folded[0])
+            if modes is not None:
+                phase = np.exp(-1j * (copies @ self.positions[:, : self.periods].T))
+                turned = np.repeat(phase[0], self.motions.count)[:, None] * modes[1]
+                return modes[0][None], turned[None]
+        # modes of one frequency may be any basis of their space, and so any path will do
+        along = np.broadcast_to(np.eye(self.periods)[0], q.shape)
+        _, frequencies, vectors, *_ = self._find_modes(q, along)
+        return frequencies, vectors
 
     def _square_deformations(self, q: Array, vectors: Complex) -> dict[str, Array]:
         """Return the squares (n_q, n_c, m) of the deformations of contacts, by the kind of their
@@ -469,9 +490,9 @@ class ContactLattice(LongWaves):
         motions = np.moveaxis(vectors, 1, 0)
         flat = motions.reshape(self.n_branches, -1)
         shape = (len(rows), count, *motions.shape[1:])
-        deformations = phase * (head @ flat).reshape(shape)
-        deformations -= phase.conj() * (tail @ flat).reshape(shape)
-        squares = (np.abs(deformations) ** 2).reshape(-1, *motions.shape[1:])
+        deformations = (head @ flat).reshape(shape)
+        deformations -= phase.conj() ** 2 * (tail @ flat).reshape(shape)
+        squares = (deformations.real**2 + deformations.imag**2).reshape(-1, *motions.shape[1:])
         by_kind = sum_kinds(rows, squares)
         return {name: sums[: self.n_between].swapaxes(0, 1) for name, sums in by_kind.items()}
 

@@ -252,7 +252,6 @@ def find_frequency_sensitivities(
     np.divide(1.0, 8.0 * np.pi**2 * frequencies, out=slope, where=frequencies > 0.0)
     squared = (2.0 * np.pi * frequencies)[..., None] ** 2
     twist_unit = units.mass * units.length**2
-    distance = network.distance[place.contacts]
     by_contact: dict[str, Any] = {
         "normal_stiffness": units.mass,
         "shear_stiffness": units.mass,
@@ -260,15 +259,17 @@ def find_frequency_sensitivities(
         "bending": twist_unit,
     }
     if network.prestress:
-        by_contact["normal_force"] = -units.mass * distance
+        by_contact["normal_force"] = -units.mass * network.distance
         by_contact["tangential_growth"] = units.mass / (units.stiffness * units.length)
     fields: dict[str, Any] = dict.fromkeys(_UNITS)
     shape = (*frequencies.shape, network.n_contacts)
     for name, unit in by_contact.items():
         derivatives = np.zeros(shape)
         if name in energies.squares:
-            derivatives[..., place.contacts] = energies.squares[name] / unit
-        fields[name] = slope[..., None] * derivatives
+            derivatives[..., place.contacts] = energies.squares[name]
+            derivatives /= unit
+        derivatives *= slope[..., None]
+        fields[name] = derivatives
     if network.prestress:
         add_growth(fields, network, fields.pop("tangential_growth"))
     motions = network.ball_motions

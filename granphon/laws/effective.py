@@ -41,7 +41,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -53,6 +53,7 @@ from numpy.typing import NDArray
 from granphon.balls.diameters import NormalShape, PointShape, Shape, UniformShape
 from granphon.balls.hertz import ENERGY, FORCE, SLOPE, STIFFNESS
 from granphon.base.arrays import Array, Flags
+from granphon.base.differences import differentiate
 from granphon.base.errors import PrecisionError
 from granphon.base.results import read_only
 from granphon.base.scales import WidthUnits
@@ -111,6 +112,10 @@ _DEGREE = 14
 #: number of steps that a block may always have: a third of the number of diameters balances the
 #: work on near and far contacts, and more steps cost little
 _LEAST_STEPS = 32
+#: steps whose derivative by Xi is found at once, at most
+_MANY_STEPS = 256
+#: relative step of Xi for the derivative of the series
+_STEP_OF_XI = 1e-3
 #: largest number of elements in an array of near contacts
 _MOST_NEAR = 2**21
 
@@ -135,6 +140,14 @@ class EffectiveLaw(SpreadLaw):
     def curve(self) -> EffectiveCurve:
         """Reduced law, in units of W and c W^(3/2)."""
         return effective_curve(self.shape, self.xi)
+
+    def near(self, origin: EffectiveLaw) -> EffectiveLaw:
+        """Return the law, to first order in its distance from ``origin``: the curve of another Xi
+        follows from that of ``origin`` by one linear solution.
+        """
+        if self.xi == origin.xi or self.shape != origin.shape:
+            return self
+        return _NearLaw(self.coefficient, self.width, self.shape, self.xi, origin.xi)
 
     def least_valid_force(self, width: float) -> float:
         """Return the force, N, from which the medium is valid, for the ``width`` W, m."""
@@ -182,6 +195,18 @@ class EffectiveLaw(SpreadLaw):
         return PrecisionError(problem, why, "Raise the load")
 
 
+@dataclass(frozen=True)
+class _NearLaw(EffectiveLaw):
+    """A law to first order in the distance of Xi from ``origin``, at which it is solved."""
+
+    origin: float
+
+    @property
+    def curve(self) -> EffectiveCurve:
+        """Reduced law, in units of W and c W^(3/2)."""
+        return effective_curve(self.shape, self.origin).follow(self.xi)
+
+
 # -- the curve -------------------------------------------------------------------------------------
 
 
@@ -202,6 +227,21 @@ class EffectiveCurve:
     series: Series
     steps: Array
     tables: tuple[Array, Array, Array]
+
+    def follow(self, xi: float) -> EffectiveCurve:
+        """Return the curve at another Xi, to first order in the distance."""
+        step = xi - self.xi
+        tables = [
+            read_only(table + step * slope)
+            for table, slope in zip(self.tables, self._slopes_by_xi, strict=True)
+        ]
+        series = high_pressure_series(self.shape, xi)
+        return replace(self, xi=xi, series=series, tables=tuple(tables))
+
+    @cached_property
+    def _slopes_by_xi(self) -> tuple[Array, Array, Array]:
+        """Derivatives of :attr:`tables` by Xi: equation (36), differentiated, is linear."""
+        return _differentiate_curve(self)
 
     @cached_property
     def least_force(self) -> float:
@@ -681,6 +721,59 @@ def effective_curve(shape: Shape, xi: float) -> EffectiveCurve:
     return solve_curve(shape, xi, _STAGES, _LAST_COEFFICIENTS)
 
 
+def _differentiate_curve(curve: EffectiveCurve) -> tuple[Array, Array, Array]:
+    """Return the derivatives of the tables of energy, force and stiffness of a curve by Xi.
+
+    G depends on Xi k alone, so that dG/dXi = (dG/dk) (dk/dXi + k/Xi). With this equation (36) is
+    linear in dk/dXi, and solved downwards from the series as the curve itself.
+    """
+    shape = curve.shape
+    xi = curve.xi
+    points, derivative, coefficients = radau(len(curve.tables[STIFFNESS]) - 1)
+    averages = PointAverages(shape, xi) if isinstance(shape, PointShape) else None
+    start = curve.series.start
+
+    def find_stiffness(step: float) -> float:
+        return high_pressure_series(shape, xi * (1.0 + step)).value(start, STIFFNESS)
+
+    slope = differentiate(find_stiffness, _STEP_OF_XI) / xi
+    force_slope = 0.0
+    tables = []
+    last = curve.steps.shape[1]  # steps from here on are done
+    while last:
+        steps = _list_steps(curve, slice(max(0, last - _MANY_STEPS), last))
+        block = Block.of(steps, points)
+        allowed = averages.limit_steps(block) if averages else len(steps)
+        block = Block.of(steps[:allowed], points)
+        balls = averages.balls(block) if averages else DensityBalls(shape, xi, _ORDER, block)
+        chosen = slice(last - allowed, last)
+        k = chebyshev.chebval(points, curve.tables[STIFFNESS][:, chosen])[::-1]
+        _, by_k, _ = balls.balance(k)
+        by_xi = by_k * k / xi
+        slopes = np.empty_like(k)
+        change = _solve_steps(by_k, derivative, block, -by_xi @ derivative.T, slope)
+        assert change is not None  # the same matrix has solved for k
+        slopes[:, :-1] = change
+        slopes[:, -1] = np.append(slope, slopes[:-1, 0])
+        slope = float(slopes[-1, 0])
+        force_slope = float(by_k[-1, 0] * slope + by_xi[-1, 0])
+        tables.append(slopes @ coefficients.T)
+        last -= allowed
+    stiffness = np.concatenate(tables)[::-1].T
+    rise = 2.0 * curve.steps[2] * curve.steps[1:]
+    forces = _integrate_over_steps(stiffness, rise, force_slope)
+    return _integrate_over_steps(forces, rise, 0.0), forces, stiffness
+
+
+def _list_steps(curve: EffectiveCurve, chosen: slice) -> list[Step]:
+    """Return the chosen steps of a curve, in descending order."""
+    steps = []
+    for origin, middle, half in curve.steps[:, chosen].T[::-1].tolist():
+        low = 0.0 if middle == half else middle - half
+        steps.append((origin, low, middle + half))
+    return steps
+
+
 def radau(stages: int) -> tuple[Array, Array, Array]:
     """Return the collocation rule on [-1, 1] with s = ``stages`` Radau points.
 
@@ -886,27 +979,12 @@ def _relax(
     is k at the upper end of the block.
     """
     rise = 2.0 * block.half * block.root[:, :-1]  # dy/dt
-    inner_columns = derivative[:, :-1]
-    last_column = derivative[:, -1]
     k[:, -1] = np.append(top, k[:-1, 0])
     for _ in range(_MOST_ITERATIONS):
         force, by_k, _ = balls.balance(k)
-        # k dy/dt = dG/dt at the Radau points, to first order in the change of k there; the second
-        # side is the response to a change of k at the upper end of the step
-        matrix = inner_columns * by_k[:, None, :-1] - rise[:, :, None] * np.eye(len(inner_columns))
         residual = (k - balls.base_stiffness)[:, :-1] * rise - force @ derivative.T
-        sides = np.stack([residual, -last_column * by_k[:, -1:]], axis=-1)
-        try:
-            responses = np.linalg.solve(matrix, sides)
-        except np.linalg.LinAlgError:
-            return None
-        # the change of k at the lower end of a step is linear in the change at its upper end
-        end_changes = [0.0]
-        for offset, gain in responses[:, 0].tolist():
-            end_changes.append(offset + gain * end_changes[-1])
-        upper_changes = np.array(end_changes[:-1])[:, None]
-        change = responses[..., 0] + responses[..., 1] * upper_changes
-        if not np.all(np.isfinite(change)):
+        change = _solve_steps(by_k, derivative, block, residual, 0.0)
+        if change is None:
             return None
         # a large change may overshoot, but the stiffness stays above zero
         k[:, :-1] = np.maximum(k[:, :-1] + change, 0.1 * k[:, :-1])
@@ -916,3 +994,30 @@ def _relax(
             _, _, lower_force = balls.balance(k)
             return k, lower_force
     return None
+
+
+def _solve_steps(
+    by_k: Array, derivative: Array, block: Block, residual: Array, top: float
+) -> Array | None:
+    """Return the changes of k (B, s) at the Radau points of a block that take a ``residual`` (B, s)
+    of k dy/dt - dG/dt away; ``by_k`` (B, s + 1) is dG/dk, and ``top`` the change of k at the upper
+    end of the block. None if there are none.
+    """
+    rise = 2.0 * block.half * block.root[:, :-1]  # dy/dt
+    inner_columns = derivative[:, :-1]
+    last_column = derivative[:, -1]
+    # k dy/dt = dG/dt at the Radau points, to first order in the change of k there; the second side
+    # is the response to a change of k at the upper end of the step
+    matrix = inner_columns * by_k[:, None, :-1] - rise[:, :, None] * np.eye(len(inner_columns))
+    sides = np.stack([residual, -last_column * by_k[:, -1:]], axis=-1)
+    try:
+        responses = np.linalg.solve(matrix, sides)
+    except np.linalg.LinAlgError:
+        return None
+    # the change of k at the lower end of a step is linear in the change at its upper end
+    end_changes = [top]
+    for offset, gain in responses[:, 0].tolist():
+        end_changes.append(offset + gain * end_changes[-1])
+    upper_changes = np.array(end_changes[:-1])[:, None]
+    change = responses[..., 0] + responses[..., 1] * upper_changes
+    return change if np.all(np.isfinite(change)) else None

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar
@@ -32,10 +32,12 @@ from granphon.balls.on_site import (
 )
 from granphon.balls.packing import KIND_PARAMETERS, WALL_PARAMETERS, Packing, given_packing
 from granphon.base.arrays import Array
+from granphon.base.differences import Course
 from granphon.base.errors import InputError
 from granphon.base.text import closest, counted, spell
 from granphon.media.crystal import Crystal, CrystalState, find_mindlin_ratio
-from granphon.media.medium import Medium
+from granphon.media.crystal_courses import CrystalFollower
+from granphon.media.medium import Change, Medium
 from granphon.media.state import NetworkState
 
 #: options of an arrangement that a crystal has too
@@ -593,3 +595,24 @@ class CrystalMedium(Medium[Any]):
         }
         find_state = methods[load.kind]
         return LoadedCrystal(self.packing, find_state(sizes, **options))
+
+    def follow(
+        self, load: Load, changes: Sequence[Change], finite_overlap: bool | None = None
+    ) -> tuple[Any, list[Course[Any]]]:
+        """Return the state at a single load, and how it follows each of the ``changes``, by the
+        linear response of the balls at rest.
+        """
+        state = self.at(load, finite_overlap=finite_overlap)
+        follower = CrystalFollower(state.source, load)
+
+        def follow(change: Change) -> Course[Any]:
+            def change_crystal(step: float) -> tuple[Crystal, Load]:
+                medium, changed_load = change(step)
+                return medium.packing.crystal, changed_load
+
+            course = follower.follow(change_crystal)
+            return course._replace(
+                at=lambda step: LoadedCrystal(change(step)[0].packing, course.at(step))
+            )
+
+        return state, [follow(change) for change in changes]

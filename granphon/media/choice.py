@@ -8,7 +8,7 @@ the averaged force, the effective medium, and simulations of more and more balls
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, TypeVar
@@ -20,6 +20,7 @@ from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing, given_packing
 from granphon.base.arrays import Array
+from granphon.base.differences import Course
 from granphon.base.errors import InputError, Refused, brief
 from granphon.base.quantities import load_quantities
 from granphon.base.registry import Registry
@@ -53,6 +54,7 @@ from granphon.media.loading import (
 from granphon.media.medium import (
     AveragedForce,
     AveragedLattice,
+    Change,
     EffectiveMedium,
     Medium,
     Option,
@@ -228,6 +230,32 @@ class AutoMedium(Medium[ContactState]):
         medium = self.serving(applied.kind, applied.array).of(self.packing)
         state: ContactState = medium.at(applied, finite_overlap=finite_overlap)
         return replace(state, chosen_automatically=True)
+
+    def follow(
+        self, load: Load, changes: Sequence[Change], finite_overlap: bool | None = None
+    ) -> tuple[ContactState, list[Course[Any]]]:
+        """Return the state at a single load, and how it follows each of the ``changes``, in the
+        medium that serves the load.
+        """
+        if read_finite_overlap(finite_overlap):
+            raise no_finite_overlap(self.name)
+        choice = self.serving(load.applied.kind, load.applied.array)
+
+        def choose(change: Change) -> Change:
+            def change_chosen(step: float) -> tuple[Any, Load]:
+                medium, changed_load = change(step)
+                return choice.of(medium.packing), changed_load
+
+            return change_chosen
+
+        def mark(course: Course[Any]) -> Course[Any]:
+            return course._replace(
+                at=lambda step: replace(course.at(step), chosen_automatically=True)
+            )
+
+        medium: Any = choice.of(self.packing)
+        state, courses = medium.follow(load, [choose(change) for change in changes])
+        return replace(state, chosen_automatically=True), [mark(course) for course in courses]
 
 
 #: the classes of media of packings by the names that scenes and sweeps use

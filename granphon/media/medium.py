@@ -10,8 +10,8 @@ contacts carry the same force even if balls differ.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from typing import Any, ClassVar, Generic, Literal, Self, TypeVar
 
@@ -25,6 +25,7 @@ from granphon.balls.loads import Load, require_compressive
 from granphon.balls.motions import Motions
 from granphon.balls.packing import Packing, given_packing, require_shallow
 from granphon.base.arrays import ROUNDED, Array
+from granphon.base.differences import Course, differentiate
 from granphon.base.errors import InputError
 from granphon.base.memory import require_memory
 from granphon.base.validation import Rule, choice, one_of
@@ -48,6 +49,12 @@ class Option:
 _LEAST_PUSH = 1e-30
 #: type of the states that a medium returns
 StateT = TypeVar("StateT", bound=ContactState, covariant=True)
+#: relative step of a parameter, where states are found anew for a difference of the fourth order
+_STEP_ANEW = 2e-3
+#: the same where a law gives them
+_STEP_OF_LAW = 2e-4
+#: the medium, and the load, where a parameter is larger by a relative step
+Change = Callable[[float], tuple[Any, Load]]
 
 
 class Medium(ABC, Generic[StateT]):
@@ -141,6 +148,25 @@ class Medium(ABC, Generic[StateT]):
     @abstractmethod
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> StateT:
         """Return the state at a load, with the shape of the values of the load."""
+
+    def follow(
+        self, load: Load, changes: Sequence[Change], finite_overlap: bool | None = None
+    ) -> tuple[Any, list[Course[Any]]]:
+        """Return the state at a single load, and how it follows each of the ``changes``.
+
+        A medium that knows the derivative of its states overrides this: here states are found anew
+        at each step, as where they depend on the way to the load.
+        """
+        state = self.at(load, finite_overlap=finite_overlap)
+
+        def find_anew(change: Change) -> Course[Any]:
+            def find(step: float) -> Any:
+                medium, changed_load = change(step)
+                return medium.at(changed_load, finite_overlap=finite_overlap)
+
+            return Course(find, _STEP_ANEW)
+
+        return state, [find_anew(change) for change in changes]
 
     def at_force(self, force: ArrayLike, *, finite_overlap: bool | None = None) -> StateT:
         """State at the mean contact force f, N."""
@@ -293,36 +319,93 @@ class LawMedium(Medium[ContactState]):
             return np.asarray(law.force(overlap)), overlap
         if load.kind != "pressure":
             return load.array, np.asarray(law.overlap(load.array))
-        # the lattice's pressure factor times f is P d^(p-1), or P a^(p-1) if the boundary follows
-        # the balls
-        structure = self.packing.structure
-        pressure_over_factor = load.array / structure.pressure_factor
-        force = pressure_over_factor * self.packing.diameter ** (structure.periods - 1)
+        force, _ = self._ask_force(load, 0.0)
         overlap = np.asarray(law.overlap(force))
-        if follows and structure.periods > 1:
-            overlap = self._shrink_boundary(pressure_over_factor, overlap)
+        if follows and load.kind == "pressure" and self.packing.structure.periods > 1:
+            overlap = self._shrink_boundary(load, overlap)
             force = np.asarray(law.force(overlap))
         return force, overlap
 
-    def _shrink_boundary(self, pressure_over_factor: Array, overlap: Array) -> Array:
-        """Return the overlap delta, m, at which the boundary has shrunk with the balls: f(delta) =
-        b (d - delta)^(p - 1), where b is ``pressure_over_factor``, the pressure over the lattice's
-        pressure factor, of p = 2 or 3 periods.
+    def _ask_force(self, load: Load, shrinkage: Any) -> tuple[Any, Any]:
+        """Return the mean force, N, that a load, which is no overlap, asks of contacts, and its
+        slope, N/m, by the ``shrinkage``, m: what the boundary has shrunk by.
+
+        The lattice's pressure factor times f is P d^(p - 1), or P (d - delta)^(p - 1) of p periods
+        if the boundary follows the balls.
+        """
+        if load.kind != "pressure":
+            return load.array, 0.0
+        structure = self.packing.structure
+        power = structure.periods - 1
+        pressure_over_factor = load.array / structure.pressure_factor
+        spacing = self.packing.diameter - shrinkage
+        slope = -power * pressure_over_factor * spacing ** (power - 1) if power else 0.0
+        return pressure_over_factor * spacing**power, slope
+
+    def _shrink_boundary(self, load: Load, overlap: Array) -> Array:
+        """Return the overlap delta, m, at which the boundary has shrunk with the balls under a
+        pressure, the ``load``.
 
         The search begins at the larger ``overlap`` of a boundary that does not shrink. The force f
-        rises and is convex, and the right side falls, so that Newton's method descends from there.
+        rises and is convex, and the force that the boundary asks for falls, so that Newton's method
+        descends from there.
         """
         law = self.law
-        power = self.packing.structure.periods - 1
         for _ in range(_MOST_STEPS):
-            spacing = self.packing.diameter - overlap
-            slope_of_boundary = power * pressure_over_factor * spacing ** (power - 1)
-            residual = law.force(overlap) - pressure_over_factor * spacing**power
-            step = residual / (law.stiffness(overlap) + slope_of_boundary)
+            force, slope = self._ask_force(load, overlap)
+            step = (law.force(overlap) - force) / (law.stiffness(overlap) - slope)
             overlap = overlap - step
             if np.all(np.abs(step) <= ROUNDED * np.abs(overlap)):
                 break
         return overlap
+
+    def follow(
+        self, load: Load, changes: Sequence[Change], finite_overlap: bool | None = None
+    ) -> tuple[ContactState, list[Course[Any]]]:
+        """Return the state at a single load, and how it follows each of the ``changes``: the
+        derivative of the overlap is that at which the law keeps the force that the load asks for.
+        """
+        state = self.at(load, finite_overlap=finite_overlap)
+        return state, [self._follow(state, load.applied, change) for change in changes]
+
+    def _follow(self, state: ContactState, load: Load, change: Change) -> Course[Any]:
+        """Return how a state under a ``load`` follows a change."""
+        overlap = state.overlap
+
+        def prepare(step: float) -> tuple[LawMedium, Law, Load]:
+            medium, changed_load = change(step)
+            return medium, medium._law_near(self), changed_load.applied
+
+        def find_lack(step: float) -> Any:
+            """Return the force, N, that contacts lack at a step if the overlap stays."""
+            medium, law, changed_load = prepare(step)
+            shrinkage = overlap if state.finite_overlap else 0.0
+            return medium._ask_force(changed_load, shrinkage)[0] - law.force(overlap)
+
+        if load.kind == "overlap":
+            rise = differentiate(lambda step: change(step)[1].applied.array, _STEP_OF_LAW)
+        else:
+            _, slope = self._ask_force(load, overlap if state.finite_overlap else 0.0)
+            resistance = state.normal_stiffness - (slope if state.finite_overlap else 0.0)
+            rise = differentiate(find_lack, _STEP_OF_LAW) / resistance
+
+        def find(step: float) -> ContactState:
+            medium, law, _ = prepare(step)
+            moved = overlap + step * rise
+            return replace(
+                state,
+                packing=medium.packing,
+                law=law,
+                force=law.force(moved),
+                overlap=moved,
+                normal_stiffness=law.stiffness(moved),
+            )
+
+        return Course(find, _STEP_OF_LAW)
+
+    def _law_near(self, origin: Any) -> Law:
+        """Return the law, to first order in its distance from that of the medium ``origin``."""
+        return self.law
 
 
 @dataclass(frozen=True)
@@ -491,3 +574,10 @@ class EffectiveMedium(LawMedium):
         if not spread or self.local_field.is_determinate:
             return law
         return EffectiveLaw(law.coefficient, spread.width, spread.shape, self.local_field.xi)
+
+    def _law_near(self, origin: Any) -> Law:
+        """Return the law, to first order in its distance from that of the medium ``origin``: the
+        local field may differ, for which the law would be solved anew.
+        """
+        law = self.law
+        return law.near(origin.law) if isinstance(law, EffectiveLaw) else law

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.equilibrium import Equilibrium
+from granphon.array.equilibrium_courses import EquilibriumFollower
 from granphon.array.geometry import ReducedLoad, require_small
 from granphon.array.pressed_sample import PressedSample
 from granphon.array.sample import STEP, Sample, jackknife, standard_error
@@ -34,6 +35,7 @@ from granphon.balls.loads import Load
 from granphon.balls.motions import Motions, allowed_motions
 from granphon.balls.packing import Packing, given_packing
 from granphon.base.arrays import Array
+from granphon.base.differences import Course
 from granphon.base.errors import GranphonError, InputError, MechanismError, brief
 from granphon.base.memory import require_memory
 from granphon.base.progress import Progress, silent
@@ -66,7 +68,7 @@ from granphon.media.loading import (
     require_above,
     require_load,
 )
-from granphon.media.medium import Medium, Option
+from granphon.media.medium import Change, Medium, Option
 from granphon.media.newtons import in_newtons
 from granphon.media.sample_memory import estimate_memory
 from granphon.media.state import ContactState, read_finite_overlap
@@ -1179,6 +1181,44 @@ class DirectSimulation(Medium[SimulatedState]):
                 equilibrium = equilibria_of_sample[load_index]
                 samples.append(Sample(self.packing, self.seed_of(sample_index), equilibrium))
         return SimulatedState.of(self, samples, applied)
+
+    def follow(
+        self, load: Load, changes: Sequence[Change], finite_overlap: bool | None = None
+    ) -> tuple[Any, list[Course[Any]]]:
+        """Return the state at a single load, and how it follows each of the ``changes``, by the
+        linear response of each sample at rest; after a history of friction states are found anew,
+        as they depend on the way to the load.
+        """
+        if self.history.is_loaded:
+            return super().follow(load, changes, finite_overlap)
+        state = self.at(load, finite_overlap=finite_overlap)
+        [(simulation, _)] = self.by_geometry(load, finite_overlap)
+        (reduced,) = simulation._prescribe(load.applied)
+        samples = state.samples
+        followers = [EquilibriumFollower(sample.equilibrium, reduced) for sample in samples]
+
+        def follow(change: Change) -> Course[Any]:
+            def change_simulation(step: float) -> tuple[DirectSimulation, Load]:
+                medium, changed_load = change(step)
+                return replace(medium, geometry=simulation.geometry), changed_load.applied
+
+            def reduce(step: float) -> tuple[ReducedLoad, float]:
+                changed, changed_load = change_simulation(step)
+                return changed._prescribe(changed_load)[0], changed.ratio
+
+            courses = [follower.follow(reduce) for follower in followers]
+
+            def find(step: float) -> SimulatedState:
+                changed, changed_load = change_simulation(step)
+                moved = [
+                    Sample(changed.packing, sample.seed, course.at(step))
+                    for sample, course in zip(samples, courses, strict=True)
+                ]
+                return SimulatedState.of(changed, moved, changed_load)
+
+            return Course(find, min(course.step for course in courses))
+
+        return state, [follow(change) for change in changes]
 
     def _join_geometries(self, load: Load, finite_overlap: bool | None) -> SimulatedState:
         """Return the state at an applied load whose values have a geometry each: that of

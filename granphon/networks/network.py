@@ -36,6 +36,7 @@ from granphon.base.memory import require_memory
 from granphon.base.registry import Registry
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
+from granphon.base.text import counted
 from granphon.base.validation import (
     index_array,
     is_one_of,

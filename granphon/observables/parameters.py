@@ -1,8 +1,10 @@
 """What a number depends on, by the named parameters of a scene: Young modulus, density, load, ...
 
-The balls come to rest anew at each value of a parameter, so that the derivative goes through the
-statics: at a given force contacts of a softer material overlap more. The logarithmic derivative
-d ln X/d ln p is a difference of the fourth order, of states at four values of the parameter.
+The derivative goes through the statics: at a given force contacts of a softer material overlap
+more. How the rest follows a parameter is found by one linear solution with the factors at rest
+(:mod:`granphon.statics.rest_courses`), for a law from its derivative
+(:meth:`granphon.media.medium.LawMedium.follow`). Along such a course, on which nothing is solved,
+d ln X/d ln p is a difference of the fourth order.
 """
 
 from __future__ import annotations
@@ -17,20 +19,20 @@ from numpy.typing import ArrayLike
 from granphon.balls.loads import Load
 from granphon.balls.packing import KIND_PARAMETERS, Packing, change_packing
 from granphon.base.arrays import Array
+from granphon.base.differences import Course
 from granphon.base.errors import InputError, brief
 from granphon.base.results import Result
 from granphon.base.validation import real_array, texts
 from granphon.media.arrangement import Balls, given_balls
 from granphon.media.choice import MediumChoice
+from granphon.media.medium import Change
 from granphon.networks.network import given_network
 
 #: the ratio of shear to normal stiffness, which no state has as a parameter: it is changed in the
 #: network of the state
 MINDLIN_RATIO = "mindlin_ratio"
-#: relative step of a parameter: the error goes as its fourth power, and rounding as its inverse
-_STEP = 2e-3
-#: steps, and weights of a derivative of the fourth order
-_STEPS = ((1.0, 8.0 / 12.0), (-1.0, -8.0 / 12.0), (2.0, -1.0 / 12.0), (-2.0, 1.0 / 12.0))
+#: relative step of a parameter on which the statics do not depend
+_STEP = 2e-4
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -90,39 +92,77 @@ def parameter_sensitivities(
         mend = "Give a function of a state, as lambda s: gp.moduli(s).bulk"
         raise InputError(f"find is {brief(given)}", mend=mend)
     applied = _read_load(load)
-    names = _list_names(balls, applied) if parameters is None else texts("parameters", parameters)
+    names = (
+        list_parameters(balls, applied) if parameters is None else texts("parameters", parameters)
+    )
     default_medium = "ema" if isinstance(balls, Packing) else "crystal"
     choice = MediumChoice(medium or default_medium)
+    return find_parameter_sensitivities(choice, balls, applied, find, names, finite_overlap or None)
 
-    def find_at(name: str, factor: float) -> Array:
-        """Return the numbers with the parameter of a ``name`` times a ``factor``."""
-        changed: Balls = balls
-        load_there = applied
-        if name == applied.kind:
-            load_there = replace(applied, array=factor * applied.array)
-        elif name and name != MINDLIN_RATIO:
-            changed = change_packing(balls, {name: factor * _read_number(balls, name)})
-        flat = replace(load_there, array=np.ravel(load_there.array)[0])
-        state: Any = choice.of(changed).at(flat, finite_overlap=finite_overlap or None)
-        if name == MINDLIN_RATIO:
-            network = given_network(state)
-            state = replace(network, shear_stiffness=factor * network.shear_stiffness)
-        return real_array("what find returns", find(state))
 
-    value = find_at("", 1.0)
-    divisor = np.where(value == 0.0, np.nan, _STEP * value)  # what is zero has no logarithm
-    slopes = []
-    for name in names:
-        difference: Any = 0.0
-        for step, weight in _STEPS:
-            changed_value = find_at(name, 1.0 + step * _STEP)
-            if changed_value.shape != value.shape:
-                fault = f"find returns the shape {value.shape}, and {changed_value.shape}"
-                mend = "Return as many numbers of every state"
-                raise InputError(f"{fault} where {name} is changed by {step * _STEP:g}", mend=mend)
-            difference += weight * changed_value
-        slopes.append(difference / divisor)
-    return ParameterSensitivities(names, np.array(slopes), value)
+def find_parameter_sensitivities(
+    choice: MediumChoice,
+    balls: Balls,
+    load: Load,
+    find: Callable[[Any], ArrayLike],
+    names: Sequence[str],
+    finite_overlap: bool | None = None,
+) -> ParameterSensitivities:
+    """Return the logarithmic derivatives of what ``find`` returns of the state of ``balls`` under a
+    single ``load``, in the medium of a ``choice``, by the parameters of these ``names``.
+    """
+    flat = replace(load, array=np.ravel(load.array)[0])
+    of_statics = [name for name in names if name != MINDLIN_RATIO]
+    changes = [_change_parameter(choice, balls, flat, name) for name in of_statics]
+    state, courses = choice.of(balls).follow(flat, changes, finite_overlap)
+    course_of = dict(zip(of_statics, courses, strict=True))
+    if MINDLIN_RATIO in names:
+        course_of[MINDLIN_RATIO] = _follow_ratio(state)
+    value = real_array("what find returns", find(state))
+    divisor = np.where(value == 0.0, np.nan, value)  # what is zero has no logarithm
+    slopes = [_find_slope(find, course_of[name], name, value.shape) / divisor for name in names]
+    return ParameterSensitivities(tuple(names), np.array(slopes), value)
+
+
+def _change_parameter(choice: MediumChoice, balls: Balls, load: Load, name: str) -> Change:
+    """Return what a relative step of the parameter of a ``name`` makes of the balls, in the medium
+    of a ``choice``, and of their load.
+    """
+    if name == load.kind:
+        medium = choice.of(balls)
+        return lambda step: (medium, replace(load, array=(1.0 + step) * load.array))
+    number = _read_number(balls, name)
+
+    def change(step: float) -> tuple[Any, Load]:
+        return choice.of(change_packing(balls, {name: (1.0 + step) * number})), load
+
+    return change
+
+
+def _follow_ratio(state: Any) -> Course[Any]:
+    """Return the course of the network of a state with the ratio of shear to normal stiffness."""
+    network = given_network(state)
+    return Course(
+        lambda step: replace(network, shear_stiffness=(1.0 + step) * network.shear_stiffness),
+        _STEP,
+    )
+
+
+def _find_slope(
+    find: Callable[[Any], ArrayLike], course: Course[Any], name: str, shape: tuple[int, ...]
+) -> Array:
+    """Return the derivative of what ``find`` returns, of a ``shape``, along the course of a
+    parameter; InputError for other shapes.
+    """
+
+    def find_shaped(state: Any) -> Array:
+        value = real_array("what find returns", find(state))
+        if value.shape != shape:
+            fault = f"find returns the shape {shape}, and {value.shape} where {name} is changed"
+            raise InputError(f"{fault} by {course.step:g}", mend="Return as many of every state")
+        return value
+
+    return np.asarray(course.differentiate(find_shaped))
 
 
 def _read_load(load: Mapping[str, Any]) -> Load:
@@ -136,20 +176,31 @@ def _read_load(load: Mapping[str, Any]) -> Load:
     return applied
 
 
-def _list_names(balls: Balls, load: Load) -> tuple[str, ...]:
-    """Return the names of all parameters of balls under a load that are numbers above zero."""
+def list_parameters(balls: Balls, load: Load) -> tuple[str, ...]:
+    """Return the names of all parameters of balls under a load that are numbers other than zero and
+    may change by themselves: the diameter of a kind may not where its balls would miss others.
+    """
     if isinstance(balls, Packing):
         candidates = ["young_modulus", "poisson_ratio", "density", "diameter", "width"]
         candidates += ["torsion", "bending"]
-        friction = balls.friction
     else:
         parameters = [name for name in KIND_PARAMETERS if name not in ("yield_strength", "mass")]
-        if balls.given is not None and balls.given.periods:
-            parameters.remove("diameter")  # places follow from diameters on a named lattice alone
         candidates = [f"{kind}.{name}" for kind in balls.kind_names for name in parameters]
-        friction = balls.friction
-    names = [name for name in candidates if _is_number(_read_value(balls, name))]
-    return (*names, load.kind, *([MINDLIN_RATIO] if friction else []))
+    names = [
+        name
+        for name in candidates
+        if _is_number(_read_value(balls, name)) and _may_change(balls, name)
+    ]
+    return (*names, load.kind, *([MINDLIN_RATIO] if balls.friction else []))
+
+
+def _may_change(balls: Balls, name: str) -> bool:
+    """Return whether the parameter of a ``name`` may change while all others stay."""
+    try:
+        change_packing(balls, {name: (1.0 + _STEP) * _read_number(balls, name)})
+    except InputError:
+        return False
+    return True
 
 
 def _is_number(value: Any) -> bool:

@@ -232,8 +232,8 @@ class Problem:
         )
 
     def start_at(self, x: Array, overlap: Array | None = None) -> Configuration:
-        """Return the configuration at unknowns x; ``overlap`` (n_c,) is that which a search on the
-        lattice carries along.
+        """Return the configuration at unknowns x; ``overlap`` (n_c,) are the overlaps, by default
+        those that follow from x.
         """
         if overlap is None and not self.turns:
             overlap = self.assembly.offset - self.measure_losses(x, strain=self.given_strain)
@@ -243,8 +243,8 @@ class Problem:
 class Configuration:
     """The contacts of a problem, and the forces left, at unknowns x (size,).
 
-    ``carried`` are the overlaps (n_c,), m, that a search on the lattice carries along; None in
-    exact directions, where they follow from x.
+    ``carried`` are the overlaps (n_c,), m, that a search on the lattice carries along; in exact
+    directions they follow from x unless they are given.
     """
 
     def __init__(self, problem: Problem, x: Array, carried: Array | None = None) -> None:
@@ -259,10 +259,11 @@ class Configuration:
             self._measure(strain)
         else:
             assert carried is not None
-            self.overlap = carried
             self.normal = assembly.normal
             self.current = assembly.vector
             self.distance = assembly.distance
+        if carried is not None:
+            self.overlap = carried
         self.force = assembly.laws.force(self.overlap)
         #: size of the forces, by which those left are measured
         self.mean = assembly.laws.size(self.force)
@@ -306,6 +307,28 @@ class Configuration:
             stress = load.stress @ np.linalg.inv(self.deformed) * self.growth
             work = problem.find_work(stress)
         return np.concatenate([force, work])
+
+    @cached_property
+    def load_slope(self) -> Array | None:
+        """(size, k + s) growth of the load's forces with walls and strains: in exact directions the
+        load follows the cell as that deforms; None of a load that does not.
+        """
+        problem = self.problem
+        load = problem.load
+        p = len(self.strain)
+        units = problem.unit_strains[:, :p, :p]
+        if not (problem.turns and len(units)) or load.stress is None:
+            return None
+        n = problem.n_displacements
+        k = problem.assembly.n_walls
+        inverse = np.linalg.inv(self.deformed)
+        slope = np.zeros((problem.size, k + len(units)))
+        for column, unit in enumerate(units, start=k):
+            grown = self.growth * float(np.trace(inverse @ unit))
+            slope[:n, column] = grown * load.pressure_force
+            turned = grown * inverse - self.growth * inverse @ unit @ inverse
+            slope[n:, column] = problem.find_work(load.stress @ turned)
+        return slope
 
     @cached_property
     def pull(self) -> Array:

@@ -230,7 +230,7 @@ def _find_rest_on_grid(problem: Problem, start: Rest | None, options: RestOption
     balls = None
     strains = on_grid.find_strains()
     if start is not None and on_grid.spread:
-        unknowns = _find_unknowns(problem, start)
+        unknowns = find_unknowns(problem, start)
         strains = unknowns[problem.n_ball_unknowns :] / on_grid.unit
         balls = on_grid.lay(start.displacement)
     search = LatticeSearch(on_grid, options)
@@ -260,7 +260,7 @@ def _find_rest_on_grid(problem: Problem, start: Rest | None, options: RestOption
     raise error
 
 
-def _find_unknowns(problem: Problem, rest: Rest) -> Array:
+def find_unknowns(problem: Problem, rest: Rest) -> Array:
     """Return the unknowns (size,) of a state."""
     p = problem.assembly.periods
     units = problem.unit_strains[:, :p, :p]
@@ -400,7 +400,7 @@ class _LatticeSearch(_Search):
         """
         problem = self.problem
         if start is not None:
-            return problem.start_at(_find_unknowns(problem, start), start.overlap.copy())
+            return problem.start_at(find_unknowns(problem, start), start.overlap.copy())
         untouched = problem.start_at(np.zeros(problem.size))
         if problem.load.is_given:
             return untouched
@@ -577,7 +577,7 @@ class _ExactSearch(_Search):
         nothing.
         """
         assembly = self.problem.assembly
-        configuration = self.problem.start_at(_find_unknowns(self.problem, start))
+        configuration = self.problem.start_at(find_unknowns(self.problem, start))
         if not assembly.differs:
             return configuration
         n_strains = len(self.problem.unit_strains)
@@ -723,7 +723,7 @@ class _ExactSearch(_Search):
         residual = configuration.residual
         stiffness = configuration.stiffness
         added = options.added * min(1.0, residual) * float(np.mean(stiffness))
-        load_slope = self._find_load_slope(configuration)
+        load_slope = configuration.load_slope
         least = options.margin * self.tolerance / residual
         # where hardly a contact opens or closes, two accurate steps take less time than three
         shy = residual if self._is_well_held(configuration) else math.sqrt(residual)
@@ -753,7 +753,7 @@ class _ExactSearch(_Search):
         stiffness = configuration.stiffness
         if not self.is_factored:
             return self._iterate(configuration, stiffness)
-        slope = self._find_load_slope(configuration)
+        slope = configuration.load_slope
         return self.equations.solve(configuration, stiffness, configuration.pull, load_slope=slope)
 
     def _find_leaning_step(self, configuration: Configuration) -> Array:
@@ -775,28 +775,6 @@ class _ExactSearch(_Search):
             configuration, stiffness, pull, options.reduction, options.most_iterations
         )
         return step
-
-    def _find_load_slope(self, configuration: Configuration) -> Array | None:
-        """Return the growth (size, k + s) of the load's forces with walls and strains: the load
-        follows the cell as that deforms.
-        """
-        problem = self.problem
-        load = problem.load
-        p = problem.assembly.periods
-        units = problem.unit_strains[:, :p, :p]
-        if not len(units) or load.stress is None:
-            return None
-        n = problem.n_displacements
-        k = problem.assembly.n_walls
-        inverse = np.linalg.inv(configuration.deformed)
-        growth = configuration.growth
-        slope = np.zeros((problem.size, k + len(units)))
-        for column, unit in enumerate(units, start=k):
-            grown = growth * float(np.trace(inverse @ unit))
-            slope[:n, column] = grown * load.pressure_force
-            turned = grown * inverse - growth * inverse @ unit @ inverse
-            slope[n:, column] = problem.find_work(load.stress @ turned)
-        return slope
 
     def _search(self, configuration: Configuration, step: Array) -> Configuration:
         """Return the configuration along a ``step``, at most a whole one, at which the energy falls

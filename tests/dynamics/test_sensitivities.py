@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import InputError
+from granphon.dynamics.linalg import MANY_COLUMNS
 from tests.dynamics.test_network_lattice import CASES, random_network
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
@@ -334,3 +335,19 @@ def test_the_share_of_a_contact_is_its_part_of_the_energy():
     changed = replace(network, **{name: stiffer * getattr(network, name) for name in names})
     raised = gp.Waves(changed).modes(4).frequencies / modes.frequencies - 1.0
     assert_allclose(raised, 0.5e-6 * shares[:, 2], rtol=1e-4, atol=1e-13)
+
+
+def test_a_cell_of_many_balls_has_the_sums_of_all_its_parameters():
+    """Frequencies go as the root of all stiffnesses together, and as one over that of all
+    masses.
+    """
+    packing = gp.Packing(STEEL, 8e-3, spread=gp.Uniform(2e-6))
+    network = gp.DirectSimulation(packing, shape=(11, 10)).at_force(18.0).sample.network
+    found = gp.Phonons(network).sensitivities([[0.2, 0.3]])
+    frequencies = found.frequencies
+    assert frequencies.size > MANY_COLUMNS
+    by_stiffness = found.normal_stiffness @ network.normal_stiffness
+    by_stiffness += found.shear_stiffness @ network.shear_stiffness
+    assert_allclose(by_stiffness, 0.5 * frequencies, rtol=1e-10)
+    by_mass = found.mass @ network.masses + found.inertia @ network.inertias
+    assert_allclose(by_mass, -0.5 * frequencies, rtol=1e-10)

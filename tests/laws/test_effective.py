@@ -22,6 +22,7 @@ from scipy.integrate import solve_ivp
 import granphon as gp
 from granphon.balls.diameters import NormalShape, UniformShape
 from granphon.balls.hertz import ENERGY, FORCE, SLOPE, STIFFNESS
+from granphon.base.differences import differentiate
 from granphon.base.errors import PrecisionError
 from granphon.dynamics.local_field import local_field
 from granphon.laws import effective
@@ -609,3 +610,19 @@ def test_a_curve_that_does_not_settle_ends_above(monkeypatch):
     least = 1.0
     with pytest.raises(PrecisionError, match="does not converge"):
         solved(UNIFORM)
+
+
+@pytest.mark.parametrize("name", ["uniform", "normal", "three"])
+def test_the_derivative_by_xi_is_that_of_curves_solved_anew(name):
+    shape = DENSITIES[name] if name in DENSITIES else LOTS[name]
+    xi = XI[0.84]
+    y = np.array([-0.1, 0.2, 0.7, 3.0])
+    curve = effective_curve(shape, xi)
+    for order in (FORCE, STIFFNESS):
+        slope = differentiate(
+            lambda step, order=order: curve.follow(xi + step).value(y, order), 1.0
+        )
+        anew = differentiate(
+            lambda step, order=order: effective_curve(shape, xi + step).value(y, order), 1e-2
+        )
+        np.testing.assert_allclose(slope, anew, rtol=1e-7)

@@ -1,0 +1,120 @@
+"""How the equilibrium of an array follows its load and the ratio W/d, to first order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from granphon.array.equilibrium import Equilibrium
+from granphon.array.geometry import ReducedLoad
+from granphon.array.rest import apply_load, assemble, gather_balls, take_up
+from granphon.array.sheared_equilibrium import split_strain
+from granphon.base.differences import Course, differentiate
+from granphon.statics.configuration import Configuration, Problem
+from granphon.statics.rest import Rest
+from granphon.statics.rest_courses import (
+    STEP,
+    PressureFollower,
+    RestCourse,
+    RestFollower,
+    find_pressure,
+)
+
+#: the load in reduced units, and W/d, where a parameter is larger by a relative step
+ReducedChange = Callable[[float], tuple[ReducedLoad, float]]
+
+
+class EquilibriumFollower:
+    """What finds how an equilibrium without friction under a ``load`` follows parameters."""
+
+    def __init__(self, state: Equilibrium, load: ReducedLoad) -> None:
+        self._state = state
+        self._load = load
+        # a cell that shears is pressed, by a pressure that may have to be searched for
+        self._is_pressed = state.strain is not None
+        self._is_searched = self._is_pressed and not (
+            load.overlap is None and (load.on_boundary or not state.ratio)
+        )
+        self._stay_open = ~state.carries
+        rest = self._restore()
+        self._pressure = 0.0
+        if self._is_searched:
+            self._pressure = find_pressure(lambda size: self._pose(load, state.ratio, size), rest)
+        self._follower = RestFollower(self._pose(load, state.ratio, self._pressure), rest)
+        self._under_mean: PressureFollower | None = None
+        if self._is_searched:
+            self._under_mean = PressureFollower(
+                self._follower,
+                lambda step: self._pose(load, state.ratio, self._pressure * (1.0 + step)),
+                self._measure,
+            )
+
+    def follow(self, change: ReducedChange) -> Course[Equilibrium]:
+        """Return the course of the equilibrium with a change."""
+        state = self._state
+        course = self._follow_rest(change)
+
+        def find(step: float) -> Equilibrium:
+            rest = Rest.of(course.place(step))
+            ratio = change(step)[1]
+            overlap, strain = split_strain(rest.strain, ratio)
+            moved = replace(
+                state,
+                overlap=overlap,
+                balls=gather_balls(rest, state.stencils),
+                ratio=ratio,
+                strain=strain if self._is_pressed else None,
+            )
+            vars(moved).update(stencils=state.stencils, _stay_open=self._stay_open)
+            return moved
+
+        return Course(find, course.step)
+
+    def _follow_rest(self, change: ReducedChange) -> RestCourse:
+        """Return the course of the rest with a change."""
+
+        def pose(step: float, step_of_pressure: float = 0.0) -> Problem:
+            return self._pose(*change(step), self._pressure * (1.0 + step_of_pressure))
+
+        if self._under_mean is None:
+            return self._follower.follow(pose)
+
+        def find_goal(step: float) -> float:
+            load, _ = change(step)
+            return load.force if load.overlap is None else load.overlap
+
+        return self._under_mean.follow(pose, differentiate(find_goal, STEP))
+
+    def _measure(self, configuration: Configuration) -> float:
+        """Return the mean force of a configuration, or the overlap y."""
+        if self._load.overlap is None:
+            return float(np.mean(configuration.force))
+        # contacts are as long as d/W in the true geometry
+        length = configuration.problem.assembly.mean_distance
+        return split_strain(configuration.strain, 1.0 / length if self._state.ratio else 0.0)[0]
+
+    def _pose(self, load: ReducedLoad, ratio: float, pressure: float) -> Problem:
+        """Return the problem under a load, or under a ``pressure`` if that is searched for."""
+        state = self._state
+        scale = ratio or 1.0
+        assembly = assemble(state.deviations, state.stencils, scale)
+        if self._is_searched:
+            load = ReducedLoad(force=pressure, on_boundary=True)
+        elif self._is_pressed:
+            load = load._replace(on_boundary=True)
+        applied = apply_load(assembly, load, scale, 1.0)
+        boundary = "stress" if self._is_pressed else "isotropic"
+        return Problem(assembly, applied, "exact" if ratio else "lattice", boundary)
+
+    def _restore(self) -> Rest:
+        """Return the rest of the equilibrium."""
+        state = self._state
+        scale = state.ratio or 1.0
+        assembly = assemble(state.deviations, state.stencils, scale)
+        rest = take_up(assembly, state.balls, state.overlap, state.stencils, scale)
+        opened = np.minimum(state.overlaps, 0.0)
+        overlap = np.where(self._stay_open, opened, state.overlaps)
+        strain = rest.strain if state.strain is None else rest.strain + scale * state.strain
+        return replace(rest, strain=strain, overlap=overlap.ravel())

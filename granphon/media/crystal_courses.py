@@ -1,0 +1,128 @@
+"""How the state of a crystal follows the constants of its balls and its load, to first order.
+
+Under a given mean force or overlap the pressure is one more unknown, which the mean over the
+contacts determines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from granphon.balls.loads import Load
+from granphon.base.arrays import Flags
+from granphon.base.differences import Course, differentiate
+from granphon.media.crystal import Crystal, CrystalState
+from granphon.media.mean_force import MeanContacts
+from granphon.statics.configuration import AppliedLoad, Configuration, Geometry, Problem
+from granphon.statics.rest import Rest, find_unknowns
+from granphon.statics.rest_courses import (
+    STEP,
+    PressureFollower,
+    RestCourse,
+    RestFollower,
+    find_pressure,
+)
+
+#: loads that are means over the contacts
+_MEANS = ("force", "overlap")
+#: the crystal, and its load, where a parameter is larger by a relative step
+CrystalChange = Callable[[float], tuple[Crystal, Load]]
+
+
+class CrystalFollower:
+    """What finds how the ``state`` of a crystal under a single ``load`` follows parameters."""
+
+    def __init__(self, state: CrystalState, load: Load) -> None:
+        self._load = load
+        self._geometry: Geometry = "exact" if state.finite_overlap else "lattice"
+        crystal = state.crystal
+        rest = _restore(state, self._pose(crystal, load, 0.0))
+        self._pressure = 0.0
+        if load.kind in _MEANS:
+            self._pressure = find_pressure(lambda size: self._pose(crystal, load, size), rest)
+        problem = self._pose(crystal, load, self._pressure)
+        self._follower = RestFollower(problem, rest)
+        self._counts = _count_in_means(rest, crystal)
+        self._under_mean: PressureFollower | None = None
+        if load.kind in _MEANS:
+            self._under_mean = PressureFollower(
+                self._follower,
+                lambda step: self._pose(crystal, load, self._pressure * (1.0 + step)),
+                self._measure_mean,
+            )
+
+    def follow(self, change: CrystalChange) -> Course[CrystalState]:
+        """Return the course of the state with a change."""
+        course = self._follow_rest(change)
+
+        def find(step: float) -> CrystalState:
+            crystal, _ = change(step)
+            configuration = course.place(step)
+            solution = Rest.of(configuration), configuration.problem.load
+            return crystal._stack(np.zeros(()), [solution], 0, self._geometry == "exact")
+
+        return Course(find, course.step)
+
+    def _follow_rest(self, change: CrystalChange) -> RestCourse:
+        """Return the course of the rest with a change."""
+
+        def pose(step: float, step_of_pressure: float = 0.0) -> Problem:
+            return self._pose(*change(step), self._pressure * (1.0 + step_of_pressure))
+
+        if self._under_mean is None:
+            return self._follower.follow(pose)
+        growth = differentiate(lambda step: float(change(step)[1].array), STEP)
+        return self._under_mean.follow(pose, growth)
+
+    def _measure_mean(self, configuration: Configuration) -> float:
+        """Return the mean force or overlap of a configuration."""
+        return float(np.mean(getattr(configuration, self._load.kind)[self._counts]))
+
+    def _pose(self, crystal: Crystal, load: Load, pressure: float) -> Problem:
+        """Return the problem of a crystal under a load, under a ``pressure`` if that is a mean."""
+        applied = _apply(crystal, load, pressure)
+        return Problem(crystal._assembly, applied, self._geometry, "stress")
+
+
+def _apply(crystal: Crystal, load: Load, pressure: float) -> AppliedLoad:
+    """Return what a load does to a crystal."""
+    acceleration = load.gravity * crystal.downward if load.gravity else None
+    words = str(load)
+    value = float(load.array)
+    if load.tensor is None:
+        value = pressure if load.kind in _MEANS else value
+        return crystal._load_hydrostatic(value, acceleration, words)
+    components = value * np.array(load.tensor)
+    if load.kind == "stress":
+        stress = crystal._read_tensor(load.kind, components, 1.0)
+        return crystal._load(words, acceleration, stress=stress)
+    strain = crystal._read_tensor(load.kind, components, 0.5)
+    return crystal._load(words, acceleration, strain=strain)
+
+
+def _restore(state: CrystalState, problem: Problem) -> Rest:
+    """Return the rest of a state, whose springs to the ground have the overlaps that follow from
+    the places of the balls.
+    """
+    crystal = state.crystal
+    rest = Rest(
+        displacement=state.displacements[crystal._bodies.ball_number >= 0],
+        wall_motion=state.ways,
+        strain=state.strain,
+        overlap=problem.assembly.offset,
+        assembly=problem.assembly,
+    )
+    overlap = problem.start_at(find_unknowns(problem, rest)).overlap.copy()
+    overlap[: crystal.n_contacts] = state.overlap
+    return replace(rest, overlap=overlap)
+
+
+def _count_in_means(rest: Rest, crystal: Crystal) -> Flags:
+    """Return (n_c,) whether each contact counts in means; springs to the ground do not."""
+    counts = np.zeros(len(rest.overlap), bool)
+    means = MeanContacts.of(rest, crystal._laws, rest.assembly.differs)
+    counts[: crystal.n_contacts] = means.counts
+    return counts

@@ -1,0 +1,225 @@
+"""How a rest follows what it depends on: constants of balls, diameters, the load.
+
+At rest the forces left on the unknowns vanish, R(x, p) = 0, whatever a parameter p is. So x has the
+derivative
+
+    dx/dp  =  A^-1 dR/dp
+
+with the tangent A at rest (the implicit function theorem): one solution with the factors at rest
+for each parameter, and no search for another rest. dR/dp is a difference of the forces left at
+unknowns that stay, in which nothing is solved. What a solution leaves of dR/dp is solved for again
+(iterative refinement), so that the derivative does not depend on the accuracy of the equations.
+
+A contact that is open at rest stays open. Steps of differences are short against the overlap of
+each contact over its derivative: near its opening the stiffness of a contact goes as a root.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from granphon.base.arrays import Array
+from granphon.base.differences import differentiate
+from granphon.base.errors import ConvergenceError
+from granphon.statics.configuration import Configuration, Problem
+from granphon.statics.krylov import Map
+from granphon.statics.newton import Equations, GridEquations, IteratedEquations, find_mean_row
+from granphon.statics.options import RestOptions
+from granphon.statics.rest import Rest, find_unknowns
+
+#: the problem of a rest where the parameter is larger by a relative step
+Change = Callable[[float], Problem]
+#: relative step of a parameter: the error of differences is about its fourth power, and rounding
+#: over it
+STEP = 2e-4
+#: change of the overlap of a contact in a step, over the overlap, at most
+_PART = 0.02
+#: least step: below, rounding is larger than what contacts near their opening contribute
+_LEAST_STEP = 1e-7
+#: rounds of refinement, at most, and the part of dR/dp that they leave
+_ROUNDS = 12
+_LEFT = 1e-12
+#: rounding of the forces on an unknown, over the mean force
+_ROUNDING = 1e-15
+#: part of what a round has left from which the rounds come no nearer, and that they may end with
+_STALLED = 0.5
+_REQUIRED = 1e-8
+#: reduction of the residual by iterations in a round
+_REDUCTION = 1e-8
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RestCourse:
+    """A rest that follows a parameter, to first order.
+
+    Attributes
+    ----------
+    follower : of the rest.
+    change : the problem at each step of the parameter.
+    slope : (size,) derivative of the unknowns by the step.
+    """
+
+    follower: RestFollower
+    change: Change
+    slope: Array
+
+    def place(self, step: float) -> Configuration:
+        """Return the configuration at a step."""
+        return self.follower.place(self.change(step), step * self.slope)
+
+    @cached_property
+    def step(self) -> float:
+        """The step of differences along the course."""
+        trial = _LEAST_STEP
+        change = (self.place(trial).overlap - self.place(-trial).overlap) / (2.0 * trial)
+        rest = self.follower.configuration
+        laws = rest.problem.assembly.laws
+        room = np.where(np.isfinite(laws.least), rest.overlap - laws.least, math.inf)
+        closing = self.follower.is_closed & (change != 0.0)
+        shortest = np.min(np.abs(room[closing] / change[closing]), initial=math.inf)
+        return min(STEP, max(_LEAST_STEP, _PART * float(shortest)))
+
+
+class RestFollower:
+    """What finds how a rest follows parameters.
+
+    Parameters
+    ----------
+    problem, rest : the balls under their load, and their rest.
+    """
+
+    def __init__(self, problem: Problem, rest: Rest) -> None:
+        self.problem = problem
+        self._rest = rest
+        self._unknowns = find_unknowns(problem, rest)
+        self._measured = problem.start_at(self._unknowns).overlap
+        self.configuration = problem.start_at(self._unknowns, rest.overlap)
+        #: (n_c,) whether each contact carries load, or resists one
+        self.is_closed = (self.configuration.stiffness != 0.0) | (self.configuration.force != 0.0)
+
+    def place(self, problem: Problem, change: Array) -> Configuration:
+        """Return the configuration of a changed ``problem``, whose unknowns differ from those at
+        rest by the ``change`` (size,).
+        """
+        unknowns = find_unknowns(problem, self._rest) + change
+        measured = problem.start_at(unknowns).overlap
+        # the overlap at rest has digits that the unknowns do not give
+        overlap = self._rest.overlap + (measured - self._measured)
+        least = problem.assembly.laws.least
+        stays_open = ~self.is_closed & np.isfinite(least)  # a bond never opens
+        return problem.start_at(unknowns, np.where(stays_open, np.minimum(overlap, least), overlap))
+
+    def follow(self, change: Change, slope: Array | None = None) -> RestCourse:
+        """Return the course of the rest with a parameter, from a ``slope`` (size,) that is nearly
+        right; ConvergenceError if the derivative is not found.
+        """
+        problem = self.problem
+        course = RestCourse(self, change, np.zeros(problem.size))
+        left = self._find_left(course)
+        size = float(np.linalg.norm(left * problem.weights))
+        if slope is not None:
+            course = replace(course, slope=slope)
+            left = self._find_left(course)
+        rounding = _ROUNDING * self.configuration.mean * math.sqrt(problem.size)
+        before = math.inf
+        for _ in range(_ROUNDS):
+            norm = float(np.linalg.norm(left * problem.weights))
+            stalls = norm > _STALLED * before and norm <= _REQUIRED * size
+            if norm <= max(_LEFT * size, rounding / course.step) or stalls:
+                return course
+            before = norm
+            course = replace(course, slope=course.slope + self._solve(left))
+            left = self._find_left(course)
+        raise ConvergenceError(
+            f"the derivative of the rest under {problem.load.words} is not found",
+            "Balls are held by little more than rounding",
+            "Raise the load",
+        )
+
+    def _find_left(self, course: RestCourse) -> Array:
+        """Return the derivative (size,) of the forces that a course leaves."""
+        return np.asarray(differentiate(lambda step: course.place(step).pull, course.step))
+
+    @cached_property
+    def _solve(self) -> Map:
+        """The map from forces (size,) to the unknowns that take these away, or nearly so."""
+        problem = self.problem
+        options = RestOptions()
+        configuration = self.configuration
+        stiffness = configuration.stiffness
+        load_slope = configuration.load_slope
+        assembly = problem.assembly
+        if assembly.n_balls <= options.most_factorised[assembly.dimension]:
+            linear = Equations(problem, options).linearise(configuration, stiffness)
+            invert = linear.invert(load_slope, find_mean_row(configuration, stiffness))
+            return lambda pull: problem.remove_drift(invert(pull))
+        most = options.most_iterations
+        if assembly.grid:
+            on_grid = GridEquations(problem, options)
+            turning = 1.0 if problem.turns else 0.0
+
+            def iterate(pull: Array) -> Array:
+                given = (configuration, stiffness, pull, turning, _REDUCTION, most, load_slope)
+                return on_grid.solve(*given).step
+
+            return iterate
+        iterated = IteratedEquations(problem, options)
+        return lambda pull: iterated.solve(configuration, stiffness, pull, _REDUCTION, most)[0]
+
+
+class PressureFollower:
+    """What finds how a rest follows parameters whose pressure is one more unknown: that with which
+    a measure of the rest, as the mean force of its contacts, is a given number.
+
+    Parameters
+    ----------
+    follower : of the rest at its pressure.
+    pose : the problem at a relative step of the pressure.
+    measure : function of a configuration.
+    """
+
+    def __init__(
+        self,
+        follower: RestFollower,
+        pose: Change,
+        measure: Callable[[Configuration], float],
+    ) -> None:
+        self._follower = follower
+        self._pose = pose
+        self._measure = measure
+
+    def follow(self, change: Callable[[float, float], Problem], growth: float) -> RestCourse:
+        """Return the course of the rest with a parameter, with which the given number grows by
+        ``growth``; ``change`` is the problem at a step of the parameter and one of the pressure.
+        """
+        at_pressure = self._follower.follow(lambda step: change(step, 0.0))
+        under_pressure, gain = self._under_pressure
+        ratio = (growth - self._find_slope(at_pressure)) / gain
+        slope = at_pressure.slope + ratio * under_pressure.slope
+        return self._follower.follow(lambda step: change(step, ratio * step), slope)
+
+    @cached_property
+    def _under_pressure(self) -> tuple[RestCourse, float]:
+        """The course of the rest with its pressure, and the derivative of the measure."""
+        course = self._follower.follow(self._pose)
+        return course, self._find_slope(course)
+
+    def _find_slope(self, course: RestCourse) -> float:
+        return float(differentiate(lambda step: self._measure(course.place(step)), course.step))
+
+
+def find_pressure(pose: Callable[[float], Problem], rest: Rest) -> float:
+    """Return the pressure under which a rest is in balance; ``pose`` is the problem at a pressure,
+    with which the forces of the load grow evenly.
+    """
+    pulls = []
+    for pressure in (0.0, 1.0):
+        problem = pose(pressure)
+        pulls.append(problem.start_at(find_unknowns(problem, rest), rest.overlap).pull)
+    unit = pulls[1] - pulls[0]
+    return -float(unit @ pulls[0]) / float(unit @ unit)
