@@ -194,7 +194,8 @@ def name_axis(
     in SI: only the texts at the ticks are divided.
     """
     takes_prefix = unit in ("m", "N", "N/m", "Pa", "Hz")
-    is_handy = 1e-2 <= most < 1e4  # in the unit itself
+    # in the unit itself; frequencies are in kHz from 10 kHz on, as those of bands
+    is_handy = 1e-2 <= most < (1e4 if unit == "Hz" else 1e5)
     size_of_unit = 1.0
     name_of_unit = unit
     if takes_prefix and (short or not is_handy):
