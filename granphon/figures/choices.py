@@ -105,6 +105,33 @@ def describe_value(dataset: Dataset, name: str, number: int) -> tuple[str, str]:
     return kind, text
 
 
+def choose_held(counts: Mapping[str, int], most: int) -> list[str]:
+    """Return the dimensions that are held at one value so that at most ``most`` states remain, from
+    the numbers of their values.
+
+    That dimension is held without which most states are drawn: all that remain, if they are at most
+    ``most``, or so many along the only dimension that remains. Of several such dimensions the last
+    is held.
+    """
+    held: list[str] = []
+    free = {name: count for name, count in counts.items() if count > 1}
+
+    def count_drawn(name: str) -> int:
+        """Return the number of states that are drawn if a dimension is held too; 0 if there are
+        still too many.
+        """
+        remaining = math.prod(free.values()) // free[name]
+        if remaining <= most:
+            return remaining
+        return most if len(free) == 2 else 0
+
+    while len(free) > 1 and math.prod(free.values()) > most:
+        name = max(reversed(free), key=count_drawn)
+        del free[name]
+        held.append(name)
+    return held
+
+
 # -- the states that a user chooses ----------------------------------------------------------------
 
 

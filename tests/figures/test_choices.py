@@ -14,7 +14,7 @@ from numpy.testing import assert_array_equal
 import granphon as gp
 from granphon.base.errors import InputError
 from granphon.cli import main
-from granphon.figures.choices import arrange, choose_states, read_wishes
+from granphon.figures.choices import arrange, choose_held, choose_states, read_wishes
 from granphon.figures.curves import comparison_figure, sweep_figure
 from granphon.runs.dataset import write_sweep
 from granphon.runs.sweep import sweep
@@ -242,6 +242,20 @@ def test_panels_of_one_combination_each_share_out_media_too():
     assert not arrange(data.isel(width=[0], density=[0]), "longitudinal", alone=True).shown
     named = arrange(data, "longitudinal", "force", columns="width", alone=True)
     assert (named.columns, named.rows) == ("width", "medium")
+
+
+@pytest.mark.parametrize(
+    ("counts", "held"),
+    [
+        ({"load": 2, "medium": 1, "width": 4}, []),
+        ({"load": 2, "medium": 1, "width": 3, "diameter": 3}, ["diameter"]),
+        ({"load": 20, "width": 2}, ["width"]),
+        ({"load": 4, "width": 12, "diameter": 9}, ["diameter", "load"]),
+        ({"load": 40}, []),
+    ],
+)
+def test_states_that_are_too_many_are_held_where_most_remain(counts, held):
+    assert choose_held(counts, 8) == held
 
 
 def test_over_a_parameter_some_of_many_loads_have_a_curve():
