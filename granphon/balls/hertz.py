@@ -244,7 +244,7 @@ class HertzLaw(EnergyLaw):
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
         """As :meth:`EnergyLaw._evaluate`."""
-        delta = np.maximum(real_array("overlap", overlap), 0.0)
+        delta = np.maximum(overlap, 0.0)
         root = np.sqrt(delta)
         if order == ENERGY:
             return (0.4 * self.coefficient * delta * root * delta)[()]

@@ -80,8 +80,13 @@ def require(name: str, rule: Rule, value: Any) -> Any:
     try:
         return rule(value)
     except Refused as refused:
-        place = ".".join(map(str, (name, *refused.path)))
-        raise InputError(f"{place}: {refused}") from None
+        raise _name_argument(name, refused) from None
+
+
+def _name_argument(name: str, refused: Refused) -> InputError:
+    """Return the error of the argument ``name`` whose value a rule has refused."""
+    place = ".".join(map(str, (name, *refused.path)))
+    return InputError(f"{place}: {refused}")
 
 
 def refuse_unknown_key(key: Any, known: Iterable[str], mend: str = "") -> Refused:
@@ -528,12 +533,10 @@ def _named(
     def check(
         name: str, value: Any, /, *options: Options.args, **named_options: Options.kwargs
     ) -> Value:
-        def rule_with_options(argument: Any) -> Value:
-            return rule(argument, *options, **named_options)
-
-        has_options = options or named_options
-        checked_value: Value = require(name, rule_with_options if has_options else rule, value)
-        return checked_value
+        try:
+            return rule(value, *options, **named_options)
+        except Refused as refused:
+            raise _name_argument(name, refused) from None
 
     return check
 

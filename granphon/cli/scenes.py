@@ -219,12 +219,8 @@ def run_scene(
             say_table(describe_result(result))
             names = [path.name for path in result.files]
             say(f"Wrote {', '.join(names)} into {out}")
-            if "sweep.png" in names:
-                from granphon.figures.curves import describe_panels
-
-                remark = describe_panels(result.dataset)
-                if remark:
-                    say(f"sweep.png: {remark.replace('(', '(granphon plot: ', 1)}")
+            for remark in result.remarks:
+                say(remark)
 
 
 @command("plot", rich_help_panel=PICTURES)

@@ -7,6 +7,7 @@ where there are several.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -102,6 +103,33 @@ def describe_value(dataset: Dataset, name: str, number: int) -> tuple[str, str]:
     if name in _LOAD_NAMES:
         text = f"{name} {write_value(float(value), str(dataset[name].attrs.get('units', '')))}"
     return kind, text
+
+
+def choose_held(counts: Mapping[str, int], most: int) -> list[str]:
+    """Return the dimensions that are held at one value so that at most ``most`` states remain, from
+    the numbers of their values.
+
+    That dimension is held without which most states are drawn: all that remain, if they are at most
+    ``most``, or so many along the only dimension that remains. Of several such dimensions the last
+    is held.
+    """
+    held: list[str] = []
+    free = {name: count for name, count in counts.items() if count > 1}
+
+    def count_drawn(name: str) -> int:
+        """Return the number of states that are drawn if a dimension is held too; 0 if there are
+        still too many.
+        """
+        remaining = math.prod(free.values()) // free[name]
+        if remaining <= most:
+            return remaining
+        return most if len(free) == 2 else 0
+
+    while len(free) > 1 and math.prod(free.values()) > most:
+        name = max(reversed(free), key=count_drawn)
+        del free[name]
+        held.append(name)
+    return held
 
 
 # -- the states that a user chooses ----------------------------------------------------------------
@@ -264,7 +292,7 @@ class Layout:
         return dataset.isel(chosen)
 
     def describe(self, dataset: Dataset) -> str:
-        """Return which dimension has which panels, in words, and the options that change it."""
+        """Return in words which dimension has which panels, and the options that change it."""
         places = []
         for name, place in ((self.columns, "columns"), (self.rows, "rows")):
             if name is not None:
@@ -276,8 +304,8 @@ class Layout:
             else:
                 count = f"{len(numbers)} of {dataset.sizes[dimension]}"
                 places.append(f"{count} values of {name} are drawn")
-        options = "--where chooses curves; --columns, --rows, --x and --y other panels"
-        return f"too many curves for one panel: {', '.join(places)} ({options})"
+        options = "--where chooses states; --columns and --rows other panels"
+        return f"{', '.join(places)} (granphon plot: {options})"
 
 
 def _count_values(dataset: Dataset, variable: str, x: str | None) -> dict[str, int]:
@@ -300,6 +328,7 @@ def arrange(
     x: str | None = None,
     rows: str | None = None,
     columns: str | None = None,
+    alone: bool = False,
 ) -> Layout:
     """Return the panels for the curves of a ``variable`` of a sweep over ``x``, a load, or a
     parameter in numbers.
@@ -308,18 +337,19 @@ def arrange(
     parameters are more than the shades of a colour that an eye tells apart. Then the parameters
     with the fewest values have the panels, first columns and then rows. Of a parameter with many
     values some are drawn, as of many loads where ``x`` is a parameter, and a parameter for which no
-    place is left is held at its first value.
+    place is left is held at its first value. With ``alone`` each combination, also of media, has a
+    panel of its own.
     :class:`~granphon.base.errors.InputError` if ``rows`` or ``columns`` name nothing that is swept,
     or take too many panels.
     """
     counts = _count_values(dataset, variable, x)
-    allowed = list(counts)
-    if dataset.sizes["medium"] > 1:
-        allowed.append("medium")
+    all_counts = counts | {"medium": dataset.sizes["medium"]}
+    allowed = [name for name, count in all_counts.items() if count > 1]
     _require_swept(rows, columns, allowed)
+    if alone:  # media are told apart as parameters are
+        counts = {name: all_counts[name] for name in allowed}
     shaded = {name: count for name, count in counts.items() if name not in (rows, columns)}
     if rows is not None or columns is not None:
-        all_counts = counts | {"medium": dataset.sizes["medium"]}
         n_panels = all_counts.get(str(rows), 1) * all_counts.get(str(columns), 1)
         if n_panels > _MOST_PANELS:
             problem = f"--rows and --columns ask for {n_panels} panels"
@@ -333,7 +363,8 @@ def arrange(
         most[load] = _MOST_LOADS
         shaded[load] = _MOST_LOADS
         is_chosen = True
-    while len(shaded) > 1 and np.prod(list(shaded.values())) > MOST_SHADES:
+    most_curves = 1 if alone else MOST_SHADES
+    while math.prod(shaded.values()) > most_curves and (alone or len(shaded) > 1):
         # the fewest values, and of several such parameters the last in the order of the scene
         name = min(reversed(shaded), key=shaded.__getitem__)
         del shaded[name]

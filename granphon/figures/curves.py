@@ -856,7 +856,7 @@ def sweep_figure(
     read_values(turn_over(dataset, x_name), main)  # refuses a variable that cannot be drawn
     layout = arrange(dataset, main, x_name, rows, columns)
     if layout.is_chosen and tell is not None:
-        tell(f"{main} has {layout.describe(dataset)}")
+        tell(f"too many curves of {main} for one panel: {layout.describe(dataset)}")
     if layout.has_panels or layout.shown:
         draw = partial(_draw_panel, variable=main, x=x_name)
         return draw_panels(dataset, layout, draw, partial(label_axes, x=x_name, y=main))
@@ -912,15 +912,6 @@ def _choose_shown(dataset: Dataset, variable: str | None) -> tuple[list[str], li
 def _choose_main(velocities: Sequence[str], shown: Sequence[str]) -> str:
     """Return the one variable of small panels, of those that a larger panel shows."""
     return "longitudinal" if "longitudinal" in velocities else shown[0]
-
-
-def describe_panels(dataset: Dataset) -> str:
-    """Return which parameters have the panels of :func:`sweep_figure`, if it chooses panels because
-    of too many curves; else an empty text.
-    """
-    main = _choose_main(*_choose_shown(dataset, None))
-    layout = arrange(dataset, main, choose_x(dataset, None))
-    return f"{main} has {layout.describe(dataset)}" if layout.is_chosen else ""
 
 
 def _draw_panel(dataset: Dataset, ax: Axes, variable: str, x: str) -> Panel:
@@ -1132,7 +1123,7 @@ def _draw_run_in_panels(
     if is_plain and n_curves <= len(COLOURS):
         return None
     if layout.is_chosen and tell is not None:
-        tell(f"{y_name} has {layout.describe(dataset)}")
+        tell(f"too many curves of {y_name} for one panel: {layout.describe(dataset)}")
     measured = [
         _read_points(points, [turned], x_name, y_name, balls_per_side, distance)
         for points in _list_data(data)

@@ -1,25 +1,15 @@
 """Figures of frequencies of the states of a sweep over the load or a parameter: gaps, branches from
 cut-off to cut-off, waves of an edge, and lowest modes.
 
-As in :mod:`granphon.figures.multiples`, each combination of medium and parameters has a panel.
+Each combination of medium and parameters has a panel, see :mod:`granphon.figures.multiples`.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
-from textwrap import fill
 from typing import Any
 
-from granphon.figures.scales import (
-    add_legend,
-    draw_error_band,
-    make_error_handle,
-    name_axis,
-    scale_axis,
-    styled_figure,
-    thin_ticks,
-)
+from granphon.figures.scales import draw_error_band, make_error_handle, name_axis, scale_axis
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -30,20 +20,13 @@ from matplotlib.patches import Patch
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.scales import HertzPrefix
-from granphon.figures.choices import MOST_COLUMNS, turn_over
+from granphon.figures.choices import arrange, turn_over
 from granphon.figures.curves import choose_x, describe_lines, read_values
-from granphon.figures.style import BLUE, ORANGE, STYLE, pick_evenly, print_hertz
-from granphon.figures.words import find_differing, join_facts
+from granphon.figures.multiples import Panel, draw_panels
+from granphon.figures.style import BLUE, ORANGE, print_hertz
 from granphon.observables.catalogue import axis_label
 from granphon.runs.dataset import Dataset
 
-#: greatest number of panels, and the height of a line of panels, and of the rest, inches
-_MOST_PANELS = 12
-_HEIGHT = 1.25
-_HEIGHT_ALONE = 2.0
-_MARGINS = 0.55
-#: letters of a line of the title of a panel, by the number of columns
-_LETTERS = {1: 60, 2: 26, 3: 16}
 #: look of the top frequency
 _TOP: dict[str, Any] = {"color": "black", "linewidth": 1.0}
 _FIELD: dict[str, Any] = {"facecolor": BLUE, "alpha": 0.3, "linewidth": 0.0}
@@ -53,13 +36,14 @@ _DOTS: dict[str, Any] = {"color": ORANGE, "marker": "o", "markersize": 2.0, "lin
 _DrawPanel = Callable[[Dataset, Axes, Array, HertzPrefix], None]
 
 
-def sweep_gaps_figure(dataset: Dataset, x: str | None = None) -> Figure:
-    """Draw a figure of the gaps of a sweep, one column wide: between its lower and its upper edge
-    each gap is a field over ``x``, which is that of :func:`granphon.figures.curves.plot_sweep`, and
-    the top frequency is a line.
+def sweep_gaps_figure(dataset: Dataset, **options: Any) -> Figure:
+    """Draw a figure of the gaps of a sweep: between its lower and its upper edge each gap is a
+    field over ``x``, and the top frequency is a line.
 
     Gaps are told apart by the number of branches below. Each medium and combination of parameters
-    has a panel; of more than twelve, twelve are drawn. Raises
+    has a panel. Of the ``options``, ``x``, ``rows``, ``columns`` and ``tell`` are those of
+    :func:`granphon.figures.curves.sweep_figure`. Where rows and columns of panels have no place for
+    all combinations, some are drawn, of which ``tell`` is told. Raises
     :class:`~granphon.base.errors.InputError` if the sweep has no gaps.
     """
     _require(dataset, "gap_lower", "gaps", "gaps")
@@ -75,14 +59,15 @@ def sweep_gaps_figure(dataset: Dataset, x: str | None = None) -> Figure:
     handles: list[Any] = [Line2D([], [], label="top frequency", **_TOP)]
     if np.any(np.isfinite(dataset["gap_lower"].values)):
         handles.insert(0, Patch(label="gap", **_FIELD))
-    return _draw_panels(dataset, x, "top_frequency", draw, handles)
+    return _draw_panels(dataset, "top_frequency", draw, handles, **options)
 
 
-def cutoffs_figure(dataset: Dataset, x: str | None = None) -> Figure:
-    """Draw a figure of the branches of a sweep, one column wide: each is a field over ``x`` from
-    its lowest to its highest frequency in the zone, as in :func:`sweep_gaps_figure`.
+def cutoffs_figure(dataset: Dataset, **options: Any) -> Figure:
+    """Draw a figure of the branches of a sweep: each is a field over ``x`` from its lowest to its
+    highest frequency in the zone.
 
-    Raises :class:`~granphon.base.errors.InputError` if the sweep has no cut-off frequencies.
+    The ``options`` are those of :func:`sweep_gaps_figure`. Raises
+    :class:`~granphon.base.errors.InputError` if the sweep has no cut-off frequencies.
     """
     _require(dataset, "cutoff_lower", "cut-off frequencies", "cutoffs")
 
@@ -91,7 +76,7 @@ def cutoffs_figure(dataset: Dataset, x: str | None = None) -> Figure:
         _draw_fields(states, ("cutoff_lower", "cutoff_upper"), "branch", ax, x_values, unit)
 
     handles = [Patch(label="branch, from its lowest to its highest frequency", **_FIELD)]
-    return _draw_panels(dataset, x, "cutoff_upper", draw, handles)
+    return _draw_panels(dataset, "cutoff_upper", draw, handles, **options)
 
 
 def _draw_fields(
@@ -139,39 +124,40 @@ def _draw_field(ax: Axes, x: Array, lower: Array, upper: Array, gid: str) -> Non
         ax.plot(x, edge, color=BLUE, linewidth=0.8, gid=f"{gid}-edge")
 
 
-def sweep_surface_figure(dataset: Dataset, x: str | None = None) -> Figure:
-    """Draw a figure of the undamped waves of an edge in a sweep, one column wide: their frequencies
-    at the end of the path, from the lowest up, over ``x``, as in :func:`sweep_gaps_figure`.
+def sweep_surface_figure(dataset: Dataset, **options: Any) -> Figure:
+    """Draw a figure of the undamped waves of an edge in a sweep: their frequencies at the end of
+    the path, from the lowest up, over ``x``.
 
-    A panel without a wave says so. Raises :class:`~granphon.base.errors.InputError` if the sweep
-    has no waves of an edge.
+    The ``options`` are those of :func:`sweep_gaps_figure`. A panel without a wave says so. Raises
+    :class:`~granphon.base.errors.InputError` if the sweep has no waves of an edge.
     """
     _require(dataset, "surface_frequency", "waves of an edge", "surface")
     words = "waves of the edge, at the end of the path"
-    return _draw_lines(dataset, x, "surface_frequency", "surface_wave", words)
+    return _draw_lines(dataset, "surface_frequency", "surface_wave", words, **options)
 
 
-def onsets_figure(dataset: Dataset, x: str | None = None) -> Figure:
-    """Draw a figure of the cut-off frequencies of a sweep, one column wide: those of each branch at
-    Gamma over ``x``, as in :func:`sweep_gaps_figure`.
+def onsets_figure(dataset: Dataset, **options: Any) -> Figure:
+    """Draw a figure of the cut-off frequencies of a sweep: those of each branch at Gamma over
+    ``x``.
 
-    Raises :class:`~granphon.base.errors.InputError` if the sweep has no onsets.
+    The ``options`` are those of :func:`sweep_gaps_figure`. Raises
+    :class:`~granphon.base.errors.InputError` if the sweep has no onsets.
     """
     _require(dataset, "onset_frequency", "frequencies at Gamma", "onsets")
-    return _draw_lines(dataset, x, "onset_frequency", "branch", "branches at Gamma")
+    return _draw_lines(dataset, "onset_frequency", "branch", "branches at Gamma", **options)
 
 
-def modes_figure(dataset: Dataset, x: str | None = None) -> Figure:
-    """Draw a figure of the lowest modes of the networks of a sweep, one column wide: their
-    frequencies over ``x``, as in :func:`sweep_gaps_figure`.
+def modes_figure(dataset: Dataset, **options: Any) -> Figure:
+    """Draw a figure of the lowest modes of the networks of a sweep: their frequencies over ``x``.
 
-    Raises :class:`~granphon.base.errors.InputError` if the sweep has no modes.
+    The ``options`` are those of :func:`sweep_gaps_figure`. Raises
+    :class:`~granphon.base.errors.InputError` if the sweep has no modes.
     """
     _require(dataset, "mode_frequency", "modes", "modes")
-    return _draw_lines(dataset, x, "mode_frequency", "mode", "lowest modes")
+    return _draw_lines(dataset, "mode_frequency", "mode", "lowest modes", **options)
 
 
-def _draw_lines(dataset: Dataset, x: str | None, name: str, dimension: str, words: str) -> Figure:
+def _draw_lines(dataset: Dataset, name: str, dimension: str, words: str, **options: Any) -> Figure:
     """Draw, for each number of a ``dimension``, the frequencies ``name`` over ``x``; ``words`` are
     those of the legend.
     """
@@ -189,7 +175,8 @@ def _draw_lines(dataset: Dataset, x: str | None, name: str, dimension: str, word
             draw_error_band(ax, x_values, line, errors[number], ORANGE, f"{gid}-errors")
             ax.plot(x_values, line, gid=gid, **_DOTS)
 
-    return _draw_panels(dataset, x, name, draw, [Line2D([], [], label=words, **_DOTS)])
+    handle = Line2D([], [], label=words, **_DOTS)
+    return _draw_panels(dataset, name, draw, [handle], **options)
 
 
 def _require(dataset: Dataset, name: str, words: str, subject: str) -> None:
@@ -200,71 +187,46 @@ def _require(dataset: Dataset, name: str, words: str, subject: str) -> None:
 
 
 def _draw_panels(
-    dataset: Dataset, x: str | None, variable: str, draw: _DrawPanel, handles: list[Any]
+    dataset: Dataset,
+    variable: str,
+    draw: _DrawPanel,
+    handles: Sequence[Any],
+    x: str | None = None,
+    rows: str | None = None,
+    columns: str | None = None,
+    tell: Callable[[str], object] | None = None,
 ) -> Figure:
     """Draw a panel for each medium and combination of parameters, with shared axes, of which that
-    of y reaches to the greatest value of the ``variable``.
+    of y reaches to the greatest value of the ``variable``; the other arguments are those of
+    :func:`sweep_gaps_figure`.
     """
     x_name = choose_x(dataset, x)
-    turned = turn_over(dataset, x_name)
-    values = turned[variable].values
+    layout = arrange(dataset, variable, x_name, rows, columns, alone=True)
+    if layout.shown and tell is not None:
+        tell(f"too many combinations for a panel of each: {layout.describe(dataset)}")
+    values = dataset[variable].values
     # without a value any height will do
     greatest = float(np.max(values[np.isfinite(values)], initial=0.0)) or 1.0
     unit = HertzPrefix.for_top(greatest)
-    lines = describe_lines(turned, variable)
-    chosen = [lines[number] for number in pick_evenly(len(lines), _MOST_PANELS)]
-    differing, _ = find_differing([facts for facts, _ in chosen])
-    n_rows = math.ceil(len(chosen) / MOST_COLUMNS)
-    n_columns = math.ceil(len(chosen) / n_rows)
-    height = n_rows * _HEIGHT if n_rows > 1 else _HEIGHT_ALONE
-    all_x = np.asarray(read_values(turned, x_name), float)
-    with styled_figure(height + _MARGINS) as figure:
-        axes = figure.subplots(n_rows, n_columns, sharex=True, sharey=True, squeeze=False)
-        for ax, (facts, index) in zip(axes.flat, chosen, strict=False):
-            states = turned.isel(index, missing_dims="ignore")
-            x_values = np.asarray(states[x_name].values, float)
-            order = np.argsort(x_values, kind="stable")
-            draw(states.isel(load=order), ax, x_values[order], unit)
-            title = _write_title([facts[kind] for kind in differing], _LETTERS[n_columns])
-            ax.set_title(title, pad=3.0)
-            scale_axis(ax, "x", all_x)
-            name_axis(
-                ax.xaxis,
-                float(np.max(np.abs(all_x))),
-                axis_label(x_name, ""),
-                str(turned[x_name].attrs.get("units", "")),
-            )
-            thin_ticks(ax)
-            ax.set_ylim(0.0, 1.06 * greatest / unit.hertz)
-        _label_outer_axes(axes, len(chosen), f"Frequency ({print_hertz(unit)})")
-        if f"{variable}_error" in turned:
-            handles = [*handles, make_error_handle()]
-        add_legend(figure, handles, 1)
-        if len(chosen) < len(lines):
-            remark = f"{len(chosen)} of {len(lines)} combinations"
-            figure.suptitle(remark, fontsize=STYLE["axes.titlesize"])
-    return figure
+    if f"{variable}_error" in dataset:
+        handles = [*handles, make_error_handle()]
+    all_x = np.asarray(read_values(turn_over(dataset, x_name), x_name), float)
+    x_unit = str(dataset[x_name].attrs.get("units", ""))
 
+    def draw_panel(states: Dataset, ax: Axes) -> Panel:
+        """Draw the states of one combination."""
+        turned = turn_over(states, x_name)
+        ((facts, index),) = describe_lines(turned, variable)
+        states_of_line = turned.isel(index, missing_dims="ignore")
+        x_values = np.asarray(states_of_line[x_name].values, float)
+        order = np.argsort(x_values, kind="stable")
+        draw(states_of_line.isel(load=order), ax, x_values[order], unit)
+        return Panel((), handles, facts)
 
-def _write_title(facts: Sequence[str], letters: int) -> str:
-    """Return the title of a panel with these facts, in lines of so many letters."""
-    title = join_facts(facts, letters)
-    # a value may be parted from the kind of balls that has it
-    paragraphs = title.replace("\N{NO-BREAK SPACE}of", " of").splitlines()
-    return "\n".join(fill(paragraph, letters, break_long_words=False) for paragraph in paragraphs)
+    def label(ax: Axes, _curves: Sequence[Any]) -> None:
+        """Scale and name the axes of a panel."""
+        scale_axis(ax, "x", all_x)
+        name_axis(ax.xaxis, float(np.max(np.abs(all_x))), axis_label(x_name, ""), x_unit)
+        ax.set(ylim=(0.0, 1.06 * greatest / unit.hertz), ylabel=f"Frequency ({print_hertz(unit)})")
 
-
-def _label_outer_axes(axes: Any, n_panels: int, label: str) -> None:
-    """Keep the names of axes at the outer sides of a grid of Axes (rows, columns), of which the
-    first ``n_panels`` are drawn; ``label`` is that of y.
-    """
-    n_columns = axes.shape[1]
-    for ax in axes.flat[n_panels:]:
-        ax.set_axis_off()
-    for ax in axes[:-1].flat:
-        ax.set_xlabel("")
-    # the panels above empty places have the numbers of the axis
-    for ax in axes.flat[max(0, n_panels - n_columns) : n_panels]:
-        ax.tick_params(labelbottom=True)
-    for ax in axes[:, 0]:
-        ax.set_ylabel(label)
+    return draw_panels(dataset, layout, draw_panel, label)

@@ -299,7 +299,7 @@ def motions_figure(dataset: Dataset) -> Figure:
     """Draw the greatest force and the kinetic energy of the motion of each state of a data set over
     time, one column wide.
 
-    Of more than eight states eight are drawn, evenly taken. Raises
+    States are chosen as by :func:`granphon.figures.waves.sweep_dos_figure`. Raises
     :class:`~granphon.base.errors.InputError` for a data set without motions.
     """
     states, handles = choose_states(dataset, "motion_force", "motions")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from textwrap import fill
 from typing import Any, NamedTuple
 
 from granphon.figures.scales import add_legend, find_axis, styled_figure, thin_ticks
@@ -30,8 +31,9 @@ _MARGINS = 0.55
 _TITLE_HEIGHT = 0.12
 #: rows of the legend for which the margins have room
 _ROOM = 0
-#: greatest number of letters of a line of the title
+#: greatest number of letters of a line of the title, and of one beside a row of panels
 _LETTERS_OF_TITLE = 60
+_LETTERS_OF_ROW = 14
 
 
 class Panel(NamedTuple):
@@ -145,7 +147,7 @@ def _name_panels(
             ax.set_title(join_facts([text], 24), pad=3.0)
         if layout.rows is not None and column == n_columns - 1:
             ax.annotate(
-                join_facts([panel.facts[_find_kind(dataset, layout.rows)]], 22),
+                fill(panel.facts[_find_kind(dataset, layout.rows)], _LETTERS_OF_ROW),
                 (1.0, 0.5),
                 (4.0, 0.0),
                 "axes fraction",

@@ -134,9 +134,11 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
     return _show(figure_or_axes.get_figure() if makes_axes else figure_or_axes)
 
 
-def draw_dataset(dataset: Any, name: str) -> Figure:
-    """Draw the picture of a data set that is the figure of the output ``name``."""
-    figure: Figure = OF_DATASETS[name].load()(dataset)
+def draw_dataset(dataset: Any, name: str, **options: Any) -> Figure:
+    """Draw the picture of a data set that is the figure of the output ``name``; ``options`` go to
+    its function.
+    """
+    figure: Figure = OF_DATASETS[name].load()(dataset, **options)
     return figure
 
 

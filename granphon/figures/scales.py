@@ -193,8 +193,9 @@ def name_axis(
     wherever the prefix makes numbers shorter. ``more`` follows the unit. The data of the axis stay
     in SI: only the texts at the ticks are divided.
     """
-    takes_prefix = unit in ("m", "N", "N/m", "Pa")
-    is_handy = 1e-2 <= most < 1e5  # in the unit itself
+    takes_prefix = unit in ("m", "N", "N/m", "Pa", "Hz")
+    # in the unit itself; frequencies are in kHz from 10 kHz on, as those of bands
+    is_handy = 1e-2 <= most < (1e4 if unit == "Hz" else 1e5)
     size_of_unit = 1.0
     name_of_unit = unit
     if takes_prefix and (short or not is_handy):
@@ -478,7 +479,7 @@ class _PlainTicks(Locator):
 
 def _list_round_numbers(low: float, high: float, few: bool) -> Iterator[tuple[Array, Array]]:
     """Yield sets of round numbers from about ``low`` to ``high``, few first, each with a finer set
-    for minor ticks; with ``few`` the first set may have a number in each decade alone.
+    for minor ticks; with ``few`` the first set may have a number in each decade alone, or three.
 
     Each decade has the same numbers; numbers within a factor of four are evenly spaced.
     """
@@ -502,7 +503,7 @@ def _list_round_numbers(low: float, high: float, few: bool) -> Iterator[tuple[Ar
             (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0),
         ):
             yield np.outer(decades, digits).ravel(), minor_ticks
-    for count in (5, 8, 12):
+    for count in (3, 5, 8, 12) if few else (5, 8, 12):
         ticks = np.asarray(MaxNLocator(count, steps=[1, 2, 5, 10]).tick_values(low, high))
         step = ticks[1] - ticks[0]
         # a step of 2 has four parts, a step of 1, 5 or 10 has five: their ends are round

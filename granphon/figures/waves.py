@@ -37,6 +37,7 @@ from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.scales import HertzPrefix, prefixed, write_quantity
 from granphon.figures.bands import name_corners
+from granphon.figures.choices import choose_held, describe_value, list_parameters
 from granphon.figures.curves import describe_lines
 from granphon.figures.style import (
     BLUE,
@@ -442,7 +443,8 @@ def sweep_dos_figure(dataset: Dataset) -> Figure:
     standard errors as bands.
 
     A state is a load, a medium and a combination of parameters, and has one colour. Of more than
-    eight states eight are drawn, evenly taken, and the legend gives the number of all. Raises
+    eight states those are drawn that differ in some of these, at most eight; the legend tells the
+    values of the others, and the number of all states. Raises
     :class:`~granphon.base.errors.InputError` if the sweep has no densities of states.
     """
     states, handles = choose_states(dataset, "dos_total", "densities of states of arrays")
@@ -553,8 +555,8 @@ def _scale_attenuation(ax: Axes, frequencies: Array) -> None:
     without a frequency, write that no line is resolved.
     """
     if frequencies.size:
-        ax.set_yscale("log")
         scale_axis(ax, "x", frequencies)
+        scale_axis(ax, "y", np.asarray(ax.dataLim.intervaly))
         return
     style: dict[str, Any] = {"transform": ax.transAxes, "ha": "center", "va": "center"}
     ax.text(0.5, 0.5, "no line is resolved", color="0.4", **style)
@@ -575,11 +577,16 @@ def choose_states(
     ``words`` for the variable, if the sweep has no variable ``name``.
 
     A state is a colour and a function, which returns the values of a variable in the state, and of
-    a polarisation if the variable has several.
+    a polarisation if the variable has several. Of too many states those are drawn that differ in
+    some of the dimensions; the legend tells where the others are held.
     """
     if name not in dataset:
         raise InputError(f"the sweep has no {words}", mend="Draw another figure")
-    labels, indices = _list_states(dataset, name)
+    dimensions = ("load", "medium", *list_parameters(dataset))
+    counts = {dim: dataset.sizes[dim] for dim in dimensions if dim in dataset[name].dims}
+    held = choose_held(counts, _STATES)
+    states_of_held = dataset.isel({dim: [0] for dim in held})
+    labels, indices = _list_states(states_of_held, name)
     chosen = pick_evenly(len(labels), _STATES)
     # the light end of the colours is too pale; a single state has a colour of its dark end
     positions = np.linspace(0.0, 0.85, len(chosen)) if len(chosen) > 1 else [0.3]
@@ -589,15 +596,22 @@ def choose_states(
         """Return the values of a variable in the state with this ``index``."""
         # variables without polarisations have no such dimension
         state_index = index | {"polarisation": polarisation}
-        return np.asarray(dataset[variable].isel(state_index, missing_dims="ignore"), float)
+        values = states_of_held[variable].isel(state_index, missing_dims="ignore")
+        return np.asarray(values, float)
 
     states = list[tuple[Any, Callable[..., Array]]]()
     handles = list[Line2D]()
     for shade, number in zip(shades.tolist(), chosen, strict=True):
         states.append((tuple(shade), partial(read_variable, indices[number])))
         handles.append(Line2D([], [], color=tuple(shade), label=labels[number]))
-    if len(labels) > len(chosen):
-        note = f"{len(chosen)} of {len(labels)} are drawn"
+    n_states = math.prod(counts.values())
+    if n_states > len(chosen):
+        facts, _ = describe_lines(states_of_held, name)[0]
+        facts["load"] = describe_value(dataset, find_load(dataset), 0)[1]
+        values = [
+            facts[dim if dim == "load" else describe_value(dataset, dim, 0)[0]] for dim in held
+        ]
+        note = ", ".join([*values, f"{len(chosen)} of {n_states} are drawn"])
         handles.append(Line2D([], [], linestyle="none", label=note))
     return states, handles
 
@@ -825,8 +839,8 @@ def responses_figure(dataset: Dataset) -> Figure:
     The responses of one state are magnitude and phase of each receiver, with dots at the peaks. Of
     several states magnitude and phase are drawn for each receiver, a state in each colour; of six
     loads and more the magnitude is a map over load and frequency, for each receiver and each medium
-    and combination of parameters. At most eight states, and four receivers or maps, are drawn,
-    evenly taken, and the figure gives the number of all.
+    and combination of parameters. States are chosen as by :func:`sweep_dos_figure`; at most four
+    receivers or maps are drawn, evenly taken, and the figure gives the number of all.
 
     Raises :class:`~granphon.base.errors.InputError` if the data set has no responses.
     """

@@ -206,7 +206,7 @@ class Check(Result):
             at_place = f" ({place})" if place else ""
             return (
                 f"{self.reason} {share}: the contact force is {_write_force(worst)} where it must"
-                f" be {_write_force(self.limit)}{at_place}."
+                f" be {_write_force(self.limit)} or more{at_place}."
             )
         sentence = f"{share} {self._write_sentence(worst, 'up to ' if place else '')}"
         ending = f" The worst is at {place}." if place else ""

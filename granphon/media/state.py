@@ -555,7 +555,7 @@ class ContactState(State, Result):
         """Shape of the load; () for a single one."""
         return np.shape(self.force)
 
-    @property
+    @cached_property
     def scales(self) -> Units:
         """Length (m), stiffness (N/m) and mass (kg) of the reduced units at this load.
 

@@ -568,9 +568,10 @@ def _stack(
     load_axis = len(axes) + 1
     values = np.moveaxis(by_parameter, (load_axis, medium_axis), (0, 1))
     dims = ["load", "medium", *(axis.name for axis in axes)]
-    if CATALOGUE[name].per_direction and "direction" in frame.dims:
+    entry = CATALOGUE[name]
+    if entry.per_direction and "direction" in frame.dims:
         dims.append("direction")
-    return (*dims, *CATALOGUE[name].dims), values
+    return (*dims, *entry.dims), values
 
 
 def _fill_errors(grid: Grid, results: Sequence[TaskResult]) -> None:
@@ -583,7 +584,7 @@ def _fill_errors(grid: Grid, results: Sequence[TaskResult]) -> None:
         name: result[name].shape[1:]
         for result in results
         for name in result
-        if name in CATALOGUE and CATALOGUE[name].sampled
+        if (entry := CATALOGUE.get(name)) and entry.sampled
     }
     n_loads = grid.load.size
     for case, result in zip(grid.cases, results, strict=True):
@@ -604,7 +605,7 @@ def _pad_uneven(results: Sequence[TaskResult]) -> None:
         name
         for result in results
         for name in result
-        if name in CATALOGUE and CATALOGUE[name].dims[-1:] in _UNEVEN
+        if (entry := CATALOGUE.get(name)) and entry.dims[-1:] in _UNEVEN
     }
     for name in uneven_names:
         holders = [result for result in results if name in result]
@@ -693,14 +694,18 @@ def _explain_gaps(result: TaskResult, gaps: Sequence[str]) -> str:
 
 def _may_be_gap(name: str) -> bool:
     """Whether some cases of a sweep may have a variable that others lack."""
-    entry = CATALOGUE.peek(name)
-    is_of_waves = entry is not None and entry.cost in (*WAVE_COSTS, "velocities")
-    return name == "pressure" or is_of_waves
+    return name == "pressure" or _find_cost(name) in ("velocities", *WAVE_COSTS)
 
 
 def _is_of_sound(name: str) -> bool:
     """Whether a variable is found from the velocities of sound."""
-    return name in CATALOGUE and CATALOGUE[name].cost == "velocities"
+    return _find_cost(name) == "velocities"
+
+
+def _find_cost(name: str) -> str:
+    """Return what a variable is found from; empty for one that is no observable."""
+    entry = CATALOGUE.get(name)
+    return entry.cost if entry else ""
 
 
 def _list_attributes(name: str, values: Array, packing: Balls) -> dict[str, str]:

@@ -12,9 +12,10 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
+from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -43,6 +44,8 @@ _OF_RUNS = ("run", "report")
 #: the states that a figure shows: texts of values by the name of a parameter, see
 #: :func:`granphon.figures.choices.choose_states`
 Wishes = Mapping[str, Sequence[str]]
+#: is told in a sentence which panels a figure has chosen
+Tell = Callable[[str], object]
 
 
 @dataclass(frozen=True)
@@ -170,10 +173,19 @@ class Export:
         """Return the value from the file ``path``; None if the output is a view of other values."""
         return None if self.read is None else self._call(self.read, path)
 
-    def make_figure(self, results: Any, **options: Any) -> Any:
-        """Return the matplotlib figure of the ``results``."""
+    @cached_property
+    def options(self) -> Collection[str]:
+        """The options of the figure: names of arguments of the function that draws it."""
+        return () if self.draw is None else tuple(signature(self.draw).parameters)[1:]
+
+    def make_figure(self, results: Any, tell: Tell | None = None, **options: Any) -> Any:
+        """Return the matplotlib figure of the ``results``; ``tell`` is told which panels the figure
+        has chosen, if it chooses any.
+        """
         if self.draw is None:
             raise InputError(f"{OUTPUTS.describe(self.name)} has no figure")
+        if tell is not None and "tell" in self.options:
+            options["tell"] = tell
         return self._call(self.draw, results, **options)
 
     def _call(self, function: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
@@ -499,11 +511,41 @@ def _choose_states(results: Any, where: Wishes | None) -> Dataset:
     return dataset
 
 
-def _draw_dataset(name: str, results: Any, where: Wishes | None = None) -> Any:
+def _draw_dataset(name: str, results: Any, where: Wishes | None = None, **options: Any) -> Any:
     """Return the figure of the states that an output ``name`` has."""
     from granphon.figures.plot import draw_dataset
 
-    return draw_dataset(_choose_states(results, where), name)
+    return draw_dataset(_choose_states(results, where), name, **options)
+
+
+def _draw_panels(
+    name: str,
+    results: Any,
+    where: Wishes | None = None,
+    rows: str | None = None,
+    columns: str | None = None,
+    tell: Tell | None = None,
+) -> Any:
+    """Return the figure of an output whose states are shared out among panels; the arguments are
+    those of :func:`granphon.figures.choices.choose_states` and
+    :func:`granphon.figures.curves.sweep_figure`.
+    """
+    return _draw_dataset(name, results, where, rows=rows, columns=columns, tell=tell)
+
+
+def _draw_curves(
+    results: Any,
+    variable: str | None = None,
+    where: Wishes | None = None,
+    rows: str | None = None,
+    columns: str | None = None,
+    tell: Tell | None = None,
+) -> Any:
+    """Return the figure of the states over the load: velocities and exponents, or one ``variable``;
+    the other arguments are those of :func:`_draw_panels`.
+    """
+    options = {"rows": rows, "columns": columns, "tell": tell}
+    return _draw_dataset("sweep", results, where, variable=variable, **options)
 
 
 def _draw_motion(results: Any, where: Wishes | None = None) -> Any:
@@ -511,24 +553,6 @@ def _draw_motion(results: Any, where: Wishes | None = None) -> Any:
     if not where and results["balls_in_motion"] is not None:
         return _plot("balls_in_motion", results)
     return _draw_dataset("motion", results, where)
-
-
-def draw_curves(
-    results: Any,
-    variable: str | None = None,
-    where: Wishes | None = None,
-    rows: str | None = None,
-    columns: str | None = None,
-    tell: Callable[[str], object] | None = None,
-) -> Any:
-    """Return the figure of the states over the load: velocities and exponents, or one ``variable``;
-    the other arguments are those of :func:`granphon.figures.choices.choose_states` and
-    :func:`granphon.figures.curves.sweep_figure`.
-    """
-    from granphon.figures.curves import sweep_figure
-
-    dataset = _choose_states(results, where)
-    return sweep_figure(dataset, variable=variable, rows=rows, columns=columns, tell=tell)
 
 
 def _draw_bands(results: Any, asymptotes: Any = None) -> Any:
@@ -643,7 +667,7 @@ for _row in (
         "sweep",
         ("sweep.png",),
         states="many",
-        draw=draw_curves,
+        draw=_draw_curves,
         source="sweep.nc",
         rank=6,
         words="velocities and exponents over the load",
@@ -675,7 +699,7 @@ for _row in (
         observed="gaps",
         states="many",
         write=partial(_write_table, "sweep_gaps.csv", ("gap",), numbered=True),
-        draw=partial(_draw_dataset, "sweep_gaps"),
+        draw=partial(_draw_panels, "sweep_gaps"),
         words="edges of each gap, by the number of branches below; gaps and top frequency over the"
         " load",
         caption="Gaps between the branches, and the top frequency",
@@ -685,7 +709,7 @@ for _row in (
         ("cutoffs.csv", "cutoffs.png"),
         observed="cutoffs",
         write=partial(_write_table, "cutoffs.csv", ("branch",), numbered=True),
-        draw=partial(_draw_dataset, "cutoffs"),
+        draw=partial(_draw_panels, "cutoffs"),
         words="lowest and highest frequency of each branch in the zone; these over the load",
         caption="Branches, from their lowest to their highest frequency",
     ),
@@ -705,7 +729,7 @@ for _row in (
         ("modes.csv", "modes.png"),
         observed="modes",
         write=partial(_write_table, "modes.csv", ("mode",)),
-        draw=partial(_draw_dataset, "modes"),
+        draw=partial(_draw_panels, "modes"),
         words="lowest modes of each network: frequency, participation, part in rotations; the"
         " frequencies over the load",
         caption="Frequencies of the lowest modes",
@@ -718,7 +742,7 @@ for _row in (
         write=partial(
             _write_table, "sweep_surface.csv", ("surface_point", "surface_wave"), numbered=True
         ),
-        draw=partial(_draw_dataset, "sweep_surface"),
+        draw=partial(_draw_panels, "sweep_surface"),
         words="waves of the edge along the path; those at its end over the load",
         caption="Waves of the edge at the end of the path",
     ),

@@ -8,14 +8,13 @@ import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import InputError, MissingFileError
 from granphon.base.staging import ResultFiles, read_written_files
 from granphon.base.text import read_bytes, read_yaml
-from granphon.scene.outputs import OUTPUTS, Export, Results, list_figures, read_summary
+from granphon.scene.outputs import OUTPUTS, Export, Results, Tell, list_figures, read_summary
 
 if TYPE_CHECKING:
     from granphon.dynamics.contact_lattice import ContactLattice
@@ -45,10 +44,6 @@ class View:
 WHOLE = View()
 
 
-def _tell_nobody(sentence: str) -> None:
-    """Ignore a sentence."""
-
-
 def redraw(
     folder: str | os.PathLike[str],
     out: str | os.PathLike[str] | None = None,
@@ -57,7 +52,7 @@ def redraw(
     variable: str | None = None,
     backend: str | None = None,
     view: View = WHOLE,
-    tell: Callable[[str], object] = _tell_nobody,
+    tell: Tell | None = None,
 ) -> Path:
     """Draw the results in a run's folder again, in one figure, and return the path of its file.
 
@@ -89,15 +84,14 @@ def redraw(
     source = Path(folder)
     asks_for_sweep = variable is not None or view != WHOLE
     row = _choose_output(source, None if out is None else Path(out).stem, asks_for_sweep)
-    known_options = signature(row.draw).parameters if row.draw is not None else {}
-    if asymptotes and "asymptotes" not in known_options:
+    if asymptotes and "asymptotes" not in row.options:
         problem = f"{source} holds a {row.label}"
         raise InputError(problem, "Long waves are drawn beside bands only", "Leave asymptotes out")
-    if variable is not None and "variable" not in known_options:
+    if variable is not None and "variable" not in row.options:
         why = "Only a sweep has variables to draw"
         raise InputError(f"{source} holds no sweep", why, "Leave variable out")
     wishes = {name: wish for name, wish in vars(view).items() if wish}
-    unknown_wishes = [name for name in wishes if name not in known_options]
+    unknown_wishes = [name for name in wishes if name not in row.options]
     if unknown_wishes:
         names = " and ".join(unknown_wishes)
         problem = f"{row.figure} of {source} cannot be drawn with {names}"
@@ -110,11 +104,9 @@ def redraw(
         options: dict[str, Any] = dict(wishes)
         if variable is not None:
             options["variable"] = variable
-        if "tell" in known_options:
-            options["tell"] = tell
         if asymptotes and results["bands"] is not None:
             options["asymptotes"] = _find_lattice(source)
-        return row.make_figure(results, **options)
+        return row.make_figure(results, tell, **options)
 
     return _draw(target, force, draw, [source], backend)
 
@@ -181,7 +173,7 @@ def draw_together(
     distance: float | None = None,
     backend: str | None = None,
     view: View = WHOLE,
-    tell: Callable[[str], object] = _tell_nobody,
+    tell: Tell | None = None,
 ) -> Path:
     """Draw the results of several runs in one figure, and return the path of its file.
 

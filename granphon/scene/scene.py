@@ -17,7 +17,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -56,6 +56,7 @@ from granphon.scene.outputs import (
     SUMMARY_SCHEMA,
     Export,
     Results,
+    Tell,
     every_file,
     expected_files,
     list_files,
@@ -457,13 +458,16 @@ def _write_result(
             row.write_numbers(result, stage)
             step.advance(len(row.numbers))
         failures: dict[str, str] = {}
+        remarks: list[str] = []
         if figure_files:
             from granphon.figures.style import draw
 
-            failures = draw(result.figure, figure_files, stage)
+            failures = draw(partial(result.figure, tell=remarks.append), figure_files, stage)
             step.advance(len(figure_files))
         files = tuple(result.folder / name for name in names if name not in failures)
-        written_result = replace(result, files=files, failures=tuple(failures.values()))
+        written_result = replace(
+            result, files=files, failures=tuple(failures.values()), remarks=tuple(remarks)
+        )
         # the last file, as the summary names the files and the failures
         (stage / "summary.yaml").write_text(
             _write_summary(written_result, result.package_versions), encoding="utf-8"
@@ -484,12 +488,15 @@ class RunResult(Results):
     values : the values of outputs by their names.
     rows : the outputs that were found; empty after reading the result from its folder.
     failures : one sentence for each figure that could not be drawn, with the reason.
+    remarks : one sentence for each figure that shares out its states among panels, or leaves some
+        out.
     """
 
     scene: Scene
     rows: tuple[Export, ...] = field(default=(), repr=False)
     files: tuple[Path, ...] = ()
     failures: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     @property
     def bands(self) -> Bands | None:
@@ -711,13 +718,13 @@ class RunResult(Results):
             libraries = ("ase",)
         return versions("numpy", "scipy", "xarray", "h5netcdf", *libraries)
 
-    def figure(self, name: str) -> Any:
+    def figure(self, name: str, tell: Tell | None = None) -> Any:
         """Return the matplotlib figure of the file ``name``; the curves over the load for a file
-        that no output has.
+        that no output has. ``tell`` is told which panels the figure has chosen.
         """
         rows = [row for _name, row in OUTPUTS.items() if row.figure == name]
         (row,) = rows or [OUTPUTS["sweep"]]
-        return row.make_figure(self)
+        return row.make_figure(self, tell and (lambda sentence: tell(f"{name}: {sentence}")))
 
 
 def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:

@@ -14,8 +14,8 @@ from numpy.testing import assert_array_equal
 import granphon as gp
 from granphon.base.errors import InputError
 from granphon.cli import main
-from granphon.figures.choices import arrange, choose_states, read_wishes
-from granphon.figures.curves import comparison_figure, describe_panels, sweep_figure
+from granphon.figures.choices import arrange, choose_held, choose_states, read_wishes
+from granphon.figures.curves import comparison_figure, sweep_figure
 from granphon.runs.dataset import write_sweep
 from granphon.runs.sweep import sweep
 from tests.figures.conftest import assert_inside_page, drawn, texts
@@ -118,8 +118,9 @@ def test_states_are_chosen_by_names_of_media_by_directions_and_by_friction():
 def test_few_curves_have_one_panel(many):
     few = many.isel(diameter=[0], width=[0, 1])
     assert not arrange(few, "longitudinal").has_panels
-    assert describe_panels(few) == ""
-    upper, lower = sweep_figure(few).axes
+    said = []
+    upper, lower = sweep_figure(few, tell=said.append).axes
+    assert not said
     assert len(drawn(upper, "longitudinal-all")) == 8
     assert lower.get_ylabel().startswith("d log")
     # the value that a parameter has alone is told above
@@ -157,7 +158,6 @@ def test_too_many_curves_are_shared_out_among_panels(many):
     figure.draw_without_rendering()
     assert_inside_page(figure)
     (sentence,) = said
-    assert sentence == describe_panels(many)
     for words in ("columns of panels are poisson_ratio", "rows of panels are diameter", "--where"):
         assert words in sentence
 
@@ -232,6 +232,30 @@ def test_of_many_values_some_have_panels_and_what_has_no_place_is_held():
     }
     with pytest.raises(InputError, match="60 panels"):
         arrange(data, "longitudinal", "force", rows="poisson_ratio", columns="diameter")
+
+
+def test_panels_of_one_combination_each_share_out_media_too():
+    data = frame(width=3, density=3, diameter=3).isel(medium=[0, 0])
+    layout = arrange(data, "longitudinal", "force", alone=True)
+    assert (layout.columns, layout.rows) == ("medium", "diameter")
+    assert layout.shown == {"density": [0], "width": [0]}
+    assert not arrange(data.isel(width=[0], density=[0]), "longitudinal", alone=True).shown
+    named = arrange(data, "longitudinal", "force", columns="width", alone=True)
+    assert (named.columns, named.rows) == ("width", "medium")
+
+
+@pytest.mark.parametrize(
+    ("counts", "held"),
+    [
+        ({"load": 2, "medium": 1, "width": 4}, []),
+        ({"load": 2, "medium": 1, "width": 3, "diameter": 3}, ["diameter"]),
+        ({"load": 20, "width": 2}, ["width"]),
+        ({"load": 4, "width": 12, "diameter": 9}, ["diameter", "load"]),
+        ({"load": 40}, []),
+    ],
+)
+def test_states_that_are_too_many_are_held_where_most_remain(counts, held):
+    assert choose_held(counts, 8) == held
 
 
 def test_over_a_parameter_some_of_many_loads_have_a_curve():

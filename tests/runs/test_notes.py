@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 import granphon as gp
-from granphon.base.quantities import find_written_unit
-from granphon.base.written import write_in
+from granphon.base.quantities import find_written_unit, write_in
 from granphon.media.limits import check_limit
 from granphon.runs.notes import CaseNotes, tell_notes
 from granphon.scene.scene import Scene

@@ -14,7 +14,6 @@ from numpy.testing import assert_allclose
 import granphon as gp
 from granphon.base.errors import ConvergenceError, InputError, SceneError
 from granphon.runs.wave_records import write_contacts
-from granphon.scene.outputs import draw_curves
 from granphon.scene.redraw import redraw
 from granphon.waves.settings import DriveSettings, MotionSettings
 from tests.waves.test_nonlinear_exact import meeting
@@ -262,7 +261,7 @@ def test_a_sweep_has_the_numbers_of_single_states(layers, time, figures, tmp_pat
     assert ({"sweep.png", "motion.png"} <= files) == figures
     if figures:
         assert redraw(tmp_path, tmp_path / "motion.pdf").exists()
-        assert draw_curves(result).axes[0].get_ylabel() == "Peak velocity (m/s)"
+        assert result.figure("sweep.png").axes[0].get_ylabel() == "Peak velocity (m/s)"
 
 
 def test_what_diffuses_has_no_velocity():
