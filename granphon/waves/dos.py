@@ -17,6 +17,7 @@ from granphon.balls.diameters import uniform_numbers
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.memory import require_memory
+from granphon.base.progress import Progress, silent
 from granphon.base.results import Result
 from granphon.base.validation import finite_array, whole_number
 from granphon.observables.validity import network_warnings
@@ -99,11 +100,7 @@ def _find_ball_moments(operator: WaveOperator, ball: int, count: int) -> Array:
     # one vector for each motion of the ball: (motions, n_free, motions)
     starts = np.zeros((n_motions, operator.balls.size, n_motions))
     starts[:, np.searchsorted(operator.balls, ball)] = np.eye(n_motions)
-    rows = []
-    for start in starts:
-        moments = Moments(operator, partial(operator.vector, start), keep=False)
-        rows.append(moments.first(count))
-    return np.array(rows)
+    return Moments(operator, [partial(operator.vector, start) for start in starts]).first(count)
 
 
 def _sum_series(kernel: Kernel, moments: Array, hertz: Array) -> Array:
@@ -227,10 +224,11 @@ class AllModes:
         # (2, modes): the parts of translations and rotations in the energy of each mode
         self._energy_parts = np.stack([translations, rotations])
 
-    def find(self, moments: int, vectors: int) -> SpectralDensity:
+    def find(self, moments: int, vectors: int, progress: Progress = silent) -> SpectralDensity:
         """Return the density by a number of moments.
 
-        ``vectors`` is not used: it is there because :class:`RandomVectors` has the same method.
+        ``vectors`` and ``progress`` are not used: they are there because :class:`RandomVectors`
+        has the same method.
         """
         kernel = Kernel(self._top, moments)
         traces = np.zeros((2, moments))
@@ -269,9 +267,12 @@ class RandomVectors:
         self._seed = seed
         # whether a part of a vector is that of the rotations
         self._rotations_of_parts = (False, True) if operator.motions.rotate else (False,)
-        self._keep = keeps_vectors(operator, vectors * len(self._rotations_of_parts))
-        # the moments of the parts of each vector
-        self._vectors: list[tuple[Moments, ...]] = []
+        n_parts = len(self._rotations_of_parts)
+        self._keep = keeps_vectors(operator, vectors * n_parts)
+        #: vectors that share products, and the moments of each such group, with the number of its
+        #: vectors
+        self._group_size = max(operator.vectors_at_once // n_parts, 1)
+        self._groups: list[tuple[int, Moments]] = []
 
     def _draw(self, number: int, rotations: bool) -> Array:
         """Return the vector (size,) of this ``number``: +1 or -1 by chance in the rotations, or
@@ -287,18 +288,32 @@ class RandomVectors:
         signs[:, is_in_other_part] = 0.0
         return np.asarray(operator.vector(signs))
 
-    def find(self, moments: int, vectors: int) -> SpectralDensity:
+    def _group(self, vectors: int) -> list[Moments]:
+        """Return the moments of the first ``vectors`` random vectors, in groups that share
+        products; only the last group is made anew if it has got more.
+        """
+        groups = []
+        for number, first in enumerate(range(0, vectors, self._group_size)):
+            size = min(self._group_size, vectors - first)
+            if number == len(self._groups) or self._groups[number][0] != size:
+                draws = [
+                    partial(self._draw, vector, turns)
+                    for vector in range(first, first + size)
+                    for turns in self._rotations_of_parts
+                ]
+                group = size, Moments(self._operator, draws, keep=self._keep)
+                self._groups[number : number + 1] = [group]
+            groups.append(self._groups[number][1])
+        return groups
+
+    def find(self, moments: int, vectors: int, progress: Progress = silent) -> SpectralDensity:
         """Return the density by these numbers of moments and of random vectors."""
         vectors = whole_number("vectors", vectors, 1, MOST_MOMENTS // moments)
         kernel = Kernel(self._operator.top / (2.0 * math.pi), moments)
-        for number in range(len(self._vectors), vectors):
-            draws = [partial(self._draw, number, turns) for turns in self._rotations_of_parts]
-            moments_of_parts = [Moments(self._operator, draw, keep=self._keep) for draw in draws]
-            self._vectors.append(tuple(moments_of_parts))
-        rows = []
-        for parts in self._vectors[:vectors]:
-            rows.append([part.first(moments) for part in parts])
-        traces = np.array(rows)  # (vectors, parts, moments)
+        n_parts = len(self._rotations_of_parts)
+        with progress.step("density of states", vectors * n_parts * (moments // 2)) as step:
+            rows = [group.first(moments, step) for group in self._group(vectors)]
+        traces = np.concatenate(rows).reshape(vectors, n_parts, moments)
         # (vectors, 2, n_f) 1/Hz; zero in rotations where balls do not turn
         densities = np.zeros((vectors, 2, kernel.count))
         densities[:, : traces.shape[1]] = kernel.densities(traces / self._operator.balls.size)

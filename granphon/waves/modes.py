@@ -433,7 +433,7 @@ class _Density:
         operator = problem.operator
         signs = np.zeros((_VECTORS, operator.size))
         signs[:, problem.live] = random.choice([-1.0, 1.0], (_VECTORS, problem.live.size))
-        moments = [Moments(operator, start.copy, keep=False).first(_MOMENTS) for start in signs]
+        moments = Moments(operator, [start.copy for start in signs]).first(_MOMENTS)
         self._moments = Kernel(operator.top, _MOMENTS).weights * np.mean(moments, axis=0)
 
     @property

@@ -99,6 +99,9 @@ class WaveOperator(LinearOperator):
     #: time of a product with a vector and of the sums for it in a Krylov space, s for each motion,
     #: by the dimension
     product_time: ClassVar = {1: 1.2e-8, 2: 3e-8, 3: 1e-7}
+    #: number of vectors that share a product where there are many: each then takes a third of the
+    #: time, as the matrix is read once
+    vectors_at_once: ClassVar = 10
 
     def __init__(self, network: ContactNetwork) -> None:
         self.network = network
@@ -631,6 +634,8 @@ class ArrayOperator(WaveOperator):
     """
 
     product_time: ClassVar = {1: 4e-9, 2: 1.2e-8, 3: 4e-8}
+    #: one vector needs no matrix
+    vectors_at_once: ClassVar = 1
 
     def __init__(self, network: ContactNetwork, kinds: NDArray[np.intp]) -> None:
         super().__init__(network)
