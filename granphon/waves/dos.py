@@ -17,7 +17,6 @@ from granphon.balls.diameters import uniform_numbers
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.memory import require_memory
-from granphon.base.progress import Progress, silent
 from granphon.base.results import Result
 from granphon.base.validation import finite_array, whole_number
 from granphon.observables.validity import network_warnings
@@ -224,11 +223,10 @@ class AllModes:
         # (2, modes): the parts of translations and rotations in the energy of each mode
         self._energy_parts = np.stack([translations, rotations])
 
-    def find(self, moments: int, vectors: int, progress: Progress = silent) -> SpectralDensity:
+    def find(self, moments: int, vectors: int) -> SpectralDensity:
         """Return the density by a number of moments.
 
-        ``vectors`` and ``progress`` are not used: they are there because :class:`RandomVectors`
-        has the same method.
+        ``vectors`` is not used: it is there because :class:`RandomVectors` has the same method.
         """
         kernel = Kernel(self._top, moments)
         traces = np.zeros((2, moments))
@@ -306,12 +304,13 @@ class RandomVectors:
             groups.append(self._groups[number][1])
         return groups
 
-    def find(self, moments: int, vectors: int, progress: Progress = silent) -> SpectralDensity:
+    def find(self, moments: int, vectors: int) -> SpectralDensity:
         """Return the density by these numbers of moments and of random vectors."""
         vectors = whole_number("vectors", vectors, 1, MOST_MOMENTS // moments)
         kernel = Kernel(self._operator.top / (2.0 * math.pi), moments)
         n_parts = len(self._rotations_of_parts)
-        with progress.step("density of states", vectors * n_parts * (moments // 2)) as step:
+        n_products = vectors * n_parts * (moments // 2)
+        with self._operator.progress.step("density of states", n_products) as step:
             rows = [group.first(moments, step) for group in self._group(vectors)]
         traces = np.concatenate(rows).reshape(vectors, n_parts, moments)
         # (vectors, 2, n_f) 1/Hz; zero in rotations where balls do not turn

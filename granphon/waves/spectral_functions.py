@@ -20,7 +20,6 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, PrecisionError, brief
 from granphon.base.memory import require_memory
-from granphon.base.progress import Progress, silent
 from granphon.base.validation import finite_array, finite_list, one_of, positive
 from granphon.dynamics.zone_means import shortest_vectors
 from granphon.networks.network import ContactNetwork
@@ -746,7 +745,7 @@ class PlaneWaves:
         """Number of real waves: of the cosine and the sine of each polarisation."""
         return len(self._numbers)
 
-    def find(self, moments: int, progress: Progress = silent) -> SpectralFunction:
+    def find(self, moments: int) -> SpectralFunction:
         """Return the spectral function of this number of moments."""
         kernel = Kernel(self._operator.top / (2.0 * math.pi), moments)
         require_memory(
@@ -755,7 +754,8 @@ class PlaneWaves:
             "Take fewer wave vectors, or a coarser resolution",
         )
         sums = np.zeros((len(self._q), moments))
-        with progress.step("spectral functions", self.n_waves * (moments // 2)) as step:
+        n_products = self.n_waves * (moments // 2)
+        with self._operator.progress.step("spectral functions", n_products) as step:
             np.add.at(sums, self._numbers, self._waves.first(moments, step))
         squared_norms = sums[:, :1]  # the moments of order zero
         if not np.all(squared_norms > 0.0):
