@@ -76,6 +76,7 @@ from .media.medium import AveragedLattice as AveragedLattice
 from .media.medium import EffectiveMedium as EffectiveMedium
 from .media.medium import LawMedium as LawMedium
 from .media.medium import Medium as Medium
+from .media.network_file import NetworkFiles as NetworkFiles
 from .media.simulation import DirectSimulation as DirectSimulation
 from .media.simulation import SampleLaw as SampleLaw
 from .media.simulation import SimulatedState as SimulatedState

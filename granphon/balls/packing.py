@@ -88,6 +88,8 @@ class Packing:
 
     #: names of the kinds of balls: none, as all have one material and one distribution of diameters
     kind_names: ClassVar[tuple[str, ...]] = ()
+    #: name of the one medium of such balls; empty where they have several
+    medium_name: ClassVar[str] = ""
     #: the balls repeat along a period, and no floor or clamp holds them
     repeats: ClassVar[bool] = True
     is_held: ClassVar[bool] = False

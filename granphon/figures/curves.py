@@ -602,6 +602,8 @@ def _describe_balls(dataset: Dataset) -> tuple[dict[str, str], int, int]:
         kinds = description["order"] or [name for name, _ in description["kinds"]]
         lattice = description["lattice"] or "crystal"
         return {"lattice": f"{lattice} of {' '.join(kinds)}"}, 2, 2
+    if "files" in description:  # a packing of another program
+        return {"lattice": f"packing of {description['format']}"}, 2, 2
     if not description:
         return {}, 2, 2
     packing: Packing = restore(description, Packing, "the packing of the sweep")

@@ -35,58 +35,17 @@ from granphon.base.arrays import Array
 from granphon.base.differences import Course
 from granphon.base.errors import InputError
 from granphon.base.text import closest, counted, spell
+from granphon.media.cells import QUICK_BALLS, CrystalCell
 from granphon.media.crystal import Crystal, CrystalState, find_mindlin_ratio
 from granphon.media.crystal_courses import CrystalFollower
 from granphon.media.medium import Change, Medium
+from granphon.media.network_file import NetworkFiles
 from granphon.media.state import NetworkState
 
 #: options of an arrangement that a crystal has too
 _OPTIONS = ("law", "friction", "motions", "torsion", "bending", "on_site")
-#: balls of a crystal up to which its states are found when a scene is only checked
-_QUICK_BALLS = 500
 #: relative difference of two masses or inertias that is put down to rounding
 _SAME = 1e-12
-
-
-@dataclass(frozen=True)
-class CrystalCell(Lattice):
-    """The cell of a crystal, in units of the mean diameter; ``sites`` are fractions, or distances
-    across the periods.
-
-    A cluster without periods is put into a cell along x, beyond the reach of its neighbours.
-    """
-
-    #: length of the longest contact, in mean diameters
-    reach: float = field(default=1.0, compare=False)
-    #: number of axes along which a pressure acts: the periods of the crystal, and the axes across
-    #: which it was cut; 1 of a cluster, which has neither
-    pressed_axes: int = field(default=1, compare=False)
-
-    def __post_init__(self) -> None:
-        """Take the cell without a check: the crystal was checked when it was made."""
-
-    @classmethod
-    def of(cls, crystal: Crystal, diameter: float) -> CrystalCell:
-        """Return the cell of a crystal, whose contacts are in m, for a mean ``diameter``, m."""
-        sites = crystal.positions.copy()
-        vectors = crystal.cell
-        if not crystal.periods:
-            # the centres of a cluster and of its image are two diameters of the largest ball apart
-            length = float(np.ptp(sites[:, 0])) + 4.0 * float(np.max(crystal.radii))
-            vectors = np.eye(sites.shape[1])[:1] * length
-        p = len(vectors)
-        sites[:, :p] = sites[:, :p] @ np.linalg.inv(vectors[:, :p])
-        sites[:, p:] /= diameter
-        distances = np.linalg.norm(crystal.contacts.vector, axis=1)
-        reach = float(distances.max(initial=0.0)) / diameter
-        cell_rows = tuple(map(tuple, (vectors / diameter).tolist()))
-        site_rows = tuple(map(tuple, sites.tolist()))
-        pressed_axes = max(1, crystal.periods + len(crystal.faces))
-        cell = cls(crystal.name, cell_rows, site_rows, reach, pressed_axes)
-        # the cached property of Lattice, which would search for contacts of equal balls; lengths of
-        # this table are in m
-        cell.__dict__["contacts"] = crystal.contacts
-        return cell
 
 
 @dataclass(frozen=True)
@@ -140,6 +99,8 @@ class Arrangement:
     seed: int = 0
     given: Crystal | None = field(default=None, repr=False, compare=False)
 
+    #: name of the medium of such balls
+    medium_name: ClassVar[str] = "crystal"
     #: the distribution of diameters about that of their kind, and its width, m: none
     spread: ClassVar[None] = None
     width: ClassVar[float] = 0.0
@@ -434,16 +395,17 @@ def _change_ball(ball: Ball, parameter: str, value: Any) -> Ball:
 
 
 #: the balls that a scene, a sweep or a task is about
-Balls = Packing | Arrangement
+Balls = Packing | Arrangement | NetworkFiles
 
 
 def given_balls(packing: Any) -> Balls:
-    """Return ``packing``, the argument of a public call: a packing, or an arrangement, also of a
-    crystal.
+    """Return ``packing``, the argument of a public call: a packing, an arrangement, also of a
+    crystal, or the files of a packing.
     """
     if isinstance(packing, Crystal):
         return Arrangement.of(packing)
-    return packing if isinstance(packing, Arrangement) else given_packing(packing)
+    is_arranged = isinstance(packing, Arrangement | NetworkFiles)
+    return packing if is_arranged else given_packing(packing)
 
 
 class LoadedCrystal(NetworkState):
@@ -568,7 +530,7 @@ class CrystalMedium(Medium[Any]):
     @property
     def is_quick(self) -> bool:
         """Whether its states take little time: those of up to 500 balls count as quick."""
-        return bool(self.packing.crystal.n_balls <= _QUICK_BALLS)
+        return bool(self.packing.crystal.n_balls <= QUICK_BALLS)
 
     def require_sound(self, pushed: bool = False) -> None:
         """Raise nothing: which contacts carry load is found with the state."""

@@ -59,6 +59,7 @@ from granphon.media.medium import (
     Medium,
     Option,
 )
+from granphon.media.network_file import NetworkMedium
 from granphon.media.newtons import write_force
 from granphon.media.simulation import (
     DEFAULT_SHAPES,
@@ -270,6 +271,10 @@ for _medium in (
     MEDIA.own(_medium.name, _medium)
 
 
+#: the media that belong to crystals and to packings in files, by name
+_OF_BALLS: dict[str, type[Any]] = {medium.name: medium for medium in (CrystalMedium, NetworkMedium)}
+
+
 def register_medium(medium: T) -> T:
     """Make a medium known by its ``name``: to sweeps, scenes and fits, with its ``words``, by
     default the name, in figures.
@@ -292,10 +297,10 @@ def register_medium(medium: T) -> T:
 
 
 def find_medium(name: str) -> type[Any]:
-    """Return the class of a medium by its name, that of crystals among them; KeyError if there is
-    none.
+    """Return the class of a medium by its name, those of :data:`_OF_BALLS` among them; KeyError if
+    there is none.
     """
-    return CrystalMedium if name == CrystalMedium.name else MEDIA[name]
+    return _OF_BALLS[name] if name in _OF_BALLS else MEDIA[name]
 
 
 @dataclass(frozen=True)
@@ -520,13 +525,12 @@ class MediumChoice:
         """Raise :class:`~granphon.base.errors.InputError` if the choice is no medium of these
         balls, of one kind or of several.
         """
-        has_kinds = bool(balls.kind_names)
-        is_of_crystals = self.name == CrystalMedium.name
-        if has_kinds != is_of_crystals:
+        own = self.name if self.name in _OF_BALLS else ""
+        if balls.medium_name != own:
             raise InputError(
                 f"the medium is {self.label!r}",
-                f"Balls of several kinds have the medium {CrystalMedium.name} alone, and no"
-                f" others have it",
+                f"Balls of several kinds have the medium {CrystalMedium.name} alone, packings in"
+                f" files the medium {NetworkMedium.name}, and no others have these",
                 f"Take {default_medium(balls)}",
             )
 
@@ -712,7 +716,7 @@ def default_medium(balls: Balls, differ: bool = False) -> str:
     ``differ`` or not.
     """
     name = EffectiveMedium.name if differ else AveragedLattice.name
-    return CrystalMedium.name if balls.kind_names else name
+    return balls.medium_name or name
 
 
 def require_finite_overlap(media: Iterable[MediumChoice]) -> None:
@@ -735,7 +739,7 @@ _REPLACEMENTS = {
 
 def _read_name(value: Any) -> str:
     """Read the name of a medium: a rule of :mod:`granphon.base.validation`."""
-    if is_one_of(value, MEDIA) or is_one_of(value, (CrystalMedium.name,)):
+    if is_one_of(value, MEDIA) or is_one_of(value, _OF_BALLS):
         return str(value)
     if is_one_of(value, _REPLACEMENTS):
         raise Refused(show(value), ", ".join(MEDIA), _REPLACEMENTS[value])

@@ -141,10 +141,12 @@ class Check(Result):
 
     @property
     def ok(self) -> Any:
-        """Whether the condition holds, with the shape of the load."""
+        """Whether the condition holds, with the shape of the load; a plain truth value for one
+        load.
+        """
         value = np.asarray(self.value)
         holds = value >= self.limit if self.at_least else value <= self.limit
-        return np.asarray(holds)[()]
+        return holds if np.ndim(holds) else bool(holds)
 
     @property
     def failing(self) -> int:

@@ -514,6 +514,8 @@ def _compare_hold(network: Any) -> Iterator[Comparison]:
     is_held = network.moving.copy()
     is_held[rattlers] = False
     if not np.any(is_held):
+        if np.any(network.moving):
+            yield _compare_coordination(network, network.moving)
         return
     n_pieces = np.unique(network.piece_numbers[is_held]).size
     yield Comparison(
@@ -530,7 +532,9 @@ def _compare_hold(network: Any) -> Iterator[Comparison]:
 
 def _compare_coordination(network: Any, is_held: Array) -> Comparison:
     """Return the comparison of the contacts per ball against the isostatic number, at which as many
-    deformations are resisted as there are motions (Maxwell's count), of balls that are held (n,).
+    deformations are resisted as there are motions (Maxwell's count), of balls that are held (n,),
+    or of all that move where none is held. A contact that resists nothing counts as one that
+    resists one deformation.
     """
     motions = network.ball_motions
     n_held = int(np.count_nonzero(is_held))
@@ -554,7 +558,8 @@ def _compare_coordination(network: Any, is_held: Array) -> Comparison:
     n_needed = motions.count * n_held - _count_rigid_motions(network)
     per_ball = 2.0 * n_contacts / n_held
     n_soft = n_needed - n_resisted
-    isostatic = per_ball * n_needed / n_resisted if n_resisted else 0.0
+    resisted_by_contact = n_resisted / n_contacts if n_resisted else 1.0
+    isostatic = 2.0 * n_needed / (n_held * resisted_by_contact)
     return Comparison(
         name="contacts",
         meaning="contacts per ball, of those that are held, against the isostatic number",

@@ -1,4 +1,5 @@
-"""Dumps of LAMMPS and LIGGGHTS: frames of rows with named columns, as text or YAML, also packed.
+"""Dumps of LAMMPS and LIGGGHTS: frames of rows with named columns, as text or YAML, also packed;
+files of MercuryDPM have frames too.
 
 Each frame has a time step, a box and a list, of atoms or of local entries such as pairs. Rows stay
 bytes until their numbers are needed.
@@ -12,7 +13,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
 
@@ -27,6 +28,8 @@ _IS_DUMP = "Is this a dump of style custom, local or yaml?"
 _NOT_WHOLE = "The file is not whole"
 #: what parts the cells of a row of YAML, "  - [ 1 , 0.5, ]": the dash becomes the first cell
 _NO_BRACKETS = bytes.maketrans(b"[],", b"   ")
+#: a file of frames, of one program
+OneDump = TypeVar("OneDump", bound="Dump")
 
 
 @dataclass
@@ -36,7 +39,7 @@ class Frame:
     Attributes
     ----------
     name : the dump in messages.
-    step : the number of the time step.
+    step : the number of the time step, or the time.
     kind : "atoms" or "entries", what the rows are.
     units : the style of units that the dump names; "" if it names none.
     origin, cell : (3,) a corner of the box, and (3, 3) its vectors as rows.
@@ -48,7 +51,7 @@ class Frame:
     """
 
     name: str
-    step: int
+    step: float
     kind: str = ""
     units: str = ""
     origin: Array = field(default_factory=lambda: np.zeros(3))
@@ -97,72 +100,97 @@ class Dump:
     InputError if no frame can be read.
     """
 
+    #: what tells frames apart: in messages, and as an argument of the reader
+    word: ClassVar[str] = "time step"
+    argument: ClassVar[str] = "step"
+    #: advice for a file without frames
+    mend: ClassVar[str] = _IS_DUMP
+
     def __init__(self, path: str | os.PathLike[str], kind: str) -> None:
         self.name = str(path)
         self.frames: list[Frame] = []
         self.fault: InputError | None = None
         try:
-            for frame in _split_frames(self.name, path, kind):
+            for frame in self.split(open_lines(path), kind):
                 self.frames.append(frame)
         except InputError as error:
             if not self.frames:
                 raise
             self.fault = error
+        if not self.frames:
+            raise InputError(f"{self.name} has no {self.word}", mend=self.mend)
 
     @classmethod
-    def open(cls, source: Any, kind: str) -> Dump:
-        """Return the dump at a path; a dump that is open is returned as it is."""
+    def open(cls, source: Any, kind: str) -> Self:
+        """Return the file at a path; one that is open is returned as it is."""
         return source if isinstance(source, cls) else cls(source, kind)
 
+    def split(self, lines: Lines, kind: str) -> Iterator[Frame]:
+        """Yield the frames in the ``lines`` of a file, whose lists are of the ``kind``; InputError
+        where they cannot be read, when the frames before have been yielded.
+        """
+        yield from _split_frames(lines, kind)
+
+    def is_at(self, frame: Frame, step: float) -> bool:
+        """Return whether a frame is of the time ``step``."""
+        return frame.step == step
+
     @cached_property
-    def steps(self) -> list[int]:
+    def steps(self) -> list[float]:
         """The time steps of the frames, ascending, each once."""
         return sorted({frame.step for frame in self.frames})
 
-    def find(self, step: int | None) -> Frame:
+    def find(self, step: float | None) -> Frame:
         """Return the frame at the time ``step``, or the last frame for None; of several with one
         time step the last. InputError if there is no such frame.
 
         A program that is killed leaves its last frame cut: an earlier frame that is requested is
         read, with a warning; without a requested step an error names the last one that can be read.
         """
-        chosen = [frame for frame in self.frames if step in (None, frame.step)]
+        chosen = [frame for frame in self.frames if step is None or self.is_at(frame, step)]
         if self.fault is not None:
             if step is None or not chosen:
                 last = self.frames[-1].step
-                why = f"The last time step that can be read is {last}"
-                raise InputError(str(self.fault), why, f"Give step={last}")
-            fault = f"{self.name} is read at the time step {step}, and cannot be read to its end"
-            text = message(f"{fault}: {self.fault}")
+                why = f"The last {self.word} that can be read is {last:.12g}"
+                raise InputError(str(self.fault), why, f"Give {self.argument}={last:.12g}")
+            fault = f"{self.name} is read at the {self.word} {step:.12g}, and cannot be read to its"
+            text = message(f"{fault} end: {self.fault}")
             warn_caller(text, StoppedEarlyWarning)
         if not chosen:
             why = f"It has {_describe_steps(self.steps)}"
-            raise InputError(f"{self.name} has no time step {brief(step)}", why)
+            raise InputError(f"{self.name} has no {self.word} {step:.12g}", why)
         return chosen[-1]
 
 
-def open_series(dump: Any, pairs: Any) -> tuple[list[int], Dump, Dump]:
-    """Return the time steps that two dumps both have, ascending, and the two; warn if one of them
-    is cut. InputError without a common step.
+def open_series(dump: Any, pairs: Any) -> tuple[list[float], Dump, Dump]:
+    """Return the time steps that two dumps both have, ascending, and the two, see
+    :func:`share_steps`.
     """
-    atoms = Dump.open(dump, "atoms")
-    touching = Dump.open(pairs, "entries")
-    for file in (atoms, touching):
+    return share_steps(Dump.open(dump, "atoms"), Dump.open(pairs, "entries"))
+
+
+def share_steps(balls: OneDump, contacts: OneDump) -> tuple[list[float], OneDump, OneDump]:
+    """Return the time steps that two open files both have, ascending, and the two; warn if one of
+    them is cut. InputError without a common step.
+    """
+    for file in (balls, contacts):
         if file.fault is not None:
             warn_caller(message(f"the series ends early: {file.fault}"), StoppedEarlyWarning)
             file.fault = None
-    steps = sorted({*atoms.steps} & {*touching.steps})
+    steps = [
+        step for step in balls.steps if any(balls.is_at(frame, step) for frame in contacts.frames)
+    ]
     if not steps:
-        fault = f"{atoms.name} and {touching.name} have no time step in common"
+        fault = f"{balls.name} and {contacts.name} have no {balls.word} in common"
         raise InputError(fault, mend="Write both at the same steps")
-    return steps, atoms, touching
+    return steps, balls, contacts
 
 
-def _describe_steps(steps: list[int]) -> str:
+def _describe_steps(steps: list[float]) -> str:
     """Return ascending time steps in words."""
     if len(steps) == 1:
-        return f"{steps[0]} alone"
-    return f"{steps[0]} to {steps[-1]}, {len(steps)} in all"
+        return f"{steps[0]:.12g} alone"
+    return f"{steps[0]:.12g} to {steps[-1]:.12g}, {len(steps)} in all"
 
 
 class Lines:
@@ -297,12 +325,17 @@ class Lines:
             raise InputError(f"{where}: the packed file is cut", why)
 
 
-def _split_frames(name: str, path: str | os.PathLike[str], kind: str) -> Iterator[Frame]:
-    """Yield the frames of the dump ``name`` at a ``path``, whose lists are of the ``kind``;
-    InputError where the dump cannot be read, when the frames before have been yielded.
-    """
+def open_lines(path: str | os.PathLike[str]) -> Lines:
+    """Return the lines of a file, which may be packed."""
+    name = str(path)
     raw, is_whole = unpack(name, read_bytes(path, MOST_BYTES), MOST_BYTES)
-    lines = Lines(name, raw, is_whole)
+    return Lines(name, raw, is_whole)
+
+
+def _split_frames(lines: Lines, kind: str) -> Iterator[Frame]:
+    """Yield the frames of a dump, whose lists are of the ``kind``; InputError where the dump cannot
+    be read, when the frames before have been yielded.
+    """
     first_word = lines.peek().partition(":")[0]
     split = _split_yaml if first_word in ("---", "creator") else _split_text
     frame = None
@@ -310,9 +343,10 @@ def _split_frames(name: str, path: str | os.PathLike[str], kind: str) -> Iterato
         if frame.lines is not None:
             yield frame
     if frame is None:
-        raise InputError(f"{name} has no time step", mend=_IS_DUMP)
+        return
     if frame.lines is None:
-        raise InputError(f"{name} ends before the {kind} of its time step {frame.step}", _NOT_WHOLE)
+        fault = f"{lines.name} ends before the {kind} of its time step {frame.step}"
+        raise InputError(fault, _NOT_WHOLE)
     lines.refuse_cut(frame)
 
 

@@ -7,23 +7,22 @@ The formats are those of MercuryDPM's documentation and source (``BaseInteractio
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InconsistencyWarning, InputError, brief, message, warn_caller
-from granphon.base.packed import unpack
 from granphon.base.tables import plain_float
-from granphon.base.text import counted, list_names, read_bytes
+from granphon.base.text import counted, list_names
 from granphon.base.validation import not_negative, require, truth
 from granphon.networks.building import Source
-from granphon.networks.dumps import Frame, Lines
+from granphon.networks.dumps import Dump, Frame, Lines, open_lines, share_steps
 from granphon.networks.lammps import Springs, add_wall, find_frozen, join_vectors, read_ids
-from granphon.networks.sources import MOST_BYTES, Balls, Contacts, find_rounding
+from granphon.networks.sources import Balls, Contacts, find_rounding
 
 #: columns of a contact in .fstat
 _OF_CONTACTS = ("time", "i", "j", "x", "y", "z", "delta", "slip", "fn", "ft", "nx", "ny", "nz",
@@ -41,7 +40,10 @@ _SAME_TIME = 1e-6
 
 @dataclass(frozen=True)
 class _State:
-    """The balls at one time: the ``cell`` (3, 3), m, and which of its vectors are periods (3,)."""
+    """The balls at one time: the ``cell`` (3, 3), m, and which of its vectors are periods (3,).
+
+    ``interactions`` is the number of contacts that the file says there are; None if it says none.
+    """
 
     name: str
     time: float
@@ -49,6 +51,70 @@ class _State:
     cell: Array
     pbc: Flags
     notes: tuple[str, ...] = ()
+    interactions: int | None = None
+
+
+class _Times(Dump):
+    """The frames of a file at its times, s."""
+
+    word = "time"
+    argument = "time"
+    mend = "Is this a file of MercuryDPM?"
+
+    def is_at(self, frame: Frame, step: float) -> bool:
+        """Return whether a frame is of the time ``step``: files have some ten digits."""
+        return _is_same_time(frame.step, step)
+
+
+class _Data(_Times):
+    """The balls of a file .data."""
+
+    def split(self, lines: Lines, kind: str) -> Iterator[Frame]:
+        """Yield the balls at each time."""
+        while not lines.at_end:
+            number, *rest = _read_numbers(lines)
+            n_bounds = len(rest) - 1
+            if n_bounds not in _OF_BALLS or not 0.0 <= number < 1e12 or number % 1.0:
+                fault = f"{lines.where}: found {1 + len(rest)} numbers"
+                why = "A time begins with the number of balls, the time and the bounds of the box"
+                raise InputError(
+                    f"{fault}, where a heading is needed", why, "Is this a file .data?"
+                )
+            frame = Frame(lines.name, rest[0], kind)
+            lines.read_list(frame, _OF_BALLS[n_bounds], int(number), kind)
+            p = n_bounds // 2
+            frame.cell[:p, :p] = np.diag(np.subtract(rest[1 + p :], rest[1 : 1 + p]))
+            yield frame
+
+
+class _Fstat(_Times):
+    """The contacts of a file .fstat."""
+
+    def split(self, lines: Lines, kind: str) -> Iterator[Frame]:
+        """Yield the contacts at each time."""
+        headings = np.flatnonzero(lines.begin_with("#"))
+        # a heading has three lines: times without contacts follow each other at once
+        run_starts = headings[~np.isin(headings - 1, headings)]
+        in_run = headings - run_starts[np.searchsorted(run_starts, headings, side="right") - 1]
+        starts = headings[in_run % _HEADING == 0]
+        for start, end in pairwise([*starts.tolist(), len(lines)]):
+            lines.place = start
+            words = lines.read().lstrip("#").split()
+            frame = Frame(lines.name, _read_word(lines, ["time", *words], "time")[0], kind)
+            lines.place = min(start + _HEADING, end)
+            lines.read_list(frame, _OF_CONTACTS, end - lines.place, kind)
+            yield frame
+
+
+def open_series(fstat: Any, particles: Any) -> tuple[list[float], Any, Any]:
+    """Return the times that the files .fstat and .data both have, ascending, s, and the two; warn
+    if one of them is cut. InputError without a common time, and for a file .restart.
+    """
+    lines = open_lines(particles)
+    if _is_restart(lines):
+        raise InputError(f"{lines.name} has one time", "It is a file .restart", "Give the .data")
+    times, balls, contacts = share_steps(_Data(particles, "atoms"), _Fstat(fstat, "entries"))
+    return times, contacts, balls
 
 
 def read_mercury(
@@ -64,35 +130,49 @@ def read_mercury(
     ``ContactNetwork.from_mercury`` for the arguments and errors.
     """
     time = None if time is None else not_negative("time", time, "s")
-    lines = _open(particles)
-    first_word = lines.peek().partition(" ")[0]
-    is_restart = first_word in ("restart_version", "MercuryDPM")
-    if is_restart:
-        state = _read_restart(lines, pbc, frozen)
-    else:
-        state = _read_data(lines, time, pbc, frozen)
-    if time is not None and not _is_same_time(state.time, time):
-        raise InputError(f"{state.name} is of the time {state.time:g}, and {time:g} is needed")
-    touching = _find_time(_open(fstat), state.time)
+    state = _read_state(particles, time, pbc, frozen)
+    touching = _Fstat.open(fstat, "entries").find(state.time)
     contacts, fixed = _read_contacts(touching, state.balls, springs)
     balls = state.balls
     notes = [*state.notes, f"{touching.name}: not read, as they play no part: time, x, y, z, slip."]
-    if not is_restart and frozen is None and np.any(fixed):
-        listed = list_names(map(str, np.flatnonzero(fixed).tolist()))
+    if balls.masses is None:  # of a file .data
+        if frozen is None and np.any(fixed):
+            listed = list_names(map(str, np.flatnonzero(fixed).tolist()))
+            notes.append(
+                f"{touching.name} has the contacts of some balls from the other ball alone: these"
+                f" do not move: {listed}."
+            )
+            balls = replace(balls, still=fixed)
         notes.append(
-            f"{touching.name} has the contacts of some balls from the other ball alone: these do"
-            f" not move: {listed}."
+            f"{touching.name} does not say how many contacts it has: the file .restart does, by"
+            f" which a file that is cut between two lines is told."
         )
-        balls = replace(balls, still=fixed)
+    elif state.interactions is not None:
+        _compare_number(contacts, state)
     for label in np.unique(contacts.j[contacts.j < 0])[::-1].tolist():
         balls = add_wall(balls, label, f"wall {-label - 1}")
     return Source(balls, (contacts,), state.cell, state.pbc, notes=tuple(notes))
 
 
-def _open(path: Any) -> Lines:
-    """Return the lines of a file, which may be packed."""
-    raw, is_whole = unpack(str(path), read_bytes(path, MOST_BYTES), MOST_BYTES)
-    return Lines(str(path), raw, is_whole)
+def _read_state(
+    particles: Any, time: float | None, pbc: Sequence[bool] | None, frozen: Mapping[str, Any] | None
+) -> _State:
+    """Return the balls of a file .data, which may be open, or .restart, at a ``time``; by default
+    the last one.
+    """
+    if isinstance(particles, _Data):
+        return _read_data(particles.find(time), pbc, frozen)
+    lines = open_lines(particles)
+    if not _is_restart(lines):
+        return _read_data(_Data(particles, "atoms").find(time), pbc, frozen)
+    state = _read_restart(lines, pbc, frozen)
+    if time is not None and not _is_same_time(state.time, time):
+        raise InputError(f"{state.name} is of the time {state.time:g}, and {time:g} is needed")
+    return state
+
+
+def _is_restart(lines: Lines) -> bool:
+    return lines.peek().partition(" ")[0] in ("restart_version", "MercuryDPM")
 
 
 def _is_same_time(one: float, other: float) -> bool:
@@ -103,36 +183,17 @@ def _is_same_time(one: float, other: float) -> bool:
 
 
 def _read_data(
-    lines: Lines, time: float | None, pbc: Sequence[bool] | None, frozen: Mapping[str, Any] | None
+    frame: Frame, pbc: Sequence[bool] | None, frozen: Mapping[str, Any] | None
 ) -> _State:
-    """Return the balls of a file .data at a ``time``, by default the last one. The cell is the box
-    of the file, along whose axes the network repeats where ``pbc`` says so.
+    """Return the balls in a frame of a file .data. The cell is the box of the file, along whose
+    axes the network repeats where ``pbc`` says so.
     """
-    chosen: tuple[float, list[float], Frame] | None = None
-    times = list[float]()
-    while not lines.at_end:
-        number, *rest = _read_numbers(lines)
-        n_bounds = len(rest) - 1
-        if n_bounds not in _OF_BALLS or not 0.0 <= number < 1e12 or number % 1.0:
-            fault = f"{lines.where}: found {1 + len(rest)} numbers"
-            why = "A time begins with the number of balls, the time and the bounds of the box"
-            raise InputError(f"{fault}, where a heading is needed", why, "Is this a file .data?")
-        frame = Frame(lines.name, 0, "atoms")
-        lines.read_list(frame, _OF_BALLS[n_bounds], int(number), "atoms")
-        times.append(rest[0])
-        if time is None or _is_same_time(rest[0], time):
-            chosen = rest[0], rest[1:], frame
-    if chosen is None:
-        _refuse_time(lines.name, time, times)
-    found_time, bounds, frame = chosen
-    p = len(bounds) // 2
-    cell = np.zeros((3, 3))
-    cell[:p, :p] = np.diag(np.subtract(bounds[p:], bounds[:p]))
-    columns = frame.read([*"xyz"[:p], "radius"])
-    positions = join_vectors(columns, "xyz"[:p])
+    axes = [axis for axis in "xyz" if axis in frame.names]
+    columns = frame.read([*axes, "radius"])
+    positions = join_vectors(columns, axes)
     kinds = frame.read_words("info")
     balls = Balls(
-        lines.name,
+        frame.name,
         positions,
         columns["radius"],
         labels=np.arange(frame.count),
@@ -142,8 +203,9 @@ def _read_data(
         still=None if frozen is None else find_frozen(frame, frozen),
         lines=frame.first + 1 + np.arange(frame.count),
     )
-    note = f"{lines.name}: not read, as a network has no such quantity: velocities and angles."
-    return _State(lines.name, found_time, balls, cell, _read_pbc(pbc, np.zeros(3, bool)), (note,))
+    note = f"{frame.name}: not read, as a network has no such quantity: velocities and angles."
+    pbc_of_network = _read_pbc(pbc, np.zeros(3, bool))
+    return _State(frame.name, frame.step, balls, frame.cell, pbc_of_network, (note,))
 
 
 def _read_numbers(lines: Lines) -> list[float]:
@@ -188,7 +250,17 @@ def _read_restart(
             break
     else:
         raise InputError(f"{lines.name} ends before its particles", "The file is not whole")
-    count = int(_read_word(lines, words, "Particles")[0])
+    balls = _read_particles(lines, int(_read_word(lines, words, "Particles")[0]), plane)
+    words = lines.read().split()
+    interactions = None
+    if words[:1] == ["Interactions"]:
+        interactions = int(_read_word(lines, words, "Interactions")[0])
+    pbc_of_network = _read_pbc(pbc, np.any(cell != 0.0, axis=1))
+    return _State(lines.name, time, balls, cell, pbc_of_network, tuple(notes), interactions)
+
+
+def _read_particles(lines: Lines, count: int, plane: bool) -> Balls:
+    """Read the next ``count`` lines of a file .restart as balls, in a ``plane`` as discs."""
     if count > len(lines) - lines.place:
         fault = f"{lines.name} ends before its {count} particles do: {len(lines) - lines.place} are"
         raise InputError(f"{fault} there", "The file is not whole")
@@ -202,19 +274,17 @@ def _read_restart(
     with np.errstate(divide="ignore"):
         masses = 1.0 / table[:, 4]
     p = 2 if plane else 3
-    balls = Balls(
+    return Balls(
         lines.name,
         table[:, :p],
         table[:, 3],
         masses=masses,
-        inertias=0.5 * masses * table[:, 3] ** 2 if plane else None,  # of discs
+        inertias=0.5 * masses * table[:, 3] ** 2 if plane else None,
         labels=np.arange(count),
         rounding=find_rounding(table[:, :p]),
         radius_rounding=find_rounding(table[:, 3]),
         lines=first + np.arange(count),
     )
-    is_period = np.any(cell != 0.0, axis=1)
-    return _State(lines.name, time, balls, cell, _read_pbc(pbc, is_period), tuple(notes))
 
 
 def _read_word(lines: Lines, words: Sequence[str], name: str, count: int = 1) -> list[float]:
@@ -248,38 +318,25 @@ def _read_pbc(pbc: Any, default: Flags) -> Flags:
 # -- contacts --------------------------------------------------------------------------------------
 
 
-def _find_time(lines: Lines, time: float) -> Frame:
-    """Return the contacts of a file .fstat at a ``time``; of several the last ones. InputError if
-    there are none of this time, or if the file is cut there.
+def _compare_number(contacts: Contacts, state: _State) -> None:
+    """Warn if .fstat has fewer contacts than .restart says: it is cut between two lines.
+
+    A contact across a periodic boundary may count twice there, once for each image.
     """
-    is_heading = lines.begin_with("#")
-    headings = np.flatnonzero(is_heading)
-    # a heading has three lines: times without contacts follow each other at once
-    run_starts = headings[~np.isin(headings - 1, headings)]
-    in_run = headings - run_starts[np.searchsorted(run_starts, headings, side="right") - 1]
-    starts = headings[in_run % _HEADING == 0]
-    times = list[float]()
-    chosen: Frame | None = None
-    for start, end in pairwise([*starts.tolist(), len(lines)]):
-        lines.place = start
-        words = lines.read().lstrip("#").split()
-        times.append(_read_word(lines, ["time", *words], "time")[0])
-        if _is_same_time(times[-1], time):
-            first = min(start + _HEADING, end)
-            chosen = Frame(lines.name, 0, "entries", names=_OF_CONTACTS)
-            lines.place = first
-            lines.read_list(chosen, _OF_CONTACTS, end - first, "entries")
-    if chosen is None:
-        _refuse_time(lines.name, time, times)
-    return chosen
-
-
-def _refuse_time(name: str, time: float | None, times: Sequence[float]) -> NoReturn:
-    """Raise the InputError of a file that has not this ``time``, but others."""
-    has = "It has none"
-    if times:
-        has = f"It has {times[0]:g} to {times[-1]:g}, {len(times)} in all"
-    raise InputError(f"{name} has no time {'' if time is None else time}".rstrip(), has)
+    last = len(state.balls.radii) - 1
+    i, j = (np.clip(ends, 0, last) for ends in (contacts.i, contacts.j))
+    assert contacts.vector is not None
+    gaps = state.balls.positions[j] - state.balls.positions[i]
+    gaps -= contacts.vector[:, : gaps.shape[1]]
+    reach = state.balls.radii[i] + state.balls.radii[j]
+    is_across = (contacts.j >= 0) & (np.linalg.norm(gaps, axis=1) > reach)
+    most = len(contacts) + int(np.count_nonzero(is_across))
+    if state.interactions is not None and state.interactions > most:
+        fault = (
+            f"{contacts.name} has {counted(len(contacts), 'contact')}, and {state.name} says that"
+            f" there are {state.interactions}"
+        )
+        warn_caller(message(fault, mend="Is the file whole?"), InconsistencyWarning)
 
 
 def _read_contacts(frame: Frame, balls: Balls, springs: Springs) -> tuple[Contacts, Flags]:

@@ -1179,23 +1179,29 @@ class ContactNetwork(Result):
     @classmethod
     def series(
         cls, program: str, dump: Any, pairs: Any, **options: Any
-    ) -> Iterator[tuple[int, ContactNetwork]]:
-        """Yield each time step that two dumps of several steps both have, with its network, in
+    ) -> Iterator[tuple[float, ContactNetwork]]:
+        """Yield each time step that two files of several steps both have, with its network, in
         ascending order.
 
-        ``program`` is "lammps" or "liggghts". ``dump`` and ``pairs`` are paths, as of its reader,
-        and ``options`` are the reader's but ``step``.
+        ``program`` is "lammps" or "liggghts", whose steps are whole numbers, or "mercury", whose
+        files .fstat and .data have times, s. ``dump`` and ``pairs`` are the two paths that its
+        reader takes, and ``options`` are the reader's but ``step`` or ``time``.
         Each file is read once. Frames that are cut, as a killed program leaves the last one, end
         the series, with a :class:`~granphon.base.errors.StoppedEarlyWarning`. Raises
-        :class:`~granphon.base.errors.InputError` for another program, for dumps without a common
+        :class:`~granphon.base.errors.InputError` for another program, for files without a common
         step, and as the reader.
         """
-        from granphon.networks.dumps import open_series
+        if one_of("program", program, ("lammps", "liggghts", "mercury")) == "mercury":
+            from granphon.networks.mercury import open_series
 
-        reader = READERS[one_of("program", program, ("lammps", "liggghts"))]
-        steps, atoms, touching = open_series(dump, pairs)
+            argument = "time"
+        else:
+            from granphon.networks.dumps import open_series
+
+            argument = "step"
+        steps, first, second = open_series(dump, pairs)
         for step in steps:
-            yield step, reader(atoms, touching, step=step, **options)
+            yield step, READERS[program](first, second, **{argument: step}, **options)
 
     @classmethod
     def read(cls, program: str, *files: Any, **options: Any) -> ContactNetwork:

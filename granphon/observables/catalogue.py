@@ -515,7 +515,7 @@ _OBSERVABLES = (
         "local exponent of the sound velocities, d log v / d log P",
         "d log $v_L$ / d log $P$",
         "local exponent d log v_L / d log P",
-        _exclude_finite_overlap(local_exponent),
+        _or_none(_exclude_finite_overlap(local_exponent)),
         "exponent",
     ),
     Observable(

@@ -57,8 +57,11 @@ class Validity(Result):
 
     @property
     def ok(self) -> Any:
-        """Whether every condition holds, with the shape of the load."""
-        return np.logical_and.reduce([check.ok for check in self.checks])[()]
+        """Whether every condition holds, with the shape of the load; a plain truth value for one
+        load.
+        """
+        holds = np.logical_and.reduce([check.ok for check in self.checks])
+        return holds if np.ndim(holds) else bool(holds)
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:

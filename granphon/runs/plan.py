@@ -36,6 +36,7 @@ from granphon.media.arrangement import Balls
 from granphon.media.choice import MEDIA, MediumChoice, ServingMedium
 from granphon.media.cost import Cost
 from granphon.media.limits import Check
+from granphon.media.network_file import NetworkMedium
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import Analysis
@@ -386,7 +387,9 @@ class Plan:
         """The keys of a scene file at which the lattice stands."""
         if "lattice" in [axis.name for axis in self.axes]:
             return ("sweep", "lattice")
-        return ("crystal",) if self.grid.packing.kind_names else ("packing", "lattice")
+        # the block of a crystal, and of a packing in files, has the name of the medium
+        name = self.grid.packing.medium_name
+        return (name,) if name else ("packing", "lattice")
 
     def _require_case(self, planned: PlannedCase, most_balls: float) -> float:
         """Raise GranphonError, placed in the file, if a case cannot be carried out; return, of the
@@ -797,7 +800,9 @@ class Plan:
         if "bands" in self.observe:
             cost = costs.bands(self._n_path_points, self._n_branches)
             parts.append((("phonopy", "band_points"), "Take fewer points", cost))
-        if "dos" in self.observe and self.mesh is not None:
+        # that of a packing in files is of its own network
+        is_of_lattice = self.grid.packing.medium_name != NetworkMedium.name
+        if "dos" in self.observe and self.mesh is not None and is_of_lattice:
             cost = costs.density_of_states(self.mesh, self._n_branches)
             parts.append((("phonopy", "mesh"), "Take a coarser mesh", cost))
         return parts

@@ -49,6 +49,7 @@ from granphon.media.arrangement import Balls
 from granphon.media.choice import MediumChoice, ServingMedium
 from granphon.media.limits import Check
 from granphon.media.loading import sort_by_load
+from granphon.media.network_file import NetworkMedium
 from granphon.media.newtons import write_newtons
 from granphon.media.simulation import HISTORY_UNITS, DirectSimulation, SimulatedState
 from granphon.media.state import ContactState
@@ -267,9 +268,13 @@ class Case:
         except InputError as error:
             periods = self.packing.structure.periods
             raise _name_load(self.label, self.load, error.load_index, error, periods) from error
-        # lattices have no waves but those of networks, and their exponents cost nothing
-        networks = () if self.request.waves is None else self.request.waves.of_networks
-        lattice_waves = WaveSettings(of_networks=networks) if networks else None
+        # lattices, but for packings in files, have no waves but those of networks, and their
+        # exponents cost nothing
+        lattice_waves = self.request.waves
+        is_network = self.packing.medium_name == NetworkMedium.name
+        if lattice_waves is not None and not is_network:
+            networks = lattice_waves.of_networks
+            lattice_waves = WaveSettings(of_networks=networks) if networks else None
         lattice_request = replace(self.request, waves=lattice_waves, exponents=True)
         tasks = list[MediumTask]()
         for serving in serving_media:
@@ -602,14 +607,14 @@ class MediumTask(Task):
         if state.n_samples:
             return state.samples
         # imported here: other runs do not need waves
-        from granphon.runs.wave_records import record_networks
+        from granphon.runs.wave_records import record_waves
 
         records = list[SampleRecord]()
         request = self.request
         for index, single in enumerate(_split_loads(state)):
             try:
                 # kept, as the data set and the files of a single state need the same
-                waves = single.cached(record_networks, request.waves, request.whole)
+                waves = single.cached(record_waves, request.waves, request.whole)
                 records.append(SampleRecord(of_waves=waves))
             except GranphonError as error:
                 error.load_index = index

@@ -245,22 +245,21 @@ def _choose_plane(settings: ResponseSettings) -> dict[str, Any]:
     return {name: getattr(settings, name) for name in ("direction", "polarisation", "distance")}
 
 
-def record_waves(sample: Sample, settings: WaveSettings, whole: bool = False) -> dict[str, Array]:
-    """Find the waves of the ``settings`` in a ``sample``, and return the numbers that
+def record_waves(x: Any, settings: WaveSettings, whole: bool = False) -> dict[str, Array]:
+    """Find the waves of the ``settings`` in ``x``, a sample or a state, and return the numbers that
     :func:`average_waves` averages, arrays in SI units by name.
 
     With ``whole`` the results of the solvers are kept too, as JSON, for :class:`SampleWaves`.
     """
-    waves = Waves(sample)
     numbers = dict[str, Array]()
     for name in settings.names:
         record, _average = SAMPLE_RECORDS[name]
-        arrays, results = record(waves, sample, settings)
+        arrays, results = record(Waves(x), x, settings)
         numbers |= arrays
         if whole:
             for key, result in results.items():
                 numbers[_WHOLE + key] = np.array(json.dumps(result.to_dict()).encode())
-    return numbers | record_networks(sample, settings, whole)
+    return numbers | _record_networks(x, settings, whole)
 
 
 def _record_dos(
@@ -271,7 +270,7 @@ def _record_dos(
     """
     # random vectors differ from sample to sample, so that their noise is part of the standard
     # error over samples
-    dos = waves.dos(seed=sample.seed or 0)
+    dos = waves.dos(seed=getattr(sample, "seed", 0) or 0)
     table = np.array([dos.frequencies, dos.translational, dos.rotational, dos.error])
     return {"dos": table}, {"dos": dos}
 
@@ -335,7 +334,7 @@ def _record_pulse(
     return arrays | notes, pulses
 
 
-def record_networks(x: Any, settings: WaveSettings, whole: bool = False) -> dict[str, Array]:
+def _record_networks(x: Any, settings: WaveSettings, whole: bool = False) -> dict[str, Array]:
     """Find the waves of the ``settings`` in the network of ``x``, a state or a sample, and return
     the numbers that :func:`average_waves` averages, arrays in SI units by name.
 

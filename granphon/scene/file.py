@@ -44,7 +44,8 @@ from granphon.base.scales import write_quantity
 from granphon.base.settings import NEEDED, Setting, list_settings
 from granphon.base.text import Document, parse_yaml, plain_yaml, read_text, show
 from granphon.base.validation import block, read_inside, refuse_unknown_key
-from granphon.media.arrangement import Arrangement
+from granphon.media.arrangement import Arrangement, CrystalMedium
+from granphon.media.network_file import NetworkFiles, NetworkMedium
 from granphon.phonons.paths import BandPath
 from granphon.runs.plan import Places
 from granphon.scene import rules
@@ -80,6 +81,7 @@ BLOCKS: dict[str, Mapping[str, Setting]] = {
     "packing": rules.PACKING,
     "balls": {"": rules.BALLS},
     "crystal": rules.CRYSTAL,
+    "network": list_settings(NetworkFiles),
     "load": rules.LOAD,
     "medium": {"": rules.MEDIUM},
     "sweep": {"": rules.SWEEP},
@@ -94,6 +96,7 @@ BLOCKS: dict[str, Mapping[str, Setting]] = {
 _ATTRIBUTES = {
     "material": "packing.material",
     "crystal": "packing",
+    "network": "packing",
     "balls": "packing.kinds",
     "medium": "media",
     "sweep": "parameters",
@@ -112,6 +115,14 @@ _ATTRIBUTES = {
 _NEEDED_BLOCKS = ("material", "packing", "load")
 #: the blocks of a scene with balls of several kinds, which stand in place of the first two
 _CRYSTAL_BLOCKS = ("balls", "crystal")
+#: the block of a scene with a packing in files, which stands in place of these and of a load
+_FILES_BLOCKS = ("network",)
+#: the blocks of the balls of a scene, by the name of the medium that such balls have
+_BLOCKS_OF_MEDIA = {
+    "": _NEEDED_BLOCKS[:2],
+    CrystalMedium.name: _CRYSTAL_BLOCKS,
+    NetworkMedium.name: _FILES_BLOCKS,
+}
 #: content of a block "load" of a packing, and of a crystal, in words for messages
 _ONE_LOAD = "exactly one of force, pressure, overlap, or side_force with balls_per_side"
 _ONE_LOAD_OF_CRYSTAL = (
@@ -129,7 +140,10 @@ def write_blocks(scene: Any, context: Context) -> dict[str, Any]:
     The ``context`` is that in which :func:`read_blocks` would read them.
     """
     blocks: dict[str, Any] = {}
-    absent_blocks = _NEEDED_BLOCKS[:2] if scene.packing.kind_names else _CRYSTAL_BLOCKS
+    absent_blocks = {block for blocks in _BLOCKS_OF_MEDIA.values() for block in blocks}
+    absent_blocks -= {*_BLOCKS_OF_MEDIA[scene.packing.medium_name]}
+    if scene.packing.medium_name == NetworkMedium.name:
+        absent_blocks |= {"load", "medium"}
     for name, settings in BLOCKS.items():
         has_no_waves = name in WAVE_BLOCKS and _find_value(scene, name, "") is None
         if name in absent_blocks or has_no_waves:
@@ -231,6 +245,8 @@ def read_blocks(document: Document, folder: Path) -> dict[str, Any]:
         raise document.error((), f"found a list; allowed: a block of keys: {', '.join(BLOCKS)}.")
     try:
         _require_known(data)
+        if isinstance(data, Mapping) and set(_FILES_BLOCKS) & set(data):
+            return _read_files_scene(document, folder)
         if isinstance(data, Mapping) and set(_CRYSTAL_BLOCKS) & set(data):
             return _read_crystal_scene(document, folder)
         context = Context(_find_lattice(data), folder=folder)
@@ -296,6 +312,33 @@ def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
     }
     blocks = {name: value for name, value in data.items() if name not in _CRYSTAL_BLOCKS}
     return block(blocks, readers, ("load",)) | {"packing": packing}
+
+
+def _read_files_scene(document: Document, folder: Path) -> dict[str, Any]:
+    """Return the values in a document with a packing in files, by block as :func:`read_blocks`; the
+    files, which say what the other values mean, are read first, and stand under "packing" as its
+    "arrangement". Their forces are its load.
+    """
+    data = document.data
+    unused = (*_FILES_BLOCKS, *_NEEDED_BLOCKS, *_CRYSTAL_BLOCKS, "medium", "sweep", "spectrum")
+    for name in (*_NEEDED_BLOCKS, *_CRYSTAL_BLOCKS, "medium", "sweep"):
+        if name in data:
+            allowed = "network alone, as files have their balls, their contacts and their forces"
+            raise Refused(f"{name} beside network", allowed, "Remove it.", (name,))
+    values = read_inside(
+        "network", partial(_read_block, "network", context=Context(folder=folder)), data["network"]
+    )
+    try:
+        arrangement = NetworkFiles(**values)
+    except GranphonError as error:
+        raise document.error(("network",), str(error)) from None
+    context = Context(arrangement.structure, kinds=arrangement.kind_names, folder=folder)
+    readers = {
+        name: partial(_read_block, name, context=context) for name in BLOCKS if name not in unused
+    }
+    blocks = {name: value for name, value in data.items() if name not in _FILES_BLOCKS}
+    packing = {"arrangement": arrangement, "finite_overlap": arrangement.network.prestress}
+    return block(blocks, readers, ()) | {"packing": packing}
 
 
 def _make_arrangement(document: Document, kinds: Any, settings: Mapping[str, Any]) -> Arrangement:
@@ -620,6 +663,8 @@ class SceneSource(Places):
         names = [name for name in map(table_named, spreads) if name is not None]
         if "motion" in data:
             names += named_tables(data["motion"].get("drive", []))
+        files = data.get("network", {}).get("files", [])
+        names += [files] if isinstance(files, str) else files
         paths = [self.folder / name for name in names] + list(self.fits)
         if self.path is not None:
             paths.insert(0, self.path)
@@ -737,6 +782,8 @@ class SceneSource(Places):
         """
         if self.document is None:
             return self.at()
+        if block not in self.document.data:  # the load of a packing in files is that of the files
+            return self.at(*_FILES_BLOCKS, prefix=prefix)
         allowed = "a value that the packing can have"
         written_key = key
         if block == "load":
@@ -760,7 +807,8 @@ class SceneSource(Places):
         packing = blocks["packing"].get("arrangement")
         if packing is None:
             packing = self._make_packing(blocks)
-        arguments: dict[str, Any] = {"packing": packing, "load": self._make_load(blocks["load"])}
+        load = packing.load if "load" not in blocks else self._make_load(blocks["load"])
+        arguments: dict[str, Any] = {"packing": packing, "load": load}
         arguments |= blocks.get("phonopy", {})
         if "band_labels" in arguments:
             with self.at("phonopy", "band_labels"):

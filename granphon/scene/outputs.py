@@ -24,7 +24,8 @@ import numpy as np
 from granphon.base.errors import GranphonError, InputError, brief, one_line
 from granphon.base.registry import Registry
 from granphon.base.tables import Heading, table_text
-from granphon.base.text import read_yaml, require_schema
+from granphon.base.text import dump_yaml, parse_yaml, read_yaml, require_schema
+from granphon.media.network_file import TABLES, NetworkMedium
 from granphon.observables.catalogue import CATALOGUE, is_free
 from granphon.waves.settings import RESPONSES
 
@@ -249,6 +250,16 @@ def _has_sample(scene: Any) -> bool:
     return bool(scene.serving.arrays)
 
 
+def _has_files(scene: Any) -> bool:
+    """Whether the packing of a scene is that of another program, in files."""
+    return scene.packing.medium_name == NetworkMedium.name
+
+
+def _has_own_density(scene: Any) -> bool:
+    """Whether the one state of a scene has a density of states of its own network."""
+    return _has_sample(scene) or _has_files(scene)
+
+
 def _has_friction(scene: Any) -> bool:
     """Whether the one state of a scene is simulated with a history of friction."""
     return any(array.friction_history for array in scene.serving.arrays)
@@ -355,7 +366,19 @@ def _write_scene(run: Any, folder: Path) -> None:
     head = "# The scene as it was run, in SI units.\n"
     for package, version in run.package_versions.items():
         head += f"# {package} {version}\n"
-    (folder / "scene.yaml").write_text(head + run.scene.to_yaml(), encoding="utf-8")
+    scene = run.scene
+    text = scene.to_yaml()
+    if _has_files(scene):
+        # beside the tables in which the run keeps the packing
+        text = dump_yaml(
+            parse_yaml(text, "scene").data | {"network": scene.packing.block_of_tables}
+        )
+    (folder / "scene.yaml").write_text(head + text, encoding="utf-8")
+
+
+def _write_packing(run: Any, folder: Path) -> None:
+    """Write the balls and the contacts of a packing that was read."""
+    run.scene.packing.network.write_tables(*(folder / name for name in TABLES))
 
 
 def _write_diameters(run: Any, folder: Path) -> None:
@@ -801,6 +824,7 @@ for _row in (
         ("dos.csv",),
         observed="dos",
         states="one",
+        when=lambda scene: not _has_files(scene),
         find=lambda run: run.phonons.dos(mesh=run.scene.mesh),
         write=partial(_write_value, "dos", "dos.csv", "write_csv"),
         read=partial(_read_by, "DensityOfStates", "read_csv"),
@@ -814,7 +838,7 @@ for _row in (
         ("dos.png",),
         observed="dos",
         states="one",
-        when=lambda scene: "bands" not in scene.observe,
+        when=lambda scene: "bands" not in scene.observe and not _has_files(scene),
         draw=_draw_bands,
         source="dos.csv",
         rank=2,
@@ -853,11 +877,19 @@ for _row in (
         "(#sample_ballscsv-and-sample_contactscsv)",
     ),
     Export(
+        "packing",
+        TABLES,
+        when=_has_files,
+        write=_write_packing,
+        occasion="block `network`",
+        words="balls and contacts of the packing, as `ContactNetwork.from_table` reads them",
+    ),
+    Export(
         "sample_dos",
         ("sample_dos.json", "sample_dos.csv", "sample_dos.png"),
         observed="dos",
         states="one",
-        when=_has_sample,
+        when=_has_own_density,
         find=partial(_find_kept, "dos", "SpectralDensity"),
         write=partial(_write_fields, "sample_dos", _DENSITY_COLUMNS),
         read=partial(_read_json, "SpectralDensity"),

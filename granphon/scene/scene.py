@@ -110,7 +110,8 @@ class Scene(SceneValues):
     Attributes
     ----------
     packing, load : the balls and their arrangement, and the load that presses them. Balls of
-        several kinds are an :class:`~granphon.media.arrangement.Arrangement`.
+        several kinds are an :class:`~granphon.media.arrangement.Arrangement`, and a packing of
+        another program :class:`~granphon.NetworkFiles`, whose own ``load`` this is.
     media : the ways to average over a spread of diameters, one or more; by default "ema" if the
         balls differ, else "ala". Balls of several kinds have "crystal" alone. May be given as names
         ("ala", "afa", "ema", "simulation", "auto") or mappings with options, alone or in a list.
@@ -185,7 +186,7 @@ class Scene(SceneValues):
         packing = self.packing
         structure = packing.structure
         if packing.kind_names:
-            balls = f"crystal of {', '.join(packing.kind_names)}"
+            balls = f"{structure.name} of {', '.join(packing.kind_names)}"
         else:
             balls = f"{structure.name} lattice of balls of {write_quantity(packing.diameter, 'm')}"
             if packing.width:

@@ -11,19 +11,20 @@ from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.layers import Layers
 from granphon.balls.loads import Load
 from granphon.balls.neighbours import touch_once_at_most
-from granphon.balls.packing import Axis, Packing, change_packing, find_unit
+from granphon.balls.packing import Axis, change_packing, find_unit
 from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import LENGTH, find_load_unit
 from granphon.base.settings import describe_settings
 from granphon.base.tables import Heading, table_text
 from granphon.base.text import MOST_SCENE_BYTES, dump_yaml, spell
 from granphon.base.validation import read_inside, require
-from granphon.media.arrangement import Arrangement
+from granphon.media.arrangement import Balls
 from granphon.media.choice import (
     MediumChoice,
     default_medium,
     require_finite_overlap,
 )
+from granphon.media.network_file import NetworkMedium
 from granphon.phonons.paths import MESHES, BandPath, read_paths
 from granphon.runs.plan import list_parameters_of_branches
 from granphon.runs.tasks import require_arrays
@@ -84,7 +85,7 @@ class SceneValues:
 
     schema: ClassVar[int] = rules.SCENE_SCHEMA
 
-    packing: Packing | Arrangement
+    packing: Balls
     load: Load
     _: KW_ONLY
     media: tuple[MediumChoice, ...] = ()
@@ -279,7 +280,7 @@ class SceneValues:
             settings = self.observed_settings(name)
             if settings is not None:
                 rows += describe_settings(settings)
-        if "dos" in self.observe:
+        if "dos" in self.observe and self.packing.medium_name != NetworkMedium.name:
             rows.append(("mesh", " x ".join(map(str, self.mesh)), ""))
         return rows
 
@@ -430,6 +431,8 @@ class SceneValues:
         waves = [name for name in WAVES if name in self.observe]
         if self.is_single:
             waves = [name for name in waves if name != "dos"]
+        if self.packing.medium_name == NetworkMedium.name:  # its own network carries a pulse
+            waves = [name for name in waves if name != "pulse"]
         kinds = "one state, or of arrays" if waves == ["dos"] else "arrays"
         allowed_waves = f"{', '.join(waves)} of {kinds} that a medium: simulation makes"
         first_waves = waves[0] if waves else ""
@@ -447,7 +450,7 @@ class SceneValues:
             allowed = "an axis across which the balls repeat"
             with rules.refusing(surface.axis, allowed, "surface", "axis"):
                 Layers.across(surface.axis, structure.vectors)
-        if "pulse" in waves and len(self.directions) > 1:
+        if "pulse" in self.observe and len(self.directions) > 1:
             raise Refused("several directions with a pulse", "one direction", path=("direction",))
         if self.band is not None:
             # a path of another dimension is refused, with its key in the block

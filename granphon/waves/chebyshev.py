@@ -19,7 +19,7 @@ deviation in theta is pi / 2M with M moments.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Self
@@ -29,6 +29,7 @@ from numpy.typing import ArrayLike
 
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
+from granphon.base.progress import Step, silent
 from granphon.base.results import Result
 from granphon.base.validation import positive, whole_number
 from granphon.waves.operator import WaveOperator, explain_instability
@@ -197,61 +198,94 @@ def keeps_vectors(operator: WaveOperator, starts: int) -> bool:
 
 
 class Moments:
-    """The moments mu_n = <x| T_n(2 D / top^2 - 1) |x> of one vector x, as many as were requested.
+    """The moments mu_n = <x| T_n(2 D / top^2 - 1) |x> of some vectors x, as many as were requested.
 
     Two moments cost one product of D with a vector: mu_2n = 2 <x_n|x_n> - mu_0 and mu_2n+1 =
-    2 <x_n+1|x_n> - mu_1 with x_n = T_n x.
+    2 <x_n+1|x_n> - mu_1 with x_n = T_n x. Several vectors share each product, for which the matrix
+    is read once (:attr:`WaveOperator.vectors_at_once`).
 
     Parameters
     ----------
     operator : D.
-    start : makes the vector, (size,).
-    keep : whether to keep the last two vectors. Without these vectors the recursion begins again
-        for more moments, which are the same to the last bit.
+    starts : functions that make the vectors, (size,) each.
+    keep : whether to keep the last two vectors of each. Without these vectors the recursion begins
+        again for more moments, which are the same to the last bit.
     """
 
-    def __init__(self, operator: WaveOperator, start: Callable[[], Array], *, keep: bool) -> None:
-        self._operator = operator
-        self._start = start
-        self._keep = keep
-        self._moments: list[float] = []
-        self._vectors: Iterator[Array] | None = None
-        self._last: Array | None = None
+    def __init__(
+        self, operator: WaveOperator, starts: Sequence[Callable[[], Array]], *, keep: bool = False
+    ) -> None:
+        together = operator.vectors_at_once
+        self._recursions = [
+            _Recursion(operator, starts[first : first + together], keep)
+            for first in range(0, len(starts), together)
+        ]
 
-    def first(self, count: int) -> Array:
-        """Return the first ``count`` moments, (count,).
+    def first(self, count: int, step: Step = silent) -> Array:
+        """Return the first ``count`` moments of each vector, (m, count); the ``step`` is told of
+        each product with a vector.
 
         Raises :class:`~granphon.base.errors.InstabilityError` if the moments grow: a squared
         frequency is below zero.
         """
+        return np.vstack([recursion.first(count, step) for recursion in self._recursions])
+
+
+class _Recursion:
+    """The recursion of a few vectors, for their :class:`Moments`."""
+
+    def __init__(
+        self, operator: WaveOperator, starts: Sequence[Callable[[], Array]], keep: bool
+    ) -> None:
+        self._operator = operator
+        self._starts = starts
+        self._keep = keep
+        self._moments: list[Array] = []  # of each order, those of all vectors, (m,)
+        self._vectors: Iterator[Array] | None = None
+        self._last: Array | None = None
+
+    def first(self, count: int, step: Step) -> Array:
+        """Return the first ``count`` moments of each vector, (m, count)."""
         moments = self._moments
         if len(moments) < count and self._vectors is None:
             moments.clear()
-            self._vectors = polynomials(self._operator, self._start())
+            starts = [start() for start in self._starts]
+            vectors = starts[0] if len(starts) == 1 else np.stack(starts, axis=1)
+            self._vectors = polynomials(self._operator, vectors)
             self._last = next(self._vectors)
-            moments.append(float(np.vdot(self._last, self._last)))
+            moments.append(_multiply(self._last, self._last))
         while len(moments) < count:
             self._add_two()
+            step.advance(len(self._starts))
         if not self._keep:
             self._vectors = None
             self._last = None
-        return np.array(moments[:count])
+        return np.array(moments[:count]).T
 
     def _add_two(self) -> None:
-        """Find the next two moments, of an odd and of an even order, by one more vector."""
+        """Find the next two moments, of an odd and of an even order, by one more product."""
         assert self._vectors is not None
         assert self._last is not None
         moments = self._moments
-        vector = next(self._vectors)  # the recursion still keeps the last vector
-        product = float(np.vdot(vector, self._last))
+        vectors = next(self._vectors)  # the recursion still keeps the last vectors
+        products = _multiply(vectors, self._last)
         is_first_order = len(moments) == 1
-        moments.append(product if is_first_order else 2.0 * product - moments[1])
-        moments.append(2.0 * float(np.vdot(vector, vector)) - moments[0])
-        self._last = vector
+        moments.append(products if is_first_order else 2.0 * products - moments[1])
+        moments.append(2.0 * _multiply(vectors, vectors) - moments[0])
+        self._last = vectors
         # written so that nan is unstable, too
-        is_bounded = abs(moments[-1]) <= (1.0 + _GROWTH) * moments[0]
-        if not is_bounded:
+        is_bounded = np.abs(moments[-1]) <= (1.0 + _GROWTH) * moments[0]
+        if not np.all(is_bounded):
             raise explain_instability(self._operator.network)
+
+
+def _multiply(left: Array, right: Array) -> Array:
+    """Return the scalar products (m,) of the columns of two arrays (size, m), or of two vectors
+    (size,).
+    """
+    if left.ndim == 1:
+        return np.array([np.vdot(left, right)])
+    return np.einsum("nm,nm->m", left, right)
 
 
 class Refinable(Result):

@@ -99,11 +99,7 @@ def _find_ball_moments(operator: WaveOperator, ball: int, count: int) -> Array:
     # one vector for each motion of the ball: (motions, n_free, motions)
     starts = np.zeros((n_motions, operator.balls.size, n_motions))
     starts[:, np.searchsorted(operator.balls, ball)] = np.eye(n_motions)
-    rows = []
-    for start in starts:
-        moments = Moments(operator, partial(operator.vector, start), keep=False)
-        rows.append(moments.first(count))
-    return np.array(rows)
+    return Moments(operator, [partial(operator.vector, start) for start in starts]).first(count)
 
 
 def _sum_series(kernel: Kernel, moments: Array, hertz: Array) -> Array:
@@ -269,9 +265,12 @@ class RandomVectors:
         self._seed = seed
         # whether a part of a vector is that of the rotations
         self._rotations_of_parts = (False, True) if operator.motions.rotate else (False,)
-        self._keep = keeps_vectors(operator, vectors * len(self._rotations_of_parts))
-        # the moments of the parts of each vector
-        self._vectors: list[tuple[Moments, ...]] = []
+        n_parts = len(self._rotations_of_parts)
+        self._keep = keeps_vectors(operator, vectors * n_parts)
+        #: vectors that share products, and the moments of each such group, with the number of its
+        #: vectors
+        self._group_size = max(operator.vectors_at_once // n_parts, 1)
+        self._groups: list[tuple[int, Moments]] = []
 
     def _draw(self, number: int, rotations: bool) -> Array:
         """Return the vector (size,) of this ``number``: +1 or -1 by chance in the rotations, or
@@ -287,18 +286,33 @@ class RandomVectors:
         signs[:, is_in_other_part] = 0.0
         return np.asarray(operator.vector(signs))
 
+    def _group(self, vectors: int) -> list[Moments]:
+        """Return the moments of the first ``vectors`` random vectors, in groups that share
+        products; only the last group is made anew if it has got more.
+        """
+        groups = []
+        for number, first in enumerate(range(0, vectors, self._group_size)):
+            size = min(self._group_size, vectors - first)
+            if number == len(self._groups) or self._groups[number][0] != size:
+                draws = [
+                    partial(self._draw, vector, turns)
+                    for vector in range(first, first + size)
+                    for turns in self._rotations_of_parts
+                ]
+                group = size, Moments(self._operator, draws, keep=self._keep)
+                self._groups[number : number + 1] = [group]
+            groups.append(self._groups[number][1])
+        return groups
+
     def find(self, moments: int, vectors: int) -> SpectralDensity:
         """Return the density by these numbers of moments and of random vectors."""
         vectors = whole_number("vectors", vectors, 1, MOST_MOMENTS // moments)
         kernel = Kernel(self._operator.top / (2.0 * math.pi), moments)
-        for number in range(len(self._vectors), vectors):
-            draws = [partial(self._draw, number, turns) for turns in self._rotations_of_parts]
-            moments_of_parts = [Moments(self._operator, draw, keep=self._keep) for draw in draws]
-            self._vectors.append(tuple(moments_of_parts))
-        rows = []
-        for parts in self._vectors[:vectors]:
-            rows.append([part.first(moments) for part in parts])
-        traces = np.array(rows)  # (vectors, parts, moments)
+        n_parts = len(self._rotations_of_parts)
+        n_products = vectors * n_parts * (moments // 2)
+        with self._operator.progress.step("density of states", n_products) as step:
+            rows = [group.first(moments, step) for group in self._group(vectors)]
+        traces = np.concatenate(rows).reshape(vectors, n_parts, moments)
         # (vectors, 2, n_f) 1/Hz; zero in rotations where balls do not turn
         densities = np.zeros((vectors, 2, kernel.count))
         densities[:, : traces.shape[1]] = kernel.densities(traces / self._operator.balls.size)

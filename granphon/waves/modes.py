@@ -90,6 +90,10 @@ _SPARE_MODES = 2
 _FRESH = 4
 #: random vectors so far, over fresh ones
 _GROWTH = 3
+#: products and sums over filters, over products
+_SUMS_OF_FILTERS = 2.0
+#: factors of a search for modes: at the shift, and to count the modes at both ends, with solutions
+_FACTORS_OF_MODES = 3.0
 #: mean square of the residuals of fresh vectors below which no mode is missing; a missing mode adds
 #: 1, and less than this limit with four vectors once in a thousand times
 _LEAST_RESIDUAL = 0.02
@@ -411,16 +415,18 @@ class _Window:
         filtered = np.zeros((size, self.filters, m))
         recursion = polynomials(operator, starts)
         kept = np.empty((_KEPT, size, m))
-        for first in range(0, self.order + 1, _KEPT):
-            coefficients = self.coefficients[:, first : first + _KEPT]
-            count = coefficients.shape[1]
-            for offset in range(count):
-                kept[offset] = next(recursion)
-            for row in range(0, size, _ROWS):
-                block = slice(row, row + _ROWS)
-                polynomials_of_block = kept[:count, block].reshape(count, -1)
-                sums = coefficients @ polynomials_of_block  # (filters, rows x m)
-                filtered[block] += sums.reshape(self.filters, -1, m).swapaxes(0, 1)
+        with operator.progress.step("modes of a window", self.order + 1) as step:
+            for first in range(0, self.order + 1, _KEPT):
+                coefficients = self.coefficients[:, first : first + _KEPT]
+                count = coefficients.shape[1]
+                for offset in range(count):
+                    kept[offset] = next(recursion)
+                for row in range(0, size, _ROWS):
+                    block = slice(row, row + _ROWS)
+                    polynomials_of_block = kept[:count, block].reshape(count, -1)
+                    sums = coefficients @ polynomials_of_block  # (filters, rows x m)
+                    filtered[block] += sums.reshape(self.filters, -1, m).swapaxes(0, 1)
+                step.advance(count)
         return filtered.reshape(size, -1)
 
 
@@ -433,7 +439,8 @@ class _Density:
         operator = problem.operator
         signs = np.zeros((_VECTORS, operator.size))
         signs[:, problem.live] = random.choice([-1.0, 1.0], (_VECTORS, problem.live.size))
-        moments = [Moments(operator, start.copy, keep=False).first(_MOMENTS) for start in signs]
+        with operator.progress.step("density of states", _VECTORS * _MOMENTS // 2) as step:
+            moments = Moments(operator, [start.copy for start in signs]).first(_MOMENTS, step)
         self._moments = Kernel(operator.top, _MOMENTS).weights * np.mean(moments, axis=0)
 
     @property
@@ -660,6 +667,46 @@ class _FilterSearch:
 def _find_phi(top: float, omega: float) -> float:
     """Return phi of an angular frequency: omega = top cos(phi/2)."""
     return 2.0 * math.acos(min(max(omega / top, 0.0), 1.0))
+
+
+class ModesWork(NamedTuple):
+    """What a search for modes takes: a dense matrix, or so many ``factors``, or products of D with
+    vectors, so many ``together``, and ``memory``, bytes.
+    """
+
+    is_dense: bool = False
+    factors: float = 0.0
+    products: float = 0.0
+    together: int = 1
+    memory: float = 0.0
+
+
+def estimate_modes(operator: WaveOperator, count: int, nearest: float | None) -> ModesWork:
+    """Return what the search for ``count`` modes takes. Where they are filtered, the density of
+    states is found, which is a small part of the search.
+
+    Raises :class:`~granphon.base.errors.InputError` for modes that take too much.
+    """
+    problem = Problem.of(operator)
+    if _is_dense(problem, count):
+        return ModesWork(is_dense=True)
+    if _has_factors(operator):
+        return ModesWork(factors=_FACTORS_OF_MODES)
+    search = _FilterSearch(problem, count, _read_target(nearest))
+    window, starts = search.choose_window()
+    _require_affordable(problem, window, starts, count, InputError)
+    n_vectors = starts + _count_fresh(starts)
+    return ModesWork(
+        products=float(_SUMS_OF_FILTERS * window.order * n_vectors),
+        together=starts,
+        memory=_count_bytes(window, operator.size, starts),
+    )
+
+
+def _is_dense(problem: Problem, count: int) -> bool:
+    """Whether all modes are found, as the motions are few or the ``count`` is large."""
+    size = problem.live.size
+    return size <= DENSE or count * _SHARE > size
 
 
 def _count_fresh(starts: int) -> int:
@@ -942,7 +989,7 @@ def find_modes(operator: WaveOperator, count: int, nearest: float | None) -> Net
         request = counted(count, "mode is", "modes are")
         fault = f"{request} asked for, and the network has {counted(size, 'motion')}"
         raise InputError(fault, mend="Ask for fewer")
-    if size <= DENSE or count * _SHARE > size:
+    if _is_dense(problem, count):
         pairs = _find_dense(problem, count, target)
     elif size <= LARGEST_FACTORS[operator.network.dimension]:
         pairs = _find_factored(problem, count, target)
@@ -1414,5 +1461,10 @@ def count_modes(operator: WaveOperator, frequencies: Array) -> NDArray[np.intp]:
             "Integrate the density of states, waves.dos()",
         )
     omega = np.maximum(2.0 * math.pi * frequencies, ZERO * problem.top)
-    counts = [problem.count_below(value) if value <= problem.top**2 else size for value in omega**2]
-    return problem.loose + np.array(counts, np.intp)
+    counts = np.full(omega.size, size)
+    with operator.progress.step("modes below frequencies", omega.size) as step:
+        for row, value in enumerate((omega**2).tolist()):
+            if value <= problem.top**2:
+                counts[row] = problem.count_below(value)
+            step.advance()
+    return problem.loose + counts

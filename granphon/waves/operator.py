@@ -38,6 +38,7 @@ from granphon.array.contact_operator import ContactHessian, ContactOperator
 from granphon.balls.lattices import Lattice
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError, InstabilityError, message
+from granphon.base.progress import Progress, silent
 from granphon.dynamics.damping import Losses
 from granphon.dynamics.deformation_rows import (
     Row,
@@ -94,14 +95,19 @@ class WaveOperator(LinearOperator):
     network : the network.
     motions : of each ball.
     balls : (n_free,) indices of the balls that move.
+    progress : is told how far long work with D has come.
     """
 
     #: time of a product with a vector and of the sums for it in a Krylov space, s for each motion,
     #: by the dimension
     product_time: ClassVar = {1: 1.2e-8, 2: 3e-8, 3: 1e-7}
+    #: number of vectors that share a product where there are many: each then takes a third of the
+    #: time, as the matrix is read once
+    vectors_at_once: ClassVar = 10
 
-    def __init__(self, network: ContactNetwork) -> None:
+    def __init__(self, network: ContactNetwork, progress: Progress = silent) -> None:
         self.network = network
+        self.progress = progress
         self.motions = network.ball_motions
         self.balls = np.flatnonzero(network.moving)
         if not self.balls.size or not network.n_contacts:
@@ -510,22 +516,15 @@ class WaveOperator(LinearOperator):
             square_bound += 0.5 * float(np.max(row_sums))
         return _MARGIN * math.sqrt(square_bound)
 
-    @cached_property
-    def _step(self) -> csr_array[Any]:
-        """4 D / top^2 - 2: twice the matrix whose eigenvalues lie between -1 and 1, see
-        :meth:`advance`.
-        """
-        from scipy.sparse import eye_array
-
-        return (4.0 / self.top**2 * self.matrix - 2.0 * eye_array(self.size)).tocsr()
-
     def advance(self, current: Array, previous: Array) -> Array:
         """Return T_n+1 x from ``current``, T_n x, and ``previous``, T_n-1 x, with the Chebyshev
         polynomials of 2 D / top^2 - 1; x is (size,) or (size, m). ``previous`` may be overwritten.
 
         In terms of the angular frequency omega these are the even polynomials T_2n(omega / top).
         """
-        following: Array = self._step @ current
+        following: Array = self.matrix @ current
+        following *= 4.0 / self.top**2
+        following -= 2.0 * current
         following -= previous
         return following
 
@@ -541,15 +540,15 @@ class WaveOperator(LinearOperator):
 # -- arrays ----------------------------------------------------------------------------------------
 
 
-def make_operator(network: ContactNetwork) -> WaveOperator:
+def make_operator(network: ContactNetwork, progress: Progress = silent) -> WaveOperator:
     """Return D of a network: by stencils if the network is a large array of equal masses, else by a
-    sparse matrix.
+    sparse matrix. ``progress`` is told how far long work with D has come.
     """
     is_large = network.n_balls >= _LEAST_BALLS
     kinds = find_kinds(network) if is_large else None
     if kinds is None:
-        return WaveOperator(network)
-    return ArrayOperator(network, kinds)
+        return WaveOperator(network, progress)
+    return ArrayOperator(network, kinds, progress)
 
 
 def find_kinds(network: ContactNetwork) -> NDArray[np.intp] | None:
@@ -631,9 +630,13 @@ class ArrayOperator(WaveOperator):
     """
 
     product_time: ClassVar = {1: 4e-9, 2: 1.2e-8, 3: 4e-8}
+    #: one vector needs no matrix
+    vectors_at_once: ClassVar = 1
 
-    def __init__(self, network: ContactNetwork, kinds: NDArray[np.intp]) -> None:
-        super().__init__(network)
+    def __init__(
+        self, network: ContactNetwork, kinds: NDArray[np.intp], progress: Progress = silent
+    ) -> None:
+        super().__init__(network, progress)
         assert network.lattice is not None  # find_kinds has required a lattice and a shape
         assert network.shape is not None
         self.lattice = network.lattice

@@ -311,18 +311,21 @@ class Propagation:
         largest_norm = np.linalg.norm(self.push) * (1.0 + _GROWTH)
         # polynomials are kept for one product of a block of them
         block = np.empty((max(1, min(order, _BLOCK // size)), size))
-        for n, vector in zip(range(order), polynomials(self.operator, self.push), strict=False):
-            moments.append(listen(vector))
-            row = n % len(block)
-            block[row] = vector
-            is_block_full = row == len(block) - 1
-            if is_block_full or n == order - 1:
-                first = n - row
-                states += coefficients[:, first : n + 1] @ block[: row + 1]
-                # written so that nan is unstable, too
-                is_bounded = np.linalg.norm(vector) <= largest_norm
-                if not is_bounded:
-                    raise explain_instability(self.operator.network)
+        vectors = zip(range(order), polynomials(self.operator, self.push), strict=False)
+        with self.operator.progress.step("pulse", order) as step:
+            for n, vector in vectors:
+                moments.append(listen(vector))
+                row = n % len(block)
+                block[row] = vector
+                is_block_full = row == len(block) - 1
+                if is_block_full or n == order - 1:
+                    first = n - row
+                    states += coefficients[:, first : n + 1] @ block[: row + 1]
+                    # written so that nan is unstable, too
+                    is_bounded = np.linalg.norm(vector) <= largest_norm
+                    if not is_bounded:
+                        raise explain_instability(self.operator.network)
+                step.advance()
         return np.array(moments), states
 
     def _evaluate(self, responses: _Exponentials, weights: Complex, times: Array) -> Array:
@@ -441,23 +444,25 @@ class ViscousPropagation:
         signals = np.zeros((times.size, listen(z[:size]).size))
         displacements = np.zeros((frames.size, size))
         velocities = np.zeros((frames.size, size))
-        for first, last in self._list_spans(end):
-            is_in_span = (times > first) & (times <= last)
-            if first == 0.0:
-                is_in_span |= times == 0.0
-            frames_in_span = np.flatnonzero((frames > first) & (frames <= last))
-            # states at the end of the span, and at its frames
-            state_times = np.concatenate([[last], frames[frames_in_span]]) - first
-            signal_times = times[is_in_span] - first
-            states, span_signals = self._cross(
-                z, last - first, state_times, signal_times, listen_to_state
-            )
-            z = states[0]
-            signals[is_in_span] = span_signals
-            displacements[frames_in_span] = states[1:, :size] / self.operator.top
-            velocities[frames_in_span] = states[1:, size : 2 * size]
-            if last == self.burst.duration:
-                z[2 * size :] = 0.0  # the source is silent from here on
+        with self.operator.progress.step("pulse", end / self.burst.duration) as step:
+            for first, last in self._list_spans(end):
+                is_in_span = (times > first) & (times <= last)
+                if first == 0.0:
+                    is_in_span |= times == 0.0
+                frames_in_span = np.flatnonzero((frames > first) & (frames <= last))
+                # states at the end of the span, and at its frames
+                state_times = np.concatenate([[last], frames[frames_in_span]]) - first
+                signal_times = times[is_in_span] - first
+                states, span_signals = self._cross(
+                    z, last - first, state_times, signal_times, listen_to_state
+                )
+                z = states[0]
+                signals[is_in_span] = span_signals
+                displacements[frames_in_span] = states[1:, :size] / self.operator.top
+                velocities[frames_in_span] = states[1:, size : 2 * size]
+                if last == self.burst.duration:
+                    z[2 * size :] = 0.0  # the source is silent from here on
+                step.advance((last - first) / self.burst.duration)
         return signals.T, displacements, velocities
 
     def _list_spans(self, end: float) -> Iterator[tuple[float, float]]:

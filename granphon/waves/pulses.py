@@ -30,6 +30,7 @@ from granphon.base.errors import (
     message,
 )
 from granphon.base.memory import require_memory
+from granphon.base.progress import Progress, silent
 from granphon.base.results import Result, read_only
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
@@ -112,6 +113,9 @@ _LATE = 3.0
 _SURE = 0.45
 #: most products with D that a record may take
 _MOST = 2**20
+#: products with D and with dashpots where motions are damped unevenly, for each radian of the top
+#: frequency
+_UNEVEN_PRODUCTS = 2.0
 #: largest viscosity of a contact over its stiffness, times the highest frequency
 _MOST_DAMPED = 1e12
 #: largest number of times at which a pulse is read
@@ -1397,18 +1401,22 @@ def require_sendable(network: ContactNetwork, request: PulseSource) -> None:
 
 
 def transmit(
-    network: ContactNetwork, request: PulseSource, operator: WaveOperator | None = None
+    network: ContactNetwork,
+    request: PulseSource,
+    operator: WaveOperator | None = None,
+    progress: Progress = silent,
 ) -> Pulse:
     """Send a pulse through a network; see :meth:`granphon.waves.waves.Waves.transmit`.
 
-    ``operator`` is that of the network, if it is known, and known to be stable.
+    ``operator`` is that of the network, if it is known, and known to be stable; ``progress`` is
+    told how far the pulse has come where it is not known.
     """
     route = Route.of(network, request)
     course = route.course
     burst = route.burst
     receivers = route.groups[0]
     if operator is None or operator.network is not course.network:
-        operator = make_operator(course.network)
+        operator = make_operator(course.network, progress)
         if not course.at_rest:
             require_stable(operator)
     _require_reached(operator, burst.frequency)
@@ -1446,6 +1454,23 @@ def transmit(
     )
     remarks = _judge_fallen(course, fallen, receivers)
     return replace(pulse, warnings=(*remarks, *pulse.judge()))
+
+
+def count_products(operator: WaveOperator, request: PulseSource) -> float:
+    """Return the number of products of D with a vector that a pulse through a network takes;
+    ``operator`` is that of the whole network, whose ends the request may cut.
+
+    Raises :class:`~granphon.base.errors.InputError` for a pulse that cannot be sent.
+    """
+    route = Route.of(operator.network, request)
+    losses = request.find_losses(route.course.network)
+    _require_short(operator, route.last, losses)
+    even = losses.find_even()
+    if even is None:
+        return _UNEVEN_PRODUCTS * operator.top * route.last
+    _, time, drag = even
+    no_push = np.zeros(0)
+    return float(Propagation(operator, no_push, route.burst, route.last, time, drag).order)
 
 
 def _find_mean(values: Array) -> float:

@@ -62,6 +62,7 @@ from granphon.array.sparse_matrices import estimate_factors, share_places
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import ConvergenceError, InputError, brief
 from granphon.base.memory import require_memory
+from granphon.base.progress import Step
 from granphon.base.results import Result
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
@@ -1068,9 +1069,11 @@ class _Problem:
         has_factors = math.isfinite(work.factor_time)
         may_factorise = method is None and has_factors
         if by_krylov.size:
-            expected_steps = float(np.max(work.steps[by_krylov])) if may_factorise else math.inf
+            expected_steps = float(np.max(work.steps[by_krylov]))
+            most_steps = 2.0 * expected_steps if may_factorise else math.inf
             krylov_work = replace(work, omega=omega[by_krylov])
-            in_space = self._solve_in_space(krylov_work, expected_steps)
+            with self.operator.progress.step("response", expected_steps) as step:
+                in_space = self._solve_in_space(krylov_work, most_steps, step)
             values[by_krylov], error[by_krylov], steps = in_space
         # a response deep in a gap is less than the rounding of a Krylov space; factors keep all of
         # its digits
@@ -1204,8 +1207,10 @@ class _Problem:
         equations = _Equations(self)
         values = np.zeros((omega.size, len(self.heard)), complex)
         error = np.zeros(omega.size)
-        for row, w in enumerate(omega.tolist()):
-            values[row], error[row] = self._solve_directly(equations, w)
+        with self.operator.progress.step("response by factors", omega.size) as step:
+            for row, w in enumerate(omega.tolist()):
+                values[row], error[row] = self._solve_directly(equations, w)
+                step.advance()
         return values, error
 
     def _solve_directly(self, equations: _Equations, w: float) -> tuple[Complex, float]:
@@ -1242,13 +1247,14 @@ class _Problem:
         return signals, error
 
     def _solve_in_space(
-        self, work: ResponseWork, expected_steps: float
+        self, work: ResponseWork, most_steps: float, step: Step
     ) -> tuple[Complex, Array, int]:
         """Return values (n_f, n_r) and errors (n_f,) by a Krylov space, and the number of its
         steps; errors are infinite where the space ends before the error is within the tolerance or
         rounding alone. A source of zero takes no step.
 
-        The space ends, at the latest, after twice the ``expected_steps``, or ``_MOST`` steps.
+        The space ends, at the latest, after ``most_steps``, or ``_MOST``, of each of which ``step``
+        is told.
         """
         n_frequencies = work.omega.size
         space = self._make_space(work)
@@ -1261,9 +1267,9 @@ class _Problem:
         # residual, over the source, at which the next solution of each frequency is tried
         trial_residual = np.full(n_frequencies, _FIRST_TRIAL)
         active = np.isfinite(space.bound)
-        most_steps = math.ceil(min(2.0 * expected_steps, _MOST))
-        while process.steps < most_steps:
+        while process.steps < min(most_steps, _MOST):
             process.advance()
+            step.advance()
             if process.is_degenerate:
                 break
             residuals = process.length * process.last_entry

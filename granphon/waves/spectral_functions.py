@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Annotated, NamedTuple
@@ -729,16 +729,21 @@ class PlaneWaves:
         components = direction if is_word else polarisation
         self._direction = () if components is None else finite_list("direction", components)
         # the number of the wave vector of each wave, and the function that makes its vector
-        starts = []
+        self._numbers: list[int] = []
+        starts = list[Callable[[], Array]]()
         for n, wavevector in enumerate(wavevectors):
             rows = find_polarisations(operator, wavevector, polarisation, direction)
             # the sine of a wave of q = 0 is zero
             sines = (False, True) if np.any(wavevector) else (False,)
             for row, sine in itertools.product(rows, sines):
-                start = partial(make_plane_wave, operator, wavevector, row, sine=sine)
-                starts.append((n, start))
-        keep = keeps_vectors(operator, len(starts))
-        self._waves = [(n, Moments(operator, start, keep=keep)) for n, start in starts]
+                self._numbers.append(n)
+                starts.append(partial(make_plane_wave, operator, wavevector, row, sine=sine))
+        self._waves = Moments(operator, starts, keep=keeps_vectors(operator, len(starts)))
+
+    @property
+    def n_waves(self) -> int:
+        """Number of real waves: of the cosine and the sine of each polarisation."""
+        return len(self._numbers)
 
     def find(self, moments: int) -> SpectralFunction:
         """Return the spectral function of this number of moments."""
@@ -749,8 +754,9 @@ class PlaneWaves:
             "Take fewer wave vectors, or a coarser resolution",
         )
         sums = np.zeros((len(self._q), moments))
-        for n, wave in self._waves:
-            sums[n] += wave.first(moments)
+        n_products = self.n_waves * (moments // 2)
+        with self._operator.progress.step("spectral functions", n_products) as step:
+            np.add.at(sums, self._numbers, self._waves.first(moments, step))
         squared_norms = sums[:, :1]  # the moments of order zero
         if not np.all(squared_norms > 0.0):
             why = "The wave vector or the polarisation is wrong"

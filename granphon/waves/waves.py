@@ -14,9 +14,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.base.arrays import Array
+from granphon.base.progress import Progress, silent
 from granphon.base.text import counted
 from granphon.base.validation import finite_array, frequency_array, is_one_of, whole_number
 from granphon.dynamics.damping import DampedModes, Losses
+from granphon.media.cost import Cost
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.observables.validity import network_warnings
 from granphon.waves.chebyshev import Kernel
@@ -56,15 +58,19 @@ class Waves:
     source : a :class:`~granphon.networks.network.ContactNetwork`; a simulated sample; a state,
         whose network is one cell, so that these are waves at Gamma; or ``ase.Atoms`` with a
         :class:`~granphon.phonons.calculator.HertzMindlin`.
+    progress : is told how far densities, spectral functions, modes, responses and pulses have come:
+        ``granphon.base.progress.Terminal()`` draws a bar on stderr. :meth:`estimate` says before
+        how long they take.
 
     Raises :class:`~granphon.base.errors.InputError` for something else, and for balls that are not
     at rest under the static forces that act
     (:meth:`~granphon.networks.network.ContactNetwork.require_rest`).
     """
 
-    def __init__(self, source: Any) -> None:
+    def __init__(self, source: Any, *, progress: Progress = silent) -> None:
         self.network: ContactNetwork = given_network(source)
         self.network.require_rest()
+        self._progress = progress
 
     def __repr__(self) -> str:
         network = self.network
@@ -87,7 +93,7 @@ class Waves:
     @cached_property
     def operator(self) -> WaveOperator:
         """D of the network as a linear operator, (rad/s)^2."""
-        return make_operator(self.network)
+        return make_operator(self.network, self._progress)
 
     @cached_property
     def _stable_operator(self) -> WaveOperator:
@@ -96,6 +102,27 @@ class Waves:
         """
         require_stable(self.operator)
         return self.operator
+
+    def estimate(self, name: str, *arguments: Any, **options: Any) -> Cost:
+        """Return what a result costs on one processor of this machine, before it does.
+
+        Parameters
+        ----------
+        name : the method that finds it: "dos", "spectral_function", "modes", "count_modes",
+            "response" or "transmit".
+        arguments, options : those of the method.
+
+        :attr:`~granphon.media.cost.Cost.text` says it in words; ``memory`` is in bytes, and
+        ``seconds`` is the processor's time, within a factor of about three: D is made, and one
+        product with it is timed. For modes that are filtered out of random vectors the density of
+        states is found, a small part of the search.
+
+        Raises :class:`~granphon.base.errors.InputError` for another name, and what the method
+        refuses by its numbers.
+        """
+        from granphon.waves.estimates import WaveEstimate
+
+        return WaveEstimate(self.operator).find(name, *arguments, **options)
 
     def dos(
         self,
@@ -464,5 +491,5 @@ class Waves:
         )
         # ends that are cut or held make another network, with an operator of its own
         operator = self._stable_operator if is_one_of(ends, ("periodic",)) else None
-        pulse = transmit(self.network, request, operator)
+        pulse = transmit(self.network, request, operator, self._progress)
         return replace(pulse, warnings=(*self.warnings, *pulse.warnings))

@@ -199,6 +199,18 @@ def test_too_few_contacts_leave_modes_without_energy(friction):
     assert check.limit == pytest.approx((n_motions - 2) / n_rows * check.value)
 
 
+def test_a_network_without_contacts_has_a_check_of_them(lattice):
+    """Each ball, which moves along two axes, would need four."""
+    no_contact = np.zeros(lattice.n_contacts, bool)
+    fields = {name: getattr(lattice, name)[no_contact] for name in lattice.contact_fields}
+    report = gp.validity(replace(lattice, **fields))
+    assert report.ok is report["contacts"].ok is False
+    check = report["contacts"]
+    n = lattice.n_balls
+    assert (check.value, check.limit) == (0.0, pytest.approx(2.0 * (2 * n - 2) / n))
+    assert check.reason.startswith(f"{2 * n - 2} modes")
+
+
 def test_too_few_contacts_are_told_of_no_lattice(tmp_path):
     """Two rows of a square lattice shear freely; without one of their contacts they are none."""
     units = gp.Units(1.0, 1.0, 1.0)

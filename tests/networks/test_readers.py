@@ -141,6 +141,42 @@ def test_fixed_balls_of_mercury_are_those_without_lines_of_their_own(particles, 
     assert any("do not move" in note for note in found.notes) == (particles == "data")
 
 
+@pytest.mark.filterwarnings("ignore:.* the static forces")  # the upper balls of the floor
+def test_a_file_of_mercury_that_is_cut_between_two_lines_is_told_by_the_restart(tmp_path):
+    network = written.layer_on_floor()
+    fstat, data, restart = written.write_mercury(network, tmp_path)
+    found = gp.ContactNetwork.from_mercury(fstat, data, GLASS, pbc=network.pbc, held_by=1)
+    assert any(".restart" in note for note in found.notes)
+    lines = fstat.read_text().splitlines()
+    # more contacts than those across the periodic boundary, which may count twice
+    fstat.write_text("\n".join([*lines[:-16], ""]))
+    with pytest.warns(InconsistencyWarning, match=f"says that there are {network.n_contacts}"):
+        gp.ContactNetwork.from_mercury(fstat, restart, GLASS, held_by=1)
+
+
+def test_times_of_mercury_follow_each_other(tmp_path):
+    network = written.glass_packing()
+    fstat, data, restart = written.write_mercury(network, tmp_path)
+    options = {"material": GLASS, "pbc": network.pbc, "keep_rattlers": True}
+    for file in (fstat, data):
+        text = file.read_text()
+        # the same balls and contacts at a later time
+        later = re.sub(r"^(# |35 |)0\.25 ", r"\g<1>0.5 ", text, flags=re.MULTILINE)
+        file.write_text(text + re.sub(r"^(#|35) 0(\.0)? ", r"\1 0.4 ", later))
+    found = dict(gp.ContactNetwork.series("mercury", fstat, data, **options))
+    assert list(found) == [0.0, 0.25, 0.4, 0.5]
+    assert found[0.0].n_contacts == found[0.4].n_contacts == 0
+    require_same(found[0.25], network)
+    assert found[0.25] == found[0.5]
+    raw = fstat.read_bytes()
+    fstat.write_bytes(raw[:-20])
+    with pytest.warns(StoppedEarlyWarning, match="ends early"):
+        whole = dict(gp.ContactNetwork.series("mercury", fstat, data, **options))
+    assert list(whole) == [0.0, 0.25, 0.4]
+    with pytest.raises(InputError, match="one time"):
+        next(gp.ContactNetwork.series("mercury", fstat, restart, **options))
+
+
 # -- faults ----------------------------------------------------------------------------------------
 
 

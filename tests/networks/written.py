@@ -195,5 +195,7 @@ def write_mercury(network: gp.ContactNetwork, folder: Path, time: float = 0.25):
             f"SphericalParticle id {ball} indSpecies 0 position {place} orientation 1 0 0 0"
             f" radius {network.radii[ball]:.17g} invMass {inverse:.17g}"
         )
-    (folder / "run.restart").write_text("\n".join([*restart, "Interactions 0", ""]))
+    (folder / "run.restart").write_text(
+        "\n".join([*restart, f"Interactions {network.n_contacts}", ""])
+    )
     return [folder / f"run.{name}" for name in ("fstat", "data", "restart")]

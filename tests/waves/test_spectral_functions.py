@@ -162,13 +162,14 @@ def test_kernel_refuses():
 
 
 def test_moments_are_those_of_the_matrix(waves, dense):
-    start = np.random.default_rng(4).normal(size=waves.operator.size)
+    vectors = np.random.default_rng(4).normal(size=(13, waves.operator.size))
     kernel = Kernel(waves.operator.top / (2 * np.pi), 43)
-    exact = (dense.vectors.T @ start) ** 2 @ kernel.moments_of(dense.frequencies)
+    exact = (vectors @ dense.vectors) ** 2 @ kernel.moments_of(dense.frequencies)
+    starts = [vector.copy for vector in vectors]
     for keep in (True, False):
-        moments = Moments(waves.operator, lambda: start, keep=keep)
-        np.testing.assert_allclose(moments.first(43), exact, atol=1e-11 * exact[0])
-        parts = Moments(waves.operator, lambda: start, keep=keep)
+        moments = Moments(waves.operator, starts, keep=keep)
+        np.testing.assert_allclose(moments.first(43), exact, atol=1e-11 * exact[0, 0])
+        parts = Moments(waves.operator, starts, keep=keep)
         for count in (1, 2, 10, 11, 5, 43):
             np.testing.assert_array_equal(parts.first(count), moments.first(count))
 
@@ -211,7 +212,7 @@ def test_network_that_buckles_is_an_error():
     # polynomials grow, which is noticed where factors would be too large
     start = np.random.default_rng(0).normal(size=waves.operator.size)
     with pytest.raises(InstabilityError):
-        Moments(waves.operator, lambda: start, keep=False).first(200)
+        Moments(waves.operator, [start.copy]).first(200)
 
 
 # -- density of states -----------------------------------------------------------------------------
@@ -858,7 +859,7 @@ def test_kwant_finds_the_same_density(waves):
         eps=1e-13,
         kernel=lambda found: np.transpose(found.T * kernel.weights),
     )
-    ours = kernel.densities(Moments(waves.operator, lambda: start, keep=False).first(moments))
+    ours = kernel.densities(Moments(waves.operator, [start.copy]).first(moments)[0])
     inner = slice(1, -1)
     omega = 2 * np.pi * kernel.frequencies[inner]
     np.testing.assert_allclose(

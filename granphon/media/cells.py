@@ -1,0 +1,83 @@
+"""Cells of crystals and of packings, which stand where a scene has a lattice."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from granphon.balls.lattices import Lattice
+from granphon.base.arrays import Array
+
+if TYPE_CHECKING:
+    from granphon.media.crystal import Crystal
+    from granphon.networks.network import ContactNetwork
+
+
+#: balls of a crystal or a packing up to which its states are found when a scene is only checked
+QUICK_BALLS = 500
+
+
+@dataclass(frozen=True)
+class CrystalCell(Lattice):
+    """The cell of a crystal, in units of the mean diameter; ``sites`` are fractions, or distances
+    across the periods.
+
+    A cluster without periods is put into a cell along x, beyond the reach of its neighbours.
+    """
+
+    #: length of the longest contact, in mean diameters
+    reach: float = field(default=1.0, compare=False)
+    #: number of axes along which a pressure acts: the periods of the crystal, and the axes across
+    #: which it was cut; 1 of a cluster, which has neither
+    pressed_axes: int = field(default=1, compare=False)
+
+    def __post_init__(self) -> None:
+        """Take the cell without a check: the crystal was checked when it was made."""
+
+    @classmethod
+    def of(cls, crystal: Crystal, diameter: float) -> CrystalCell:
+        """Return the cell of a crystal, whose contacts are in m, for a mean ``diameter``, m."""
+        reach = float(np.linalg.norm(crystal.contacts.vector, axis=1).max(initial=0.0)) / diameter
+        vectors, sites = _fill_cell(crystal.cell, crystal.positions, crystal.radii, diameter)
+        pressed_axes = max(1, crystal.periods + len(crystal.faces))
+        cell = cls(crystal.name, vectors, sites, reach, pressed_axes)
+        # the cached property of Lattice, which would search for contacts of equal balls; lengths of
+        # this table are in m
+        cell.__dict__["contacts"] = crystal.contacts
+        return cell
+
+    @classmethod
+    def of_network(cls, network: ContactNetwork, diameter: float) -> CrystalCell:
+        """Return the cell of the balls of a network that move, for a mean ``diameter``, m."""
+        d = network.dimension
+        moving = network.moving
+        distances = network.distance[np.isfinite(network.distance)]
+        reach = float(distances.max(initial=0.0)) / diameter
+        vectors, sites = _fill_cell(
+            network.cell[np.flatnonzero(network.pbc), :d],
+            network.positions[moving, :d],
+            network.radii[moving],
+            diameter,
+        )
+        return cls("packing", vectors, sites, reach, max(1, sum(network.pbc)))
+
+
+def _fill_cell(
+    vectors: Array, positions: Array, radii: Array, diameter: float
+) -> tuple[tuple[tuple[float, ...], ...], tuple[tuple[float, ...], ...]]:
+    """Return the vectors (p, d) of a cell in mean diameters, and the sites (n, d) of balls at
+    ``positions`` (n, d), m, in fractions of them, or in diameters across them; a cluster without
+    periods is put into a cell along x.
+    """
+    sites = positions.copy()
+    if not len(vectors):
+        # the centres of a cluster and of its image are two diameters of the largest ball apart
+        length = float(np.ptp(sites[:, 0])) + 4.0 * float(np.max(radii))
+        vectors = np.eye(sites.shape[1])[:1] * length
+    p = len(vectors)
+    sites[:, :p] = sites[:, :p] @ np.linalg.inv(vectors[:, :p])
+    sites[:, p:] /= diameter
+    rows = tuple(map(tuple, (vectors / diameter).tolist()))
+    return rows, tuple(map(tuple, sites.tolist()))

@@ -1,0 +1,450 @@
+"""A packing of another program in a scene: the files that hold its balls and contacts, the cell
+that they make, and the medium of such a packing.
+
+The files stand where a scene, a sweep and their tasks have a packing. The forces of contacts are
+those of the files, so that the load is their mean.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from granphon.balls.hertz import overlap_from
+from granphon.balls.lattices import Lattice
+from granphon.balls.loads import Load
+from granphon.balls.material import Material
+from granphon.balls.motions import Motions, allowed_motions
+from granphon.base.errors import InputError, Refused
+from granphon.base.quantities import LENGTH, STIFFNESS, TIME, TURN_STIFFNESS
+from granphon.base.settings import (
+    IN_PYTHON,
+    Block,
+    Kind,
+    block_kind,
+    listed,
+    one_or_more,
+    setting,
+    whole_from,
+    with_unit,
+    word_of,
+    write_block,
+)
+from granphon.base.text import list_names, show
+from granphon.base.validation import choice, each, label, text, truth
+from granphon.media.cells import QUICK_BALLS, CrystalCell
+from granphon.media.medium import Medium
+from granphon.media.state import NetworkState
+from granphon.networks.faults import BAD
+from granphon.networks.network import READERS, TANGENTIAL_LAWS, ContactNetwork
+
+#: names of the tables in which a run keeps the packing that it has read
+TABLES = ("balls.csv", "contacts.csv")
+#: settings that are no options of a reader
+_OF_FILES = ("format", "files")
+_MOTIONS = tuple(
+    dict.fromkeys(motions for dimension in (1, 2, 3) for motions in allowed_motions(dimension))
+)
+
+
+def _read_cell(value: Any, context: Any) -> tuple[Any, ...]:
+    """Return the periods of a list of lengths, or of vectors, m."""
+    length = with_unit(LENGTH).rule(context)
+    if isinstance(value, list | tuple) and value and isinstance(value[0], list | tuple):
+
+        def read_component(component: Any) -> float:
+            return 0.0 if component == 0 else length(component)
+
+        return each(value, lambda row: each(row, read_component, "lengths"), "vectors")
+    return each(value, length, "lengths")
+
+
+def _write_cell(cell: tuple[Any, ...], _context: Any) -> list[Any]:
+    if isinstance(cell[0], tuple):
+        return [[LENGTH.write(x) if x else 0 for x in row] for row in cell]
+    return [LENGTH.write(length) for length in cell]
+
+
+def _read_twisting(value: Any, context: Any) -> float | str:
+    """Return a torsion stiffness, N m, or the word for that of LAMMPS."""
+    if value == "marshall":
+        return "marshall"
+    stiffness: float = with_unit(TURN_STIFFNESS).read(value, context)
+    return stiffness
+
+
+def _read_frozen(value: Any) -> dict[str, Any]:
+    """Read a block of columns and values (a rule)."""
+    if not isinstance(value, Mapping) or not value:
+        raise Refused(show(value), "a block of columns and values, as {type: 2}")
+    return {text(name): entry for name, entry in value.items()}
+
+
+def _read_file(value: Any, context: Any) -> Path:
+    """Return the path of a file, from the folder of the scene."""
+    return Path(context.folder / (value if isinstance(value, Path) else text(value)))
+
+
+_FILE = Kind(_read_file, lambda path, _: str(path.resolve()))
+_WORDS = one_or_more(Kind.plain(label), "names")
+_STIFFNESS = with_unit(STIFFNESS)
+
+
+class NetworkFiles(Block, kw_only=True):
+    """Balls and contacts that a program has left in files: the block ``network`` of a scene.
+
+    Two of them are the same if their networks are, whatever files they come from.
+
+    Attributes
+    ----------
+    format : name of the reader, as of :meth:`ContactNetwork.read`: "lammps", "liggghts", "mercury",
+        "tables", or one of :func:`~granphon.register_reader`.
+    files : paths that the reader takes; of LIGGGHTS a third one is that of walls.
+    material : of the balls; None where files have stiffnesses and masses.
+    step, time, units, columns, keywords, normal_stiffness, shear_stiffness, rolling_stiffness,
+        twisting_stiffness, walls, frozen, cell, pbc, dimension, motions, friction, prestress,
+        tangential_law, keep_rattlers, held_by, bad : options of the reader, in SI; None for its
+        default.
+
+    Raises
+    ------
+    InputError : an option that the reader does not have, and what the reader refuses.
+    """
+
+    block = "network"
+
+    format: str = setting(
+        Kind.plain(lambda value: choice(value, READERS)),
+        "the program: `lammps`, `liggghts`, `mercury`, or `tables`, as of YADE",
+        title="packing of",
+    )
+    files: tuple[Path, ...] = setting(
+        one_or_more(_FILE, "files"),
+        "of balls and of contacts, in the order of the reader; of LIGGGHTS a third one of walls",
+    )
+    material: Material | None = setting(
+        block_kind(Material), "of the balls", default=None, absent="that of the files"
+    )
+    step: int | None = setting(
+        whole_from(0), "time step, of several", default=None, absent="the last"
+    )
+    time: float | None = setting(
+        with_unit(TIME), "time of MercuryDPM, of several", default=None, absent="the last"
+    )
+    units: str | None = setting(
+        Kind.plain(label), "style of units of LAMMPS", default=None, absent="as the file says"
+    )
+    columns: Any = setting(
+        Kind.plain(lambda value: value),
+        "names of columns, in their order; of tables a block of names and headings",
+        default=None,
+        absent="those of the file",
+    )
+    keywords: tuple[str, ...] | None = setting(
+        _WORDS, "of the compute of LIGGGHTS", default=None, absent="none"
+    )
+    normal_stiffness: float | None = setting(
+        _STIFFNESS, "of all contacts of a linear law", default=None, absent="Hertz's"
+    )
+    shear_stiffness: float | None = setting(
+        _STIFFNESS, "of all contacts of a linear law", default=None, absent="Mindlin's"
+    )
+    rolling_stiffness: float | None = setting(
+        _STIFFNESS, "against rolling, k of k R²", default=None, absent="none"
+    )
+    twisting_stiffness: Any = setting(
+        Kind(_read_twisting, lambda value, context: value if isinstance(value, str)
+             else TURN_STIFFNESS.write(value)),
+        "against twist, or `marshall`", default=None, absent="none",
+    )  # fmt: skip
+    walls: tuple[str, ...] | None = setting(
+        _WORDS, "names of the walls of LAMMPS", default=None, absent="none"
+    )
+    frozen: dict[str, Any] | None = setting(
+        Kind.plain(_read_frozen),
+        "columns and values of balls that do not move, as `{type: 2}`",
+        default=None,
+        absent="none",
+    )
+    cell: tuple[Any, ...] | None = setting(
+        Kind(_read_cell, _write_cell),
+        "lengths of the periods of tables, or their vectors",
+        default=None,
+        absent="that of the files",
+    )
+    pbc: tuple[bool, ...] | None = setting(
+        listed(Kind.plain(truth), "truth values"),
+        "along which vectors of the cell the packing repeats",
+        default=None,
+        absent="as the files say",
+    )
+    dimension: int | None = setting(
+        whole_from(1, 3), "of the packing", default=None, absent="that of the places"
+    )
+    motions: str | None = setting(
+        word_of(*_MOTIONS), "how each ball moves", default=None, absent="all of the dimension"
+    )
+    friction: bool | None = setting(
+        Kind.plain(truth), "whether contacts resist shear", default=None, absent="`true`"
+    )
+    prestress: bool | None = setting(
+        Kind.plain(truth), "whether static forces act", default=None, absent="`false`"
+    )
+    tangential_law: str | None = setting(
+        word_of(*TANGENTIAL_LAWS),
+        "how static tangential forces change with the overlap",
+        default=None,
+        absent="`mindlin/force`",
+    )
+    keep_rattlers: bool | None = setting(
+        Kind.plain(truth), "whether balls that carry no load stay", default=None, absent="`false`"
+    )
+    held_by: int | None = setting(
+        whole_from(0),
+        "least number of contacts that hold a ball",
+        default=None,
+        absent="2, without friction more",
+    )
+    bad: str | None = setting(
+        word_of(*BAD), "what becomes of contacts with faults", default=None, absent="`refuse`"
+    )
+
+    #: name of the medium of such balls, and attributes that an arrangement of balls has too
+    medium_name: ClassVar[str] = "network"
+    kinds: ClassVar[tuple[Any, ...]] = ()
+    spread: ClassVar[None] = None
+    width: ClassVar[float] = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _ = self.network  # the errors of the files are raised now
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, NetworkFiles):
+            return NotImplemented
+        return self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self.network.n_contacts)
+
+    @property
+    def _key(self) -> tuple[Any, ...]:
+        """What is compared: the network, but for the mean ball of its material, and the
+        material.
+        """
+        return replace(self.network, contact_model=None), self.material
+
+    @cached_property
+    def network(self) -> ContactNetwork:
+        """The network, which is read once."""
+        files = list(self.files)
+        options = {
+            name: getattr(self, name)
+            for name in self._settings
+            if name not in _OF_FILES and getattr(self, name) is not None
+        }
+        if self.format == "liggghts" and len(files) == 3:
+            options["walls"] = files.pop()
+        known = inspect.signature(READERS[self.format]).parameters
+        takes_all = any(each.kind == each.VAR_KEYWORD for each in known.values())
+        unknown = [name for name in options if name not in known and not takes_all]
+        if unknown:
+            allowed = [name for name in self._settings if name in known]
+            fault = f"the reader of {self.format} has no option {unknown[0]!r}"
+            raise InputError(fault, f"It has {list_names(allowed)}", "Leave it out")
+        return ContactNetwork.read(self.format, *files, **options)
+
+    @property
+    def load(self) -> Load:
+        """The mean normal force of the contacts, which stands for the load: that of the files
+        themselves.
+        """
+        return Load("force", float(np.mean(self.network.normal_force)))
+
+    @property
+    def block_of_tables(self) -> dict[str, Any]:
+        """The block of the same packing in the :data:`TABLES` of a run."""
+        entries: dict[str, Any] = {"format": "tables", "files": list(TABLES)}
+        if self.material is not None:
+            entries["material"] = write_block(self.material, IN_PYTHON)
+        return entries
+
+    # -- attributes that a packing has too ---------------------------------------------------------
+
+    @property
+    def kind_names(self) -> tuple[str, ...]:
+        """Names of the kinds of the balls."""
+        return tuple(dict.fromkeys(self.network.kinds or ("ball",)))
+
+    @property
+    def repeats(self) -> bool:
+        """Whether the packing has a period."""
+        return any(self.network.pbc)
+
+    @property
+    def is_held(self) -> bool:
+        """Whether bodies that do not move, or springs to the ground, hold balls."""
+        return not np.all(self.network.moving) or self.network.on_site is not None
+
+    @property
+    def diameter(self) -> float:
+        """Mean diameter of the balls that move, m."""
+        return self.network.scales.length
+
+    @property
+    def mass(self) -> float:
+        """Mean mass of the balls that move, kg."""
+        return self.network.scales.mass
+
+    @cached_property
+    def structure(self) -> Lattice:
+        """The cell, in units of the mean diameter."""
+        return CrystalCell.of_network(self.network, self.diameter)
+
+    @property
+    def ball_motions(self) -> Motions:
+        """The motions of each ball."""
+        return self.network.ball_motions
+
+    @property
+    def mindlin_ratio(self) -> float | None:
+        """Ratio of the shear to the normal stiffness; None if contacts do not have one in
+        common.
+        """
+        ratios = self.network.shear_stiffness / self.network.normal_stiffness
+        is_one = ratios.size and np.ptp(ratios) <= 1e-9 * np.max(ratios)
+        return float(ratios[0]) if is_one else None
+
+    def describe(self) -> list[tuple[str, Any, str]]:
+        """Return the rows of the table of the packing: name, value and SI unit of each quantity."""
+        network = self.network
+        rows: list[tuple[str, Any, str]] = [
+            ("packing of", self.format, ""),
+            ("files", ", ".join(file.name for file in self.files), ""),
+            ("balls", network.n_balls, ""),
+            ("left out, as they carry no load", network.left_out, ""),
+            ("contacts", network.n_contacts, ""),
+            ("contacts of a ball", network.coordination, ""),
+            ("mean diameter", self.diameter, "m"),
+            ("static forces act", network.prestress, ""),
+            ("motions", network.ball_motions.name.replace("_", " "), ""),
+        ]
+        return rows + [("note", note, "") for note in network.notes]
+
+    def change(self, values: Mapping[str, Any]) -> NetworkFiles:
+        """Return the packing itself; InputError for ``values`` of parameters, which files do not
+        have.
+        """
+        if values:
+            fault = f"the packing in {self.files[0]} has no parameter {next(iter(values))!r}"
+            raise InputError(fault, "Its numbers are those of the files")
+        return self
+
+
+class LoadedNetwork(NetworkState):
+    """The state of a packing in files, with means over its contacts."""
+
+    medium = "network"
+    regime = None
+    n_samples = 0
+    chosen_automatically = False
+    mean_errors = dict[str, Any]()
+    exponent = None
+    exponent_error = None
+
+    def __init__(self, packing: NetworkFiles) -> None:
+        super().__init__(packing.network)
+        self.packing = packing
+        self.name = packing.structure.name
+
+    def __getitem__(self, index: Any) -> LoadedNetwork:
+        return self
+
+    @property
+    def finite_overlap(self) -> bool:
+        """Whether static forces act."""
+        return self.network.prestress
+
+    @property
+    def valid(self) -> bool:
+        """Whether no comparison of the numbers of the files fails."""
+        from granphon.networks.consistency import compare_numbers
+
+        return all(comparison.holds for comparison in self.network.cached(compare_numbers))
+
+    @property
+    def force(self) -> float:
+        """Mean normal force, N."""
+        return float(np.mean(self.network.normal_force))
+
+    @property
+    def overlap(self) -> float:
+        """Mean overlap by Hertz's law, m."""
+        network = self.network
+        return float(np.mean(overlap_from(network.normal_force, network.normal_stiffness)))
+
+    @property
+    def normal_stiffness(self) -> float:
+        """Mean normal stiffness, N/m."""
+        return float(np.mean(self.network.normal_stiffness))
+
+    @property
+    def shear_stiffness(self) -> float:
+        """Mean shear stiffness, N/m."""
+        return float(np.mean(self.network.shear_stiffness))
+
+    @property
+    def relative_overlap(self) -> float:
+        """Mean overlap over the mean diameter."""
+        return self.overlap / self.packing.diameter
+
+    @property
+    def contact_fraction(self) -> float:
+        """Fraction of the contacts that carry load."""
+        return float(np.mean(self.network.normal_force > 0.0))
+
+    @property
+    def pressure(self) -> float:
+        """Mean pressure, of the static forces over the cell: N, N/m or Pa.
+
+        Raises :class:`~granphon.base.errors.InputError` for a packing that does not repeat along
+        all of its axes.
+        """
+        network = self.network
+        d = network.dimension
+        if not all(network.pbc[:d]):
+            raise InputError("a packing with open ends has no pressure of its own")
+        normal_force, across = network.static_forces
+        forces = normal_force[:, None] * network.normal + across
+        volume = abs(float(np.linalg.det(network.cell[:d, :d])))
+        return float(np.sum(forces * network.vector)) / (d * volume)
+
+
+class NetworkMedium(Medium[Any]):
+    """The medium of a packing in files: its own contacts."""
+
+    name = "network"
+    words = "packing"
+
+    packing: Any
+
+    def __init__(self, packing: NetworkFiles) -> None:
+        self.packing = packing
+
+    @property
+    def is_quick(self) -> bool:
+        """Whether its sound takes little time: that of up to 500 balls counts as quick."""
+        return bool(self.packing.network.n_balls <= QUICK_BALLS)
+
+    def require_sound(self, pushed: bool = False) -> None:
+        """Raise nothing: what the contacts hold is found with the state."""
+
+    def at(self, load: Load, *, finite_overlap: bool | None = None) -> LoadedNetwork:
+        """Return the only state, whatever the load."""
+        return LoadedNetwork(self.packing)

@@ -1,0 +1,151 @@
+"""Scenes of packings that another program has left: the block ``network``."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import granphon as gp
+from granphon.base.errors import InputError, SceneError
+from granphon.scene.scene import is_complete
+from tests import packings
+from tests.cli.test_cli import run
+
+DISKS = """
+network:
+  format: lammps
+  files: [{folder}/disks_atoms.dump, {folder}/disks_pairs.dump]
+  material: {{young_modulus: 70 GPa, poisson_ratio: 0.2, density: 2500 kg/m^3}}
+observe: [velocities, dos, modes, response, pulse]
+direction: [1, 0]
+response: {{frequencies: [100 kHz, 150 kHz], source: 3 x, receiver: 7 x, loss_factor: 0.1}}
+pulse: {{frequency: 90 kHz, distance: 4 mm, cycles: 2}}
+modes: {{count: 3}}
+"""
+
+
+def read_disks():
+    files = (packings.FOLDER / f"disks_{part}.dump" for part in ("atoms", "pairs"))
+    return gp.ContactNetwork.from_lammps(*files, packings.MATERIAL)
+
+
+def make(text=DISKS, **changes):
+    return gp.Scene.from_text(text.format(folder=packings.FOLDER, **changes))
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("network")
+    return make().run(folder, figures=False)
+
+
+def test_numbers_of_a_run_are_those_of_the_network(result):
+    network = read_disks()
+    assert result.state.network == network
+    velocities = gp.sound_velocities(network, (1, 0))
+    assert result.velocities.longitudinal == velocities.longitudinal
+    assert result.summary()["force"] == pytest.approx(np.mean(network.normal_force))
+    waves = gp.Waves(network)
+    np.testing.assert_array_equal(result["sample_dos"].total, waves.dos().total)
+    modes = result.dataset["mode_frequency"].values.ravel()
+    np.testing.assert_allclose(modes, waves.modes(3).frequencies, rtol=1e-12)
+    response = waves.response([1e5, 1.5e5], (3, "x"), [(7, "x")], loss_factor=0.1)
+    np.testing.assert_allclose(
+        result.dataset["response_displacement"].values.ravel(), response.magnitude.ravel()
+    )
+    pulse = waves.transmit(9e4, (1, 0), 4e-3, 2.0)
+    np.testing.assert_array_equal(result["pulse"].signals, pulse.signals)
+    assert result.dos is None
+
+
+def test_pressure_is_that_of_the_forces_on_the_cell(result):
+    """Of an ideal lattice it is sqrt(3) f / d."""
+    network = gp.AveragedLattice(gp.Packing(packings.MATERIAL, 2e-3)).at_force(5.0).network
+    files = [result.folder / name for name in ("lattice_balls.csv", "lattice_contacts.csv")]
+    network.write_tables(*files)
+    packing = gp.NetworkFiles(format="tables", files=files)
+    scene = gp.Scene(packing, packing.load, observe=("modes",))
+    assert scene.state().pressure == pytest.approx(np.sqrt(3.0) * 5.0 / 2e-3)
+    assert scene.load.values == pytest.approx((5.0,))
+
+
+def test_a_run_keeps_its_packing_and_is_found_again(result):
+    names = {path.name for path in result.files}
+    assert {"balls.csv", "contacts.csv", "scene.yaml", "sample_dos.csv"} <= names
+    again = gp.Scene.from_yaml(result.folder / "scene.yaml")
+    assert again == make()
+    assert again.packing.format == "tables"
+    assert again.packing.network.left_out == 1
+    assert is_complete(make(), result.folder)
+    resumed = make().run(result.folder, resume=True)
+    np.testing.assert_array_equal(resumed["sample_dos"].total, result["sample_dos"].total)
+    other = make(DISKS.replace("70 GPa", "60 GPa"))
+    assert other != make()
+    assert not is_complete(other, result.folder)
+
+
+def test_a_scene_of_a_packing_is_written_as_it_was_read():
+    scene = make()
+    assert gp.Scene.from_text(scene.to_yaml()) == scene
+    assert "of ball" in str(scene)
+    rows = {name: value for name, value, _ in scene.describe()}
+    assert (rows["balls"], rows["contacts"], rows["medium"]) == (29, 62, "packing")
+    assert any("not read" in str(value) for name, value, _ in scene.describe() if name == "note")
+
+
+def test_tables_of_yade_have_their_cell(capsys, tmp_path):
+    text = """
+network:
+  format: tables
+  files: [{folder}/yade_balls.csv, {folder}/yade_contacts.csv]
+  cell: [5.424017457709516 mm, 5.424017457709516 mm, 5.424017457709516 mm]
+observe: [modes]
+"""
+    path = tmp_path / "yade.yaml"
+    path.write_text(text.format(folder=packings.FOLDER))
+    code, out, _ = run(capsys, "check", path)
+    assert code == 0
+    assert "24" in out
+    network = gp.Scene.from_yaml(path).state().network
+    assert network == gp.ContactNetwork.from_table(
+        packings.FOLDER / "yade_balls.csv",
+        packings.FOLDER / "yade_contacts.csv",
+        cell=[5.424017457709516e-3] * 3,
+    )
+
+
+def cut(folder):
+    raw = (packings.FOLDER / "disks_pairs.dump").read_bytes()
+    (folder / "cut.dump").write_bytes(raw[:3000])
+
+
+MISTAKES = {
+    "option": (("  format", "  keywords: id\n  format"), ("network", "keywords", "rolling_stiffness")),
+    "load": (("observe:", "load: {force: 3 N}\nobserve:"), ("load", "network")),
+    "medium": (("observe:", "medium: ala\nobserve:"), ("medium", "network")),
+    "format": (("format: lammps", "format: lamps"), ("network.format", "lammps")),
+    "cut": (("{folder}/disks_pairs.dump", "{cut}/cut.dump"), ("cut.dump", "64", "56")),
+    "missing": (("disks_pairs.dump", "no.dump"), ("no.dump",)),
+    "spectrum": (("dos, modes", "spectrum, modes"), ("observe", "spectrum")),
+    "unit": (("70 GPa", "70 mm"), ("network.material.young_modulus",)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_is_told_at_its_key(name, tmp_path):
+    (found, put), words = MISTAKES[name]
+    cut(tmp_path)
+    text = DISKS.replace(found, put).format(folder=packings.FOLDER, cut=tmp_path)
+    with pytest.raises(SceneError) as error:
+        gp.Scene.from_text(text)
+    assert all(word in str(error.value) for word in words)
+    assert "\n" not in str(error.value)
+
+
+def test_files_have_no_parameters():
+    packing = make().packing
+    assert packing.change({}) is packing
+    with pytest.raises(InputError, match=r"ball\.diameter"):
+        packing.change({"ball.diameter": 1e-3})
+    with pytest.raises(InputError, match="network"):
+        gp.Scene(packing, packing.load, media=("ala",))

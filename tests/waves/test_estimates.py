@@ -1,0 +1,116 @@
+"""What results of waves are said to cost beforehand, against the work that they then report."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import granphon as gp
+from granphon.base.errors import InputError
+from tests import packings
+
+
+class Counter:
+    """A progress that adds up the pieces of work, and keeps what was expected, by label."""
+
+    def __init__(self):
+        self.expected = {}
+        self.done = {}
+
+    @contextmanager
+    def step(self, label, total=None):
+        self.expected[label] = self.expected.get(label, 0.0) + (total or 0.0)
+        self.done.setdefault(label, 0.0)
+
+        def advance(amount=1.0):
+            self.done[label] += amount
+
+        yield SimpleNamespace(advance=advance)
+
+
+@pytest.fixture(scope="module")
+def network():
+    """Four hundred disks of LAMMPS: more motions than are found by a dense matrix."""
+    files = (packings.FOLDER / f"glass_{part}.dump" for part in ("atoms", "pairs"))
+    return gp.ContactNetwork.from_lammps(*files, packings.MATERIAL)
+
+
+def count(cost):
+    """The number of units of a cost."""
+    return sum(unit.number for unit in cost.units)
+
+
+CALLS = {
+    "density of states": ("dos", {"vectors": 3, "moments": 40}),
+    "spectral functions": ("spectral_function", {"q": [[0.0, 0.0]], "direction": (1, 0), "moments": 40}),
+    "modes below frequencies": ("count_modes", {"frequencies": [1e5, 2e5]}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("label", CALLS)
+def test_work_is_counted_before_it_is_done(network, label):
+    name, options = CALLS[label]
+    progress = Counter()
+    waves = gp.Waves(network, progress=progress)
+    cost = waves.estimate(name, **options)
+    assert progress.done == {}
+    getattr(waves, name)(**options)
+    assert progress.done[label] == progress.expected[label] == count(cost)
+    assert "disks" not in cost.text
+    assert f"{waves.operator.balls.size} balls" in cost.text
+    assert cost.working > waves.operator.matrix.data.nbytes
+    assert cost.seconds > 0.0
+
+
+@pytest.mark.parametrize("damping", [0.0, (1e-8, 3e-8)])
+def test_products_of_a_pulse_are_counted(network, damping):
+    progress = Counter()
+    waves = gp.Waves(network, progress=progress)
+    cost = waves.estimate("transmit", 3e5, (1, 0), 1e-2, 2.0, damping=damping)
+    waves.transmit(3e5, (1, 0), 1e-2, 2.0, damping=damping)
+    assert progress.done["pulse"] == pytest.approx(progress.expected["pulse"])
+    if damping:
+        assert count(cost) > 100.0
+    else:
+        assert progress.done["pulse"] == pytest.approx(count(cost), rel=0.1)
+
+
+def test_steps_of_a_response_are_counted(network):
+    progress = Counter()
+    waves = gp.Waves(network, progress=progress)
+    top = waves.operator.top / (2.0 * np.pi)
+    frequencies = np.linspace(0.3, 0.5, 5) * top
+    options = {"loss_factor": 0.2, "method": "krylov"}
+    cost = waves.estimate("response", frequencies, (0, "x"), [(5, "x")], **options)
+    found = waves.response(frequencies, (0, "x"), [(5, "x")], **options)
+    assert progress.done["response"] == found.steps
+    assert found.steps == pytest.approx(progress.expected["response"], rel=0.5)
+    assert count(cost) == pytest.approx(2.0 * progress.expected["response"])
+    by_factors = waves.estimate("response", frequencies, method="direct", loss_factor=0.2)
+    waves.response(frequencies, (0, "x"), [(5, "x")], loss_factor=0.2, method="direct")
+    assert progress.done["response by factors"] == count(by_factors) == 5
+
+
+def test_products_of_filtered_modes_are_counted(network, monkeypatch):
+    monkeypatch.setattr("granphon.waves.modes.LARGEST_FACTORS", {2: 0, 3: 0})
+    progress = Counter()
+    waves = gp.Waves(network, progress=progress)
+    cost = waves.estimate("modes", 2, nearest=3e5)
+    assert set(progress.done) == {"density of states"}
+    waves.modes(2, nearest=3e5)
+    filters = progress.done["modes of a window"]
+    assert filters == progress.expected["modes of a window"]
+    # each polynomial is of several random vectors
+    assert 2.0 * filters < count(cost) < 50.0 * filters
+
+
+def test_a_result_without_an_estimate_is_refused(network):
+    with pytest.raises(InputError, match="transmit"):
+        gp.Waves(network).estimate("bands")
+    small = gp.Waves(network.select(np.arange(60)).without_rattlers())
+    assert small.operator.size < 600
+    assert "modes" in small.estimate("modes", 3).text
+    assert small.estimate("dos").seconds > 0.0
