@@ -216,14 +216,12 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
     gaps = numbers.get("gaps")
     if gaps is not None:
         rows.append(("gaps" if len(gaps) > 1 else "gap", _describe_gaps(gaps)))
-    labels_by_parameter = dict[str, list[str]]()
+    told = dict[str, list[str]]()
     for name, parameter in numbers.get("errors_from", {}).items():
         entry = result.entry(name)
         if name == "gaps" or (entry is not None and entry.told):
-            label = name if entry is None else entry.label.lower()
-            labels_by_parameter.setdefault(parameter, []).append(label)
-    for parameter, labels in labels_by_parameter.items():
-        rows.append((f"{parameter} gives most", f"of the error of {', '.join(labels)}"))
+            told.setdefault(parameter, []).append(name if entry is None else entry.label.lower())
+    rows += [(f"{name} gives most", f"of the error of {', '.join(told[name])}") for name in told]
     return rows
 
 

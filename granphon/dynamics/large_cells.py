@@ -20,12 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.base.arrays import Array
-from granphon.dynamics.blocks import DEGENERATE, GENERIC
+from granphon.dynamics.blocks import GENERIC
 from granphon.dynamics.compatibility import Compatibility
 from granphon.dynamics.deformation_rows import Row
 from granphon.dynamics.factors import factorise
 from granphon.dynamics.linalg import WELL_ABOVE, find_nearest
-from granphon.dynamics.sparse_relaxation import NO_SQUARE, compose_ends
+from granphon.dynamics.sparse_relaxation import compose_ends
 
 #: singular value of C, over the largest, from which it has eleven digits in the motions of balls
 _LEAST = 1e-5
@@ -38,6 +38,8 @@ _FAR = 1e-2
 #: eigenvalue under prestress, over the largest, from which it has digits: the eigenvalue itself is
 #: rounded
 _LEAST_SQUARE = 1e-7
+#: eigenvalue under prestress, over the largest, up to which it is rounding of zero
+_ZERO_SQUARE = 1e-12
 #: distance of the shift of Lanczos from zero, over the largest eigenvalue
 _SHIFT = 1e-8
 #: error of eigenvalues, over the largest, from which Lanczos has missed an eigenvalue
@@ -47,6 +49,8 @@ _MISSED = 1e-11
 BYTES = 38.0
 #: most eigenvalues that are found again
 _MOST = 100
+#: relative distance of frequencies up to which they are degenerate
+_DEGENERATE = 1e-9
 
 
 class _Ends(NamedTuple):
@@ -120,7 +124,7 @@ class LargeCell:
         order = np.argsort(modes[0], kind="stable")
         frequencies = modes[0][order]
         vectors = modes[1][:, order]
-        touch = np.any(np.diff(frequencies) <= DEGENERATE * frequencies[1:])
+        touch = np.any(np.diff(frequencies) <= _DEGENERATE * frequencies[1:])
         if touch or frequencies[0] < _LEAST_OF_MODES * frequencies[-1]:
             return None
         gradients = np.zeros((self.size, len(q)))
@@ -198,7 +202,7 @@ class LargeCell:
         count = int(np.count_nonzero(squares <= limit * bound))
         lowest = squares[:count]
         if self.pressed:
-            are_zero = np.abs(lowest) <= NO_SQUARE * bound
+            are_zero = np.abs(lowest) <= _ZERO_SQUARE * bound
             return _LowModes(np.zeros(count), are_zero) if np.all(are_zero) else None
         # Lanczos serves a few
         are_many = count > min(_MOST, len(squares) // 3)

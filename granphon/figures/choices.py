@@ -280,20 +280,6 @@ class Layout:
         return f"too many curves for one panel: {', '.join(places)} ({options})"
 
 
-def _count_values(dataset: Dataset, variable: str, x: str | None) -> dict[str, int]:
-    """Return the parameters that tell the curves of a ``variable`` over ``x`` apart, the load among
-    them over a parameter, with their numbers of values.
-    """
-    counts = {}
-    if x in list_parameters(dataset) and dataset[x].dtype.kind in "fiu":
-        counts[find_load(dataset)] = dataset.sizes["load"]
-    for name in list_parameters(dataset):
-        is_along_curves = name == "direction" and "direction" not in dataset[variable].dims
-        if name != x and not is_along_curves:
-            counts[name] = dataset.sizes[find_dimension(dataset, name)]
-    return {name: count for name, count in counts.items() if count > 1}
-
-
 def arrange(
     dataset: Dataset,
     variable: str,
@@ -312,7 +298,16 @@ def arrange(
     :class:`~granphon.base.errors.InputError` if ``rows`` or ``columns`` name nothing that is swept,
     or take too many panels.
     """
-    counts = _count_values(dataset, variable, x)
+    # the parameters that tell curves apart, with their numbers of values
+    counts = {}
+    for name in list_parameters(dataset):
+        dimension = find_dimension(dataset, name)
+        is_along_curves = name == "direction" and "direction" not in dataset[variable].dims
+        if name != x and not is_along_curves and dataset.sizes[dimension] > 1:
+            counts[name] = dataset.sizes[dimension]
+    is_over_parameter = x in list_parameters(dataset) and dataset[x].dtype.kind in "fiu"
+    if is_over_parameter and dataset.sizes["load"] > 1:
+        counts = {find_load(dataset): dataset.sizes["load"]} | counts
     allowed = list(counts)
     if dataset.sizes["medium"] > 1:
         allowed.append("medium")

@@ -7,7 +7,7 @@ As in :mod:`granphon.figures.multiples`, each combination of medium and paramete
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from textwrap import fill
 from typing import Any
 
@@ -189,8 +189,12 @@ def _draw_panels(
             x_values = np.asarray(states[x_name].values, float)
             order = np.argsort(x_values, kind="stable")
             draw(states.isel(load=order), ax, x_values[order], unit)
-            title = _write_title([facts[kind] for kind in differing], _LETTERS[n_columns])
-            ax.set_title(title, pad=3.0)
+            letters = _LETTERS[n_columns]
+            title = join_facts([facts[kind] for kind in differing], letters)
+            # a value may be parted from the kind of balls that has it
+            parts = title.replace("\N{NO-BREAK SPACE}of", " of").splitlines()
+            lines_of_title = [fill(part, letters, break_long_words=False) for part in parts]
+            ax.set_title("\n".join(lines_of_title), pad=3.0)
             scale_axis(ax, "x", all_x)
             name_axis(
                 ax.xaxis,
@@ -200,33 +204,17 @@ def _draw_panels(
             )
             thin_ticks(ax)
             ax.set_ylim(0.0, 1.06 * greatest / unit.hertz)
-        _label_outer_axes(axes, len(chosen), f"Frequency ({print_hertz(unit)})")
+        for ax in axes.flat[len(chosen) :]:
+            ax.set_axis_off()
+        for ax in axes[:-1].flat:
+            ax.set_xlabel("")
+        # the panels above empty places have the numbers of the axis
+        for ax in axes.flat[max(0, len(chosen) - n_columns) : len(chosen)]:
+            ax.tick_params(labelbottom=True)
+        for ax in axes[:, 0]:
+            ax.set_ylabel(f"Frequency ({print_hertz(unit)})")
         add_legend(figure, handles, 1)
         if len(chosen) < len(lines):
             remark = f"{len(chosen)} of {len(lines)} combinations"
             figure.suptitle(remark, fontsize=STYLE["axes.titlesize"])
     return figure
-
-
-def _write_title(facts: Sequence[str], letters: int) -> str:
-    """Return the title of a panel with these facts, in lines of so many letters."""
-    title = join_facts(facts, letters)
-    # a value may be parted from the kind of balls that has it
-    paragraphs = title.replace("\N{NO-BREAK SPACE}of", " of").splitlines()
-    return "\n".join(fill(paragraph, letters, break_long_words=False) for paragraph in paragraphs)
-
-
-def _label_outer_axes(axes: Any, n_panels: int, label: str) -> None:
-    """Keep the names of axes at the outer sides of a grid of Axes (rows, columns), of which the
-    first ``n_panels`` are drawn; ``label`` is that of y.
-    """
-    n_columns = axes.shape[1]
-    for ax in axes.flat[n_panels:]:
-        ax.set_axis_off()
-    for ax in axes[:-1].flat:
-        ax.set_xlabel("")
-    # the panels above empty places have the numbers of the axis
-    for ax in axes.flat[max(0, n_panels - n_columns) : n_panels]:
-        ax.tick_params(labelbottom=True)
-    for ax in axes[:, 0]:
-        ax.set_ylabel(label)

@@ -389,7 +389,7 @@ def _compare_stiffnesses(network: Any, strong: Index) -> Array:
     diameters = harmonic_diameter(
         2.0 * network.radii[network.i[strong]], 2.0 * network.radii[network.j[strong]]
     )
-    # the coefficient is proportional to the root of the diameter: times that of balls of 1 m
+    # the coefficient goes as the root of the diameter: its unit is that of a diameter of 1 m
     material = network.contact_model.kinds[0].material
     coefficient = HertzLaw.between(material, 1.0).coefficient * np.sqrt(diameters)
     unit = HertzLaw(1.0)  # Hertz's law is proportional to its coefficient

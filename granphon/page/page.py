@@ -218,8 +218,8 @@ def _find_losses(
     common_losses = dict[str, float]()
     for name in names:
         loss = losses.losses.get(name, 0.0)
-        first, second = loss if isinstance(loss, tuple) else (loss, loss)
-        if first != second or (over_springs and first and name != "drag"):
+        first, other = loss if isinstance(loss, tuple) else (loss, loss)
+        if first != other or (over_springs and first and name != "drag"):
             return None
         common_losses[name] = first
     return common_losses
