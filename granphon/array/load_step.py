@@ -511,35 +511,33 @@ class LinearSteps:
             return np.ravel(balls) if push is None else np.append(balls, held * vector[size])
 
         right = np.ravel(pull) if push is None else np.append(pull, push)
-        solution = np.zeros_like(right)
-        residual = right
-        iterations = 0
+        found = np.zeros_like(right)
+        rest = right
+        taken = 0
         most = _FEW
         renewed = False
         goal = reduction * math.sqrt(dot(right, right))
-        while iterations < _MOST_ITERATIONS:
-            norm = math.sqrt(dot(residual, residual))
-            if not norm > goal:
+        while taken < _MOST_ITERATIONS:
+            left = math.sqrt(dot(rest, rest))
+            if not left > goal:
                 break
-            change, count = solve_by_minimal_residuals(
-                apply, precondition, residual, goal / norm, most
-            )
-            solution += change
-            iterations += count
+            change, count = solve_by_minimal_residuals(apply, precondition, rest, goal / left, most)
+            found += change
+            taken += count
             if count < most:
                 break
-            residual = right - apply(solution.astype(np.float32))
+            rest = right - apply(found.astype(np.float32))
             weak = self._patches.join(
-                self._weak, self._patches.find_worst(residual[:size].reshape(pull.shape))
+                self._weak, self._patches.find_worst(rest[:size].reshape(pull.shape))
             )
             if weak.size == self._weak.size and (renewed or not weak.size):
                 # the patch has no more to give
-                most = _MOST_ITERATIONS - iterations
+                most = _MOST_ITERATIONS - taken
             else:
                 self._weak, self._put, renewed = weak, self._patches.invert(weak, tangent), True
         return Motion(
-            solution[:size].reshape(pull.shape), 0.0 if push is None else float(solution[size])
-        ), iterations
+            found[:size].reshape(pull.shape), 0.0 if push is None else float(found[size])
+        ), taken
 
     def invert(self, tangent: Tangent, product: PressedTangent) -> Inverse:
         """Return an approximate inverse of C^T D C, of which ``product`` is the product.

@@ -43,52 +43,51 @@ def solve_by_minimal_residuals(
     that A cannot reach nothing is found.
     """
     size = math.sqrt(dot(right, right))
-    iterations = 0
-    solution = np.zeros_like(right)
+    taken = 0
+    found = np.zeros_like(right)
     if not size:
-        return solution, 0
-    residual = (right / size).astype(np.float32)
-    norm = 1.0
-    while norm > reduction and iterations < most:
-        kept = min(_KEPT, most - iterations)
-        count, norm, change = _cycle(apply, precondition, residual, reduction, kept)
+        return found, 0
+    rest = (right / size).astype(np.float32)
+    left = 1.0
+    while left > reduction and taken < most:
+        count, left, change = _cycle(apply, precondition, rest, reduction, min(_KEPT, most - taken))
         if not count:  # what is left is out of reach of A
             break
-        solution += change
-        iterations += count
-        if norm > reduction:
-            residual = residual - apply(change)
-    return size * solution, iterations
+        found += change
+        taken += count
+        if left > reduction:
+            rest = rest - apply(change)
+    return size * found, taken
 
 
 def _cycle(
-    apply: Map, precondition: Map, residual: Single, reduction: float, kept: int
+    apply: Map, precondition: Map, rest: Single, reduction: float, kept: int
 ) -> tuple[int, float, Single]:
     """Return the number of iterations of one cycle, the norm of the residual and the change of the
     solution.
     """
-    first = math.sqrt(dot(residual, residual))
-    size = residual.size
-    basis, directions = np.empty((2, kept + 1, -(-size // _LENGTH) * _LENGTH), np.float32)
-    basis[0, :size] = residual / np.float32(first)
+    first = math.sqrt(dot(rest, rest))
+    size = rest.size
+    basis, ways = np.empty((2, kept + 1, -(-size // _LENGTH) * _LENGTH), np.float32)
+    basis[0, :size] = rest / np.float32(first)
     basis[0, size:] = 0.0
-    directions[:, size:] = 0.0
+    ways[:, size:] = 0.0
     triangle: list[list[float]] = []
     turns: list[tuple[float, float]] = []
     turned = [first]
     for column in range(kept):
-        directions[column, :size] = precondition(basis[column, :size])
+        ways[column, :size] = precondition(basis[column, :size])
         new = basis[column + 1]
         old = basis[: column + 1]
-        new[:size] = apply(directions[column, :size])
+        new[:size] = apply(ways[column, :size])
         new[size:] = 0.0
         line, height = _project(old, new)
-        whole = last_height = math.hypot(*line, height)
-        while _ROUNDING * whole < height < _CANCELLED * last_height:
+        whole = before = math.hypot(*line, height)
+        while _ROUNDING * whole < height < _CANCELLED * before:
             # once more, for what rounding has left, where much has gone
-            last_height = height
+            before = height
             parts, height = _project(old, new)
-            line = [entry + correction for entry, correction in zip(line, parts, strict=True)]
+            line = [one + part for one, part in zip(line, parts, strict=True)]
         height = height if height > _ROUNDING * whole else 0.0
         for row, (c, s) in enumerate(turns):
             line[row], line[row + 1] = (
@@ -110,11 +109,9 @@ def _cycle(
     count = len(triangle)
     weights = [0.0] * count
     for row in reversed(range(count)):
-        later = range(row + 1, count)
-        substituted = sum(triangle[column][row] * weights[column] for column in later)
-        weights[row] = (turned[row] - substituted) / triangle[row][row]
-    change = _combine(np.array(weights, np.float32), directions[:count])[:size]
-    return count, abs(turned[count]), change
+        known = sum(triangle[column][row] * weights[column] for column in range(row + 1, count))
+        weights[row] = (turned[row] - known) / triangle[row][row]
+    return count, abs(turned[count]), _combine(np.array(weights, np.float32), ways[:count])[:size]
 
 
 def _project(old: Single, new: Single) -> tuple[list[float], float]:
@@ -141,21 +138,21 @@ def _take_off(old: Single, new: Single, parts: Single) -> float:
         parts[row] = total
     square = 0.0
     for start in range(0, len(new), _LENGTH):
-        block = new[start : start + _LENGTH]
+        left = new[start : start + _LENGTH]
         for row in range(len(old)):
-            component = parts[row]
+            part = parts[row]
             along = old[row, start : start + _LENGTH]
             for place in range(_LENGTH):
-                block[place] -= component * along[place]
-        square += _multiply(block, block, products)
+                left[place] -= part * along[place]
+        square += _multiply(left, left, products)
     return square
 
 
 @compiled
-def _multiply(first: Single, second: Single, products: Single) -> float:
+def _multiply(one: Single, another: Single, products: Single) -> float:
     """Return the sum of the products of two vectors; ``products`` are overwritten."""
     for place in range(_LENGTH):
-        products[place] = first[place] * second[place]
+        products[place] = one[place] * another[place]
     # sums of pairs, of pairs of pairs, ...: several at a time, and with little rounding
     half = _LENGTH // 2
     while half:

@@ -4,7 +4,7 @@ with each other.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
@@ -32,7 +32,6 @@ from granphon.cli.terminal import (
 if TYPE_CHECKING:
     from granphon.balls.packing import Packing
     from granphon.base.staging import ResultFiles
-    from granphon.fits.fit import WidthFit
     from granphon.fits.measurements import Measurements
     from granphon.fits.transfer import DampingFit
     from granphon.scene.scene import Scene
@@ -187,24 +186,19 @@ def fit_measurements(
             f"{scene} has the medium ala, which knows no width: the fit takes ema. Name afa or"
             " ema in it"
         )
-    has_direction = direction is not None or plan.direction is not None
-    notes += _find_notes(scene, data, plan, fit, has_direction)
-    _finish_fit(out, files, fit, (*notes, *fit.warnings), describe_fit(fit))
-
-
-def _find_notes(
-    scene: str, data: str, plan: Scene, fit: WidthFit, has_direction: bool
-) -> Iterator[str]:
-    """Yield sentences on what a fit has left out of the scene, and on what it has assumed."""
     n_loads = len(plan.load.values)
     if n_loads > 1:
-        yield f"the {n_loads} loads of {scene} are not used: a fit takes the loads of {data}"
-    if not has_direction and not fit.is_isotropic:
-        yield (
+        notes.append(
+            f"the {n_loads} loads of {scene} are not used: a fit takes the loads of {data}"
+        )
+    names_direction = direction is not None or plan.direction is not None
+    if not names_direction and not fit.is_isotropic:
+        notes.append(
             f"sound in the lattice {fit.packing.structure.name} depends on the direction, and none"
             f" is given: the fit takes {write_direction(fit.waves.direction)}. Give --direction,"
             f" or direction in {scene}"
         )
+    _finish_fit(out, files, fit, (*notes, *fit.warnings), describe_fit(fit))
 
 
 def _read_parameters(names: Sequence[str] | None) -> tuple[str, ...]:
