@@ -28,13 +28,15 @@ from granphon.networks.demands import NUMBERS_OF_BALLS
 _ALIKE = 0.25
 
 
-def cut_network(network: Any, layers: Layers, count: int, edges: tuple[Any, Any]) -> dict[str, Any]:
+def cut_network(
+    network: Any, layers: Layers, count: int, edges: Sequence[str | Wall]
+) -> dict[str, Any]:
     """Return those fields of ``count`` ``layers`` of a network that are not its own, by name;
     ``edges`` are how the lower and the upper face are held.
 
     For the errors see :meth:`granphon.networks.network.ContactNetwork.cut`.
     """
-    model = network.contact_model
+    model: ContactModel | None = network.contact_model
     if model is not None:
         edges = name_walls(edges, model.named_kinds, model.walls)
     stack = _LayerStack.of(network, layers, count)
@@ -91,7 +93,7 @@ def change_wall(network: Any, wall: Wall) -> dict[str, Any]:
 
 
 def _hold_faces(
-    stack: _LayerStack, balls: dict[str, Any], contacts: dict[str, Any], edges: tuple[Any, Any]
+    stack: _LayerStack, balls: dict[str, Any], contacts: dict[str, Any], edges: Sequence[str | Wall]
 ) -> tuple[list[Body], list[Index]]:
     """Hold the two faces of a stack as ``edges`` say, in place: give clamped balls an infinite
     mass, and add walls to the fields of ``balls`` and their contacts to those of ``contacts``.
@@ -101,12 +103,14 @@ def _hold_faces(
     axis = len(stack.layers.cell)  # the axis across the layers follows the periods
     spread = _find_spread(stack.network)
     # of a face are balls whose heights differ by as much as their radii may let them
+    lower_edge, upper_edge = edges
+    heights = balls["positions"][:, axis]
     lower_face, upper_face = find_faces(
-        balls["positions"][:, axis], balls["radii"], edges, stack.network.n_balls, 4.0 * spread
+        heights, balls["radii"], (lower_edge, upper_edge), stack.network.n_balls, 4.0 * spread
     )
     walls = list[Body]()
     clamped_faces = list[Index]()
-    for side, edge, face in ((-1.0, edges[0], lower_face), (1.0, edges[1], upper_face)):
+    for side, edge, face in ((-1.0, lower_edge, lower_face), (1.0, upper_edge, upper_face)):
         if edge == "clamped":
             balls["masses"][face] = np.inf
             clamped_faces.append(face)
@@ -176,7 +180,7 @@ def _press_on_floor(
     under its own ``force`` (m,), N, in SI units by name; ``face`` is the face of these balls in
     words. InputError for a ball without a force, or of an unknown material.
     """
-    model = network.contact_model
+    model: ContactModel | None = network.contact_model
     if model is None:
         fault = f"there is no floor for the balls of the {face}, whose materials are not known"
         mend = (
