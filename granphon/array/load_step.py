@@ -25,7 +25,6 @@ import numpy as np
 from granphon.array.geometry import (
     ADDED_STIFFNESS,
     LOAD_TOLERANCE,
-    Inverse,
     ReducedLoad,
     find_lack,
 )
@@ -502,17 +501,15 @@ class LinearSteps:
         inverse = self.invert(tangent, product)
         held = np.float32(1.0 / tangent.stiffness.size)
 
-        def apply(vector: Single) -> Single:
-            change, force = product(
-                vector[:size].reshape(pull.shape), None if push is None else float(vector[size])
-            )
-            return np.ravel(change) if push is None else np.append(change, np.float32(force))
+        # the last entry of a vector is the change of the overlap, or what lacks of the load
+        def apply(vector: Single, out: Single) -> None:
+            out[size] = product.resist(vector[:size], vector[size], out[:size])
 
-        def precondition(vector: Single) -> Single:
-            balls = inverse(vector[:size].reshape(pull.shape)).astype(np.float32, copy=False)
-            return np.ravel(balls) if push is None else np.append(balls, held * vector[size])
+        def precondition(vector: Single, out: Single) -> None:
+            inverse(vector[:size].reshape(pull.shape), out[:size].reshape(pull.shape))
+            out[size] = held * vector[size]
 
-        right = np.ravel(pull) if push is None else np.append(pull, push)
+        right = np.append(pull, push or 0.0)
         found = np.zeros_like(right)
         rest = right
         taken = 0
@@ -528,7 +525,9 @@ class LinearSteps:
             taken += count
             if count < most:
                 break
-            rest = right - apply(found.astype(np.float32))
+            reached = np.empty(right.size, np.float32)
+            apply(found.astype(np.float32), reached)
+            rest = right - reached
             weak = self._patches.join(
                 self._weak, self._patches.find_worst(rest[:size].reshape(pull.shape))
             )
@@ -537,12 +536,11 @@ class LinearSteps:
                 most = _MOST_ITERATIONS - taken
             else:
                 self._weak, self._put, renewed = weak, self._patches.invert(weak, tangent), True
-        return Motion(
-            found[:size].reshape(pull.shape), 0.0 if push is None else float(found[size])
-        ), taken
+        return Motion(found[:size].reshape(pull.shape), float(found[size])), taken
 
-    def invert(self, tangent: Tangent, product: PressedTangent) -> Inverse:
-        """Return an approximate inverse of C^T D C, of which ``product`` is the product.
+    def invert(self, tangent: Tangent, product: PressedTangent) -> Put:
+        """Return what sets motions to about those under forces, by C^T D C, of which ``product`` is
+        the product.
 
         The patch may be that of a tangent before: it is made anew only when it does not serve any
         more.
@@ -553,17 +551,17 @@ class LinearSteps:
         alone = product.invert_alone(_LEAST_LOCAL * level)
         green = self._stencils.green_preconditioner(np.float32, level)
 
-        def apply(force: Single) -> Single:
-            motion = np.empty_like(force)
-            remaining = np.empty_like(force)
-            fields = [each.reshape(len(force), 1, -1) for each in (force, motion, remaining)]
-            grid_product.move_alone(alone, product.product, *fields)
+        fields = (self._stencils.n_fields, 1, math.prod(self._stencils.shape))
+        remaining = np.empty(fields, np.float32)
+
+        def apply(force: Single, motion: Single) -> None:
+            pull, moved = force.reshape(fields), motion.reshape(fields)
+            grid_product.move_alone(alone, product.product, pull, moved, remaining)
             if self._put is not None:
                 self._put(force, motion)
-                grid_product.leave(product.product, *fields)
+                grid_product.leave(product.product, pull, moved, remaining)
             # where few balls touch, Green's function would pass on what each ball's own motion
             # leaves too far
-            motion += green(force if self._damped else remaining)
-            return motion
+            motion += green(force if self._damped else remaining.reshape(force.shape))
 
         return apply

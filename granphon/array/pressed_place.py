@@ -273,23 +273,22 @@ class PressedTangent:
     back: NDArray[Any]
     corner: float
 
-    def __call__(self, balls: NDArray[Any], press: float | None) -> tuple[NDArray[Any], float]:
-        """Return the changes by motions (fields, L1, ..., Lp), and by a change of the overlap, if
-        that is free.
+    def resist(self, balls: NDArray[Any], press: float, forces: NDArray[Any]) -> float:
+        """Set ``forces`` to the changes by motions ``balls``, (fields, L1, ..., Lp) or flat, and by
+        a change ``press`` of the overlap, if that is free; return the change of the sum.
         """
         from granphon.contacts.grid_product import multiply_pressed  # averages need no Numba
 
-        forces = np.empty_like(balls)
-        change = multiply_pressed(
+        fields = (-1, 1, self.product.steps.shape[1])
+        return multiply_pressed(
             self.product,
             self.ahead,
             self.back,
             self.corner,
-            balls.reshape(len(balls), 1, -1),
-            balls.dtype.type(press or 0.0),
-            forces.reshape(len(balls), 1, -1),
+            balls.reshape(fields),
+            balls.dtype.type(press),
+            forces.reshape(fields),
         )
-        return forces, change
 
     def invert_alone(self, least: float) -> NDArray[Any]:
         """Return the (m, m, n) inverses of the blocks of balls, with ``least`` added to their
