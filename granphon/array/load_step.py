@@ -58,7 +58,7 @@ _MOST_STAGES = 300
 #: tolerance of the linear equations of a step, over the residual, at most
 _LOOSEST = 0.1
 #: tolerance of the linear equations of a step, over the root of the distance from balance
-_FORCING = 0.3
+_FORCING = 0.1
 #: residual under the law as it is, over that from which Newton's method was tried last, below which
 #: it is tried again
 _NEARER = 0.5
@@ -328,6 +328,8 @@ class LoadStep:
         return best
 
     def _try(self, balls: Array, overlap: float, guess: Array | None = None) -> Trial:
+        from granphon.contacts.slips import find_largest  # averages need no Numba
+
         place = self._geometry.place(balls, overlap)
         before = self._here.contacts
         slips = place.find_slips(self._place, before.slips)
@@ -345,12 +347,12 @@ class LoadStep:
         on_balls = place.push(normal, shears)
         pull = self._geometry.collect_forces(*on_balls)
         push = forces.size * find_lack(load, place, forces, contacts.shears)
-        square = max(float(np.max(np.einsum("na,na->n", each, each))) for each in on_balls)
+        largest = max(map(find_largest, on_balls))
         scale = max(force, self._drag)
         scale = scale if scale > _FALLEN * self._here.force else math.inf
         size = math.sqrt(dot(pull, pull) + push * push / forces.size)
         missed = abs(push) / (forces.size * scale)
-        left = math.sqrt(square) / scale if scale < math.inf else math.inf
+        left = largest / scale if scale < math.inf else math.inf
         return Trial(place, balls, overlap, contacts, linearise, pull, push, left, missed, size)
 
     def _direct(self, trial: Trial, hold: float) -> tuple[Motion, int]:

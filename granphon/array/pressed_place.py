@@ -228,9 +228,9 @@ class PressedPlace:
         stencils = geometry.stencils
         balls = len(self.configuration.displacement)
         m = stencils.motions.count
-        diagonal = np.zeros((balls, m, m))
+        diagonal = np.zeros((m, m, balls))
         forward, backward = np.empty((2, m, m, len(geometry.contacts.i)), precision)
-        ahead, back = np.zeros((2, balls if free else 0, m))
+        ahead, back = np.zeros((2, m, balls if free else 0))
         corner = fill_tangent(
             geometry.contacts,
             self.configuration,
@@ -244,12 +244,12 @@ class PressedPlace:
             ahead,
             back,
         )
-        blocks = np.ascontiguousarray(np.moveaxis(diagonal, 0, -1), precision)
+        blocks = diagonal.astype(precision)
         return PressedTangent(
             geometry.product._replace(diagonal=blocks, forward=forward, backward=backward),
             diagonal,
-            np.ascontiguousarray(ahead.T, precision),
-            np.ascontiguousarray(back.T, precision),
+            ahead.astype(precision),
+            back.astype(precision),
             corner,
         )
 
@@ -261,7 +261,7 @@ class PressedTangent:
     Attributes
     ----------
     product : of motions, with the overlap held.
-    diagonal : its blocks (n, m, m) of balls, in double precision.
+    diagonal : its blocks (m, m, n) of balls, in double precision.
     ahead, back : (m, n) forces by a unit of the overlap, and what each motion changes of the sum;
         (m, 0) if the overlap is held.
     corner : change of the sum by a unit of the overlap.
@@ -297,5 +297,5 @@ class PressedTangent:
         from granphon.contacts.grid_product import invert_blocks  # averages need no Numba
 
         inverses = np.empty_like(self.product.diagonal)
-        invert_blocks(np.moveaxis(self.diagonal, 0, -1), least, 1.0, inverses)
+        invert_blocks(self.diagonal, least, 1.0, inverses)
         return inverses
