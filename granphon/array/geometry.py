@@ -43,7 +43,6 @@ from granphon.base.errors import InputError
 from granphon.dynamics.deformation_rows import Row
 
 #: approximate inverse of C^T K C
-Inverse = Callable[[Array], Array]
 
 
 #: components along a contact's direction on the lattice and the two tangents there, arrays (n_c,

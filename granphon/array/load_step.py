@@ -25,7 +25,6 @@ import numpy as np
 from granphon.array.geometry import (
     ADDED_STIFFNESS,
     LOAD_TOLERANCE,
-    Inverse,
     ReducedLoad,
     find_lack,
 )
@@ -59,7 +58,7 @@ _MOST_STAGES = 300
 #: tolerance of the linear equations of a step, over the residual, at most
 _LOOSEST = 0.1
 #: tolerance of the linear equations of a step, over the root of the distance from balance
-_FORCING = 0.3
+_FORCING = 0.1
 #: residual under the law as it is, over that from which Newton's method was tried last, below which
 #: it is tried again
 _NEARER = 0.5
@@ -328,6 +327,8 @@ class LoadStep:
         return best
 
     def _try(self, balls: Array, overlap: float, guess: Array | None = None) -> Trial:
+        from granphon.contacts.slips import find_largest  # averages need no Numba
+
         place = self._geometry.place(balls, overlap)
         start = self._here.contacts
         slips = place.find_slips(self._place, start.slips)
@@ -345,12 +346,12 @@ class LoadStep:
         on_balls = place.push(normal, shears)
         pull = self._geometry.collect_forces(*on_balls)
         push = forces.size * find_lack(load, place, forces, contacts.shears)
-        square = max(float(np.max(np.einsum("na,na->n", each, each))) for each in on_balls)
+        largest = max(map(find_largest, on_balls))
         scale = max(force, self._drag)
         scale = scale if scale > _FALLEN * self._here.force else math.inf
         size = math.sqrt(dot(pull, pull) + push * push / forces.size)
         missed = abs(push) / (forces.size * scale)
-        left = math.sqrt(square) / scale if scale < math.inf else math.inf
+        left = largest / scale if scale < math.inf else math.inf
         return Trial(place, balls, overlap, contacts, linearise, pull, push, left, missed, size)
 
     def _direct(self, trial: Trial, hold: float) -> tuple[Motion, int]:
@@ -500,17 +501,15 @@ class LinearSteps:
         inverse = self.invert(tangent, product)
         held = np.float32(1.0 / tangent.stiffness.size)
 
-        def apply(vector: Single) -> Single:
-            change, force = product(
-                vector[:size].reshape(pull.shape), None if push is None else float(vector[size])
-            )
-            return np.ravel(change) if push is None else np.append(change, np.float32(force))
+        # the last entry of a vector is the change of the overlap, or what lacks of the load
+        def apply(vector: Single, out: Single) -> None:
+            out[size] = product.resist(vector[:size], vector[size], out[:size])
 
-        def precondition(vector: Single) -> Single:
-            balls = inverse(vector[:size].reshape(pull.shape)).astype(np.float32, copy=False)
-            return np.ravel(balls) if push is None else np.append(balls, held * vector[size])
+        def precondition(vector: Single, out: Single) -> None:
+            inverse(vector[:size].reshape(pull.shape), out[:size].reshape(pull.shape))
+            out[size] = held * vector[size]
 
-        right = np.ravel(pull) if push is None else np.append(pull, push)
+        right = np.append(pull, push or 0.0)
         found = np.zeros_like(right)
         rest = right
         taken = 0
@@ -526,7 +525,9 @@ class LinearSteps:
             taken += count
             if count < most:
                 break
-            rest = right - apply(found.astype(np.float32))
+            reached = np.empty(right.size, np.float32)
+            apply(found.astype(np.float32), reached)
+            rest = right - reached
             weak = self._patches.join(
                 self._weak, self._patches.find_worst(rest[:size].reshape(pull.shape))
             )
@@ -535,12 +536,11 @@ class LinearSteps:
                 most = _MOST_ITERATIONS - taken
             else:
                 self._weak, self._put, renewed = weak, self._patches.invert(weak, tangent), True
-        return Motion(
-            found[:size].reshape(pull.shape), 0.0 if push is None else float(found[size])
-        ), taken
+        return Motion(found[:size].reshape(pull.shape), float(found[size])), taken
 
-    def invert(self, tangent: Tangent, product: PressedTangent) -> Inverse:
-        """Return an approximate inverse of C^T D C, of which ``product`` is the product.
+    def invert(self, tangent: Tangent, product: PressedTangent) -> Put:
+        """Return what sets motions to about those under forces, by C^T D C, of which ``product`` is
+        the product.
 
         The patch may be that of a tangent before: it is made anew only when it does not serve any
         more.
@@ -551,18 +551,18 @@ class LinearSteps:
         alone = product.invert_alone(HOLDING * level)
         green = self._stencils.green_preconditioner(np.float32, level)
 
-        def apply(force: Single) -> Single:
-            motion = np.empty_like(force)
-            remaining = np.empty_like(force)
-            fields = [each.reshape(len(force), 1, -1) for each in (force, motion, remaining)]
-            grid_product.move_alone(alone, product.product, *fields)
+        fields = (self._stencils.n_fields, 1, math.prod(self._stencils.shape))
+        remaining = np.empty(fields, np.float32)
+
+        def apply(force: Single, motion: Single) -> None:
+            pull, moved = force.reshape(fields), motion.reshape(fields)
+            grid_product.move_alone(alone, product.product, pull, moved, remaining)
             if self._put is not None:
                 self._put(force, motion)
-                grid_product.leave(product.product, *fields)
+                grid_product.leave(product.product, pull, moved, remaining)
             # where few balls touch, Green's function would pass on what each ball's own motion
             # leaves too far
-            motion += green(force if self._damped else remaining)
-            return motion
+            motion += green(force if self._damped else remaining.reshape(force.shape))
 
         return apply
 

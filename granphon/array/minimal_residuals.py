@@ -21,7 +21,8 @@ from granphon.base.arrays import Array
 from granphon.base.compiled import compiled
 
 Single = NDArray[Any]
-Map = Callable[[Single], Single]
+#: sets the second array to what it makes of the first
+Map = Callable[[Single, Single], None]
 #: vectors that are kept, after which the method starts again
 _KEPT = 60
 #: elements of vectors that are multiplied at a time: a power of two
@@ -39,8 +40,8 @@ def solve_by_minimal_residuals(
     """Return x with |A x - right| <= ``reduction`` |right|, and the number of iterations, ``most``
     of them at most.
 
-    A and the preconditioner take and return flat arrays in single precision. Of a part of ``right``
-    that A cannot reach nothing is found.
+    A and the preconditioner set flat arrays in single precision to what they make of others. Of a
+    part of ``right`` that A cannot reach nothing is found.
     """
     size = math.sqrt(dot(right, right))
     taken = 0
@@ -56,7 +57,9 @@ def solve_by_minimal_residuals(
         found += change
         taken += count
         if left > reduction:
-            rest = rest - apply(change)
+            reached = np.empty_like(rest)
+            apply(change, reached)
+            rest -= reached
     return size * found, taken
 
 
@@ -76,10 +79,10 @@ def _cycle(
     turns: list[tuple[float, float]] = []
     turned = [first]
     for column in range(kept):
-        ways[column, :size] = precondition(basis[column, :size])
+        precondition(basis[column, :size], ways[column, :size])
         new = basis[column + 1]
         old = basis[: column + 1]
-        new[:size] = apply(ways[column, :size])
+        apply(ways[column, :size], new[:size])
         new[size:] = 0.0
         line, height = _project(old, new)
         whole = before = math.hypot(*line, height)

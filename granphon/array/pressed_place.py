@@ -228,9 +228,9 @@ class PressedPlace:
         stencils = geometry.stencils
         balls = len(self.configuration.displacement)
         m = stencils.motions.count
-        diagonal = np.zeros((balls, m, m))
+        diagonal = np.zeros((m, m, balls))
         forward, backward = np.empty((2, m, m, len(geometry.contacts.i)), precision)
-        ahead, back = np.zeros((2, balls if free else 0, m))
+        ahead, back = np.zeros((2, m, balls if free else 0))
         corner = fill_tangent(
             geometry.contacts,
             self.configuration,
@@ -244,12 +244,12 @@ class PressedPlace:
             ahead,
             back,
         )
-        blocks = np.ascontiguousarray(np.moveaxis(diagonal, 0, -1), precision)
+        blocks = diagonal.astype(precision)
         return PressedTangent(
             geometry.product._replace(diagonal=blocks, forward=forward, backward=backward),
             diagonal,
-            np.ascontiguousarray(ahead.T, precision),
-            np.ascontiguousarray(back.T, precision),
+            ahead.astype(precision),
+            back.astype(precision),
             corner,
         )
 
@@ -261,7 +261,7 @@ class PressedTangent:
     Attributes
     ----------
     product : of motions, with the overlap held.
-    diagonal : its blocks (n, m, m) of balls, in double precision.
+    diagonal : its blocks (m, m, n) of balls, in double precision.
     ahead, back : (m, n) forces by a unit of the overlap, and what each motion changes of the sum;
         (m, 0) if the overlap is held.
     corner : change of the sum by a unit of the overlap.
@@ -273,23 +273,22 @@ class PressedTangent:
     back: NDArray[Any]
     corner: float
 
-    def __call__(self, balls: NDArray[Any], press: float | None) -> tuple[NDArray[Any], float]:
-        """Return the changes by motions (fields, L1, ..., Lp), and by a change of the overlap, if
-        that is free.
+    def resist(self, balls: NDArray[Any], press: float, forces: NDArray[Any]) -> float:
+        """Set ``forces`` to the changes by motions ``balls``, (fields, L1, ..., Lp) or flat, and by
+        a change ``press`` of the overlap, if that is free; return the change of the sum.
         """
         from granphon.contacts.grid_product import multiply_pressed  # averages need no Numba
 
-        forces = np.empty_like(balls)
-        change = multiply_pressed(
+        fields = (-1, 1, self.product.steps.shape[1])
+        return multiply_pressed(
             self.product,
             self.ahead,
             self.back,
             self.corner,
-            balls.reshape(len(balls), 1, -1),
-            balls.dtype.type(press or 0.0),
-            forces.reshape(len(balls), 1, -1),
+            balls.reshape(fields),
+            balls.dtype.type(press),
+            forces.reshape(fields),
         )
-        return forces, change
 
     def invert_alone(self, least: float) -> NDArray[Any]:
         """Return the (m, m, n) inverses of the blocks of balls, with ``least`` added to their
@@ -298,5 +297,5 @@ class PressedTangent:
         from granphon.contacts.grid_product import invert_blocks  # averages need no Numba
 
         inverses = np.empty_like(self.product.diagonal)
-        invert_blocks(np.moveaxis(self.diagonal, 0, -1), least, 1.0, inverses)
+        invert_blocks(self.diagonal, least, 1.0, inverses)
         return inverses

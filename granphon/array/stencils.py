@@ -465,35 +465,26 @@ class Stencils:
         """
         from scipy import fft  # imported here: media that are not simulated do not need it
 
-        # with one ball in the cell Green's function is real, that of rotations times i: it takes
-        # the real and the imaginary parts of waves, which follow each other in memory
-        real = self.n_balls == 1
-        shape = self.shape
-        workers = self.workers
-        kind = np.result_type(precision, 1.0 if real else 1j)
+        from granphon.statics.green import multiply_waves  # averages need no Numba
+
+        kind = np.dtype(precision)
         if kind not in self._found:
-            green = self._green.astype(kind)
-            self._found[kind] = np.repeat(green, 2, axis=-1) if real else green
-        green, over, turning = (
-            self._found[kind],
-            kind.type(1.0 / stiffness),
-            self.motions.turning if real else slice(0, 0),
-        )
-        blocks = list(self._blocks()) if len(shape) > 1 else [slice(None)]
-        axes = tuple(range(1, len(shape) + 1))
+            table = self._green.astype(np.result_type(kind, 1j))
+            if self.n_balls == 1:  # rotations are multiplied by i there
+                table[self.motions.turning] *= 1j
+                table[:, self.motions.turning] *= -1j
+            flat = table.reshape(self.n_fields, self.n_fields, -1)
+            flat.flags.writeable = False
+            self._found[kind] = flat
+        table = self._found[kind]
+        softness = kind.type(1.0 / stiffness)
+        axes = tuple(range(1, len(self.shape) + 1))
 
         def apply(force: Array) -> Array:
-            waves = fft.rfftn(force, axes=axes, workers=workers)
-            for rows in blocks:
-                parts = waves[:, rows]
-                parts[turning] *= -1j
-                plain = parts.view(green.dtype)
-                np.multiply(
-                    np.einsum("ab...,b...->a...", green[:, :, rows], plain), over, out=plain
-                )
-                parts[turning] *= 1j
+            waves = fft.rfftn(force, axes=axes, workers=self.workers)
+            moved = multiply_waves(table, softness, waves)
             return np.asarray(
-                fft.irfftn(waves, shape, axes=axes, workers=workers, overwrite_x=True)
+                fft.irfftn(moved, self.shape, axes=axes, workers=self.workers, overwrite_x=True)
             )
 
         return apply

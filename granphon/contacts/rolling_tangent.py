@@ -41,7 +41,7 @@ def _fill_plane(
     back: Array,
 ) -> float:
     """Fill the blocks of :func:`fill_tangent` in a plane."""
-    is_free = len(ahead) > 0
+    is_free = ahead.shape[1] > 0
     eps = contacts.ratio
     corner = 0.0
     n = np.empty(2)
@@ -82,35 +82,35 @@ def _fill_plane(
                 change = spring * e_t - coupling * e_n
                 for motion in range(2):
                     push = n[motion] * along + t[motion] * across
-                    ahead[i, motion] += push
-                    ahead[j, motion] -= push
-                    back[i, motion] += k * n[motion]
-                    back[j, motion] -= k * n[motion]
-                ahead[i, 2] += arm_i * change + lever * e_n
-                ahead[j, 2] += arm_j * change + lever * e_n
+                    ahead[motion, i] += push
+                    ahead[motion, j] -= push
+                    back[motion, i] += k * n[motion]
+                    back[motion, j] -= k * n[motion]
+                ahead[2, i] += arm_i * change + lever * e_n
+                ahead[2, j] += arm_j * change + lever * e_n
             for motion in range(2):
                 along = k * n[motion] - turned * t[motion]
                 across = aside * t[motion] - coupling * n[motion]
                 for line in range(2):
                     push = n[line] * along + t[line] * across
-                    diagonal[i, line, motion] += push
-                    diagonal[j, line, motion] += push
+                    diagonal[line, motion, i] += push
+                    diagonal[line, motion, j] += push
                     forward_rows[line, motion, place] = -push
                     backward_rows[motion, line, place] = -push
                 change = spring * t[motion] - coupling * n[motion]
                 on_i = arm_i * change + lever * n[motion]
                 on_j = arm_j * change + lever * n[motion]
-                diagonal[i, 2, motion] += on_i
-                diagonal[j, 2, motion] -= on_j
+                diagonal[2, motion, i] += on_i
+                diagonal[2, motion, j] -= on_j
                 forward_rows[2, motion, place] = -on_i
                 backward_rows[motion, 2, place] = on_j
                 slid = spring * t[motion]
-                diagonal[i, motion, 2] += arm_i * slid
-                diagonal[j, motion, 2] -= arm_j * slid
+                diagonal[motion, 2, i] += arm_i * slid
+                diagonal[motion, 2, j] -= arm_j * slid
                 forward_rows[motion, 2, place] = arm_j * slid
                 backward_rows[2, motion, place] = -arm_i * slid
-            diagonal[i, 2, 2] += arm_i * arm_i * spring
-            diagonal[j, 2, 2] += arm_j * arm_j * spring
+            diagonal[2, 2, i] += arm_i * arm_i * spring
+            diagonal[2, 2, j] += arm_j * arm_j * spring
             forward_rows[2, 2, place] = arm_i * arm_j * spring
             backward_rows[2, 2, place] = arm_i * arm_j * spring
         for line in range(3):
@@ -166,7 +166,7 @@ def _fill_space(
     back: Array,
 ) -> float:
     """Fill the blocks of :func:`fill_tangent` in space."""
-    is_free = len(ahead) > 0
+    is_free = ahead.shape[1] > 0
     eps = contacts.ratio
     # along n, t, b: each axis of displacements, and of rotations
     along = np.empty((3, 3))
@@ -264,23 +264,23 @@ def _fill_space(
                 if motion == 3:
                     corner -= k * v_n
                     for line in range(3):
-                        ahead[i, line] -= push_on[line]
-                        ahead[j, line] += push_on[line]
+                        ahead[line, i] -= push_on[line]
+                        ahead[line, j] += push_on[line]
                     for line in range(3):
-                        ahead[i, 3 + line] += on_i[line]
-                        ahead[j, 3 + line] += on_j[line]
+                        ahead[3 + line, i] += on_i[line]
+                        ahead[3 + line, j] += on_j[line]
                     continue
                 if is_free:
-                    back[i, motion] += k * v_n
-                    back[j, motion] -= k * v_n
+                    back[motion, i] += k * v_n
+                    back[motion, j] -= k * v_n
                 for line in range(3):
-                    diagonal[i, line, motion] += push_on[line]
-                    diagonal[j, line, motion] += push_on[line]
+                    diagonal[line, motion, i] += push_on[line]
+                    diagonal[line, motion, j] += push_on[line]
                     forward_rows[line, motion, place] = -push_on[line]
                     backward_rows[motion, line, place] = -push_on[line]
                 for line in range(3):
-                    diagonal[i, 3 + line, motion] -= on_i[line]
-                    diagonal[j, 3 + line, motion] += on_j[line]
+                    diagonal[3 + line, motion, i] -= on_i[line]
+                    diagonal[3 + line, motion, j] += on_j[line]
                     forward_rows[3 + line, motion, place] = on_i[line]
                     backward_rows[motion, 3 + line, place] = -on_j[line]
             for motion in range(3):
@@ -300,20 +300,20 @@ def _fill_space(
                     for line in range(3):
                         force = along[0, line] * f_n + along[1, line] * f_t + along[2, line] * f_b
                         if end:
-                            diagonal[j, line, 3 + motion] += force
+                            diagonal[line, 3 + motion, j] += force
                             forward_rows[line, 3 + motion, place] = -force
                         else:
-                            diagonal[i, line, 3 + motion] -= force
+                            diagonal[line, 3 + motion, i] -= force
                             backward_rows[3 + motion, line, place] = force
                     for line in range(3):
                         wrench = (
                             turning[0, line] * w_n + turning[1, line] * w_t + turning[2, line] * w_b
                         )
                         if end:
-                            diagonal[j, 3 + line, 3 + motion] -= arm_j * wrench
+                            diagonal[3 + line, 3 + motion, j] -= arm_j * wrench
                             forward_rows[3 + line, 3 + motion, place] = -arm_i * wrench
                         else:
-                            diagonal[i, 3 + line, 3 + motion] -= arm_i * wrench
+                            diagonal[3 + line, 3 + motion, i] -= arm_i * wrench
                             backward_rows[3 + motion, 3 + line, place] = -arm_j * wrench
         for line in range(6):
             for motion in range(6):
@@ -345,12 +345,12 @@ def fill_tangent(
 
     Parameters
     ----------
-    diagonal : (n, m, m) forces on each ball against its own motions.
+    diagonal : (m, m, n) forces on each ball against its own motions.
     forward, backward : (m, m, n_c) forces on ball i against the motions of ball j; of each motion
         of ball i the forces on ball j. They are set.
-    ahead : (n, m) forces on balls by a unit of y.
-    back : (n, m) sums of the changes of normal forces by each motion, with the sign turned. It and
-        ``ahead`` have no rows if the overlap is held.
+    ahead : (m, n) forces on balls by a unit of y.
+    back : (m, n) sums of the changes of normal forces by each motion, with the sign turned. It and
+        ``ahead`` have no columns if the overlap is held.
     """
     blocks = (diagonal, forward, backward, ahead, back)
     if len(axes) == 2:

@@ -90,6 +90,18 @@ def collect_forces(force: Array, torque: Array, axes: Array, fields: NDArray[Any
 
 
 @compiled
+def find_largest(vectors: Array) -> float:
+    """Return the largest length of vectors (n, 3)."""
+    largest = 0.0
+    for place in range(len(vectors)):
+        x = vectors[place, 0]
+        y = vectors[place, 1]
+        z = vectors[place, 2]
+        largest = max(largest, x * x + y * y + z * z)
+    return math.sqrt(largest)
+
+
+@compiled
 def measure_straight(
     contacts: RollingContacts,
     displacement: Array,

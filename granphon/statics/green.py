@@ -54,9 +54,7 @@ class GreenFunction:
 
         axes = tuple(range(1, 1 + len(self._shape)))
         waves = fft.rfftn(forces.reshape(-1, *self._shape), axes=axes, workers=self._workers)
-        moved = np.empty_like(waves)
-        flat = (len(waves), self._table.shape[-1])
-        _multiply(self._table, forces.dtype.type(scale), waves.reshape(flat), moved.reshape(flat))
+        moved = multiply_waves(self._table, forces.dtype.type(scale), waves)
         motions = fft.irfftn(moved, self._shape, axes=axes, workers=self._workers, overwrite_x=True)
         return np.asarray(motions.reshape(forces.shape))
 
@@ -116,21 +114,32 @@ def _find_table(
     return flat
 
 
+def multiply_waves(table: Values, scale: Any, waves: Values) -> Values:
+    """Return ``scale`` times the products of matrices ``table`` (f, f, waves), one for each wave,
+    and the ``waves`` (f, ...) of f motions, or of several right sides (f, k, ...) of them.
+    """
+    out = np.empty_like(waves)
+    flat = (len(waves), -1, table.shape[-1])
+    _multiply(table, scale, waves.reshape(flat), out.reshape(flat))
+    return out
+
+
 @compiled
 def _multiply(table: Values, scale: float, waves: Values, out: Values) -> None:
-    """Set ``out`` (f, waves) to the ``scale`` times products of matrices (f, f, waves) and columns
-    (f, waves).
-    """
+    """Set ``out`` (f, k, waves) to what :func:`multiply_waves` returns."""
     for line in range(len(table)):
-        sums = out[line]
         for field in range(len(table)):
             factor = table[line, field]
-            column = waves[field]
-            if field == 0:
-                for wave in range(len(factor)):
-                    sums[wave] = factor[wave] * column[wave]
-            else:
-                for wave in range(len(factor)):
-                    sums[wave] += factor[wave] * column[wave]
-        for wave in range(len(sums)):
-            sums[wave] *= scale
+            for k in range(waves.shape[1]):
+                column = waves[field, k]
+                sums = out[line, k]
+                if field == 0:
+                    for wave in range(len(factor)):
+                        sums[wave] = factor[wave] * column[wave]
+                else:
+                    for wave in range(len(factor)):
+                        sums[wave] += factor[wave] * column[wave]
+        for k in range(waves.shape[1]):
+            sums = out[line, k]
+            for wave in range(len(sums)):
+                sums[wave] *= scale

@@ -33,6 +33,7 @@ from granphon.contacts.grid_product import (
     move_alone,
 )
 from granphon.contacts.tangent import Tangent, find_tangent
+from granphon.statics.green import multiply_waves
 
 Values = NDArray[Any]
 #: stiffness, over the mean, that the preconditioner adds to each motion: motions that cost nothing,
@@ -193,14 +194,7 @@ class GridIteration:
 
         axes = tuple(range(2, 2 + len(self._shape)))
         waves = fft.rfftn(forces.reshape(*forces.shape[:2], *self._shape), axes=axes)
-        moved = np.empty_like(waves)
-        count = self._green.shape[-1]
-        _multiply_waves(
-            self._green,
-            self._softness,
-            waves.reshape(*forces.shape[:2], count),
-            moved.reshape(*forces.shape[:2], count),
-        )
+        moved = multiply_waves(self._green, self._softness, waves)
         motions = fft.irfftn(moved, self._shape, axes=axes, overwrite_x=True)
         return np.asarray(motions.reshape(forces.shape))
 
@@ -395,19 +389,3 @@ def _move_again(
     """
     leave(product, forces, motions, remaining)
     add_alone(alone, remaining, motions)
-
-
-@compiled
-def _multiply_waves(green: Values, scale: np.float32, waves: Values, out: Values) -> None:
-    """Set ``out`` (f, k, waves) to the ``scale`` times products of matrices (f, f, waves) and
-    columns (f, k, waves).
-    """
-    out[:] = 0.0
-    for line in range(len(green)):
-        for field in range(len(green)):
-            factor = green[line, field]
-            for k in range(waves.shape[1]):
-                column = waves[field, k]
-                sums = out[line, k]
-                for wave in range(len(factor)):
-                    sums[wave] += scale * factor[wave] * column[wave]
