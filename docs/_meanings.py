@@ -85,6 +85,11 @@ PACKINGS = {
     "motions": "motions of each ball",
     "torsion": "stiffness against twist, over k d²; numbers, and `mindlin`",
     "bending": "stiffness against rolling, over k d²",
+    "damping": "viscosity over stiffness of contacts, of what is observed with losses",
+    "loss_factor": "loss factor of contacts, likewise",
+    "drag": "drag of balls, likewise",
+    "dashpot": "viscosity of contacts, likewise",
+    "restitution": "restitution of collisions, likewise",
 }
 RANGE = {
     "from": "the first value",

@@ -254,9 +254,14 @@ def name_walls(
     return tuple(named)
 
 
-def replace_walls(edges: Iterable[str | Wall], walls: Mapping[str, Wall]) -> tuple[str | Wall, ...]:
+def replace_walls(
+    edges: tuple[str | Wall, str | Wall], walls: Mapping[str, Wall]
+) -> tuple[str | Wall, str | Wall]:
     """Return the edges of a cut with other ``walls``, by name, in the place of named walls."""
-    return tuple(walls.get(edge.name, edge) if isinstance(edge, Wall) else edge for edge in edges)
+    lower, upper = (
+        walls.get(edge.name, edge) if isinstance(edge, Wall) else edge for edge in edges
+    )
+    return lower, upper
 
 
 def _find_material(wall: Wall, kinds: Mapping[str, Ball]) -> Wall:
