@@ -32,7 +32,7 @@ from PIL import Image
 import granphon as gp
 from granphon.balls.loads import force_of_frame
 from granphon.figures.bands import bands_figure, plot_bands, plot_dos
-from granphon.figures.curves import fit_figure
+from granphon.figures.curves import fit_figure, plot_sweep
 from granphon.figures.forces import forces_figure
 from granphon.figures.modes import plot_mode
 from granphon.figures.style import BLUE, GUIDE, STYLE, VERMILION
@@ -60,6 +60,27 @@ def panels(*ratios: float, height: float = 2.8) -> tuple[Any, Any]:
     return plt.subplots(
         1, len(ratios), figsize=(6.4, height), width_ratios=ratios, layout="constrained"
     )
+
+
+def draw_errors() -> Any:
+    """Bands with their standard errors, and velocities over the load with theirs."""
+    text = (
+        "material: {young_modulus: 211.65 +- 10 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}\n"
+        "packing: {diameter: 8 mm, spread: {uniform: 2 um}}\n"
+    )
+    scenes = (
+        "load: {force: 18.4 N +- 5 %}\nmedium: ala\nobserve: [bands]\n",
+        "load: {force: {from: 5 N, to: 100 N, points: 12}}\nmedium: [ala, ema]\n",
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        one, many = (
+            gp.Scene.from_text(text + scene).run(Path(folder) / str(number), figures=False)
+            for number, scene in enumerate(scenes)
+        )
+    figure, (left, right) = panels(1.0, 1.2)
+    plot_bands(one.bands, left, errors=one.dataset["frequencies_error"])
+    plot_sweep(many.dataset, right)
+    return figure
 
 
 def draw_diameters() -> Any:
@@ -471,6 +492,7 @@ IMAGES: dict[str, Callable[[], Any] | str] = {
     "loads": of_example("pressed_along_one_axis"),
     "law": draw_laws,
     "losses": of_example("losses"),
+    "errors": draw_errors,
     "edges": of_example("zigzag_edge"),
     "response": of_example("transfer_function"),
     "traces": of_example("time_of_flight"),

@@ -198,7 +198,9 @@ class Quantity:
         """
         try:
             return _find_factor(self, unit)
-        except ValueError as reason:
+        except ValueError as error:
+            has_error = PLUS_MINUS.search(value)
+            reason = "with a standard error, which has no use here" if has_error else error
             mend = _suggest(number, unit, self.common.split(", "))
             raise Refused(f"{show(value)}, {reason}", self.allowed, mend) from None
 

@@ -191,6 +191,8 @@ def fit_measurements(
         notes.append(
             f"the {n_loads} loads of {scene} are not used: a fit takes the loads of {data}"
         )
+    if plan.errors:
+        notes.append(f"the standard errors in {scene} are not used: a fit takes the values")
     names_direction = direction is not None or plan.direction is not None
     if not names_direction and not fit.is_isotropic:
         notes.append(

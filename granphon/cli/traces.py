@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -53,7 +56,7 @@ def find_velocity(
     distances: Annotated[
         str | None,
         typer.Option(
-            metavar="'M, M, ...'", help="Distances of the sensors, such as '0 mm, 40 mm'."
+            metavar="'M, M, ...'", help="Distances of the sensors, such as '0 mm, 40 +- 0.2 mm'."
         ),
     ] = None,
     time_step: Annotated[
@@ -74,7 +77,7 @@ def find_velocity(
       granphon velocity traces.csv --method correlation -o velocity.pdf
       granphon velocity near.csv far.csv --distances "0 mm, 152.4 mm"
     """
-    from granphon.base.quantities import FREQUENCY, TIME
+    from granphon.base.quantities import FREQUENCY, TIME, split_error
     from granphon.base.staging import ResultFiles
     from granphon.base.validation import require
     from granphon.fits.trace_files import PLACES, TIMES
@@ -84,10 +87,12 @@ def find_velocity(
     target = Path(out)
     if not target.suffix:
         raise InputError(f"--out is {out}, without an ending", mend="Use .png, .pdf or .svg")
-    places = None
+    places: list[float] | None = None
+    errors: Sequence[float] = ()
     if distances is not None:
-        texts = distances.split(",")
-        places = [require("--distances", PLACES.read, text.strip()) for text in texts]
+        parts = [split_error(text) or (text.strip(), "0 m") for text in distances.split(",")]
+        places = [require("--distances", PLACES.read, place) for place, _ in parts]
+        errors = [require("--distances", PLACES.read, error) for _, error in parts]
     step = None if time_step is None else require("--time-step", TIME.read, time_step)
     traces = Traces.read(data, places, step)
     cutoff: float | str | None = lowpass
@@ -95,19 +100,42 @@ def find_velocity(
         cutoff = None
     elif lowpass != "auto":
         cutoff = require("--lowpass", FREQUENCY.read, lowpass)
-    velocity = traces.velocity(
-        method,
-        threshold=THRESHOLD if threshold is None else threshold,
-        frequency=None if frequency is None else require("--frequency", FREQUENCY.read, frequency),
-        lowpass=cutoff,
-        quiet=None if quiet_until is None else require("--quiet-until", TIMES.read, quiet_until),
-    )
+    options: dict[str, Any] = {
+        "method": method,
+        "threshold": THRESHOLD if threshold is None else threshold,
+        "frequency": None,
+        "lowpass": cutoff,
+        "quiet": None,
+    }
+    if frequency is not None:
+        options["frequency"] = require("--frequency", FREQUENCY.read, frequency)
+    if quiet_until is not None:
+        options["quiet"] = require("--quiet-until", TIMES.read, quiet_until)
+    velocity = traces.velocity(**options)
+    if any(errors):
+        effects = _find_effects(traces, errors, **options)
+        velocity = replace(velocity, stderr=math.hypot(velocity.stderr, *effects))
     files = ResultFiles(target.parent, [target.name], force, inputs=data)
     with files.open() as locked, locked.staging() as stage:
         _draw(traces, velocity, stage / target.name)
     warn(velocity.warnings)
     say_table(_describe(traces, velocity))
     say(f"Wrote {out}")
+
+
+def _find_effects(traces: Traces, errors: Sequence[float], **options: Any) -> list[float]:
+    """Return by how much the velocity, m/s, changes with the error of the distance of each sensor,
+    m; ``options`` are those of :meth:`Traces.velocity`.
+    """
+    effects = []
+    for number, error in enumerate(errors):
+        ends = []
+        for change in (-error, error):
+            distances = traces.distances.copy()
+            distances[number] += change
+            ends.append(replace(traces, distances=distances).velocity(**options).velocity)
+        effects.append(0.5 * (ends[1] - ends[0]))
+    return effects
 
 
 def _draw(traces: Traces, velocity: TraceVelocity, path: Path) -> None:

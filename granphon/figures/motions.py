@@ -311,7 +311,7 @@ def motions_figure(dataset: Dataset) -> Figure:
             (above, ("motion_force",), "Greatest force", "N"),
             (below, ("motion_translation", "motion_rotation"), "Kinetic energy", "J"),
         ):
-            totals = [sum(select(variable) for variable in variables) for _, select in states]
+            totals = [np.sum(list(map(select, variables)), axis=0) for _, select in states]
             scale, unit = prefixed(max(float(np.max(total)) for total in totals), si_unit)
             for (colour, select), total in zip(states, totals, strict=True):
                 # the errors of a sum do not follow from those of its terms

@@ -554,7 +554,7 @@ def _find_uncertain(data: Any) -> dict[tuple[Any, ...], Any]:
     """Return the values of a document that have a standard error, texts, or that stand in a fit,
     mappings, by the keys that lead to them.
     """
-    entries = {}
+    entries: dict[tuple[Any, ...], Any] = {}
     blocks: list[tuple[tuple[Any, ...], Any]] = [((), data)]
     while blocks:
         path, entry = blocks.pop()
@@ -580,12 +580,12 @@ def _put_values(data: Any, values: Mapping[str, str]) -> Any:
     """
     changed = deepcopy(data)
     for name, text in values.items():
-        *outer, last = [int(key) if key.isdecimal() else key for key in name.split(".")]
+        keys: list[Any] = [int(key) if key.isdecimal() else key for key in name.split(".")]
         try:
-            entry = changed
-            for key in outer:
+            entry: Any = changed
+            for key in keys[:-1]:
                 entry = entry[key] if isinstance(entry, list) else entry.setdefault(key, {})
-            entry[last] = plain_yaml(text, name)
+            entry[keys[-1]] = plain_yaml(text, name)
         except (AttributeError, IndexError, TypeError):
             problem = f"the scene has no place for {name}"
             raise InputError(problem, mend="Name keys as in material.young_modulus") from None

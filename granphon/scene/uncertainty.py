@@ -150,12 +150,13 @@ def find_state_errors(scene: Any, state: Any, names: Sequence[str]) -> dict[str,
     """Return the standard errors of the numbers ``names`` of the one state of a scene, as
     :meth:`Spread.summarise` does.
     """
-    pairs = []
-    for pair in scene.shifted:
-        states = [shifted.state() for shifted in pair]
-        pairs.append([{name: getattr(end, name) for name in names} for end in states])
-    numbers = {name: getattr(state, name) for name in names}
-    return Spread.of(scene, pairs).summarise(numbers)
+
+    def collect(end: Any) -> dict[str, Any]:
+        """Return the numbers of a state."""
+        return {name: getattr(end, name) for name in names}
+
+    pairs = [(collect(lower.state()), collect(upper.state())) for lower, upper in scene.shifted]
+    return Spread.of(scene, pairs).summarise(collect(state))
 
 
 def write_errors(scene: Any, blocks: dict[str, Any]) -> None:

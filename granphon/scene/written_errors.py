@@ -89,7 +89,7 @@ class WrittenErrors:
                 correlation = fits[file].correlation[numbers[first], numbers[second]]
                 # rounding may put a correlation beyond its ends
                 value = float(np.clip(correlation, -1.0, 1.0))
-                names = [name_keys(_spell_out(keys)) for keys in (first, second)]
+                names = name_keys(_spell_out(first)), name_keys(_spell_out(second))
                 written.correlations.append((*names, value))
         written.fits = list(fits)
         return written

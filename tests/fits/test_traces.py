@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -287,6 +289,14 @@ def test_the_command_prints_and_draws(
     assert Path("velocity.png").stat().st_size > 1000
     assert main(["velocity", "traces.csv", "--lowpass", "6 MHz", "--force"]) == 2
     assert "lowpass" in capsys.readouterr().err
+    # two distances with errors make a relative error of their difference
+    places = "0 +- 4 mm, 20 +- 0.3 cm"
+    assert main(["velocity", "traces.csv", "--distances", places, "--force"]) == 0
+    told = re.search(r"velocity +([0-9.]+) \+/- ([0-9.]+) (k?)m/s", capsys.readouterr().out)
+    expected = math.hypot(5.0 / 200.0, found.stderr / found.velocity)
+    assert float(told[2]) / float(told[1]) == pytest.approx(expected, rel=0.05)
+    assert main(["velocity", "traces.csv", "--time-step", "1 +- 0.1 us", "--force"]) == 2
+    assert "standard error" in capsys.readouterr().err
 
 
 @pytest.mark.claim("traces-transfer")

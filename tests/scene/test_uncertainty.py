@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import GranphonError
+from granphon.cli import main
+from granphon.scene.report import read_report
+from granphon.scene.uncertainty import Spread
+from tests.conftest import one_error
 
 SCENE = (
     "material: {young_modulus: 211.65 +- 2 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}\n"
@@ -64,6 +70,53 @@ def test_errors_are_those_of_many_random_scenes(result, count):
         state = gp.AveragedLattice(gp.Packing(steel, 8e-3 * diameter)).at_force(18.4 * force)
         velocities.append(gp.sound_velocities(state).longitudinal)
     assert_allclose(numbers["longitudinal_error"], np.std(velocities), rtol=0.1)
+
+
+@pytest.mark.claim("errors-correlated")
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [60, 400])
+def test_correlated_errors_are_those_of_many_random_scenes(tmp_path, count):
+    """Velocities, moduli and frequencies of bands: of 400 states to 10 %, and of fewer whose
+    parameters have exactly these errors and correlations to 1 %.
+    """
+    text = SCENE.replace("0.276", "0.276 +- 0.01").replace("FORCE", "18.4 +- 0.2 N")
+    text = text.replace("[velocities]", "[velocities, bands]") + (
+        "phonopy: {band: 0 0 0 1/2 0 0, band_points: 3, mesh: 2 2 1}\n"
+        "correlations: {'young_modulus, poisson_ratio': -0.8, 'young_modulus, force': 0.5}\n"
+    )
+    result = gp.Scene.from_text(text).run(tmp_path, figures=False)
+    data = result.dataset.squeeze()
+    sizes = np.array([2e9, 0.01, 4e-6, 0.2])
+    correlations = np.eye(4)
+    for row, column, value in ((0, 1, -0.8), (0, 3, 0.5)):
+        correlations[row, column] = correlations[column, row] = value
+    draws = np.random.default_rng(7).normal(size=(count, 4))
+    if count < 400:
+        draws = np.sqrt(count) * np.linalg.qr(draws - draws.mean(axis=0))[0]
+    draws = draws @ np.linalg.cholesky(correlations).T
+    found = []
+    for young, poisson, diameter, force in np.array([211.65e9, 0.276, 8e-3, 18.4]) + draws * sizes:
+        packing = gp.Packing(gp.Material(young, poisson, 7840.0), diameter)
+        state = gp.AveragedLattice(packing).at_force(force)
+        frequencies = gp.Phonons(state).frequencies([[0.25, 0.0], [0.5, 0.0]])
+        moduli = gp.moduli(state)
+        found.append([gp.sound_velocities(state).transverse, moduli.shear, *frequencies.ravel()])
+    errors = [data["transverse_error"], data["shear_error"], *data["frequencies_error"].values[1:]]
+    expected = np.concatenate([np.ravel(error) for error in errors])
+    assert_allclose(expected, np.std(found, axis=0), rtol=0.1 if count == 400 else 0.01)
+
+
+def test_numbers_whose_count_changes_have_no_errors_and_a_warning():
+    spread = Spread(["p"], [({"x": [1.0]}, {"x": [1.0, 2.0]})], np.eye(1))
+    assert spread.find("x", [1.0]) is None
+    assert list(spread.lacking) == ["x"]
+
+
+def test_angles_change_by_no_turns():
+    ends = {"phase": np.array([3.1, 1.0])}, {"phase": np.array([-3.1, 1.2])}
+    errors, source = Spread(["p"], [ends], np.eye(1)).find("phase", [np.pi, 1.1], unit="rad")
+    assert_allclose(errors, [np.pi - 3.1, 0.1], rtol=1e-12)
+    assert source == "p"
 
 
 @pytest.mark.slow
@@ -152,23 +205,25 @@ SPREAD = (
 )
 
 
+@pytest.mark.claim("errors-correlated")
 def test_correlated_errors_add_up_by_their_matrix(tmp_path):
     """The variance is that of the linear combination, between the difference and the sum of two
     errors that are of one source.
     """
-    derivatives = {}
-    for number in (-1, 0, 0.5, 1):
+    variances = {}
+    for number in (-1, 0, 0.5):
         block = f"correlations: {{'young_modulus, force': {number}}}\n"
-        scene = gp.Scene.from_text(SCENE.replace("FORCE", "18.4 N +- 2 %") + block)
+        text = SCENE.replace("FORCE", "18.4 N +- 2 %").replace(" +- 4 um", "")
+        scene = gp.Scene.from_text(text + block)
         assert gp.Scene.from_text(scene.to_yaml()) == scene
         result = scene.run(tmp_path / str(number), figures=False)
-        derivatives[number] = result.summary()["normal_stiffness_error"] ** 2
-    parts = np.array([2 / 3 * 2 / 211.65, 1 / 3 * 0.02, 1 / 3 * 5e-4])
+        variances[number] = result.summary()["normal_stiffness_error"] ** 2
+    parts = np.array([2 / 3 * 2 / 211.65, 1 / 3 * 0.02])
     stiffness = result.summary()["normal_stiffness"]
-    assert_allclose(derivatives[0], np.sum(parts**2) * stiffness**2, rtol=1e-3)
-    for number in (-1, 0.5, 1):
+    assert_allclose(variances[0], np.sum(parts**2) * stiffness**2, rtol=1e-3)
+    for number in (-1, 0.5):
         cross = 2.0 * number * parts[0] * parts[1] * stiffness**2
-        assert_allclose(derivatives[number] - derivatives[0], cross, rtol=1e-3)
+        assert_allclose(variances[number] - variances[0], cross, rtol=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -233,3 +288,63 @@ def test_fits_without_a_value_are_refused(tmp_path, old, new, place):
     path.write_text(SPREAD.replace(old, new))
     with pytest.raises(GranphonError, match=place):
         gp.Scene.from_yaml(path)
+
+
+def test_check_and_run_tell_errors_and_where_they_come_from(work, capsys):
+    """Values of the command line stand in place of those of the file."""
+    plain = SCENE.replace("FORCE", "5 N").replace(" +- 2 GPa", " GPa").replace(" +- 4 um", "")
+    text = plain.replace("[velocities]", "[gaps, dos]") + "phonopy: {mesh: 4 4 1}\n"
+    (work / "scene.yaml").write_text(text)
+    values = ["--set", "load.force=18.4 +- 0.2 N", "--set", "material.young_modulus=211 +- 2 GPa"]
+    assert main(["check", "scene.yaml", *values]) == 0
+    told = capsys.readouterr().out
+    assert "error of load.force" in told
+    assert "0.95 %" in told
+    assert re.search("without errors +dos.csv", told)
+    assert "force 18.40 +/- 0.20 N" in told
+    assert "material.young_modulus gives most" in told
+    assert main(["run", "scene.yaml", "-o", "out", "--no-figures", *values]) == 0
+    assert "load.force gives most" in capsys.readouterr().out
+    _, sections = read_report(work / "out")
+    blocks = {section.title: section.blocks for section in sections}
+    rows = dict(blocks["Standard errors"][0].rows)
+    assert "normal stiffness" in rows["material.young_modulus"]
+    assert dict(blocks["Numbers"][0].rows)["contact force"] == "18.40 +/- 0.20 N"
+
+
+@pytest.mark.parametrize(
+    ("value", "place"),
+    [
+        ("load.force", "load.force"),
+        ("load.force.x.y=2 N", "load.force.x.y"),
+        ("load.forse=2 N", "load.forse.*force"),
+        ("load.force=[", "load.force"),
+    ],
+)
+def test_values_of_the_command_line_that_are_none_are_refused(work, capsys, value, place):
+    (work / "scene.yaml").write_text(SCENE.replace("FORCE", "5 N"))
+    assert main(["check", "scene.yaml", "--set", value]) == 2
+    assert re.search(place, one_error(capsys))
+
+
+@pytest.mark.slow
+def test_the_report_has_errors_of_sweeps_gaps_and_tensors(tmp_path):
+    text = (
+        "balls:\n"
+        "  S: {material: {young_modulus: 193 +- 4 GPa, poisson_ratio: 0.3, density: 8000 kg/m^3},"
+        " diameter: 19.05 mm}\n"
+        "  A: {material: {young_modulus: 73.5 GPa, poisson_ratio: 0.33, density: 2700 kg/m^3},"
+        " diameter: 19.05 mm}\n"
+        "crystal: {lattice: chain, kinds: [A, S]}\nload: {force: LOAD}\nobserve: [velocities, gaps]\n"
+    )
+    for name, load in (("one", "20 N"), ("many", "[20 N, 40 N]")):
+        scene = gp.Scene.from_text(text.replace("LOAD", load))
+        result = scene.run(tmp_path / name, figures=False)
+        assert result.summary()["errors_from"]["overlap"] == "balls.S.material.young_modulus"
+    _, sections = read_report(tmp_path / "one")
+    numbers = dict(next(part for part in sections if part.title == "Numbers").blocks[0].rows)
+    assert re.fullmatch(r".* kHz to .* kHz \+/- .* Hz to .* Hz", numbers["gaps"])
+    assert "+/-" in numbers["tensor"]
+    _, sections = read_report(tmp_path / "many")
+    states = next(part for part in sections if part.title == "States").blocks[0]
+    assert "+/-" in states.rows[1][2]
