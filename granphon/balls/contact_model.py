@@ -33,6 +33,8 @@ PlainLaw = Hertz | PowerLaw | DMT | JKR | TabulatedLaw
 #: the law of the contacts of balls of several kinds: one law of all pairs, or pairs of names, each
 #: with its law; a law may be a user's own
 GivenLaw = PlainLaw | tuple[tuple[tuple[str, str], PlainLaw], ...] | Any
+#: how plain data hold a law, for :func:`granphon.base.results.restore`
+LAW_KINDS = [PlainLaw, (((str, str), PlainLaw), ...), Any]
 
 
 @dataclass(frozen=True)
@@ -52,14 +54,14 @@ class ContactModel:
     walls : those that balls touch, with their names.
     """
 
-    kinds: tuple[Ball, ...]
+    kinds: tuple[Ball, ...] = field(metadata={"kind": (Ball, ...)})
     names: tuple[str, ...] = ()
-    law: GivenLaw = field(default_factory=Hertz)
+    law: GivenLaw = field(default_factory=Hertz, metadata={"kind": LAW_KINDS})
     friction: bool = True
     torsion: float | str = 0.0
     bending: float = 0.0
     own_radii: bool = False
-    walls: tuple[Wall, ...] = ()
+    walls: tuple[Wall, ...] = field(default=(), metadata={"kind": (Wall, ...)})
 
     @classmethod
     def of(cls, packing: Packing) -> Self:
