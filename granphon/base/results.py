@@ -196,7 +196,7 @@ def result_class(cls: type[ResultT]) -> type[ResultT]:
 class Result:
     """Base of the frozen result classes.
 
-    Each field is declared by :func:`held`: what it holds, the shape, the SI unit, and the range of
+    Each field is declared by ``held``: what it holds, the shape, the SI unit, and the range of
     its numbers where plain data are read. The class keeps the last three in ``_shapes``, ``units``
     and ``_ranges``; a subclass writes the units of its properties into ``units`` itself. When the
     meaning of a field changes, a subclass has a higher ``_schema``. ``_notebook_fields`` names
