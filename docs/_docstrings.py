@@ -174,10 +174,7 @@ def _stands_apart(obj: Any, name: str) -> bool:
 
 
 def say_types(text: str) -> str:
-    """Types as a text of annotations has them, with their aliases said; of fields without their
-    shapes and units.
-    """
-    text = re.sub(r"""~?(?:typing\.)?Annotated\[(.+?)(?:, (?:"[^"]*"|'[^']*'))+\]""", r"\1", text)
+    """Types as a text of annotations has them, with their aliases said."""
     return re.sub(
         r"(?<![\w.~'])\w+(?!\s*[(\w:=.\[])", lambda name: ALIASES.get(name[0], name[0]), text
     )

@@ -17,9 +17,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,7 +36,7 @@ from granphon.balls import hertz
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.base.arrays import Array, Flags
 from granphon.base.errors import InputError
-from granphon.base.results import Result
+from granphon.base.results import Result, held, result_class
 from granphon.contacts.contact_list import ContactList
 from granphon.statics.response import MOST_BALLS, find_elastic_tensor
 
@@ -54,7 +54,7 @@ CARRIED_FORCE = 10.0
 _RESPONSE = 1e-8
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class Equilibrium(Result):
     """Sample at rest, in units of W and c W^(3/2).
 
@@ -77,15 +77,15 @@ class Equilibrium(Result):
     table: (n_c, L1, ..., Lp).
     """
 
-    deviations: Annotated[Array, "...", "", "finite"]
-    overlap: Annotated[float, "", "", "finite"]
-    balls: Annotated[Array, "", "", "finite"]
-    residual: Annotated[float, "", "", "zero or above, or infinite"] = math.inf
-    newton: int = 0
-    conjugate: int = 0
-    lattice: Lattice = TRIANGULAR
-    ratio: Annotated[float, "", "", "zero or above"] = 0.0
-    strain: Annotated[Array | None, "p p?", "", "finite"] = None
+    deviations: Array = held(float, "...", within="finite")
+    overlap: float = held(float, within="finite")
+    balls: Array = held(float, "*", within="finite")
+    residual: float = held(float, within="zero or above, or infinite", default=math.inf)
+    newton: int = held(int, default=0)
+    conjugate: int = held(int, default=0)
+    lattice: Lattice = held(Lattice, default=TRIANGULAR)
+    ratio: float = held(float, within="zero or above", default=0.0)
+    strain: Array | None = held(float, "p p?", within="finite", default=None)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # keep derivatives already found: each costs a linear response, and another process may have

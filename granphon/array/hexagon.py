@@ -10,9 +10,7 @@ crystal does (:mod:`granphon.statics.rest`).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,7 +24,7 @@ from granphon.balls.packing import Packing, given_packing, require_shallow
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, brief
 from granphon.base.memory import require_memory
-from granphon.base.results import Result, read_only
+from granphon.base.results import Result, held, read_only, result_class
 from granphon.base.validation import finite_array, positive, require, whole_number
 from granphon.contacts.assembly import Assembly
 from granphon.contacts.laws import ContactLaws
@@ -43,7 +41,7 @@ _NORMALS = np.array(
 )
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class PressedHexagon(Result):
     """A hexagon of balls at rest under the same force on all six walls; SI units.
 
@@ -65,22 +63,22 @@ class PressedHexagon(Result):
     residual : largest force left on a ball or a wall, divided by the mean contact force.
     """
 
-    packing: Packing
-    balls_per_side: int
-    side_force: Annotated[float, "", "N", "above zero"]
-    sites: Annotated[Array, "b 2", "m", "finite"]
-    deviations: Annotated[Array, "b", "m", "finite"]
-    displacements: Annotated[Array, "b 2", "m", "finite"]
-    retreats: Annotated[Array, "6", "m", "finite"]
-    i: Annotated[Index, "c"]
-    j: Annotated[Index, "c"]
-    normal: Annotated[Array, "c 2", "", "finite"]
-    ball: Annotated[Index, "w"]
-    wall: Annotated[Index, "w"]
-    forces: Annotated[Array, "c", "N", "finite"]
-    wall_forces: Annotated[Array, "w", "N", "finite"]
-    wall_coefficient: Annotated[float, "", "N/m^(3/2)", "above zero"]
-    residual: float
+    packing: Packing = held(Packing)
+    balls_per_side: int = held(int)
+    side_force: float = held(float, unit="N", within="above zero")
+    sites: Array = held(float, "b 2", "m", "finite")
+    deviations: Array = held(float, "b", "m", "finite")
+    displacements: Array = held(float, "b 2", "m", "finite")
+    retreats: Array = held(float, "6", "m", "finite")
+    i: Index = held(int, "c")
+    j: Index = held(int, "c")
+    normal: Array = held(float, "c 2", within="finite")
+    ball: Index = held(int, "w")
+    wall: Index = held(int, "w")
+    forces: Array = held(float, "c", "N", "finite")
+    wall_forces: Array = held(float, "w", "N", "finite")
+    wall_coefficient: float = held(float, unit="N/m^(3/2)", within="above zero")
+    residual: float = held(float)
 
     @property
     def positions(self) -> Array:

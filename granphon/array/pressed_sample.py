@@ -17,9 +17,9 @@ In space the stiffness is the same for slip in all directions.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,7 +35,7 @@ from granphon.array.true_equilibrium import list_exact_contacts
 from granphon.balls.hertz import reduce_by_slip
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
-from granphon.base.results import read_only
+from granphon.base.results import held, read_only, result_class
 from granphon.contacts.contact_list import ContactList
 from granphon.contacts.friction import SLIDES, Contacts, FrictionLaw
 from granphon.networks.network import ContactNetwork
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 SHEAR_RESPONSES = ("stick", "slide", "partial_slip")
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class PressedEquilibrium(Equilibrium):
     """Sample at rest with the forces that loading with friction has left, in units of W and c
     W^(3/2).
@@ -65,15 +65,15 @@ class PressedEquilibrium(Equilibrium):
     steps : number of steps of the load since the start.
     """
 
-    rotations: Annotated[Array, "", "", "finite"] = field(default_factory=lambda: np.zeros(0))
-    shears: Annotated[Array, "", "", "finite"] = field(default_factory=lambda: np.zeros(0))
-    mindlin_ratio: Annotated[float, "", "", "zero or above"] = 0.0
-    friction_coefficient: Annotated[float, "", "", "zero or above, or infinite"] = math.inf
-    work: Annotated[float, "", "", "finite"] = 0.0
-    slid: Annotated[float, "", "", "finite"] = 0.0
-    loosened: Annotated[float, "", "", "finite"] = 0.0
-    damped: Annotated[float, "", "", "finite"] = 0.0
-    steps: int = 0
+    rotations: Array = held(float, "*", within="finite", default_factory=lambda: np.zeros(0))
+    shears: Array = held(float, "*", within="finite", default_factory=lambda: np.zeros(0))
+    mindlin_ratio: float = held(float, within="zero or above", default=0.0)
+    friction_coefficient: float = held(float, within="zero or above, or infinite", default=math.inf)
+    work: float = held(float, within="finite", default=0.0)
+    slid: float = held(float, within="finite", default=0.0)
+    loosened: float = held(float, within="finite", default=0.0)
+    damped: float = held(float, within="finite", default=0.0)
+    steps: int = held(int, default=0)
 
     @classmethod
     def of(cls, pressed: PressedArray, deviations: Array, stencils: Stencils, ratio: float) -> Self:
@@ -221,7 +221,7 @@ class PressedEquilibrium(Equilibrium):
         return list_exact_contacts(self, forces, ratio, torsion, bending, shears=acting)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class PressedSample(Sample):
     """One array of balls at rest under one load, which it has reached by a path of loads with
     friction.
@@ -235,8 +235,8 @@ class PressedSample(Sample):
         f)^(1/3)``).
     """
 
-    equilibrium: PressedEquilibrium
-    shear_response: str = SHEAR_RESPONSES[0]
+    equilibrium: PressedEquilibrium = held(PressedEquilibrium)
+    shear_response: str = held(str, default=SHEAR_RESPONSES[0])
 
     @property
     def rotations(self) -> Array:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +22,7 @@ from granphon.balls.neighbours import contact_frames
 from granphon.balls.packing import MINDLIN, Packing
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, brief, needing
-from granphon.base.results import Result, read_only
+from granphon.base.results import Result, held, read_only, result_class
 from granphon.base.scales import Units, WidthUnits
 from granphon.base.validation import not_negative, real_number, whole_number
 from granphon.dynamics.compatibility import GYRATION
@@ -39,7 +38,7 @@ if TYPE_CHECKING:
 STEP = 0.05
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class Sample(Result):
     """One array of balls at rest under one load.
 
@@ -55,10 +54,10 @@ class Sample(Result):
     on the triangular one from ball (p, q) to (p, q + 1), (p + 1, q) and (p + 1, q + 1).
     """
 
-    packing: Packing
-    seed: int | None
+    packing: Packing = held(Packing)
+    seed: int | None = held(int, "?")
     # both are named so that plain data are made into them again
-    equilibrium: Equilibrium | TrueEquilibrium
+    equilibrium: Equilibrium | TrueEquilibrium = held(Equilibrium | TrueEquilibrium)
 
     @property
     def _units(self) -> WidthUnits:

@@ -12,7 +12,6 @@ which then carries a force of the order f W/d. The array is an assembly
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -30,6 +29,7 @@ from granphon.array.geometry import (
 )
 from granphon.array.stencils import Motion
 from granphon.base.arrays import Array
+from granphon.base.results import result_class
 from granphon.contacts.contact_list import ContactList
 from granphon.statics.response import LinearResponse
 
@@ -38,7 +38,7 @@ from granphon.statics.response import LinearResponse
 _ASIDE = 1e-2
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class TrueEquilibrium(Equilibrium):
     """Sample at rest without friction in its true geometry, in units of W and c W^(3/2).
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 from granphon.balls.diameters import Discrete, Measured, Normal, Uniform, given_spread
@@ -120,12 +120,14 @@ class Ball(_Elastic):
         diameter or with a ball of size zero or below.
     """
 
-    material: Material
+    material: Material = field(metadata={"kind": Material})
     diameter: float
     mass: float = None  # type: ignore[assignment]  # a number from the constructor on
     inertia: float = None  # type: ignore[assignment]
     name: str = ""
-    spread: Uniform | Normal | Discrete | Measured | None = None
+    spread: Uniform | Normal | Discrete | Measured | None = field(
+        default=None, metadata={"kind": Uniform | Normal | Discrete | Measured | None}
+    )
 
     def __post_init__(self) -> None:
         if not isinstance(self.material, Material):
@@ -185,7 +187,7 @@ class Wall(_Elastic):
         that cannot be read, or that others have.
     """
 
-    material: Material | str
+    material: Material | str = field(metadata={"kind": Material | str})
     name: str = ""
 
     #: one over the radius, 1/m

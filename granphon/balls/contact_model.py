@@ -35,6 +35,8 @@ PlainLaw = Hertz | PowerLaw | DMT | JKR | TabulatedLaw
 GivenLaw = PlainLaw | tuple[tuple[tuple[str, str], PlainLaw], ...] | Any
 #: the stiffnesses of a contact
 STIFFNESSES = ("normal_stiffness", "shear_stiffness", "torsion_stiffness", "bending_stiffness")
+#: how plain data hold a law, for :func:`granphon.base.results.restore`
+LAW_KINDS = [PlainLaw, (((str, str), PlainLaw), ...), Any]
 
 
 @dataclass(frozen=True)
@@ -54,14 +56,14 @@ class ContactModel:
     walls : those that balls touch, with their names.
     """
 
-    kinds: tuple[Ball, ...]
+    kinds: tuple[Ball, ...] = field(metadata={"kind": (Ball, ...)})
     names: tuple[str, ...] = ()
-    law: GivenLaw = field(default_factory=Hertz)
+    law: GivenLaw = field(default_factory=Hertz, metadata={"kind": LAW_KINDS})
     friction: bool = True
     torsion: float | str = 0.0
     bending: float = 0.0
     own_radii: bool = False
-    walls: tuple[Wall, ...] = ()
+    walls: tuple[Wall, ...] = field(default=(), metadata={"kind": (Wall, ...)})
 
     @classmethod
     def of(cls, packing: Packing) -> Self:

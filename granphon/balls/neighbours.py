@@ -12,7 +12,7 @@ import itertools
 import math
 from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -76,13 +76,13 @@ class ContactTable:
     diameters in the dynamics, m in a crystal.
     """
 
-    i: Index
-    j: Index
-    shift: Index
-    normal: Array
-    vector: Array
-    arm_i: Array
-    arm_j: Array
+    i: Index = field(metadata={"kind": np.dtype(np.intp)})
+    j: Index = field(metadata={"kind": np.dtype(np.intp)})
+    shift: Index = field(metadata={"kind": np.dtype(np.intp)})
+    normal: Array = field(metadata={"kind": np.dtype(float)})
+    vector: Array = field(metadata={"kind": np.dtype(float)})
+    arm_i: Array = field(metadata={"kind": np.dtype(float)})
+    arm_j: Array = field(metadata={"kind": np.dtype(float)})
 
     def __len__(self) -> int:
         return len(self.i)

@@ -8,7 +8,7 @@ import itertools
 import math
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar, TypeVar
 
@@ -77,10 +77,12 @@ class Packing:
         ball of size zero or below, or scales beyond double precision.
     """
 
-    material: Material
+    material: Material = field(metadata={"kind": Material})
     diameter: float
-    spread: Uniform | Normal | Discrete | Measured | None = None
-    lattice: str | Lattice = "triangular"
+    spread: Uniform | Normal | Discrete | Measured | None = field(
+        default=None, metadata={"kind": Uniform | Normal | Discrete | Measured | None}
+    )
+    lattice: str | Lattice = field(default="triangular", metadata={"kind": str | Lattice})
     friction: bool = True
     motions: str | None = None
     torsion: float | str = 0.0

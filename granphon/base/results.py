@@ -6,12 +6,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, fields, is_dataclass
-from functools import cache
+from dataclasses import Field, dataclass, field, fields, is_dataclass
 from html import escape
-from inspect import get_annotations
-from types import NoneType, UnionType
-from typing import Annotated, Any, ClassVar, Self, Union, cast, get_args, get_origin, get_type_hints
+from types import FunctionType, NoneType, UnionType
+from typing import Any, ClassVar, Self, TypeVar, cast, dataclass_transform
 
 import numpy as np
 
@@ -25,6 +23,7 @@ from granphon.base.text import (
     warn_unverified,
 )
 
+ResultT = TypeVar("ResultT", bound="Result")
 #: most letters of a value, and most entries of an array or a tuple that are all written out
 _MOST_LETTERS = 160
 _MOST_ENTRIES = 6
@@ -34,7 +33,9 @@ _ROUNDING = 1e-14
 _ABOUT = ("schema", "units", "digest")
 #: the kinds of entries, as NumPy's letters have them, from which an array of a kind is made
 _KINDS = {"b": "b", "i": "iu", "f": "iuf", "c": "c"}
-#: ranges of the numbers of a field, by the words that an annotation has
+#: the kinds of entries of arrays, by the classes of one entry
+_DTYPES = {float: np.float64, int: np.intp, bool: np.bool_, complex: np.complex128}
+#: ranges of the numbers of a field, by the words of its declaration
 _RANGES: dict[str, Callable[[Any], Any]] = {
     "finite": np.isfinite,
     "zero or above": lambda values: np.isfinite(values) & (values >= 0.0),
@@ -159,25 +160,50 @@ def read_only(values: Any, dtype: Any = None) -> np.ndarray[Any, Any]:
     return array
 
 
+def held(kind: Any, shape: str = "", unit: str = "", within: str = "", **options: Any) -> Any:
+    """Declare a field of a result: what it holds, as :func:`restore` takes it, with the options of
+    :func:`dataclasses.field`.
+
+    With a ``shape`` float, int, bool and complex are those of the entries of an array. A shape is a
+    text of sizes parted by spaces: a number; a letter, which means the same size in all shapes of
+    the class; or a letter plus a number, "s+1". "..." at the beginning stands for the shape of the
+    load, "|" parts layouts that are both allowed, "*" is any shape, and "?" at the end marks a
+    field that may be None. ``unit`` is the SI unit, and ``within`` the range of the numbers, one of
+    ``_RANGES``.
+    """
+    layout = shape.rstrip("?")
+    held_kind = np.dtype(_DTYPES[kind]) if layout and kind in _DTYPES else kind
+    if layout != shape:
+        held_kind = [NoneType, held_kind]
+    checked_shape = shape if layout not in ("", "*") else ""
+    metadata = {"kind": held_kind, "shape": checked_shape, "unit": unit, "range": within}
+    return field(metadata=metadata, **options)
+
+
+@dataclass_transform(eq_default=False, frozen_default=True, field_specifiers=(held,))
+def result_class(cls: type[ResultT]) -> type[ResultT]:
+    """Make a subclass of :class:`Result` the dataclass of its fields, each declared by
+    :func:`held`.
+    """
+    made: type[ResultT] = dataclass(frozen=True, eq=False, repr=False)(cls)
+    undeclared = [f.name for f in fields(made) if "kind" not in f.metadata]
+    if undeclared:
+        raise TypeError(f"{cls.__name__} does not declare by held: {', '.join(undeclared)}")
+    return made
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Result:
     """Base of the frozen result classes.
 
-    An annotation ``Annotated[Array, "f n 3", "m/s", "finite"]`` says the shape of a field, its SI
-    unit, and the range of its numbers where plain data are read, one of ``_RANGES``. A field
-    without one of the three has "" in its place, or nothing at the end; the shape of a number is
-    "". The class keeps the three in ``_shapes``, ``units`` and ``_ranges``; a subclass writes the
-    units of its properties into ``units`` itself. When the meaning of a field changes, a subclass
-    has a higher ``_schema``. ``_notebook_fields`` names properties, quick to find, that a notebook
-    shows after the fields. Arrays are made read-only; scalars stay floats. Two results are equal if
-    all their compared fields are equal, array by array; ``repr`` shows a large array by its shape.
-    ``class Spectrum(Result, array="values")`` declares the field that ``np.asarray`` returns of a
-    spectrum.
-
-    A shape is a text of sizes parted by spaces: a number; a letter, which means the same size in
-    all shapes of the class; or a letter plus a number, "s+1". "..." at the beginning stands for the
-    shape of the load, "|" parts layouts that are both allowed, and "?" at the end marks a field
-    that may be None.
+    Each field is declared by ``held``: what it holds, the shape, the SI unit, and the range of
+    its numbers where plain data are read. The class keeps the last three in ``_shapes``, ``units``
+    and ``_ranges``; a subclass writes the units of its properties into ``units`` itself. When the
+    meaning of a field changes, a subclass has a higher ``_schema``. ``_notebook_fields`` names
+    properties, quick to find, that a notebook shows after the fields. Arrays are made read-only;
+    scalars stay floats. Two results are equal if all their compared fields are equal, array by
+    array; ``repr`` shows a large array by its shape. ``class Spectrum(Result, array="values")``
+    declares the field that ``np.asarray`` returns of a spectrum.
     """
 
     _schema: ClassVar[int] = 1
@@ -187,26 +213,18 @@ class Result:
     _notebook_fields: ClassVar[tuple[str, ...]] = ()
 
     def __init_subclass__(cls, array: str = "", **options: Any) -> None:
-        """Collect shapes, units and ranges from the annotations of a subclass; ``array`` names the
-        field that ``np.asarray`` returns of a result.
+        """Collect shapes, units and ranges from the fields that a subclass declares; ``array``
+        names the field that ``np.asarray`` returns of a result.
         """
         super().__init_subclass__(**options)
-        shapes = {}
-        units = {}
-        ranges = {}
-        for name, hint in get_annotations(cls, eval_str=True).items():
-            words = [word for word in _list_remarks(hint) if isinstance(word, str)]
-            shape, unit, within = (*words, "", "", "")[:3]  # words may be left out at the end
-            if shape:
-                shapes[name] = shape
-            if unit:
-                units[name] = unit
-            if within:
-                ranges[name] = within
-        # the annotations are those of the subclass alone; the fields of its bases are inherited
-        cls._shapes = cls._shapes | shapes
-        cls.units = cls.units | units
-        cls._ranges = cls._ranges | ranges
+        declared = {name: entry for name, entry in vars(cls).items() if isinstance(entry, Field)}
+
+        def list_words(key: str) -> dict[str, str]:
+            return {name: f.metadata[key] for name, f in declared.items() if f.metadata.get(key)}
+
+        cls._shapes = cls._shapes | list_words("shape")
+        cls.units = cls.units | list_words("unit")
+        cls._ranges = cls._ranges | list_words("range")
         if array:
 
             def make_array(self: Result, dtype: Any = None, copy: Any = None) -> Any:
@@ -455,69 +473,52 @@ def plain(value: Any) -> Any:
     return value
 
 
-def _list_remarks(hint: Any) -> tuple[Any, ...]:
-    """Return the remarks of an annotation beside the type: the kind of the entries of an array, the
-    shape, the unit and the range of a field; none without ``Annotated``.
+def restore(value: Any, kind: Any, name: str = "the data") -> Any:
+    """Build an object of a ``kind`` from plain data.
+
+    The kind is a dataclass, a scalar, or the type of the entries of an array; a tuple of kinds, or
+    of one kind and ``...``, is a tuple; a list or a union of kinds means one of them. Any is a
+    scalar, or an array; object is plain data, of which lists become tuples. A function returns a
+    kind that is defined later. Raises :class:`~granphon.base.errors.InputError`, which calls the
+    value ``name``, if the data are of another kind.
     """
-    return get_args(hint)[1:] if get_origin(hint) is Annotated else ()
-
-
-@cache
-def _find_types(kind: Any) -> dict[str, Any]:
-    """Return the type of each field of a dataclass, by name, with its remarks."""
-    return get_type_hints(kind, include_extras=True)
-
-
-def restore(value: Any, hint: Any, name: str = "the data") -> Any:
-    """Build an object of the type ``hint`` from plain data.
-
-    The type is a dataclass, tuple, mapping, scalar or array of :mod:`granphon.base.arrays`, or a
-    union of these; Any is a scalar, or an array. Raises :class:`~granphon.base.errors.InputError`,
-    which calls the value ``name``, if the data are of another kind.
-    """
-    remarks = _list_remarks(hint)
-    kind = get_args(hint)[0] if remarks else hint
-    dtypes = [remark for remark in remarks if isinstance(remark, np.dtype)]
-    dtype = dtypes[0] if dtypes else None
-    origin = get_origin(kind)
-    inner_kinds = get_args(kind)
-    expected = str(kind) if inner_kinds else getattr(kind, "__name__", str(kind))
-    if origin in (Union, UnionType):
-        return _restore_union(value, inner_kinds, name)
-    may_be_array = kind is Any and isinstance(value, Mapping | list | tuple | np.ndarray)
-    if dtype is not None or may_be_array:
-        expected = "an array of numbers"
-        array = _make_array(value, dtype)
+    if isinstance(kind, FunctionType):
+        kind = kind()
+    if isinstance(kind, UnionType):
+        kind = list(kind.__args__)
+    if isinstance(kind, list):
+        return _restore_one_of(value, kind, name)
+    is_list = isinstance(value, list | tuple)
+    is_array = isinstance(kind, np.dtype)
+    expected = "an array of numbers" if is_array else getattr(kind, "__name__", "a list")
+    may_be_array = kind is Any and (is_list or isinstance(value, Mapping | np.ndarray))
+    if is_array or may_be_array:
+        array = _make_array(value, kind if is_array else None)
         if array is not None:
             return array
-    elif origin is tuple and isinstance(value, list | tuple):
-        has_any_length = inner_kinds[1:] == (...,)
-        kinds = [inner_kinds[0]] * len(value) if has_any_length else inner_kinds
+    elif kind is object and is_list:
+        return tuple(restore(entry, object, name) for entry in value)
+    elif isinstance(kind, tuple) and is_list:
+        kinds = [kind[0]] * len(value) if kind[1:] == (...,) else kind
         if len(kinds) == len(value):
             pairs = zip(value, kinds, strict=True)
             return tuple(restore(entry, entry_kind, name) for entry, entry_kind in pairs)
-    elif origin is dict and isinstance(value, Mapping):
-        key_kind, entry_kind = inner_kinds
-        return {
-            restore(key, key_kind, name): restore(entry, entry_kind, f"{name}.{key}")
-            for key, entry in value.items()
-        }
     elif is_dataclass(kind):
         if isinstance(value, kind):  # type: ignore[arg-type]  # a class
             return value
         if isinstance(value, Mapping) and _read_class_name(value) == expected:
             return _restore_object(value, kind)
-    elif (kind is Any or kind in _SCALARS) and _is_scalar_of(value, kind):
+    elif _is_scalar_of(value, kind):
         return value
     raise InputError(f"{name}: found {_name_kind(value)} where {expected} is needed")
 
 
 def _is_scalar_of(value: Any, kind: Any) -> bool:
-    """Whether a value is a scalar of a ``kind``, one of ``_SCALARS`` or Any: a whole number is a
-    float too, and a truth value is no number.
+    """Whether a value is a scalar of a ``kind``, one of ``_SCALARS``, Any or object: a whole number
+    is a float too, and a truth value is no number.
     """
-    allowed: tuple[Any, ...] = (kind,)
-    if kind is Any:
+    allowed: tuple[Any, ...] = (kind,) if kind in _SCALARS else ()
+    if kind in (Any, object):
         allowed = (*_SCALARS, np.generic)
     elif kind is float:
         allowed = (float, int)
@@ -526,19 +527,19 @@ def _is_scalar_of(value: Any, kind: Any) -> bool:
     return isinstance(value, allowed)
 
 
-def _restore_union(value: Any, hints: tuple[Any, ...], name: str) -> Any:
-    """Build an object of the first of the types ``hints`` that takes plain data; the error of the
-    last type is raised if none does.
+def _restore_one_of(value: Any, kinds: list[Any], name: str) -> Any:
+    """Build an object of the first of the ``kinds`` that takes plain data; the error of the last
+    kind is raised if none does.
     """
-    candidates = hints
+    candidates = kinds
     if isinstance(value, Mapping):
-        # if the value names a class among the types, it must be an object of that class
+        # if the value names a class among the kinds, it must be an object of that class
         class_name = _read_class_name(value)
-        named = tuple(hint for hint in hints if getattr(hint, "__name__", None) == class_name)
-        candidates = named or hints
-    for hint in candidates[:-1]:
+        named = [kind for kind in kinds if getattr(kind, "__name__", None) == class_name]
+        candidates = named or kinds
+    for kind in candidates[:-1]:
         with suppress(InputError):
-            return restore(value, hint, name)
+            return restore(value, kind, name)
     return restore(value, candidates[-1], name)
 
 
@@ -550,14 +551,16 @@ def _restore_object(data: Mapping[str, Any], kind: Any) -> Any:
         return kind.from_dict(data)  # these data were written by to_dict of the field itself
     names = [f.name for f in fields(kind)]
     subject = f"the {kind.__name__} data"
-    hints = _find_types(kind)
     missing = [name for name in names if name not in data]
     if missing:
         raise InputError(f"{subject} lack {', '.join(missing)}")
     unknown = [show(name) for name in data if name not in (*names, "class")]
     if unknown:
         raise InputError(f"{subject} have {list_names(unknown)}, which the class does not have")
-    values = {name: restore(data[name], hints[name], f"{kind.__name__}.{name}") for name in names}
+    values = {
+        f.name: restore(data[f.name], f.metadata.get("kind", object), f"{kind.__name__}.{f.name}")
+        for f in fields(kind)
+    }
     try:
         if not issubclass(kind, Result):
             return kind(**values)

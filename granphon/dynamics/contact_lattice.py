@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, lru_cache
-from typing import Annotated, Any, Self, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,7 +25,7 @@ from granphon.balls.on_site import turn_on_site
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError, InstabilityError
 from granphon.base.memory import require_memory
-from granphon.base.results import Result
+from granphon.base.results import Result, held, result_class
 from granphon.base.scales import Units, write_quantity
 from granphon.base.threads import share_out, single_products
 from granphon.base.validation import not_negative, positive, real_array
@@ -66,7 +66,7 @@ _FEW_BALLS = 8
 _MANY_BALLS = 200
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class Modes(Result):
     """Vibrations at a list of wave vectors, branches in ascending frequency; reduced units.
 
@@ -86,13 +86,13 @@ class Modes(Result):
         plane of balls; 0 on a line and in space. The transverse part is the rest.
     """
 
-    wavevectors: Annotated[Array, "q p", "1/d", "finite"]
-    frequencies: Annotated[Array, "q b", "(k/M)^1/2", "zero or above"]
-    eigenvectors: Annotated[Complex, "q m b", "", "finite"]
-    group_velocities: Annotated[Array, "q b p", "d (k/M)^1/2"]
-    rotational_fraction: Annotated[Array, "q b"]
-    longitudinal_fraction: Annotated[Array, "q b"]
-    out_of_plane_fraction: Annotated[Array, "q b"]
+    wavevectors: Array = held(float, "q p", "1/d", "finite")
+    frequencies: Array = held(float, "q b", "(k/M)^1/2", "zero or above")
+    eigenvectors: Complex = held(complex, "q m b", within="finite")
+    group_velocities: Array = held(float, "q b p", "d (k/M)^1/2")
+    rotational_fraction: Array = held(float, "q b")
+    longitudinal_fraction: Array = held(float, "q b")
+    out_of_plane_fraction: Array = held(float, "q b")
 
     @property
     def transverse_fraction(self) -> Array:

@@ -32,7 +32,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Annotated, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,7 +41,7 @@ from granphon.balls.motions import Motions
 from granphon.balls.packing import LOSSES
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError, PrecisionError, Refused, brief
-from granphon.base.results import Result
+from granphon.base.results import Result, held, result_class
 from granphon.base.validation import Rule, finite_numbers, require
 from granphon.networks.network import ContactNetwork
 
@@ -269,7 +269,7 @@ def _read_pair(name: str, value: Any, count: int, parts: str = "normal, tangenti
     return np.stack([_spread(name, require(name, read, losses), count, mend) for losses in pair])
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class DampedModes(Result, array="frequencies"):
     """Modes that lose energy, u exp(2 pi i f t) with complex f; ``np.asarray`` of it is
     ``frequencies``.
@@ -287,10 +287,10 @@ class DampedModes(Result, array="frequencies"):
         as a damping is a time.
     """
 
-    frequencies: Annotated[Complex, "q m|m", "Hz"]
-    vectors: Annotated[Complex | None, "m n c?"] = None
-    qpoints: Annotated[Array | None, "q 3?"] = None
-    warnings: tuple[str, ...] = ()
+    frequencies: Complex = held(complex, "q m|m", "Hz")
+    vectors: Complex | None = held(complex, "m n c?", default=None)
+    qpoints: Array | None = held(float, "q 3?", default=None)
+    warnings: tuple[str, ...] = held((str, ...), default=())
 
     @property
     def quality(self) -> Array:

@@ -20,9 +20,8 @@ move, and u_1 is the radial displacement of the corona. Reduced units: length d,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +29,7 @@ from numpy.typing import NDArray
 from granphon.balls.lattices import TRIANGULAR, Lattice, find_lattice
 from granphon.base.arrays import Array
 from granphon.base.errors import MechanismError, PrecisionError
-from granphon.base.results import Result
+from granphon.base.results import Result, held, result_class
 from granphon.base.validation import not_negative
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.zone_means import Operation, divide_zone, find_symmetries
@@ -52,7 +51,7 @@ _SAME_MIDPOINT = 1e-3
 _TRIANGLE_HEIGHT = float(np.sqrt(3.0) / 2.0)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class LocalField(Result):
     """Local-field factor, and the displacements that define it; pure numbers.
 
@@ -68,13 +67,13 @@ class LocalField(Result):
     bending, torsion : stiffness of a contact against rolling and against twist, over k d^2.
     """
 
-    alpha: Annotated[float | None, "", "", "finite"]
-    beta: Annotated[float | None, "", "", "finite"]
-    xi: Annotated[float, "", "", "finite"]
-    mindlin_ratio: Annotated[float, "", "", "zero or above"]
-    lattice: str
-    bending: Annotated[float, "", "", "zero or above"] = 0.0
-    torsion: Annotated[float, "", "", "zero or above"] = 0.0
+    alpha: float | None = held(float, "?", within="finite")
+    beta: float | None = held(float, "?", within="finite")
+    xi: float = held(float, within="finite")
+    mindlin_ratio: float = held(float, within="zero or above")
+    lattice: str = held(str)
+    bending: float = held(float, within="zero or above", default=0.0)
+    torsion: float = held(float, within="zero or above", default=0.0)
 
     @property
     def compliance(self) -> float:

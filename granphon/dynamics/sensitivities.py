@@ -24,14 +24,13 @@ Each kind of rows has the name of its stiffness in :data:`STIFFNESSES`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from granphon.balls.motions import Motions
 from granphon.base.arrays import Array, Flags, Index
-from granphon.base.results import Result
+from granphon.base.results import Result, held, result_class
 from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.dynamics.deformation_rows import GROWTH, Row
@@ -69,7 +68,7 @@ def name_units(unit: str) -> dict[str, str]:
     }
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class Sensitivities(Result):
     """Derivatives of results of a network; SI units. Contacts and balls are those of the network,
     in its order; the axes of the results come first.
@@ -88,17 +87,17 @@ class Sensitivities(Result):
         and rotation of each ball, whether there is one or not; zero of balls that do not move.
     """
 
-    normal_stiffness: Annotated[Array, "... c"]
-    shear_stiffness: Annotated[Array | None, "... c?"]
-    torsion: Annotated[Array | None, "... c?"]
-    bending: Annotated[Array | None, "... c?"]
-    mass: Annotated[Array | None, "... n?"]
-    inertia: Annotated[Array | None, "... n?"]
-    normal_force: Annotated[Array | None, "... c?"]
-    on_site: Annotated[Array | None, "... n a?"]
+    normal_stiffness: Array = held(float, "... c")
+    shear_stiffness: Array | None = held(float, "... c?")
+    torsion: Array | None = held(float, "... c?")
+    bending: Array | None = held(float, "... c?")
+    mass: Array | None = held(float, "... n?")
+    inertia: Array | None = held(float, "... n?")
+    normal_force: Array | None = held(float, "... c?")
+    on_site: Array | None = held(float, "... n a?")
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class FrequencySensitivities(Sensitivities):
     """Derivatives of frequencies, Hz over the unit of each parameter; see :class:`Sensitivities`.
 
@@ -117,10 +116,10 @@ class FrequencySensitivities(Sensitivities):
     units: ClassVar[dict[str, str]] = name_units("Hz")
     _notebook_fields = ("warnings",)
 
-    frequencies: Annotated[Array, "...", "Hz", "zero or above"]
-    degenerate: Flags
-    qpoints: Annotated[Array | None, "... 3?"] = None
-    warnings: tuple[str, ...] = ()
+    frequencies: Array = held(float, "...", "Hz", "zero or above")
+    degenerate: Flags = held(bool, "*")
+    qpoints: Array | None = held(float, "... 3?", default=None)
+    warnings: tuple[str, ...] = held((str, ...), default=())
 
 
 class ModeEnergies(NamedTuple):

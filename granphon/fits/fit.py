@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,7 +23,7 @@ from granphon.balls.lattices import one_direction
 from granphon.balls.packing import PARAMETERS, Packing, given_packing
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
-from granphon.base.results import Result
+from granphon.base.results import Result, held, result_class
 from granphon.base.scales import write_quantity
 from granphon.base.staging import write_text
 from granphon.base.tables import table_text
@@ -738,7 +738,7 @@ class Fitted(Result):
         write_text(Path(folder) / "fit.csv", table_text(columns, rows))
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class WidthFit(Fitted):
     """Parameters of a packing that fit measured velocities, and how well they are known.
 
@@ -765,20 +765,20 @@ class WidthFit(Fitted):
     _units_of_parameters = {name: PARAMETERS[name] for name in VARIABLE}
     _head = ("medium", "width", "stderr", "std", "std_stderr", "p")
 
-    packing: Packing
-    choice: MediumChoice
-    waves: Waves
-    parameters: Annotated[tuple[str, ...], "p"]
-    values: Annotated[Array, "p"]
-    covariance: Annotated[Array, "p p"]
-    force: Annotated[Array, "n", "N"]
-    velocity: Annotated[Array, "n", "m/s"]
-    sigma: Annotated[Array, "n", "m/s"]
-    sigma_given: bool
-    velocities: Annotated[Array, "n", "m/s"]
-    chi2: float
-    dof: int
-    warnings: tuple[str, ...]
+    packing: Packing = held(Packing)
+    choice: MediumChoice = held(MediumChoice)
+    waves: Waves = held(Waves)
+    parameters: tuple[str, ...] = held((str, ...), "p")
+    values: Array = held(float, "p")
+    covariance: Array = held(float, "p p")
+    force: Array = held(float, "n", "N")
+    velocity: Array = held(float, "n", "m/s")
+    sigma: Array = held(float, "n", "m/s")
+    sigma_given: bool = held(bool)
+    velocities: Array = held(float, "n", "m/s")
+    chi2: float = held(float)
+    dof: int = held(int)
+    warnings: tuple[str, ...] = held((str, ...))
 
     @property
     def width(self) -> float:

@@ -6,7 +6,7 @@ import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from granphon.base.quantities import (
     Quantity,
     load_quantities,
 )
-from granphon.base.results import Result
+from granphon.base.results import Result, held, result_class
 from granphon.base.tables import Table
 from granphon.base.text import list_names, suggest
 from granphon.base.validation import finite_list, positive
@@ -67,7 +67,7 @@ def read_sigma(text: str, velocity: Array) -> Any:
     return _SIGMA.read(text)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class Measurements(Result):
     """Sound velocities against the contact force.
 
@@ -84,10 +84,10 @@ class Measurements(Result):
         the arrays have different lengths.
     """
 
-    force: Annotated[Array, "", "N"]
-    velocity: Annotated[Array, "", "m/s"]
-    sigma: Annotated[Any, "", "m/s"] = None
-    frequency: Annotated[Any, "", "Hz"] = None
+    force: Array = held(float, "*", "N")
+    velocity: Array = held(float, "*", "m/s")
+    sigma: Any = held(Any, unit="m/s", default=None)
+    frequency: Any = held(Any, unit="Hz", default=None)
 
     def __post_init__(self) -> None:
         counts = {}  # how many numbers each field has

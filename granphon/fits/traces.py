@@ -16,13 +16,13 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from granphon.base.arrays import ROUNDED, Array
 from granphon.base.errors import InputError
-from granphon.base.results import Result
+from granphon.base.results import Result, held, result_class
 from granphon.base.text import list_names, suggest
 from granphon.base.validation import finite_array, is_one_of, positive, text_list
 from granphon.fits.fit import LEAST_CHANCE, compute_probability
@@ -55,7 +55,7 @@ _WIDE = 0.9
 _SAMPLES_PER_PERIOD = 4.0
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class TraceVelocity(Result):
     """The sound velocity that traces show.
 
@@ -76,17 +76,17 @@ class TraceVelocity(Result):
 
     units: ClassVar[dict[str, str]] = {"p": "1"}
 
-    velocity: Annotated[float, "", "m/s"]
-    stderr: Annotated[float, "", "m/s"]
-    method: str
-    filter: str
-    arrivals: Annotated[Array, "m", "s"]
-    arrival_errors: Annotated[Array, "m", "s"]
-    distances: Annotated[Array, "m", "m"]
-    start: Annotated[float, "", "s"]
-    chi2: float
-    dof: int
-    warnings: tuple[str, ...] = ()
+    velocity: float = held(float, unit="m/s")
+    stderr: float = held(float, unit="m/s")
+    method: str = held(str)
+    filter: str = held(str)
+    arrivals: Array = held(float, "m", "s")
+    arrival_errors: Array = held(float, "m", "s")
+    distances: Array = held(float, "m", "m")
+    start: float = held(float, unit="s")
+    chi2: float = held(float)
+    dof: int = held(int)
+    warnings: tuple[str, ...] = held((str, ...), default=())
 
     @property
     def p(self) -> float:
@@ -94,7 +94,7 @@ class TraceVelocity(Result):
         return compute_probability(self.chi2, self.dof)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class Traces(Result, array="signals"):
     """What sensors along a line measured, all at the same times.
 
@@ -110,10 +110,10 @@ class Traces(Result, array="signals"):
     are not as many as traces or do not rise, and a trace whose top or bottom is cut off.
     """
 
-    times: Annotated[Array, "n", "s"]
-    signals: Annotated[Array, "m n"]
-    distances: Annotated[Array, "m", "m"]
-    names: tuple[str, ...] = ()
+    times: Array = held(float, "n", "s")
+    signals: Array = held(float, "m n")
+    distances: Array = held(float, "m", "m")
+    names: tuple[str, ...] = held((str, ...), default=())
 
     def __post_init__(self) -> None:
         times = _require_even(finite_array("times", self.times, "s"))

@@ -13,9 +13,9 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Annotated, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,7 +25,7 @@ from granphon.balls.packing import LOSSES
 from granphon.base.arrays import ROUNDED, Array
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import FREQUENCY, Quantity
-from granphon.base.results import Result
+from granphon.base.results import Result, held, result_class
 from granphon.base.tables import Table
 from granphon.base.text import list_names, suggest
 from granphon.base.validation import Low, finite_list, positive, texts
@@ -101,7 +101,7 @@ _MAGNITUDES = {
 _RAW_UNITS = ("V/V", "V", "mV", "V/N", "mV/N", "N")
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class TransferFunction(Result):
     """A measured transfer function.
 
@@ -120,12 +120,12 @@ class TransferFunction(Result):
     sigma.
     """
 
-    frequencies: Annotated[Array, "n", "Hz"]
-    magnitude: Annotated[Array, "n"]
-    phase: Annotated[Array | None, "n?", "rad"] = None
-    sigma: Annotated[Array | None, "n?"] = None
-    phase_sigma: Annotated[Array | None, "n?", "rad"] = None
-    calibrated: bool = True
+    frequencies: Array = held(float, "n", "Hz")
+    magnitude: Array = held(float, "n")
+    phase: Array | None = held(float, "n?", "rad", default=None)
+    sigma: Array | None = held(float, "n?", default=None)
+    phase_sigma: Array | None = held(float, "n?", "rad", default=None)
+    calibrated: bool = held(bool, default=True)
 
     def __post_init__(self) -> None:
         for name in self._shapes:
@@ -552,7 +552,7 @@ class _Model:
         return np.asarray(values.get("gain", 1.0) * response.coherent[inverse])
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class DampingFit(Fitted):
     """Parameters of a network whose response fits a measured transfer function, and how well they
     are known.
@@ -586,22 +586,22 @@ class DampingFit(Fitted):
     _notebook_fields = ("stderrs",)
     _units_of_parameters = PARAMETERS
 
-    parameters: Annotated[tuple[str, ...], "p"]
-    values: Annotated[Array, "p"]
-    covariance: Annotated[Array, "p p"]
-    damping: Annotated[Array, "2"]
-    loss_factor: Annotated[Array, "2"]
-    measured: TransferFunction
-    quantity: str
-    sigma_given: bool
-    magnitude: Annotated[Array, "n"]
-    phase: Annotated[Array, "n"]
-    chi2: float
-    dof: int
-    warnings: tuple[str, ...]
-    drag: Annotated[Array, "2"] = field(default_factory=lambda: np.zeros(2))
-    dashpot: Annotated[Array, "2"] = field(default_factory=lambda: np.zeros(2))
-    restitution: float = 1.0
+    parameters: tuple[str, ...] = held((str, ...), "p")
+    values: Array = held(float, "p")
+    covariance: Array = held(float, "p p")
+    damping: Array = held(float, "2")
+    loss_factor: Array = held(float, "2")
+    measured: TransferFunction = held(TransferFunction)
+    quantity: str = held(str)
+    sigma_given: bool = held(bool)
+    magnitude: Array = held(float, "n")
+    phase: Array = held(float, "n")
+    chi2: float = held(float)
+    dof: int = held(int)
+    warnings: tuple[str, ...] = held((str, ...))
+    drag: Array = held(float, "2", default_factory=lambda: np.zeros(2))
+    dashpot: Array = held(float, "2", default_factory=lambda: np.zeros(2))
+    restitution: float = held(float, default=1.0)
 
     @property
     def unit(self) -> str:

@@ -21,7 +21,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from granphon.balls.loads import Load
 from granphon.balls.packing import MINDLIN, Packing, change_packing
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, UnreachableFrequencyError
-from granphon.base.results import Result
+from granphon.base.results import Result, held, result_class
 from granphon.base.scales import write_quantity
 from granphon.base.text import suggest
 from granphon.base.validation import one_of, positive, require, truth
@@ -70,7 +70,7 @@ _CORRECTIONS = 10
 _FREQUENCY_STEP = 1e-4
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class Waves(Result):
     """The waves whose velocity is measured.
 
@@ -84,10 +84,10 @@ class Waves(Result):
     finite_overlap : whether terms of relative order delta/d are kept.
     """
 
-    branch: str
-    direction: Annotated[Array, "p"]
-    frequency: Annotated[Any, "...?", "Hz"]
-    finite_overlap: bool
+    branch: str = held(str)
+    direction: Array = held(float, "p")
+    frequency: Any = held(Any, "...?", "Hz")
+    finite_overlap: bool = held(bool)
 
     def __post_init__(self) -> None:
         one_of("branch", self.branch, _BRANCHES)

@@ -11,15 +11,15 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, fields
-from typing import Annotated, Any
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
 from granphon.base.arrays import Array
 from granphon.base.errors import GranphonError, InputError, brief, one_line
 from granphon.base.progress import Progress, silent
-from granphon.base.results import Result
+from granphon.base.results import Result, held, result_class
 from granphon.base.text import counted
 from granphon.base.validation import finite_array, one_of, texts, whole_number
 from granphon.dynamics.sensitivities import Sensitivities
@@ -42,7 +42,7 @@ _DERIVATIVES = tuple(field.name for field in fields(Sensitivities))
 _NAMED = 6
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class Design(Result):
     """The best network that a search has met.
 
@@ -59,14 +59,14 @@ class Design(Result):
     warnings : one sentence for each thing that went another way than was asked for.
     """
 
-    network: ContactNetwork = field(repr=False)
-    value: float
-    unit: str
-    history: Annotated[Array, "h"]
-    variables: Annotated[Array, "n"]
-    labels: tuple[str, ...]
-    evaluations: int
-    warnings: tuple[str, ...] = ()
+    network: ContactNetwork = held(ContactNetwork, repr=False)
+    value: float = held(float)
+    unit: str = held(str)
+    history: Array = held(float, "h")
+    variables: Array = held(float, "n")
+    labels: tuple[str, ...] = held((str, ...))
+    evaluations: int = held(int)
+    warnings: tuple[str, ...] = held((str, ...), default=())
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -133,7 +133,9 @@ class EffectiveLaw(SpreadLaw):
 
     coefficient: float
     width: float
-    shape: UniformShape | NormalShape | PointShape
+    shape: UniformShape | NormalShape | PointShape = field(
+        metadata={"kind": UniformShape | NormalShape | PointShape}
+    )
     xi: float
 
     @property

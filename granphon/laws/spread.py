@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
@@ -176,7 +176,9 @@ class SpreadLaw(EnergyLaw):
 
     coefficient: float
     width: float
-    shape: UniformShape | NormalShape | PointShape
+    shape: UniformShape | NormalShape | PointShape = field(
+        metadata={"kind": UniformShape | NormalShape | PointShape}
+    )
 
     #: Xi, the stiffness with which the rest of the lattice holds a ball's corona, in units of k;
     #: infinite if balls stay at their sites
@@ -394,7 +396,9 @@ class AveragedLaw(SpreadLaw):
 
     coefficient: float
     width: float
-    shape: UniformShape | NormalShape | PointShape
+    shape: UniformShape | NormalShape | PointShape = field(
+        metadata={"kind": UniformShape | NormalShape | PointShape}
+    )
 
     xi = math.inf
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, TypeVar
 
@@ -320,7 +320,9 @@ class MediumChoice:
 
     name: str
     # Load is named so that plain data are made into it again
-    options: tuple[tuple[str, Load | Any], ...] = ()
+    options: tuple[tuple[str, Load | Any], ...] = field(
+        default=(), metadata={"kind": ((str, [Load, object]), ...)}
+    )
 
     def __post_init__(self) -> None:
         name = require("medium", _read_name, self.name)

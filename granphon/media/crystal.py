@@ -14,10 +14,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from operator import attrgetter
-from typing import Annotated, Any, ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,7 +39,7 @@ from granphon.balls.contact_laws import (
     law_of_pair,
     read_laws,
 )
-from granphon.balls.contact_model import ContactModel, GivenLaw
+from granphon.balls.contact_model import LAW_KINDS, ContactModel, GivenLaw
 from granphon.balls.hertz import NO_STIFFNESS, NO_TENSION, HertzLaw
 from granphon.balls.lattices import LATTICES, Lattice, find_structure
 from granphon.balls.layers import Layers, find_faces, read_edges
@@ -56,7 +56,7 @@ from granphon.balls.packing import read_rolling, require_shallow
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, brief
 from granphon.base.memory import require_memory
-from granphon.base.results import Result, read_only
+from granphon.base.results import Result, held, read_only, result_class
 from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.base.validation import (
@@ -131,8 +131,8 @@ class Faces:
 
     axis: int
     thickness: float
-    edges: tuple[str | Wall, str | Wall]
-    balls: tuple[Index, Index]
+    edges: tuple[str | Wall, str | Wall] = field(metadata={"kind": (str | Wall, str | Wall)})
+    balls: tuple[Index, Index] = field(metadata={"kind": (np.dtype(np.intp), np.dtype(np.intp))})
 
     @property
     def is_pressed(self) -> bool:
@@ -188,7 +188,7 @@ class _Bodies(NamedTuple):
         return self.n_balls + len(self.walls)
 
 
-@dataclass(frozen=True, eq=False, repr=False, init=False)
+@result_class
 class Crystal(Result):
     """Balls of several kinds on the sites of a cell, which touch their neighbours.
 
@@ -239,21 +239,21 @@ class Crystal(Result):
 
     _schema: ClassVar[int] = 2
 
-    kinds: tuple[Ball, ...]
-    names: tuple[str, ...]
-    kind: Annotated[Index, "n"]
-    cell: Annotated[Array, "p d", "", "finite"]
-    positions: Annotated[Array, "n d", "", "finite"]
-    contacts: ContactTable
-    law: GivenLaw
-    friction: bool
-    motions: str | None
-    torsion: float | str
-    bending: float
-    name: str
-    faces: tuple[Faces, ...]
-    deviations: Annotated[Array | None, "n?", "", "finite"]
-    on_site: Annotated[Array | None, "n m?", "", "zero or above"]
+    kinds: tuple[Ball, ...] = held((Ball, ...))
+    names: tuple[str, ...] = held((str, ...))
+    kind: Index = held(int, "n")
+    cell: Array = held(float, "p d", within="finite")
+    positions: Array = held(float, "n d", within="finite")
+    contacts: ContactTable = held(ContactTable)
+    law: GivenLaw = held(LAW_KINDS)
+    friction: bool = held(bool)
+    motions: str | None = held(str, "?")
+    torsion: float | str = held(float | str)
+    bending: float = held(float)
+    name: str = held(str)
+    faces: tuple[Faces, ...] = held((Faces, ...))
+    deviations: Array | None = held(float, "n?", within="finite")
+    on_site: Array | None = held(float, "n m?", within="zero or above")
 
     def __init__(
         self,
@@ -1762,7 +1762,7 @@ class Crystal(Result):
         return np.asarray(-0.5 * (virial + virial.T) / measure)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class CrystalState(Result):
     """The contacts of a crystal under load, as its methods ``at_...`` return it.
 
@@ -1786,16 +1786,16 @@ class CrystalState(Result):
         the positions at which balls touch, which drops terms of relative order delta/d.
     """
 
-    crystal: Crystal
-    normal_force: Annotated[Array, "... c", "N", "finite"]
-    overlap: Annotated[Array, "... c", "m", "finite"]
-    normal_stiffness: Annotated[Array, "... c", "N/m", "zero or above"]
-    normal: Annotated[Array, "... c d", "", "finite"]
-    displacements: Annotated[Array, "... n d", "m", "finite"]
-    stress: Annotated[Array, "... p p", "", "finite"]
-    strain: Annotated[Array, "... p p", "", "finite"]
-    ways: Annotated[Array, "... w", "m", "finite"]
-    finite_overlap: bool = False
+    crystal: Crystal = held(Crystal)
+    normal_force: Array = held(float, "... c", "N", "finite")
+    overlap: Array = held(float, "... c", "m", "finite")
+    normal_stiffness: Array = held(float, "... c", "N/m", "zero or above")
+    normal: Array = held(float, "... c d", within="finite")
+    displacements: Array = held(float, "... n d", "m", "finite")
+    stress: Array = held(float, "... p p", within="finite")
+    strain: Array = held(float, "... p p", within="finite")
+    ways: Array = held(float, "... w", "m", "finite")
+    finite_overlap: bool = held(bool, default=False)
 
     def _field_units(self) -> dict[str, str]:
         """The SI unit of each attribute; that of the stress depends on the number of periods."""

@@ -5,8 +5,8 @@ beyond a limit.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import Annotated, Any, NamedTuple
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from granphon.balls.ball import BALL_LIMITS, WRONG_UNIT
 from granphon.balls.hertz import MOST_CONTACT_RADIUS
 from granphon.balls.material import ONSET_OF_YIELD
 from granphon.base.errors import message
-from granphon.base.results import Result
+from granphon.base.results import Result, held, result_class
 from granphon.base.scales import prefixed
 from granphon.media.left_out import LEFT_OUT_LIMIT
 
@@ -108,7 +108,7 @@ def _write_force(force: float) -> str:
     return f"{force / size:.4g} {unit}"
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class Check(Result):
     """One condition of validity.
 
@@ -129,15 +129,15 @@ class Check(Result):
         others, the farthest first: their labels, or indices where there are none.
     """
 
-    name: str
-    meaning: str
-    value: Annotated[Any, "..."]
-    limit: float
-    reason: str
-    at_least: bool = False
-    fault: str = ""
-    typical: float | None = None
-    worst: tuple[tuple[int, ...], ...] = ()
+    name: str = held(str)
+    meaning: str = held(str)
+    value: Any = held(Any, "...")
+    limit: float = held(float)
+    reason: str = held(str)
+    at_least: bool = held(bool, default=False)
+    fault: str = held(str, default="")
+    typical: float | None = held(float, "?", default=None)
+    worst: tuple[tuple[int, ...], ...] = held(((int, ...), ...), default=())
 
     @property
     def ok(self) -> Any:

@@ -17,6 +17,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, partial
 from operator import attrgetter, methodcaller
+from types import NoneType
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -39,7 +40,7 @@ from granphon.base.differences import Course
 from granphon.base.errors import GranphonError, InputError, MechanismError, brief
 from granphon.base.memory import require_memory
 from granphon.base.progress import Progress, silent
-from granphon.base.results import read_only
+from granphon.base.results import held, read_only, result_class
 from granphon.base.threads import naming_lost_workers
 from granphon.base.validation import choice, finite_array, lengths, require, whole, whole_number
 from granphon.dynamics.contact_lattice import ContactLattice
@@ -119,7 +120,7 @@ class SampleLaw(EnergyLaw):
     simulation : the :class:`DirectSimulation` whose samples are solved.
     """
 
-    simulation: DirectSimulation
+    simulation: DirectSimulation = field(metadata={"kind": lambda: DirectSimulation})
 
     @property
     def coefficient(self) -> float:
@@ -194,7 +195,7 @@ HISTORY_UNITS = {
 }
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class SimulatedState(ContactState):
     """The contacts of simulated samples: means over the samples, and the samples themselves.
 
@@ -217,9 +218,11 @@ class SimulatedState(ContactState):
 
     units = {**ContactState.units, "contact_force_fluctuation": "1", **HISTORY_UNITS}
 
-    law: HertzLaw | SampleLaw = field(repr=False)
-    samples: tuple[Sample | PressedSample, ...] = field(default=(), repr=False)
-    fixed_overlap: bool = False
+    law: HertzLaw | SampleLaw = held(HertzLaw | SampleLaw, repr=False)
+    samples: tuple[Sample | PressedSample, ...] = held(
+        (Sample | PressedSample, ...), default=(), repr=False
+    )
+    fixed_overlap: bool = held(bool, default=False)
 
     @classmethod
     def of(cls, simulation: DirectSimulation, samples: Sequence[Any], load: Load) -> Self:
@@ -770,17 +773,19 @@ class DirectSimulation(Medium[SimulatedState]):
     :class:`~granphon.base.errors.GranphonError` if the executor loses a worker.
     """
 
-    packing: Packing
+    packing: Packing = field(metadata={"kind": Packing})
     shape: tuple[int, ...] | None = None
     seed: int = 0
     samples: int = 1
-    diameters: Array | None = None
+    diameters: Array | None = field(default=None, metadata={"kind": [NoneType, np.dtype(float)]})
     executor: Executor | None = field(default=None, compare=False, repr=False)
     workers: int = field(default=1, compare=False, repr=False)
     friction_history: bool = False
     friction_coefficient: float | None = FrictionHistory.friction_coefficient
     geometry: str | None = None
-    start: float | Load | str = FrictionHistory.start
+    start: float | Load | str = field(
+        default=FrictionHistory.start, metadata={"kind": float | Load | str}
+    )
     shear_response: str = FrictionHistory.shear_response
     step_tolerance: float = FrictionHistory.step_tolerance
     ordered: bool = FrictionHistory.ordered

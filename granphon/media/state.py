@@ -11,9 +11,9 @@ import itertools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,7 +25,7 @@ from granphon.balls.packing import MINDLIN, Packing
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
 from granphon.base.progress import Progress
-from granphon.base.results import Result
+from granphon.base.results import Result, held, result_class
 from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.base.validation import require, truth
@@ -264,7 +264,7 @@ class State(ABC):
         return [common_scale for _ in names]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class ContactState(State, Result):
     """The contacts of a packing under load. Every attribute has the shape of the load.
 
@@ -298,14 +298,14 @@ class ContactState(State, Result):
     }
     _notebook_fields = ("shear_stiffness", "pressure")
 
-    packing: Packing
-    medium: str
-    law: Law = field(repr=False)
-    force: Annotated[Values, "...", "N", "above zero"]
-    overlap: Annotated[Values, "...", "m", "finite"]
-    normal_stiffness: Annotated[Values, "...", "N/m", "above zero"]
-    finite_overlap: bool = False
-    chosen_automatically: bool = False
+    packing: Packing = held(Packing)
+    medium: str = held(str)
+    law: Law = held(Law, repr=False)
+    force: Values = held(Any, "...", "N", "above zero")
+    overlap: Values = held(Any, "...", "m", "finite")
+    normal_stiffness: Values = held(Any, "...", "N/m", "above zero")
+    finite_overlap: bool = held(bool, default=False)
+    chosen_automatically: bool = held(bool, default=False)
 
     def _check(self) -> None:
         """Raise :class:`InputError` also if an overlap that was read is out of range, or does not

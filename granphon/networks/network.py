@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar, Unpack
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,7 +34,7 @@ from granphon.base.errors import (
 )
 from granphon.base.memory import require_memory
 from granphon.base.registry import Registry
-from granphon.base.results import Result, read_only
+from granphon.base.results import Result, held, read_only, result_class
 from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.base.validation import (
@@ -87,7 +87,7 @@ _READING = "reading"
 MOST_CELLS = 1_000_000
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class ContactNetwork(Result):
     """Balls and the contacts between them; SI units.
 
@@ -150,36 +150,36 @@ class ContactNetwork(Result):
 
     _schema: ClassVar[int] = 2
 
-    cell: Annotated[Array, "3 3", "m"]
-    pbc: tuple[bool, bool, bool]
-    positions: Annotated[Array, "n 3", "m"]
-    radii: Annotated[Array, "n", "m"]
-    masses: Annotated[Array, "n", "kg"]
-    inertias: Annotated[Array, "n", "kg m^2"]
-    i: Annotated[Index, "c"]
-    j: Annotated[Index, "c"]
-    shift: Annotated[Index, "c 3"]
-    normal: Annotated[Array, "c 3"]
-    normal_force: Annotated[Array, "c", "N"]
-    normal_stiffness: Annotated[Array, "c", "N/m"]
-    shear_stiffness: Annotated[Array, "c", "N/m"]
-    torsion_stiffness: Annotated[Array, "c", "N m"]
-    bending_stiffness: Annotated[Array, "c", "N m"]
-    arm_i: Annotated[Array, "c", "m"]
-    arm_j: Annotated[Array, "c", "m"]
-    motions: str = "all"
-    dimension: int = 3
-    prestress: bool = False
-    left_out: int = 0
-    labels: Annotated[Index | None, "n?"] = None
-    lattice: Lattice | None = None
-    shape: tuple[int, ...] | None = None
-    tangential_force: Annotated[Array | None, "c 3?", "N"] = None
-    adhesive: bool = False
-    kinds: Annotated[tuple[str, ...] | None, "n?"] = None
-    contact_model: ContactModel | None = field(default=None, repr=False)
-    on_site: Annotated[Array | None, "n m?", "", "zero or above"] = None
-    tangential_law: str = "mindlin/force"
+    cell: Array = held(float, "3 3", "m")
+    pbc: tuple[bool, bool, bool] = held((bool, bool, bool))
+    positions: Array = held(float, "n 3", "m")
+    radii: Array = held(float, "n", "m")
+    masses: Array = held(float, "n", "kg")
+    inertias: Array = held(float, "n", "kg m^2")
+    i: Index = held(int, "c")
+    j: Index = held(int, "c")
+    shift: Index = held(int, "c 3")
+    normal: Array = held(float, "c 3")
+    normal_force: Array = held(float, "c", "N")
+    normal_stiffness: Array = held(float, "c", "N/m")
+    shear_stiffness: Array = held(float, "c", "N/m")
+    torsion_stiffness: Array = held(float, "c", "N m")
+    bending_stiffness: Array = held(float, "c", "N m")
+    arm_i: Array = held(float, "c", "m")
+    arm_j: Array = held(float, "c", "m")
+    motions: str = held(str, default="all")
+    dimension: int = held(int, default=3)
+    prestress: bool = held(bool, default=False)
+    left_out: int = held(int, default=0)
+    labels: Index | None = held(int, "n?", default=None)
+    lattice: Lattice | None = held(Lattice, "?", default=None)
+    shape: tuple[int, ...] | None = held((int, ...), "?", default=None)
+    tangential_force: Array | None = held(float, "c 3?", "N", default=None)
+    adhesive: bool = held(bool, default=False)
+    kinds: tuple[str, ...] | None = held((str, ...), "n?", default=None)
+    contact_model: ContactModel | None = held(ContactModel, "?", default=None, repr=False)
+    on_site: Array | None = held(float, "n m?", within="zero or above", default=None)
+    tangential_law: str = held(str, default="mindlin/force")
 
     def __post_init__(self) -> None:
         checked: dict[str, Any] = {

@@ -10,7 +10,7 @@ d ln X/d ln p is a difference of the fourth order.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from granphon.balls.packing import KIND_PARAMETERS, Packing, change_packing
 from granphon.base.arrays import Array
 from granphon.base.differences import Course
 from granphon.base.errors import InputError, brief
-from granphon.base.results import Result
+from granphon.base.results import Result, held, result_class
 from granphon.base.validation import real_array, texts
 from granphon.media.arrangement import Balls, given_balls
 from granphon.media.choice import MediumChoice
@@ -35,7 +35,7 @@ MINDLIN_RATIO = "mindlin_ratio"
 _STEP = 2e-4
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class ParameterSensitivities(Result):
     """Logarithmic derivatives of a number, or of an array of numbers, by named parameters.
 
@@ -46,9 +46,9 @@ class ParameterSensitivities(Result):
     value : X, an array of any shape, in its own unit.
     """
 
-    names: tuple[str, ...]
-    slopes: Array
-    value: Any
+    names: tuple[str, ...] = held((str, ...))
+    slopes: Array = held(float, "*")
+    value: Any = held(Any)
 
     def __getitem__(self, name: str) -> Any:
         """Return the derivatives by the parameter of a ``name``; InputError if it has none."""

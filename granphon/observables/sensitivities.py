@@ -11,14 +11,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from granphon.balls.layers import find_axes
 from granphon.base.arrays import Array, Flags
 from granphon.base.errors import InputError
+from granphon.base.results import held, result_class
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.elasticity import find_stress_part, voigt_pairs
 from granphon.dynamics.sensitivities import (
@@ -35,7 +35,7 @@ from granphon.media.state import State
 from granphon.networks.network import ContactNetwork, given_network
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class ModuliSensitivities(Sensitivities):
     """Derivatives of elastic constants, Pa (N on a line) over the unit of each parameter; see
     :class:`Sensitivities`. The axes are those of the load, then those of ``tensor``, (n, n).
@@ -48,7 +48,7 @@ class ModuliSensitivities(Sensitivities):
     units: ClassVar[dict[str, str]] = name_units("Pa")
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class VelocitySensitivities(Sensitivities):
     """Derivatives of sound velocities, m/s over the unit of each parameter; see
     :class:`Sensitivities`. The axes are those of ``velocities``.
@@ -66,8 +66,8 @@ class VelocitySensitivities(Sensitivities):
 
     units: ClassVar[dict[str, str]] = name_units("m/s")
 
-    velocities: Annotated[Array, "...", "m/s", "zero or above"]
-    degenerate: Flags
+    velocities: Array = held(float, "...", "m/s", "zero or above")
+    degenerate: Flags = held(bool, "*")
 
 
 def list_networks(state: State | None, quantity: str) -> list[ContactNetwork]:

@@ -4,7 +4,6 @@ is to each limit.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from operator import attrgetter
 from typing import Any
@@ -16,7 +15,7 @@ from granphon.balls.hertz import contact_radius_ratio, harmonic_diameter, overla
 from granphon.balls.loads import Load
 from granphon.balls.packing import MINDLIN
 from granphon.base.arrays import Array
-from granphon.base.results import Result
+from granphon.base.results import Result, held, result_class
 from granphon.media.left_out import expect_shear_deficit, find_left_out
 from granphon.media.limits import Check, check_limit
 from granphon.media.simulation import DirectSimulation
@@ -42,7 +41,7 @@ _DIRECTIONS = {
 }
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class Validity(Result):
     """The conditions under which the model holds.
 
@@ -53,7 +52,7 @@ class Validity(Result):
 
     _notebook_fields = ("ok", "warnings")
 
-    checks: tuple[Check, ...]
+    checks: tuple[Check, ...] = held((Check, ...))
 
     @property
     def ok(self) -> Any:

@@ -6,9 +6,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +18,7 @@ from granphon.base.arrays import Array
 from granphon.base.errors import InputError, InstabilityError, UnreachableFrequencyError, brief
 from granphon.base.memory import require_memory
 from granphon.base.progress import Progress, silent
-from granphon.base.results import Result
+from granphon.base.results import Result, held, result_class
 from granphon.base.validation import finite_array, texts
 from granphon.dynamics.branches import AcousticBranch, AcousticBranches, follow_acoustic_branches
 from granphon.dynamics.contact_lattice import ContactLattice
@@ -74,7 +73,7 @@ def local_exponent(state: ContactState) -> Any:
     return given_state(state).exponent if exponent is None else exponent
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class SoundVelocities(Result):
     """Velocities of long waves, m/s, with the shape of the load followed by the shape of the
     directions.
@@ -103,16 +102,16 @@ class SoundVelocities(Result):
     #: the state; None where none is at hand
     _state: ClassVar[State | None] = None
 
-    longitudinal: Annotated[Any, "...?", "m/s"]
-    transverse: Annotated[Any, "...|... 2?", "m/s"]
-    direction: Annotated[Array, "p|n p", "", "finite"]
-    warnings: tuple[str, ...]
-    velocities: Annotated[Array, "... u", "m/s", "zero or above"]
-    polarisations: Annotated[Array, "... u u"]
-    longitudinal_error: Annotated[Any, "...?", "m/s"] = None
-    transverse_error: Annotated[Any, "...|... 2?", "m/s"] = None
-    out_of_plane: Annotated[Any, "...?", "m/s"] = None
-    twist: Annotated[Any, "...?", "m/s"] = None
+    longitudinal: Any = held(Any, "...?", "m/s")
+    transverse: Any = held(Any, "...|... 2?", "m/s")
+    direction: Array = held(float, "p|n p", within="finite")
+    warnings: tuple[str, ...] = held((str, ...))
+    velocities: Array = held(float, "... u", "m/s", "zero or above")
+    polarisations: Array = held(float, "... u u")
+    longitudinal_error: Any = held(Any, "...?", "m/s", default=None)
+    transverse_error: Any = held(Any, "...|... 2?", "m/s", default=None)
+    out_of_plane: Any = held(Any, "...?", "m/s", default=None)
+    twist: Any = held(Any, "...?", "m/s", default=None)
 
     @cached_property
     def sensitivities(self) -> VelocitySensitivities:
@@ -289,7 +288,7 @@ def choose_direction(
     return as_direction(direction, periods)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class AveragedModuli(Result):
     """Bulk and shear modulus of a body of many grains, averaged over all directions.
 
@@ -298,11 +297,11 @@ class AveragedModuli(Result):
     bulk, shear : the moduli, Pa, with the shape of the load.
     """
 
-    bulk: Annotated[Any, "...", "Pa"]
-    shear: Annotated[Any, "...", "Pa"]
+    bulk: Any = held(Any, "...", "Pa")
+    shear: Any = held(Any, "...", "Pa")
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class Moduli(Result):
     """Elastic constants: Pa, in the plane of the layer taken one diameter thick; N on a line.
 
@@ -329,14 +328,14 @@ class Moduli(Result):
     #: the state; None where none is at hand
     _state: ClassVar[State | None] = None
 
-    tensor: Annotated[Array, "... 3 3|... 6 6|... 1 1", "Pa", "finite"]
-    isotropic: bool
-    warnings: tuple[str, ...]
-    bulk_error: Annotated[Any, "...?", "Pa"] = None
-    shear_error: Annotated[Any, "...?", "Pa"] = None
-    tensor_error: Annotated[Array | None, "... 3 3|... 6 6|... 1 1?", "Pa"] = None
-    anisotropy_error: Annotated[Any, "...?", "1"] = None
-    cubic: bool = False
+    tensor: Array = held(float, "... 3 3|... 6 6|... 1 1", "Pa", "finite")
+    isotropic: bool = held(bool)
+    warnings: tuple[str, ...] = held((str, ...))
+    bulk_error: Any = held(Any, "...?", "Pa", default=None)
+    shear_error: Any = held(Any, "...?", "Pa", default=None)
+    tensor_error: Array | None = held(float, "... 3 3|... 6 6|... 1 1?", "Pa", default=None)
+    anisotropy_error: Any = held(Any, "...?", "1", default=None)
+    cubic: bool = held(bool, default=False)
 
     def _field_units(self) -> dict[str, str]:
         return {
@@ -535,7 +534,7 @@ def moduli(state: Any, *, progress: Progress = silent) -> Moduli:
     return result
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class PulseVelocities(Result):
     """Phase and group velocity of a pulse of given frequency, m/s.
 
@@ -555,14 +554,14 @@ class PulseVelocities(Result):
     warnings : one sentence for each limit of the model that the state exceeds.
     """
 
-    branches: Annotated[tuple[str, ...], "b"]
-    phase: Annotated[Array, "", "m/s"]
-    group: Annotated[Array, "", "m/s"]
-    group_vector: Annotated[Array, "", "m/s"]
-    wavenumber: Annotated[Array, "", "rad/m"]
-    frequency: Annotated[Any, "", "Hz"]
-    direction: Annotated[Array, "p|n p"]
-    warnings: tuple[str, ...]
+    branches: tuple[str, ...] = held((str, ...), "b")
+    phase: Array = held(float, "*", "m/s")
+    group: Array = held(float, "*", "m/s")
+    group_vector: Array = held(float, "*", "m/s")
+    wavenumber: Array = held(float, "*", "rad/m")
+    frequency: Any = held(Any, unit="Hz")
+    direction: Array = held(float, "p|n p")
+    warnings: tuple[str, ...] = held((str, ...))
 
 
 def pulse_velocities(

@@ -8,9 +8,8 @@ import itertools
 import json
 import math
 import os
-from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,7 @@ from granphon.balls.layers import find_outer
 from granphon.balls.motions import IN_PLANE, Motions
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError
-from granphon.base.results import Result
+from granphon.base.results import Result, held, result_class
 from granphon.base.scales import HertzPrefix, Units, read_header
 from granphon.base.staging import write_text
 from granphon.base.text import (
@@ -59,7 +58,7 @@ _HIGHEST = 1e3
 _LENGTH_ERROR = 1e-6
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class PhononModes(Modes):
     """:class:`~granphon.dynamics.contact_lattice.Modes` in SI units: Hz, rad/m and m/s;
     eigenvectors are unchanged.
@@ -68,7 +67,7 @@ class PhononModes(Modes):
     units = {"wavevectors": "rad/m", "frequencies": "Hz", "group_velocities": "m/s"}
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class Bands(Result):
     """A band structure: frequencies in Hz, group velocities in m/s and eigenvectors along a path of
     wave vectors.
@@ -105,21 +104,21 @@ class Bands(Result):
         the diameter 1.
     """
 
-    qpoints: Annotated[Array, "s p 3"]
-    distances: Annotated[Array, "s p", "1"]
-    frequencies: Annotated[Array, "s p b", "Hz"]
-    group_velocities: Annotated[Array | None, "s p b d?", "m/s"]
-    eigenvectors: Annotated[Complex | None, "s p m b?"]
-    labels: Annotated[tuple[str, ...], "s+1"]
-    cell: Annotated[Array, "3 3"]
-    positions: Annotated[Array, "n 3"]
-    masses: Annotated[Array, "n"]
-    scales: Units
-    warnings: tuple[str, ...] = ()
-    motions: Motions = IN_PLANE
-    pbc: tuple[bool, ...] = ()
-    kinds: tuple[str, ...] = ()
-    gyration: Annotated[Any, "n"] = None  # an array from the constructor on
+    qpoints: Array = held(float, "s p 3")
+    distances: Array = held(float, "s p", "1")
+    frequencies: Array = held(float, "s p b", "Hz")
+    group_velocities: Array | None = held(float, "s p b d?", "m/s")
+    eigenvectors: Complex | None = held(complex, "s p m b?")
+    labels: tuple[str, ...] = held((str, ...), "s+1")
+    cell: Array = held(float, "3 3")
+    positions: Array = held(float, "n 3")
+    masses: Array = held(float, "n")
+    scales: Units = held(Units)
+    warnings: tuple[str, ...] = held((str, ...), default=())
+    motions: Motions = held(Motions, default=IN_PLANE)
+    pbc: tuple[bool, ...] = held((bool, ...), default=())
+    kinds: tuple[str, ...] = held((str, ...), default=())
+    gyration: Any = held(Any, "n", default=None)  # an array from the constructor on
 
     def __post_init__(self) -> None:
         if self.gyration is None:
@@ -492,7 +491,7 @@ class Bands(Result):
         )
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class ComplexBands(Result, array="wavenumbers"):
     """All waves across the layers of a crystal at given frequencies. ``np.asarray`` of it is
     ``wavenumbers``.
@@ -512,11 +511,11 @@ class ComplexBands(Result, array="wavenumbers"):
     warnings : one sentence where contacts are more viscous than stiff, as a damping is a time.
     """
 
-    frequencies: Annotated[Array, "f", "Hz"]
-    wavenumbers: Annotated[Complex, "f k", "1/m"]
-    running: Annotated[Index, "f"]
-    height: Annotated[float, "", "m"]
-    warnings: tuple[str, ...] = ()
+    frequencies: Array = held(float, "f", "Hz")
+    wavenumbers: Complex = held(complex, "f k", "1/m")
+    running: Index = held(int, "f")
+    height: float = held(float, unit="m")
+    warnings: tuple[str, ...] = held((str, ...), default=())
 
     @property
     def forward(self) -> NDArray[np.complex128]:
@@ -533,7 +532,7 @@ class ComplexBands(Result, array="wavenumbers"):
         )
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class Onset(Result, array="frequencies"):
     """Where the branches of a lattice begin: at Gamma. ``np.asarray`` of it is ``frequencies``.
 
@@ -546,10 +545,10 @@ class Onset(Result, array="frequencies"):
         zero where nothing holds the balls.
     """
 
-    frequencies: Annotated[Array, "b", "Hz"]
-    curvatures: Annotated[Array, "b", "m^2/s"]
-    direction: Annotated[Array, "p"]
-    gap: Annotated[float, "", "Hz"]
+    frequencies: Array = held(float, "b", "Hz")
+    curvatures: Array = held(float, "b", "m^2/s")
+    direction: Array = held(float, "p")
+    gap: float = held(float, unit="Hz")
 
 
 def _require(holds: Any, fault: str) -> None:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import os
 import re
-from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
 
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
-from granphon.base.results import Result
+from granphon.base.results import Result, held, result_class
 from granphon.base.staging import write_text
 from granphon.base.tables import Table, table_text
 from granphon.base.text import read_sealed, require_own_file, require_schema, seal, warn_unverified
@@ -26,7 +24,7 @@ _DOS_HEAD = "granphon density of states, schema {}, per ball"
 _NO_DENSITY = "Its heading or its first comments are not those of a density of states"
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class DensityOfStates(Result):
     """Density of states per ball, 1/Hz; it integrates to the number of motions of a ball.
 
@@ -49,12 +47,12 @@ class DensityOfStates(Result):
 
     units = {"total": "1/Hz"}
 
-    frequencies: Annotated[Array, "n", "Hz"]
-    translational: Annotated[Array, "n", "1/Hz"]
-    rotational: Annotated[Array, "n", "1/Hz"]
-    method: str
-    mesh: tuple[int, ...]
-    warnings: tuple[str, ...] = ()
+    frequencies: Array = held(float, "n", "Hz")
+    translational: Array = held(float, "n", "1/Hz")
+    rotational: Array = held(float, "n", "1/Hz")
+    method: str = held(str)
+    mesh: tuple[int, ...] = held((int, ...))
+    warnings: tuple[str, ...] = held((str, ...), default=())
 
     def _check(self) -> None:
         """Check the shapes, that numbers are finite, that frequencies are zero or above and ascend,

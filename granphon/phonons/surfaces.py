@@ -7,9 +7,9 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +20,7 @@ from granphon.balls.layers import read_edge
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.memory import require_memory
-from granphon.base.results import Result
+from granphon.base.results import Result, held, result_class
 from granphon.base.staging import write_text
 from granphon.base.tables import Heading, table_text
 from granphon.base.validation import (
@@ -51,7 +51,7 @@ _ABOVE = 1.05
 _ROUNDING = 1e-9
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class SurfaceBranches(Result):
     """Waves of an edge at a list of wave vectors, one row for each wave; ``branches[i]`` are the
     frequencies at the i-th.
@@ -65,11 +65,11 @@ class SurfaceBranches(Result):
     weight : (n,) part of its kinetic energy in the outer layers, as many as contacts reach across.
     """
 
-    qpoints: Annotated[Array, "q 3"]
-    place: Annotated[Index, "n"]
-    frequencies: Annotated[Array, "n", "Hz"]
-    widths: Annotated[Array, "n", "Hz"]
-    weight: Annotated[Array, "n"]
+    qpoints: Array = held(float, "q 3")
+    place: Index = held(int, "n")
+    frequencies: Array = held(float, "n", "Hz")
+    widths: Array = held(float, "n", "Hz")
+    weight: Array = held(float, "n")
 
     def __len__(self) -> int:
         return len(self.qpoints)
@@ -79,7 +79,7 @@ class SurfaceBranches(Result):
         return np.asarray(self.frequencies[self.place == range(len(self))[index]])
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class SurfaceSpectrum(Result, array="values"):
     """Spectrum of the outer layer of a half space. ``np.asarray`` of it is ``values``.
 
@@ -101,17 +101,17 @@ class SurfaceSpectrum(Result, array="values"):
     corners, labels : (c,) the same of the corners of the path, and their names.
     """
 
-    qpoints: Annotated[Array, "q 3"]
-    frequencies: Annotated[Array, "f", "Hz"]
-    values: Annotated[Array, "q f", "1/Hz"]
-    by_motion: Annotated[Array, "q f m", "1/Hz"]
-    letters: tuple[str, ...]
-    damping: Annotated[float, "", "Hz"]
-    edges: Annotated[Array, "q b 2", "Hz"]
-    waves: SurfaceBranches | None = None
-    distances: Annotated[Array, "", "1"] = field(default_factory=lambda: np.zeros(0))
-    corners: Annotated[Array, "c", "1"] = field(default_factory=lambda: np.zeros(0))
-    labels: Annotated[tuple[str, ...], "c"] = ()
+    qpoints: Array = held(float, "q 3")
+    frequencies: Array = held(float, "f", "Hz")
+    values: Array = held(float, "q f", "1/Hz")
+    by_motion: Array = held(float, "q f m", "1/Hz")
+    letters: tuple[str, ...] = held((str, ...))
+    damping: float = held(float, unit="Hz")
+    edges: Array = held(float, "q b 2", "Hz")
+    waves: SurfaceBranches | None = held(SurfaceBranches, "?", default=None)
+    distances: Array = held(float, "*", "1", default_factory=lambda: np.zeros(0))
+    corners: Array = held(float, "c", "1", default_factory=lambda: np.zeros(0))
+    labels: tuple[str, ...] = held((str, ...), "c", default=())
 
     def write_csv(self, path: str | os.PathLike[str]) -> None:
         """Write a table of the ``waves``: a row for each, with its wave vector, and the distance

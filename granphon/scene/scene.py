@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -56,7 +56,6 @@ from granphon.scene.outputs import (
     SUMMARY_SCHEMA,
     Export,
     Results,
-    Tell,
     every_file,
     expected_files,
     list_files,
@@ -719,7 +718,7 @@ class RunResult(Results):
             libraries = ("ase",)
         return versions("numpy", "scipy", "xarray", "h5netcdf", *libraries)
 
-    def figure(self, name: str, tell: Tell | None = None) -> Any:
+    def figure(self, name: str, tell: Callable[[str], object] | None = None) -> Any:
         """Return the matplotlib figure of the file ``name``; the curves over the load for a file
         that no output has. ``tell`` is told which panels the figure has chosen.
         """

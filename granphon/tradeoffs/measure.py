@@ -26,7 +26,7 @@ import tracemalloc
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property, lru_cache, partial
 from typing import Any, ClassVar, Literal, NamedTuple, cast
 
@@ -42,7 +42,7 @@ from granphon.balls.packing import Packing, given_packing
 from granphon.base.arrays import Array
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.progress import Progress, Step, silent
-from granphon.base.results import Result
+from granphon.base.results import Result, held, result_class
 from granphon.base.scales import write_quantity
 from granphon.base.tables import table_text
 from granphon.base.text import counted, digest
@@ -618,7 +618,7 @@ def _write_shape(shape: Sequence[int]) -> str:
     return " x ".join(map(str, shape))
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class MeasuredPoint(Result):
     """Errors, times and memory of one point of the study.
 
@@ -650,19 +650,19 @@ class MeasuredPoint(Result):
         "memory": "B",
     }
 
-    method: str
-    knob: str
-    errors: Array
-    reference_errors: Array
-    seconds: float = 0.0
-    spread: float = 0.0
-    setup: float = 0.0
-    memory: int = 0
-    floor: float = 0.0
-    random: bool = False
-    failure: str = ""
-    stderrs: Array = field(default_factory=lambda: np.zeros(0))
-    draws: int = 0
+    method: str = held(str)
+    knob: str = held(str)
+    errors: Array = held(float, "*")
+    reference_errors: Array = held(float, "*")
+    seconds: float = held(float, default=0.0)
+    spread: float = held(float, default=0.0)
+    setup: float = held(float, default=0.0)
+    memory: int = held(int, default=0)
+    floor: float = held(float, default=0.0)
+    random: bool = held(bool, default=False)
+    failure: str = held(str, default="")
+    stderrs: Array = held(float, "*", default_factory=lambda: np.zeros(0))
+    draws: int = held(int, default=0)
 
     @property
     def ran(self) -> bool:
@@ -709,7 +709,7 @@ class MeasuredPoint(Result):
         return f"the reference is {self.error / self.reference_error:.2g} times better"
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class TradeOff(Result):
     """Results of a trade-off.
 
@@ -727,14 +727,14 @@ class TradeOff(Result):
 
     units: ClassVar[dict[str, str]] = {"seconds": "s", "budget": "s"}
 
-    points: tuple[MeasuredPoint, ...]
-    kind: str
-    loads: tuple[float, ...]
-    observed: tuple[str, ...]
-    reference: str
-    runs: int
-    seconds: float
-    budget: float
+    points: tuple[MeasuredPoint, ...] = held((MeasuredPoint, ...))
+    kind: str = held(str)
+    loads: tuple[float, ...] = held((float, ...))
+    observed: tuple[str, ...] = held((str, ...))
+    reference: str = held(str)
+    runs: int = held(int)
+    seconds: float = held(float)
+    budget: float = held(float)
 
     def csv(self) -> str:
         """Return a table (CSV) with one row for each point, load and observed quantity.

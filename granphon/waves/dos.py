@@ -5,9 +5,7 @@ vectors; of single balls.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import partial
-from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +15,7 @@ from granphon.balls.diameters import uniform_numbers
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.memory import require_memory
-from granphon.base.results import Result
+from granphon.base.results import Result, held, result_class
 from granphon.base.validation import finite_array, whole_number
 from granphon.observables.validity import network_warnings
 from granphon.waves.chebyshev import Kernel, Moments, Refinable, keeps_vectors
@@ -34,7 +32,7 @@ _BEYOND_ZERO = 4.0
 _BLOCK = 2**22
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class LocalDensity(Result, array="values"):
     """Local density of states of a ball, by its motions; ``np.asarray`` of it is ``values``.
 
@@ -51,12 +49,12 @@ class LocalDensity(Result, array="values"):
     moments : number of Chebyshev moments.
     """
 
-    frequencies: Annotated[Array, "f", "Hz"]
-    values: Annotated[Array, "f m", "1/Hz"]
-    letters: tuple[str, ...]
-    ball: int
-    resolution: Annotated[float, "", "Hz"]
-    moments: int
+    frequencies: Array = held(float, "f", "Hz")
+    values: Array = held(float, "f m", "1/Hz")
+    letters: tuple[str, ...] = held((str, ...))
+    ball: int = held(int)
+    resolution: float = held(float, unit="Hz")
+    moments: int = held(int)
 
 
 def find_local_density(
@@ -119,7 +117,7 @@ def _sum_series(kernel: Kernel, moments: Array, hertz: Array) -> Array:
     return densities
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class SpectralDensity(Refinable):
     """Density of states of a network, 1/Hz per ball that moves, each line broadened by the Jackson
     kernel.
@@ -147,18 +145,18 @@ class SpectralDensity(Refinable):
     _schema = 2
     units = {"total": "1/Hz"}
 
-    frequencies: Annotated[Array, "n", "Hz"]
-    translational: Annotated[Array, "n", "1/Hz"]
-    rotational: Annotated[Array, "n", "1/Hz"]
-    error: Annotated[Array, "n", "1/Hz"]
-    translational_error: Annotated[Array, "n", "1/Hz"]
-    rotational_error: Annotated[Array, "n", "1/Hz"]
-    top: Annotated[float, "", "Hz"]
-    moments: int
-    vectors: int
-    seed: int
-    dimension: int
-    warnings: tuple[str, ...] = ()
+    frequencies: Array = held(float, "n", "Hz")
+    translational: Array = held(float, "n", "1/Hz")
+    rotational: Array = held(float, "n", "1/Hz")
+    error: Array = held(float, "n", "1/Hz")
+    translational_error: Array = held(float, "n", "1/Hz")
+    rotational_error: Array = held(float, "n", "1/Hz")
+    top: float = held(float, unit="Hz")
+    moments: int = held(int)
+    vectors: int = held(int)
+    seed: int = held(int)
+    dimension: int = held(int)
+    warnings: tuple[str, ...] = held((str, ...), default=())
 
     @property
     def reduced(self) -> Array:

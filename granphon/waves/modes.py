@@ -22,9 +22,9 @@ from __future__ import annotations
 
 import math
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from granphon.array.sparse_matrices import LARGEST_FACTORS, share_places
 from granphon.base.arrays import Array, Complex
 from granphon.base.errors import ConvergenceError, InputError, message
-from granphon.base.results import Result
+from granphon.base.results import Result, held, result_class
 from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.base.threads import single_products
@@ -847,7 +847,7 @@ def _estimate_missing(
     return float(np.sum(residuals**2) / (n_vectors * least_weights[n_filters - 1]))
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class NetworkModes(Result):
     """Modes of a network that cost energy.
 
@@ -870,13 +870,13 @@ class NetworkModes(Result):
 
     _notebook_fields = ("warnings",)
 
-    frequencies: Annotated[Array, "m", "Hz", "zero or above"]
-    vectors: Annotated[Array, "m n c", "", "finite"]
-    displacements: int
-    moving: int
-    zero_modes: int | None
-    residual: float
-    network: ContactNetwork = field(repr=False)
+    frequencies: Array = held(float, "m", "Hz", "zero or above")
+    vectors: Array = held(float, "m n c", within="finite")
+    displacements: int = held(int)
+    moving: int = held(int)
+    zero_modes: int | None = held(int, "?")
+    residual: float = held(float)
+    network: ContactNetwork = held(ContactNetwork, repr=False)
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -8,10 +8,10 @@ import json
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, BinaryIO, Literal, Self
+from typing import Any, BinaryIO, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +20,7 @@ from granphon.balls.lattices import one_direction
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, OutputError, brief
 from granphon.base.records import RecordFile, hold, read_records
-from granphon.base.results import Result, plain, restore
+from granphon.base.results import Result, held, plain, restore, result_class
 from granphon.base.staging import explaining, put_beside
 from granphon.base.validation import (
     index_array,
@@ -65,7 +65,7 @@ _OF_NETWORK = "network_"
 _KEPT = "It holds the frames that came before"
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class Motion(Result):
     """Balls in motion, at a list of times. Vectors have three components; components along which
     balls do not move are zero.
@@ -90,21 +90,21 @@ class Motion(Result):
         of ``forces``.
     """
 
-    times: Annotated[Array, "f", "s"]
-    displacements: Annotated[Array, "f n 3", "m"]
-    velocities: Annotated[Array, "f n 3", "m/s"]
-    rotations: Annotated[Array, "f n 3", "rad"]
-    spins: Annotated[Array, "f n 3", "rad/s"]
-    forces: Annotated[Array, "f c", "N"]
-    shears: Annotated[Array, "f c", "N"]
-    translation: Annotated[Array, "f", "J"]
-    rotation: Annotated[Array, "f", "J"]
-    stored: Annotated[Array, "f", "J"]
-    lost: Annotated[Array, "f", "J"]
-    work: Annotated[Array, "f", "J"]
-    step: Annotated[float, "", "s"]
-    network: ContactNetwork
-    met: Annotated[Index, "m 2"] = field(default_factory=lambda: np.zeros((0, 2), np.intp))
+    times: Array = held(float, "f", "s")
+    displacements: Array = held(float, "f n 3", "m")
+    velocities: Array = held(float, "f n 3", "m/s")
+    rotations: Array = held(float, "f n 3", "rad")
+    spins: Array = held(float, "f n 3", "rad/s")
+    forces: Array = held(float, "f c", "N")
+    shears: Array = held(float, "f c", "N")
+    translation: Array = held(float, "f", "J")
+    rotation: Array = held(float, "f", "J")
+    stored: Array = held(float, "f", "J")
+    lost: Array = held(float, "f", "J")
+    work: Array = held(float, "f", "J")
+    step: float = held(float, unit="s")
+    network: ContactNetwork = held(ContactNetwork)
+    met: Index = held(int, "m 2", default_factory=lambda: np.zeros((0, 2), np.intp))
 
     def __post_init__(self) -> None:
         # plain data do not keep the shape of an array without numbers

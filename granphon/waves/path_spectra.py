@@ -6,16 +6,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import chain, pairwise
-from typing import Annotated, Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
-from granphon.base.results import Result
+from granphon.base.results import Result, held, result_class
 from granphon.base.scales import Units
 from granphon.base.staging import write_text
 from granphon.base.tables import Heading, table_text
@@ -31,7 +30,7 @@ _SAME = 1e-6
 _BAND_POINTS = 101
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class PathSpectra(Result):
     """Spectral functions of an array at wave vectors of its cell along a path, and the bands of its
     mean lattice.
@@ -48,12 +47,12 @@ class PathSpectra(Result):
         Hz.
     """
 
-    corners: Annotated[Array, "c", "1/m"]
-    labels: Annotated[tuple[str, ...], "c"]
-    distances: Annotated[Array, "n", "1/m"]
-    spectra: tuple[SpectralFunction, ...]
-    band_distances: Annotated[Array, "b", "1/m"]
-    bands: Annotated[Array, "b m", "Hz"]
+    corners: Array = held(float, "c", "1/m")
+    labels: tuple[str, ...] = held((str, ...), "c")
+    distances: Array = held(float, "n", "1/m")
+    spectra: tuple[SpectralFunction, ...] = held((SpectralFunction, ...))
+    band_distances: Array = held(float, "b", "1/m")
+    bands: Array = held(float, "b m", "Hz")
 
     @classmethod
     def of(

@@ -14,9 +14,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
-from typing import Annotated, Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,7 +31,7 @@ from granphon.base.errors import (
 )
 from granphon.base.memory import require_memory
 from granphon.base.progress import Progress, silent
-from granphon.base.results import Result, read_only
+from granphon.base.results import Result, held, read_only, result_class
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
 from granphon.base.validation import (
@@ -693,7 +693,7 @@ class _Flight(NamedTuple):
     why_unknown: str = ""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class Pulse(Result):
     """What was heard of a pulse; SI units. Signals are velocities along the polarisation.
 
@@ -727,29 +727,29 @@ class Pulse(Result):
         left out.
     """
 
-    frequency: Annotated[float, "", "Hz"]
-    cycles: float
-    direction: Annotated[Array, "3"]
-    polarisation: Annotated[Array, "3"]
-    damping: Annotated[float, "", "s"]
-    tangential_damping: Annotated[float, "", "s"]
-    drag: Annotated[Array, "2", "1/s"]
-    distance: Annotated[float, "", "m"]
-    times: Annotated[Array, "t", "s"]
-    sent: Annotated[Array, "t", "N"]
-    sources: Annotated[Index, "s"]
-    receivers: Annotated[Index, "r"]
-    samples: Annotated[Index, "r"]
-    signals: Annotated[Array, "r t", "m/s"]
-    energies: Annotated[Array, "2", "J"]
-    plane_distances: Annotated[Array, "p", "m"]
-    planes: Annotated[Array, "p t|p", "m/s"]
-    frames: Annotated[Array, "f", "s"]
-    velocities: Annotated[Array, "f n 3|f", "m/s"]
-    warnings: tuple[str, ...] = ()
-    echo: Annotated[float, "", "m"] = math.inf
-    fastest: Annotated[Array, "2", "m/s"] = field(default_factory=lambda: np.full(2, math.inf))
-    left_out: int = 0
+    frequency: float = held(float, unit="Hz")
+    cycles: float = held(float)
+    direction: Array = held(float, "3")
+    polarisation: Array = held(float, "3")
+    damping: float = held(float, unit="s")
+    tangential_damping: float = held(float, unit="s")
+    drag: Array = held(float, "2", "1/s")
+    distance: float = held(float, unit="m")
+    times: Array = held(float, "t", "s")
+    sent: Array = held(float, "t", "N")
+    sources: Index = held(int, "s")
+    receivers: Index = held(int, "r")
+    samples: Index = held(int, "r")
+    signals: Array = held(float, "r t", "m/s")
+    energies: Array = held(float, "2", "J")
+    plane_distances: Array = held(float, "p", "m")
+    planes: Array = held(float, "p t|p", "m/s")
+    frames: Array = held(float, "f", "s")
+    velocities: Array = held(float, "f n 3|f", "m/s")
+    warnings: tuple[str, ...] = held((str, ...), default=())
+    echo: float = held(float, unit="m", default=math.inf)
+    fastest: Array = held(float, "2", "m/s", default_factory=lambda: np.full(2, math.inf))
+    left_out: int = held(int, default=0)
 
     def __post_init__(self) -> None:
         # plain data do not keep the shape of an array without numbers

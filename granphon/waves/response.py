@@ -53,7 +53,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,7 +63,7 @@ from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import ConvergenceError, InputError, brief
 from granphon.base.memory import require_memory
 from granphon.base.progress import Step
-from granphon.base.results import Result
+from granphon.base.results import Result, held, result_class
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
 from granphon.base.threads import single_products
@@ -147,7 +147,7 @@ _ADVISED_LOSSES = (0.01, 0.02, 0.05, 0.1)
 _DERIVATIVES = {"velocity": 1, "acceleration": 2}
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class Response(Result, array="values"):
     """Complex amplitudes of receivers in a steady motion exp(i omega t); ``np.asarray`` of it is
     ``values``.
@@ -179,18 +179,18 @@ class Response(Result, array="values"):
     #: finds derivatives; empty where no network is at hand
     _find_slopes: ClassVar[tuple[Callable[[], ResponseSensitivities], ...]] = ()
 
-    frequencies: Annotated[Array, "f", "Hz"]
-    values: Annotated[Complex, "f r"]
-    quantity: str
-    sources: Annotated[Index, "s"]
-    pushes: Annotated[Array, "s 3"]
-    receivers: Annotated[Index, "r"]
-    directions: Annotated[Array, "r 3"]
-    error: Annotated[Array, "f"]
-    factorisations: int
-    steps: int
-    warnings: tuple[str, ...] = ()
-    partners: Annotated[Index | None, "r?"] = None
+    frequencies: Array = held(float, "f", "Hz")
+    values: Complex = held(complex, "f r")
+    quantity: str = held(str)
+    sources: Index = held(int, "s")
+    pushes: Array = held(float, "s 3")
+    receivers: Index = held(int, "r")
+    directions: Array = held(float, "r 3")
+    error: Array = held(float, "f")
+    factorisations: int = held(int)
+    steps: int = held(int)
+    warnings: tuple[str, ...] = held((str, ...), default=())
+    partners: Index | None = held(int, "r?", default=None)
 
     def _field_units(self) -> dict[str, str]:
         """The SI unit of each attribute; that of the values depends on the quantity."""

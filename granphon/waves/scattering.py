@@ -10,15 +10,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError, PrecisionError
-from granphon.base.results import Result
+from granphon.base.results import Result, held, result_class
 from granphon.base.scales import write_quantity
 from granphon.base.validation import frequency_array
 from granphon.dynamics.bloch_waves import (
@@ -54,7 +53,7 @@ _SAME_PERIOD = 0.01
 _BEYOND = 0.6
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class Transmission(Result, array="transmitted"):
     """Energy that waves of a lead bring through a strip. ``np.asarray`` of it is ``transmitted``.
 
@@ -76,16 +75,16 @@ class Transmission(Result, array="transmitted"):
         a time.
     """
 
-    frequencies: Annotated[Array, "f", "Hz"]
-    modes: Annotated[Index, "f 2"]
-    transmitted: Annotated[Array, "f"]
-    reflected: Annotated[Array, "f"]
-    transmitted_by_mode: Annotated[Array, "f m"]
-    reflected_by_mode: Annotated[Array, "f m"]
-    amplitudes: Annotated[Complex, "f m m"]
-    wavenumbers: Annotated[Array, "f m", "1/m"]
-    length: Annotated[float, "", "m"]
-    warnings: tuple[str, ...] = ()
+    frequencies: Array = held(float, "f", "Hz")
+    modes: Index = held(int, "f 2")
+    transmitted: Array = held(float, "f")
+    reflected: Array = held(float, "f")
+    transmitted_by_mode: Array = held(float, "f m")
+    reflected_by_mode: Array = held(float, "f m")
+    amplitudes: Complex = held(complex, "f m m")
+    wavenumbers: Array = held(float, "f m", "1/m")
+    length: float = held(float, unit="m")
+    warnings: tuple[str, ...] = held((str, ...), default=())
 
     @property
     def total(self) -> Array:
@@ -254,7 +253,7 @@ def _require_balance(hertz: Array, excess: Array) -> None:
     raise PrecisionError(fault, why, "Shift the frequency by a millionth")
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class ScatteringLengths(Result):
     """How far waves go in disordered strips; arrays over frequencies (n_f,), and over the waves
     that run in (n_f, m).
@@ -271,11 +270,11 @@ class ScatteringLengths(Result):
         not fall.
     """
 
-    frequencies: Annotated[Array, "f", "Hz"]
-    mean_free_path: Annotated[Array, "f m", "m"]
-    mean_free_path_error: Annotated[Array, "f m", "m"]
-    localisation_length: Annotated[Array, "f", "m"]
-    localisation_length_error: Annotated[Array, "f", "m"]
+    frequencies: Array = held(float, "f", "Hz")
+    mean_free_path: Array = held(float, "f m", "m")
+    mean_free_path_error: Array = held(float, "f m", "m")
+    localisation_length: Array = held(float, "f", "m")
+    localisation_length_error: Array = held(float, "f", "m")
 
 
 def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:

@@ -8,14 +8,13 @@ solution with the same factors, for each receiver, serves for all contacts and b
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
 from granphon.base.arrays import Array, Complex
 from granphon.base.memory import require_memory
-from granphon.base.results import Result
+from granphon.base.results import Result, held, result_class
 from granphon.dynamics.damping import Losses
 from granphon.dynamics.deformation_rows import network_unit_rows
 from granphon.dynamics.sensitivities import add_growth, list_inertias, name_units, sum_kinds
@@ -25,7 +24,7 @@ from granphon.waves.operator import WaveOperator
 _BYTES = 64.0
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class ResponseSensitivities(Result):
     """Derivatives of the complex amplitudes of receivers, in the unit of the response over that of
     each parameter. Contacts and balls are those of the network, in its order.
@@ -41,16 +40,16 @@ class ResponseSensitivities(Result):
     quantity_unit : the unit of the response.
     """
 
-    normal_stiffness: Annotated[Complex, "f r c"]
-    shear_stiffness: Annotated[Complex, "f r c"]
-    torsion: Annotated[Complex, "f r c"]
-    bending: Annotated[Complex, "f r c"]
-    mass: Annotated[Complex, "f r n"]
-    inertia: Annotated[Complex, "f r n"]
-    normal_force: Annotated[Complex | None, "f r c?"]
-    on_site: Annotated[Complex, "f r n a"]
-    frequencies: Annotated[Array, "f", "Hz"]
-    quantity_unit: str
+    normal_stiffness: Complex = held(complex, "f r c")
+    shear_stiffness: Complex = held(complex, "f r c")
+    torsion: Complex = held(complex, "f r c")
+    bending: Complex = held(complex, "f r c")
+    mass: Complex = held(complex, "f r n")
+    inertia: Complex = held(complex, "f r n")
+    normal_force: Complex | None = held(complex, "f r c?")
+    on_site: Complex = held(complex, "f r n a")
+    frequencies: Array = held(float, "f", "Hz")
+    quantity_unit: str = held(str)
 
     def _field_units(self) -> dict[str, str]:
         return {**name_units(self.quantity_unit), **self.units}

@@ -10,9 +10,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, partial
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, PrecisionError, brief
 from granphon.base.memory import require_memory
+from granphon.base.results import held, result_class
 from granphon.base.validation import finite_array, finite_list, one_of, positive
 from granphon.dynamics.zone_means import shortest_vectors
 from granphon.networks.network import ContactNetwork
@@ -513,7 +514,7 @@ def find_ioffe_regel(
     return float(peaks[first - 1] + share * (peaks[first] - peaks[first - 1]))
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class SpectralFunction(Refinable):
     """A(q, f) of plane waves on a network: the spectrum of ``<s| delta(f - D^1/2 / 2 pi) |s>``, s
     the wave of norm one.
@@ -540,15 +541,15 @@ class SpectralFunction(Refinable):
     warnings : one sentence for each limit of the contact law that the network exceeds.
     """
 
-    q: Annotated[Array, "n d", "1/m"]
-    polarisation: str
-    direction: tuple[float, ...]
-    frequencies: Annotated[Array, "f", "Hz"]
-    values: Annotated[Array, "n f", "1/Hz"]
-    top: Annotated[float, "", "Hz"]
-    moments: int
-    shortest: Annotated[Array | None, "n d?", "1/m"] = None
-    warnings: tuple[str, ...] = ()
+    q: Array = held(float, "n d", "1/m")
+    polarisation: str = held(str)
+    direction: tuple[float, ...] = held((float, ...))
+    frequencies: Array = held(float, "f", "Hz")
+    values: Array = held(float, "n f", "1/Hz")
+    top: float = held(float, unit="Hz")
+    moments: int = held(int)
+    shortest: Array | None = held(float, "n d?", "1/m", default=None)
+    warnings: tuple[str, ...] = held((str, ...), default=())
 
     @property
     def integral(self) -> Array:

@@ -11,7 +11,8 @@ import pickle
 import pkgutil
 import random
 from functools import cache
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from types import FunctionType, GenericAlias, NoneType, UnionType
+from typing import Any, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 import pytest
@@ -20,8 +21,9 @@ from numpy.testing import assert_array_equal
 import granphon
 import granphon as gp
 from granphon.balls.loads import Load
+from granphon.base.arrays import Array, Complex, Flags, Index
 from granphon.base.errors import InputError, MissingFileError, Refused, UnverifiedFileWarning
-from granphon.base.results import Result, read_only
+from granphon.base.results import Result, read_only, result_class
 from granphon.dynamics.contact_lattice import Modes
 from granphon.dynamics.local_field import LocalField
 from granphon.dynamics.sensitivities import Sensitivities
@@ -222,7 +224,7 @@ def test_data_of_other_kinds_shapes_and_units_are_refused(results):
     refused("modes", "eigenvectors: found a list", eigenvectors=[[1.0]])
     refused("modes", r"b = 3", rotational_fraction=[[1.0], [1.0]])
     refused("state", "lack diameter", packing={k: v for k, v in good.items() if k != "diameter"})
-    refused("state", "Packing.diameter: found a str", packing=good | {"diameter": "8 mm"})
+    refused("state", "diameter: found '8 mm'", packing=good | {"diameter": "8 mm"})
     refused("state", "diameter", packing=good | {"diameter": -1.0})
     refused("state", "Packing.lattice: found a int", packing=good | {"lattice": 3})
     refused("state", "data of a 'Popen'", packing={"class": "Popen"})
@@ -436,27 +438,62 @@ def test_every_class_of_results_is_made(made):
     assert ours == {cls for group in GROUPS for cls in made(group)}
 
 
-def list_types(hint):
-    """The types of which an annotation is made, none of which is made of others."""
-    if get_origin(hint) is Annotated and isinstance(get_args(hint)[1], np.dtype):
-        return {get_args(hint)[0]}
-    # the arguments of a function are a list, and may be none
-    parts = hint if isinstance(hint, list) else get_args(hint)
-    inner = [part for part in parts if not isinstance(part, str)]
-    if not inner and isinstance(hint, list):
-        return set()
-    return set().union(*map(list_types, inner)) if inner else {hint}
+#: what plain data hold where an annotation has a type of arrays
+KINDS_OF_ARRAYS = ((Array, float), (Index, np.intp), (Flags, bool), (Complex, complex))
 
 
-@pytest.mark.parametrize("group", GROUPS)
-def test_a_field_is_restored_by_plain_types_and_not_by_those_of_numpys_typing(made, group):
-    """What NumPy's types of arrays look like at run time changes from version to version."""
-    for cls in made(group):
-        types = set().union(*map(list_types, get_type_hints(cls, include_extras=True).values()))
-        assert all(kind in (..., Any) or isinstance(kind, type) for kind in types), types
-        of_numpy = {kind for kind in types if getattr(kind, "__module__", "").startswith("numpy")}
-        assert of_numpy <= {np.ndarray}
-        assert not any(get_args(kind) for kind in types)
+def list_kinds(kind):
+    """The kinds that a declaration or an annotation allows, each as far as both tell it apart."""
+    for array, entries in KINDS_OF_ARRAYS:
+        if isinstance(kind, GenericAlias) and kind == array:
+            return {np.dtype(entries)}
+    if isinstance(kind, FunctionType):
+        kind = kind()
+    if isinstance(kind, list | UnionType) or get_origin(kind) is Union:
+        parts = kind if isinstance(kind, list) else get_args(kind)
+        kinds = set().union(*map(list_kinds, parts))
+        return {Any} if kinds == {NoneType, Any} else kinds
+    if isinstance(kind, tuple) or get_origin(kind) is tuple:
+        parts = kind if isinstance(kind, tuple) else get_args(kind)
+        return {tuple(part if part is ... else frozenset(list_kinds(part)) for part in parts)}
+    return {Any if kind is object else kind}
+
+
+def test_a_field_is_declared_to_hold_what_its_annotation_says(made):
+    def walk(cls):
+        """A class, and those of the objects in its fields."""
+        if not dataclasses.is_dataclass(cls) or cls in declared:
+            return
+        declared[cls] = {field.name: field.metadata for field in dataclasses.fields(cls)}
+        hints[cls] = get_type_hints(cls)
+        for metadata in declared[cls].values():
+            for kind in flatten(list_kinds(metadata.get("kind", Any))):
+                walk(kind)
+
+    def flatten(kinds):
+        for kind in kinds:
+            yield from flatten(kind) if isinstance(kind, tuple | frozenset) else (kind,)
+
+    declared, hints = {}, {}
+    for group in GROUPS:
+        for cls in made(group):
+            walk(cls)
+    assert len(declared) > 70
+    for cls, fields in declared.items():
+        for name, metadata in fields.items():
+            said = list_kinds(hints[cls][name])
+            if "kind" in metadata:
+                assert list_kinds(metadata["kind"]) == said, (cls, name)
+            else:  # plain data, in a class whose constructor checks them
+                assert not any(map(dataclasses.is_dataclass, flatten(said))), (cls, name)
+
+
+def test_a_result_declares_each_of_its_fields():
+    with pytest.raises(TypeError, match="Bare does not declare by held: value"):
+
+        @result_class
+        class Bare(Result):
+            value: float
 
 
 @pytest.mark.parametrize("group", GROUPS)
