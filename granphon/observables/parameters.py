@@ -20,7 +20,7 @@ from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
 from granphon.base.results import Result
 from granphon.base.validation import real_array, texts
-from granphon.media.arrangement import Balls, given_balls
+from granphon.media.arrangement import Arrangement, given_balls
 from granphon.media.choice import MediumChoice
 from granphon.networks.network import given_network
 
@@ -136,7 +136,7 @@ def _read_load(load: Mapping[str, Any]) -> Load:
     return applied
 
 
-def _list_names(balls: Balls, load: Load) -> tuple[str, ...]:
+def _list_names(balls: Packing | Arrangement, load: Load) -> tuple[str, ...]:
     """Return the names of all parameters of balls under a load that are numbers above zero."""
     if isinstance(balls, Packing):
         candidates = ["young_modulus", "poisson_ratio", "density", "diameter", "width"]
@@ -157,7 +157,7 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, float | int) and value != 0.0
 
 
-def _read_number(balls: Balls, name: str) -> float:
+def _read_number(balls: Packing | Arrangement, name: str) -> float:
     """Return the value of a parameter, SI; InputError unless it is a number."""
     value = _read_value(balls, name)
     if isinstance(value, bool) or not isinstance(value, float | int):
@@ -165,7 +165,7 @@ def _read_number(balls: Balls, name: str) -> float:
     return value
 
 
-def _read_value(balls: Balls, name: str) -> Any:
+def _read_value(balls: Packing | Arrangement, name: str) -> Any:
     """Return the value of a parameter, SI; InputError for a name that the balls do not have."""
     kind, _, parameter = name.rpartition(".")
     owner: Any = balls
