@@ -87,6 +87,8 @@ from .networks.network import register_reader as register_reader
 from .observables.catalogue import Analysis as Analysis
 from .observables.catalogue import Observable as Observable
 from .observables.catalogue import register_observable as register_observable
+from .observables.nonaffine import NonaffineMotion as NonaffineMotion
+from .observables.nonaffine import find_nonaffine as find_nonaffine
 from .observables.parameters import ParameterSensitivities as ParameterSensitivities
 from .observables.parameters import parameter_sensitivities as parameter_sensitivities
 from .observables.sensitivities import ModuliSensitivities as ModuliSensitivities

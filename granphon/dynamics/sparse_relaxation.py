@@ -28,7 +28,7 @@ from granphon.dynamics.fronts import Fronts, Layer, dissect
 from granphon.dynamics.linalg import DEPENDENT
 
 #: eigenvalue of a matrix with prestress, over the largest, up to which it is the rounding of zero
-_NO_SQUARE = 1e-12
+NO_SQUARE = 1e-12
 #: coupling of an inner motion with strains, over its largest possible value, up to which it is
 #: rounding
 _UNCOUPLED = 1e-12
@@ -226,13 +226,13 @@ class SparseRelaxation:
             largest_pull = np.sqrt(np.linalg.norm(form) * highest)
             coupling = np.max(np.abs(motions.T @ mixed), axis=1, initial=0.0) / largest_pull
             # a motion that no strain moves belongs to another wave vector of a smaller cell
-            is_negative = energies < -max(_NO_SQUARE, lattice.slack) * highest
+            is_negative = energies < -max(NO_SQUARE, lattice.slack) * highest
             unstable = np.flatnonzero(is_negative & (coupling > _UNCOUPLED))
             if unstable.size:
                 raise self._explain_buckling(block, motions[:, unstable[0]])
             # D lacks the part of static forces without a potential; the whole forces do not act on
             # motions that cost nothing
-            is_stiff = energies > _NO_SQUARE * highest
+            is_stiff = energies > NO_SQUARE * highest
             free = motions[:, ~is_stiff]
             acting = mixed - free @ (free.T @ mixed)
             pull = np.asarray(scale @ acting)

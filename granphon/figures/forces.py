@@ -41,6 +41,7 @@ from granphon.figures.style import (
 from granphon.figures.words import write_unit
 from granphon.media.state import ContactState
 from granphon.networks.network import ContactNetwork
+from granphon.observables.nonaffine import find_nonaffine
 from granphon.phonons.phonopy_atoms import number_kinds
 
 #: colours of balls and of those that do not move, and of contacts without force and walls
@@ -91,6 +92,7 @@ _COLOURED_BY = {
     "force": ("Mean contact force", "N"),
     "overlap": ("Mean overlap", "m"),
     "contacts": ("Contacts", ""),
+    "nonaffine": ("Non-affine displacement per shear", "m"),
 }
 #: what of the contacts may be shown
 Show = Literal["auto", "all", "window", "density"]
@@ -132,7 +134,8 @@ def plot_forces(
     window : the left, lower, right and upper edge of the window, in diameters, or m of a network;
         by default the 24 diameters in the middle.
     color : what the balls of a network are coloured by: "force", the mean normal force of the
-        contacts of each ball, "overlap", their mean overlap by the places, or "contacts", their
+        contacts of each ball, "overlap", their mean overlap by the places, "nonaffine", the length
+        of :func:`~granphon.find_nonaffine` under a shear of one, or "contacts", their
         number; or (n,) numbers of your own, as the spins of a mode. A bar says what colours mean.
         None for kinds.
 
@@ -201,6 +204,8 @@ class _BallValues:
                 raise InputError(fault, mend=f"Give one of each of the {network.n_balls} balls")
             return cls(numbers, "Value", "")
         name, unit = _COLOURED_BY[one_of("color", color, _COLOURED_BY)]
+        if color == "nonaffine":
+            return cls(find_nonaffine(network).sizes, name, unit)
         contacts = np.ones(network.n_contacts)
         if color == "force":
             contacts = network.normal_force

@@ -398,14 +398,13 @@ def _change_ball(ball: Ball, parameter: str, value: Any) -> Ball:
 Balls = Packing | Arrangement | NetworkFiles
 
 
-def given_balls(packing: Any) -> Balls:
-    """Return ``packing``, the argument of a public call: a packing, an arrangement, also of a
-    crystal, or the files of a packing.
+def given_balls(packing: Any) -> Packing | Arrangement:
+    """Return ``packing``, the argument of a public call: a packing, or an arrangement, also of a
+    crystal.
     """
     if isinstance(packing, Crystal):
         return Arrangement.of(packing)
-    is_arranged = isinstance(packing, Arrangement | NetworkFiles)
-    return packing if is_arranged else given_packing(packing)
+    return packing if isinstance(packing, Arrangement) else given_packing(packing)
 
 
 class LoadedCrystal(NetworkState):

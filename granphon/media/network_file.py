@@ -37,7 +37,7 @@ from granphon.base.settings import (
     write_block,
 )
 from granphon.base.text import list_names, show
-from granphon.base.validation import choice, each, label, text, truth
+from granphon.base.validation import choice, each, label, read_inside, text, truth
 from granphon.media.cells import QUICK_BALLS, CrystalCell
 from granphon.media.medium import Medium
 from granphon.media.state import NetworkState
@@ -79,6 +79,13 @@ def _read_twisting(value: Any, context: Any) -> float | str:
     return stiffness
 
 
+def _read_columns(value: Any) -> Any:
+    """Read a list of names of columns, or a block of names and headings (a rule)."""
+    if isinstance(value, Mapping):
+        return {text(name): read_inside(name, text, heading) for name, heading in value.items()}
+    return each(value, text, "names of columns")
+
+
 def _read_frozen(value: Any) -> dict[str, Any]:
     """Read a block of columns and values (a rule)."""
     if not isinstance(value, Mapping) or not value:
@@ -92,7 +99,14 @@ def _read_file(value: Any, context: Any) -> Path:
 
 
 _FILE = Kind(_read_file, lambda path, _: str(path.resolve()))
-_WORDS = one_or_more(Kind.plain(label), "names")
+
+
+def _read_words(value: Any) -> tuple[str, ...]:
+    """Read a text of words, or a list of them (a rule)."""
+    return tuple(value.split()) if isinstance(value, str) else each(value, text, "names")
+
+
+_WORDS = Kind.plain(_read_words, list)
 _STIFFNESS = with_unit(STIFFNESS)
 
 
@@ -141,7 +155,7 @@ class NetworkFiles(Block, kw_only=True):
         Kind.plain(label), "style of units of LAMMPS", default=None, absent="as the file says"
     )
     columns: Any = setting(
-        Kind.plain(lambda value: value),
+        Kind.plain(_read_columns),
         "names of columns, in their order; of tables a block of names and headings",
         default=None,
         absent="those of the file",

@@ -106,7 +106,7 @@ class _Fstat(_Times):
             yield frame
 
 
-def open_series(fstat: Any, particles: Any) -> tuple[list[float], Any, Any]:
+def open_times(fstat: Any, particles: Any) -> tuple[list[float], Any, Any]:
     """Return the times that the files .fstat and .data both have, ascending, s, and the two; warn
     if one of them is cut. InputError without a common time, and for a file .restart.
     """

@@ -1191,15 +1191,19 @@ class ContactNetwork(Result):
         :class:`~granphon.base.errors.InputError` for another program, for files without a common
         step, and as the reader.
         """
+        steps: list[float]
+        first: Any
+        second: Any
         if one_of("program", program, ("lammps", "liggghts", "mercury")) == "mercury":
-            from granphon.networks.mercury import open_series
+            from granphon.networks.mercury import open_times
 
             argument = "time"
+            steps, first, second = open_times(dump, pairs)
         else:
             from granphon.networks.dumps import open_series
 
             argument = "step"
-        steps, first, second = open_series(dump, pairs)
+            steps, first, second = open_series(dump, pairs)
         for step in steps:
             yield step, READERS[program](first, second, **{argument: step}, **options)
 

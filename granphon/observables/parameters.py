@@ -23,7 +23,7 @@ from granphon.base.differences import Course
 from granphon.base.errors import InputError, brief
 from granphon.base.results import Result, held, result_class
 from granphon.base.validation import real_array, texts
-from granphon.media.arrangement import Balls, given_balls
+from granphon.media.arrangement import Arrangement, given_balls
 from granphon.media.choice import MediumChoice
 from granphon.media.medium import Change
 from granphon.networks.network import given_network
@@ -176,7 +176,7 @@ def _read_load(load: Mapping[str, Any]) -> Load:
     return applied
 
 
-def list_parameters(balls: Balls, load: Load) -> tuple[str, ...]:
+def list_parameters(balls: Packing | Arrangement, load: Load) -> tuple[str, ...]:
     """Return the names of all parameters of balls under a load that are numbers other than zero and
     may change by themselves: the diameter of a kind may not where its balls would miss others.
     """
@@ -208,7 +208,7 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, float | int) and value != 0.0
 
 
-def _read_number(balls: Balls, name: str) -> float:
+def _read_number(balls: Packing | Arrangement, name: str) -> float:
     """Return the value of a parameter, SI; InputError unless it is a number."""
     value = _read_value(balls, name)
     if isinstance(value, bool) or not isinstance(value, float | int):
@@ -216,7 +216,7 @@ def _read_number(balls: Balls, name: str) -> float:
     return value
 
 
-def _read_value(balls: Balls, name: str) -> Any:
+def _read_value(balls: Packing | Arrangement, name: str) -> Any:
     """Return the value of a parameter, SI; InputError for a name that the balls do not have."""
     kind, _, parameter = name.rpartition(".")
     owner: Any = balls

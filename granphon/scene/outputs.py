@@ -252,7 +252,7 @@ def _has_sample(scene: Any) -> bool:
 
 def _has_files(scene: Any) -> bool:
     """Whether the packing of a scene is that of another program, in files."""
-    return scene.packing.medium_name == NetworkMedium.name
+    return bool(scene.packing.medium_name == NetworkMedium.name)
 
 
 def _has_own_density(scene: Any) -> bool:

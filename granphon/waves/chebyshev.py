@@ -285,7 +285,7 @@ def _multiply(left: Array, right: Array) -> Array:
     """
     if left.ndim == 1:
         return np.array([np.vdot(left, right)])
-    return np.einsum("nm,nm->m", left, right)
+    return np.asarray(np.einsum("nm,nm->m", left, right))
 
 
 class Refinable(Result):

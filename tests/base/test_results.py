@@ -82,6 +82,7 @@ def results(packing):
         "validity": gp.validity(one),
         "validity over loads": gp.validity(many),
         "check": gp.validity(hard)["load"],
+        "non-affine motion": gp.find_nonaffine(one.network.repeat((3, 3))),
         "validity of a network": gp.validity(one.network.repeat((3, 3))),
     }
 

@@ -1,0 +1,103 @@
+"""Non-affine motions: how each ball moves beside a uniform strain of the cell, until no force is
+left on it.
+
+A ball at x moves by e x + u under the strain e. In a lattice of one ball u is zero, and in a
+disordered packing as large as e times a diameter, or larger, where contacts are few. The elastic
+moduli are those of the whole motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from granphon.balls.layers import find_axes
+from granphon.base.arrays import Array
+from granphon.base.errors import InputError
+from granphon.base.progress import Progress, silent
+from granphon.base.results import Result
+from granphon.base.validation import finite_array
+from granphon.dynamics.elasticity import voigt_names
+from granphon.media.state import as_state
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class NonaffineMotion(Result, array="displacements"):
+    """Motions of balls beside a strain of one; ``np.asarray`` of it is ``displacements``.
+
+    Attributes
+    ----------
+    strain : (n,) the strain in Voigt order, as that of :attr:`Moduli.components`; a shear strain is
+        that of the angle.
+    displacements : (n, 3) of each ball for a strain of one, m; zero of bodies that do not move. The
+        mean over the balls that move is zero, unless some are held.
+    rotations : (n, 3) likewise, rad.
+    """
+
+    strain: Annotated[Array, "s"]
+    displacements: Annotated[Array, "n 3", "m"]
+    rotations: Annotated[Array, "n 3", "rad"]
+
+    @property
+    def sizes(self) -> Array:
+        """(n,) lengths of the displacements, m."""
+        return np.asarray(np.linalg.norm(self.displacements, axis=1))
+
+
+def find_nonaffine(
+    x: Any, strain: ArrayLike | None = None, *, progress: Progress = silent
+) -> NonaffineMotion:
+    """Return the non-affine motions of the balls of ``x``, a network with periods, a state or a
+    sample, under a strain.
+
+    Parameters
+    ----------
+    strain : (1,), (3,) or (6,) in Voigt order, along the axes of the moduli; by default a shear of
+        the first two axes, and on a line an extension.
+    progress : is told how far the relaxation of many balls has come.
+
+    Raises :class:`~granphon.base.errors.InputError` for another shape, and what
+    :func:`~granphon.moduli` raises.
+    """
+    state = as_state(x)
+    state.relax_inner_motions(progress)
+    lattice = state.contact_lattice()
+    network = state.network
+    p = lattice.periods
+    components = len(voigt_names(p))
+    unit = np.eye(components)[-1]
+    voigt = unit if strain is None else finite_array("strain", strain)
+    if voigt.shape != (components,):
+        fault = f"the strain has the shape {voigt.shape}"
+        raise InputError(fault, mend=f"Give {components} numbers: {', '.join(voigt_names(p))}")
+    lattice.require_rigid(state.scales)
+    translations = len(lattice.motions.translations)
+    gradients = np.zeros((translations, p))
+    gradients[:p] = _square(voigt, p)
+    motions = np.einsum("bmg,g->bm", lattice.gradient_motions, gradients.ravel())
+    # the lattice may be turned, so that its periods lie along x, or in the xy plane
+    turn = np.eye(3)
+    d = network.dimension
+    turn[:d, :d] = find_axes(network.cell[np.flatnonzero(network.pbc), :d])
+    displacements = np.zeros((network.n_balls, 3))
+    rotations = np.zeros((network.n_balls, 3))
+    moving = np.flatnonzero(network.moving)
+    axes = list(lattice.motions.translations)
+    displacements[moving[:, None], axes] = state.scales.length * motions[:, :translations]
+    if np.all(network.moving):
+        displacements -= np.mean(displacements, axis=0)
+    turns = motions[:, translations:] / lattice.gyration[:, None]
+    rotations[moving[:, None], list(lattice.motions.rotations)] = turns
+    return NonaffineMotion(voigt, displacements @ turn, rotations @ turn)
+
+
+def _square(voigt: Array, periods: int) -> Array:
+    """Return the symmetric strain (p, p) of one in Voigt order."""
+    strain = np.diag(voigt[:periods])
+    pairs = {1: [], 2: [(0, 1)], 3: [(1, 2), (0, 2), (0, 1)]}[periods]
+    for (a, b), angle in zip(pairs, voigt[periods:].tolist(), strict=True):
+        strain[a, b] = strain[b, a] = 0.5 * angle
+    return strain
