@@ -222,6 +222,10 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
         if name == "gaps" or (entry is not None and entry.told):
             told.setdefault(parameter, []).append(name if entry is None else entry.label.lower())
     rows += [(f"{name} gives most", f"of the error of {', '.join(told[name])}") for name in told]
+    dependent = dict[str, list[str]]()
+    for name, parameter in numbers.get("matters_most", {}).items():
+        dependent.setdefault(parameter, []).append(name.replace("_", " "))
+    rows += [(f"{name} matters most", f"to {', '.join(dependent[name])}") for name in dependent]
     return rows
 
 

@@ -73,6 +73,7 @@ OF_DATASETS = {
     "sweep_surface": Picture("gaps.sweep_surface_figure"),
     "cutoffs": Picture("gaps.cutoffs_figure"),
     "modes": Picture("gaps.modes_figure"),
+    "sensitivities": Picture("sensitivities.sensitivities_figure"),
 }
 #: cells along each period in the picture of a small network, for one, two and three periods
 _CELLS = (8, 4, 2)

@@ -180,18 +180,21 @@ def list_parameters(balls: Balls, load: Load) -> tuple[str, ...]:
     """Return the names of all parameters of balls under a load that are numbers other than zero and
     may change by themselves: the diameter of a kind may not where its balls would miss others.
     """
-    if isinstance(balls, Packing):
-        candidates = ["young_modulus", "poisson_ratio", "density", "diameter", "width"]
-        candidates += ["torsion", "bending"]
-    else:
-        parameters = [name for name in KIND_PARAMETERS if name not in ("yield_strength", "mass")]
-        candidates = [f"{kind}.{name}" for kind in balls.kind_names for name in parameters]
     names = [
         name
-        for name in candidates
+        for name in name_parameters(balls)
         if _is_number(_read_value(balls, name)) and _may_change(balls, name)
     ]
     return (*names, load.kind, *([MINDLIN_RATIO] if balls.friction else []))
+
+
+def name_parameters(balls: Balls) -> tuple[str, ...]:
+    """Return the names of what may be parameters of balls."""
+    if isinstance(balls, Packing):
+        names = ["young_modulus", "poisson_ratio", "density", "diameter", "width"]
+        return (*names, "torsion", "bending")
+    parameters = [name for name in KIND_PARAMETERS if name not in ("yield_strength", "mass")]
+    return tuple(f"{kind}.{name}" for kind in balls.kind_names for name in parameters)
 
 
 def _may_change(balls: Balls, name: str) -> bool:

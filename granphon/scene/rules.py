@@ -104,6 +104,7 @@ OBSERVABLES = (
     "bands",
     "gaps",
     "cutoffs",
+    "sensitivities",
     "dos",
     "surface",
     "spectrum",
