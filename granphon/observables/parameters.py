@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,10 @@ from granphon.networks.network import given_network
 MINDLIN_RATIO = "mindlin_ratio"
 #: relative step of a parameter on which the statics do not depend
 _STEP = 2e-4
+
+
+#: changed balls that are kept, as of the steps of a difference
+_KEPT = 8
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -133,6 +138,7 @@ def _change_parameter(choice: MediumChoice, balls: Balls, load: Load, name: str)
         return lambda step: (medium, replace(load, array=(1.0 + step) * load.array))
     number = _read_number(balls, name)
 
+    @lru_cache(maxsize=_KEPT)
     def change(step: float) -> tuple[Any, Load]:
         return choice.of(change_packing(balls, {name: (1.0 + step) * number})), load
 

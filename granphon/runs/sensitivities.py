@@ -60,17 +60,10 @@ def observe_sensitivities(
     balls = serving.packing
     quantities, parameters = list_axes(balls, load, has_cutoffs)
 
-    def find(state: Any) -> Array:
-        numbers = find_all(Analysis(state, direction), ("velocities",), swept=True)
-        values = [float(np.ravel(numbers.get(name, 0.0))[0]) for name in quantities]
-        if has_cutoffs:
-            cutoffs = _find_cutoffs(state)
-            values[-cutoffs.size :] = cutoffs.T.ravel().tolist()
-        return np.array(values)
-
     derivatives = np.full((load.size, len(quantities), len(parameters)), np.nan)
     for index in range(load.size):
         single = load.flat[index]
+        find = _Finder(quantities, direction, has_cutoffs).find
         names = [name for name in list_parameters(balls, single) if name != MINDLIN_RATIO]
         found = find_parameter_sensitivities(
             serving.medium, balls, single, find, names, finite_overlap or None
@@ -80,8 +73,37 @@ def observe_sensitivities(
     return np.where(np.abs(derivatives) <= _ROUNDING, 0.0, derivatives)
 
 
-def _find_cutoffs(state: Any) -> Array:
-    """Return the cut-off frequencies (n_branches, 2) of a state, Hz."""
-    from granphon.phonons.phonons import find_phonons  # other runs do not need phonons
+class _Finder:
+    """What finds the quantities of states that differ little.
 
-    return find_phonons(state).cutoffs()
+    A cut-off frequency does not change to first order as its wave vector moves: the wave vectors of
+    the first state serve for all.
+    """
+
+    def __init__(self, quantities: list[str], direction: Any, has_cutoffs: bool) -> None:
+        self._quantities = quantities
+        self._direction = direction
+        self._has_cutoffs = has_cutoffs
+        #: (n_branches, 2, p) wave vectors of the cut-off frequencies, once they are known
+        self._points: Array | None = None
+
+    def find(self, state: Any) -> Array:
+        """Return the quantities of a state; zero of those that it does not have."""
+        numbers = find_all(Analysis(state, self._direction), ("velocities",), swept=True)
+        values = [float(np.ravel(numbers.get(name, 0.0))[0]) for name in self._quantities]
+        if self._has_cutoffs:
+            cutoffs = self._find_cutoffs(state)
+            values[-cutoffs.size :] = cutoffs.T.ravel().tolist()
+        return np.array(values)
+
+    def _find_cutoffs(self, state: Any) -> Array:
+        """Return the cut-off frequencies (n_branches, 2), Hz."""
+        from granphon.phonons.phonons import find_phonons  # other runs do not need phonons
+
+        phonons = find_phonons(state)
+        if self._points is None:
+            self._points = phonons.find_cutoff_points()
+        count, ends, periods = self._points.shape
+        frequencies = phonons.frequencies(self._points.reshape(-1, periods))
+        by_point = frequencies.reshape(count, ends, -1)
+        return by_point[np.arange(count), :, np.arange(count)]
