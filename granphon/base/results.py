@@ -4,6 +4,7 @@ shown as a table.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import Field, dataclass, field, fields, is_dataclass
@@ -35,6 +36,8 @@ _ABOUT = ("schema", "units", "digest")
 _KINDS = {"b": "b", "i": "iu", "f": "iuf", "c": "c"}
 #: the kinds of entries of arrays, by the classes of one entry
 _DTYPES = {float: np.float64, int: np.intp, bool: np.bool_, complex: np.complex128}
+#: product of the lengths of an empty array that are not zero, at most
+_MOST_ENTRIES = 2**31
 #: ranges of the numbers of a field, by the words of its declaration
 _RANGES: dict[str, Callable[[Any], Any]] = {
     "finite": np.isfinite,
@@ -451,7 +454,8 @@ def _are_equal(value: Any, other: Any) -> bool:
 
 def plain(value: Any) -> Any:
     """Return a value as plain data: a dataclass becomes a mapping of its class name and fields, an
-    array a list, a complex array a mapping of its "real" and "imag" lists.
+    array a list, a complex array a mapping of its "real" and "imag" lists. An empty array of
+    several axes, whose lists would not tell its shape, becomes a mapping of its "shape".
 
     Values of other kinds are returned as they are.
     """
@@ -462,8 +466,8 @@ def plain(value: Any) -> Any:
         return {"class": type(value).__name__, **values_of_fields}
     if isinstance(value, np.ndarray):
         if np.iscomplexobj(value):
-            return {"real": value.real.tolist(), "imag": value.imag.tolist()}
-        return value.tolist()
+            return {"real": plain(value.real), "imag": plain(value.imag)}
+        return value.tolist() if value.size or value.ndim < 2 else {"shape": list(value.shape)}
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, list | tuple):
@@ -594,6 +598,8 @@ def _make_array(value: Any, dtype: np.dtype[Any] | None) -> np.ndarray[Any, Any]
     """Return plain data, lists of any depth, as an array of ``dtype``, or of the type of its
     entries if that is None; None if lists are ragged, or entries are no such numbers.
     """
+    if isinstance(value, Mapping) and set(value) == {"shape"}:
+        return _make_empty_array(value["shape"], dtype)
     may_be_complex = dtype is None or dtype.kind == "c"
     if may_be_complex and isinstance(value, Mapping):
         return _make_complex_array(value)
@@ -614,6 +620,16 @@ def _make_array(value: Any, dtype: np.dtype[Any] | None) -> np.ndarray[Any, Any]
     if dtype is None or array.dtype == dtype:
         return array
     return array.astype(dtype)
+
+
+def _make_empty_array(shape: Any, dtype: np.dtype[Any] | None) -> np.ndarray[Any, Any] | None:
+    """Return the array without entries of a ``shape``; None if that is none of such an array."""
+    is_shape = isinstance(shape, list | tuple) and all(
+        type(length) is int and 0 <= length < _MOST_ENTRIES for length in shape
+    )
+    if not is_shape or 0 not in shape or math.prod(filter(None, shape)) >= _MOST_ENTRIES:
+        return None
+    return np.zeros(shape, dtype or float)
 
 
 def _make_complex_array(data: Mapping[str, Any]) -> np.ndarray[Any, Any] | None:

@@ -274,7 +274,12 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
         entry = result.entry(name)
         if name == "gaps" or (entry is not None and entry.told):
             sources[name if entry is None else entry.label.lower()] = parameter
-    return rows + _tell_sources(sources)
+    rows += _tell_sources(sources)
+    dependent = dict[str, list[str]]()
+    for name, parameter in numbers.get("matters_most", {}).items():
+        dependent.setdefault(parameter, []).append(name.replace("_", " "))
+    rows += [(f"{name} matters most", f"to {', '.join(dependent[name])}") for name in dependent]
+    return rows
 
 
 def _write_number(value: Any, error: Any, unit: str, digits: int) -> str:

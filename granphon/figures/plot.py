@@ -74,6 +74,7 @@ OF_DATASETS = {
     "cutoffs": Picture("gaps.cutoffs_figure"),
     "onsets": Picture("gaps.onsets_figure"),
     "modes": Picture("gaps.modes_figure"),
+    "sensitivities": Picture("sensitivities.sensitivities_figure"),
 }
 #: cells along each period in the picture of a small network, for one, two and three periods
 _CELLS = (8, 4, 2)

@@ -39,8 +39,9 @@ from granphon.observables.velocities import (
 #: what must be worked out to find an observable: nothing beyond the packing; the state; the long
 #: waves of the state; its long waves at neighbouring loads, for which a simulation solves two more
 #: equilibria; a pulse through each sample, its spectral functions, or its density of states; bands,
-#: along a path that is given; the waves of an edge; edges of gaps, or of branches, in the zone; or
-#: the network of the state, its modes, and how it answers to a drive
+#: along a path that is given; the waves of an edge; edges of gaps, or of branches, in the zone;
+#: derivatives by the parameters; or the network of the state, its modes, and how it answers to a
+#: drive
 CostClass = Literal[
     "packing",
     "state",
@@ -54,6 +55,7 @@ CostClass = Literal[
     "gaps",
     "cutoffs",
     "onsets",
+    "sensitivities",
     "network",
 ]
 #: costs of the observables of the waves in simulated arrays, at edges, in the zone, and in networks
@@ -65,6 +67,7 @@ WAVE_COSTS: tuple[CostClass, ...] = (
     "gaps",
     "cutoffs",
     "onsets",
+    "sensitivities",
     "network",
 )
 
@@ -779,6 +782,13 @@ _OBSERVABLES = (
             dims=("gap",),
         )
         for edge in ("lower", "upper")
+    ),
+    Observable(
+        "sensitivity",
+        "1",
+        "logarithmic derivatives of velocities, moduli and cut-off frequencies by the parameters",
+        cost="sensitivities",
+        dims=("sensitivity_of", "sensitivity_to"),
     ),
     Observable(
         "top_frequency",

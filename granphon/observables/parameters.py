@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,10 @@ from granphon.networks.network import given_network
 MINDLIN_RATIO = "mindlin_ratio"
 #: relative step of a parameter on which the statics do not depend
 _STEP = 2e-4
+
+
+#: changed balls that are kept, as of the steps of a difference
+_KEPT = 8
 
 
 @result_class
@@ -102,7 +107,7 @@ def parameter_sensitivities(
 
 def find_parameter_sensitivities(
     choice: MediumChoice,
-    balls: Balls,
+    balls: Packing | Arrangement,
     load: Load,
     find: Callable[[Any], ArrayLike],
     names: Sequence[str],
@@ -124,7 +129,9 @@ def find_parameter_sensitivities(
     return ParameterSensitivities(tuple(names), np.array(slopes), value)
 
 
-def _change_parameter(choice: MediumChoice, balls: Balls, load: Load, name: str) -> Change:
+def _change_parameter(
+    choice: MediumChoice, balls: Packing | Arrangement, load: Load, name: str
+) -> Change:
     """Return what a relative step of the parameter of a ``name`` makes of the balls, in the medium
     of a ``choice``, and of their load.
     """
@@ -133,6 +140,7 @@ def _change_parameter(choice: MediumChoice, balls: Balls, load: Load, name: str)
         return lambda step: (medium, replace(load, array=(1.0 + step) * load.array))
     number = _read_number(balls, name)
 
+    @lru_cache(maxsize=_KEPT)
     def change(step: float) -> tuple[Any, Load]:
         return choice.of(change_packing(balls, {name: (1.0 + step) * number})), load
 
@@ -180,21 +188,24 @@ def list_parameters(balls: Packing | Arrangement, load: Load) -> tuple[str, ...]
     """Return the names of all parameters of balls under a load that are numbers other than zero and
     may change by themselves: the diameter of a kind may not where its balls would miss others.
     """
-    if isinstance(balls, Packing):
-        candidates = ["young_modulus", "poisson_ratio", "density", "diameter", "width"]
-        candidates += ["torsion", "bending"]
-    else:
-        parameters = [name for name in KIND_PARAMETERS if name not in ("yield_strength", "mass")]
-        candidates = [f"{kind}.{name}" for kind in balls.kind_names for name in parameters]
     names = [
         name
-        for name in candidates
+        for name in name_parameters(balls)
         if _is_number(_read_value(balls, name)) and _may_change(balls, name)
     ]
     return (*names, load.kind, *([MINDLIN_RATIO] if balls.friction else []))
 
 
-def _may_change(balls: Balls, name: str) -> bool:
+def name_parameters(balls: Packing | Arrangement) -> tuple[str, ...]:
+    """Return the names of what may be parameters of balls."""
+    if isinstance(balls, Packing):
+        names = ["young_modulus", "poisson_ratio", "density", "diameter", "width"]
+        return (*names, "torsion", "bending")
+    parameters = [name for name in KIND_PARAMETERS if name not in ("yield_strength", "mass")]
+    return tuple(f"{kind}.{name}" for kind in balls.kind_names for name in parameters)
+
+
+def _may_change(balls: Packing | Arrangement, name: str) -> bool:
     """Return whether the parameter of a ``name`` may change while all others stay."""
     try:
         change_packing(balls, {name: (1.0 + _STEP) * _read_number(balls, name)})

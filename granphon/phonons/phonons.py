@@ -963,17 +963,33 @@ class Phonons:
 
         They are sought as the edges of :meth:`gaps`, from more points; ``mesh`` is as there.
         """
+        return self._find_cutoffs(mesh)[0]
+
+    def find_cutoff_points(self, mesh: Sequence[int] | None = None) -> Array:
+        """Return the wave vectors (n_branches, 2, p) of :meth:`cutoffs`, fractions of the
+        reciprocal cell.
+        """
+        return self._find_cutoffs(mesh)[1] @ np.linalg.inv(self.lattice.reciprocal)
+
+    def _find_cutoffs(self, mesh: Sequence[int] | None) -> tuple[Array, Array]:
+        """Return the cut-off frequencies (n_branches, 2), Hz, and their wave vectors (n_branches,
+        2, p), 1/d.
+        """
         zone = self._sample_zone(mesh)
         b = self.lattice.n_branches
         edges = _BandEdges.of(np.arange(b))
         extremes, starts = self._climb_edges(edges, zone, _MORE_STARTS)
         extremes = self._zoom_into_cones(edges, extremes, zone, starts[:, :1], 1)
-        # each top with the bottom above
-        tops, bottoms = edges.pair(edges.sign * extremes.heights)
         top_edge = _BandEdges(np.array([b - 1]), np.ones(1), 1)
         top, _ = self._climb_edges(top_edge, zone, _MORE_STARTS)
+        # each top with the bottom above
+        tops, bottoms = edges.pair(edges.sign * extremes.heights)
+        points_of_tops, points_of_bottoms = edges.pair(extremes.points)
         cutoffs = np.stack([bottoms, np.concatenate([tops[1:], top.heights])], axis=1)
-        return np.asarray(np.maximum(cutoffs, 0.0) * self.scales.frequency)
+        points = np.stack(
+            [points_of_bottoms, np.concatenate([points_of_tops[1:], top.points])], axis=1
+        )
+        return np.maximum(cutoffs, 0.0) * self.scales.frequency, points
 
     def _sample_zone(self, mesh: Sequence[int] | None) -> _ZoneSample:
         """Return the frequencies at the wave vectors at which edges of bands are sought."""

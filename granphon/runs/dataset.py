@@ -542,6 +542,8 @@ def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
     if "tensor" in variables:
         voigt = list(voigt_names(packing.structure.periods))
         frame = frame.assign_coords(dict.fromkeys(CATALOGUE["tensor"].dims, voigt))
+    if grid.request.sensitivities:
+        frame = _label_sensitivities(frame, grid, variables)
     along_path = dict(frame.data_vars)  # assigned last, to stand after the variables along it
     return (
         frame.drop_vars(list(along_path))
@@ -549,6 +551,23 @@ def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
         .assign(along_path)
         .assign_attrs(warnings=to_json(texts))
     )
+
+
+def _label_sensitivities(frame: Dataset, grid: Grid, variables: dict[str, Any]) -> Dataset:
+    """Return the frame with the names of the quantities and parameters of the derivatives among the
+    ``variables``, from which those that no state has are taken.
+    """
+    from granphon.runs.sensitivities import NAME, list_axes
+
+    names = list_axes(grid.cases[0].packing, grid.load, grid.request.cutoffs)
+    dims, values, attributes = variables[NAME]
+    for axis, labels in zip((-2, -1), names, strict=True):
+        others = tuple(number for number in range(values.ndim) if number != values.ndim + axis)
+        is_known = np.any(np.isfinite(values), axis=others)
+        values = np.compress(is_known, values, axis=axis)
+        frame = frame.assign_coords({dims[axis]: np.array(labels)[is_known]})
+    variables[NAME] = dims, values, attributes
+    return frame
 
 
 def _stack(

@@ -136,6 +136,8 @@ class Request:
     gaps : whether the edges of the gaps, and the top frequency, are requested.
     cutoffs : whether the cut-off frequencies of the branches are requested.
     onsets : whether the frequencies and curvatures of the branches at Gamma are requested.
+    sensitivities : whether the derivatives of velocities, moduli and, if requested, cut-off
+        frequencies by the parameters are requested.
     bands : how contacts damp the bands; None for bands without loss alone.
     exponents : whether the exponents of the velocities are requested, for which a simulation solves
         two more equilibria at each load.
@@ -155,6 +157,7 @@ class Request:
     gaps: bool = False
     cutoffs: bool = False
     onsets: bool = False
+    sensitivities: bool = False
     bands: BandsSettings | None = None
     exponents: bool = True
     sound: bool = True
@@ -472,7 +475,14 @@ class MediumTask(Task):
         """
         samples = self.serving.samples if self.known_state is None else []
         # bands, directions, edges and observables are found of the mean over samples
-        request = replace(self.request, path=None, direction=None, surface=None, observe=())
+        request = replace(
+            self.request,
+            path=None,
+            direction=None,
+            surface=None,
+            sensitivities=False,
+            observe=(),
+        )
         tasks: list[MediumTask] = []
         for sample in samples:
             seed = sample.medium.settings["seed"]
@@ -497,7 +507,7 @@ class MediumTask(Task):
             SampleRecord.from_result(sample, index) for index in reached for sample in samples
         ]
         state = _average_samples(self.serving, self.simulation, records, load)
-        averages = self._add_waves(self.observe(state), state, load)
+        averages = self._observe_under(load, state)
         marks = _join_marks(results, [np.arange(n_loads)] * len(results))
         return _expand_loads(averages, reached, n_loads) | marks
 
@@ -515,9 +525,28 @@ class MediumTask(Task):
         """
         try:
             state = self.state(self.load)
-            return self._add_waves(self.observe(state), state, self.load)
+            return self._observe_under(self.load, state)
         except GranphonError as error:
             raise self._locate(error) from error
+
+    def _observe_under(self, load: Load, state: ContactState) -> TaskResult:
+        """Return the variables of a state at its ``load``, with its waves and its derivatives by
+        the parameters, if these are requested.
+        """
+        variables = self.observe(state)
+        request = self.request
+        if request.sensitivities:
+            # imported here: other runs do not need derivatives
+            from granphon.runs.sensitivities import NAME, observe_sensitivities
+
+            variables[NAME] = observe_sensitivities(
+                self.serving,
+                load,
+                request.direction,
+                finite_overlap=request.finite_overlap,
+                has_cutoffs=request.cutoffs,
+            )
+        return self._add_waves(variables, state, load)
 
     def _add_waves(self, variables: TaskResult, state: ContactState, load: Load) -> TaskResult:
         """Return the ``variables`` of a state at its ``load`` with its waves, if waves are

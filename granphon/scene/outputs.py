@@ -358,6 +358,16 @@ def _list_peaks(run: Any) -> dict[str, Any]:
     return {"peaks": peaks}
 
 
+def _list_strongest(run: Any) -> dict[str, Any]:
+    """Return the parameter on which each quantity of the only state depends most."""
+    data = run.dataset
+    quantities = data["sensitivity_of"].values.tolist()
+    parameters = data["sensitivity_to"].values.tolist()
+    sizes = np.nan_to_num(np.abs(data["sensitivity"].values)).reshape(len(quantities), -1)
+    strongest = [parameters[number] for number in np.argmax(sizes, axis=1).tolist()]
+    return {"matters_most": dict(zip(quantities, strongest, strict=True))}
+
+
 # -- how it is written -----------------------------------------------------------------------------
 
 
@@ -746,6 +756,18 @@ for _row in (
         words="cut-off frequency and curvature of each branch at Gamma; the frequencies over the"
         " load",
         caption="Cut-off frequencies from which waves begin, at Gamma",
+    ),
+    Export(
+        "sensitivities",
+        ("sensitivities.csv", "sensitivities.png"),
+        observed="sensitivities",
+        summarise=_list_strongest,
+        write=partial(_write_table, "sensitivities.csv", ("sensitivity_of", "sensitivity_to")),
+        draw=partial(_draw_dataset, "sensitivities"),
+        words="logarithmic derivatives of velocities, moduli and, if observed, cut-off frequencies"
+        " by the parameters of the balls and the load; in `summary.yaml`, `matters_most`, the"
+        " parameter on which each depends most",
+        caption="Logarithmic derivatives by the parameters",
     ),
     Export(
         "modes",

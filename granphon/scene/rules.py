@@ -105,6 +105,7 @@ OBSERVABLES = (
     "gaps",
     "cutoffs",
     "onsets",
+    "sensitivities",
     "dos",
     "surface",
     "spectrum",

@@ -118,9 +118,9 @@ class Scene(SceneValues):
         mapping.
     finite_overlap : keep the terms of relative order delta/d; True if all media are simulations in
         their exact geometry, which always have them.
-    observe : which of "velocities", "bands", "gaps", "cutoffs", "onsets", "dos", "surface",
-        "spectrum", "pulse", "response", "motion", "modes" to compute; spectrum, pulse and the
-        density of states of the array itself, of a simulation.
+    observe : which of "velocities", "bands", "gaps", "cutoffs", "onsets", "sensitivities", "dos",
+        "surface", "spectrum", "pulse", "response", "motion", "modes" to compute; spectrum, pulse
+        and the density of states of the array itself, of a simulation.
     direction : Cartesian direction of sound, a number for each period of the lattice, or a tuple of
         such directions; None for x, on which velocities do not depend where sound is isotropic.
     band, band_points : path of the bands, None for that of the lattice, and number of points on
@@ -358,6 +358,7 @@ class Scene(SceneValues):
             gaps="gaps" in self.observe,
             cutoffs="cutoffs" in self.observe,
             onsets="onsets" in self.observe,
+            sensitivities="sensitivities" in self.observe,
             bands=self.observed_settings("bands"),
             observe=self.observe,
             sound=has_velocities or of_mechanisms.isdisjoint(self.observe),

@@ -316,6 +316,11 @@ class SceneValues:
             "Long waves move all balls together, which a floor, a clamp or springs to the ground"
             " hold: write observe: [onsets], the cut-off frequencies from which waves begin.",
         )
+        of_held = held._replace(
+            name="sensitivities",
+            mend="Derivatives are those of long waves, which these lack:"
+            " gp.parameter_sensitivities has others.",
+        )
         first_block = next(iter(NETWORK_BLOCKS))
         without_period = [
             Conflict(
@@ -325,7 +330,16 @@ class SceneValues:
                 f"{', '.join(NETWORK_BLOCKS)} of these",
                 f"Waves of this kind need a period: write observe: [{first_block}].",
             )
-            for name in ("velocities", "bands", "gaps", "cutoffs", "onsets", "dos", "surface")
+            for name in (
+                "velocities",
+                "bands",
+                "gaps",
+                "cutoffs",
+                "onsets",
+                "sensitivities",
+                "dos",
+                "surface",
+            )
         ]
         pulse = Conflict(
             "pulse",
@@ -336,6 +350,7 @@ class SceneValues:
         )
         return [
             held,
+            of_held,
             *without_period,
             *self._list_conflicts_of_surface(),
             pulse,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from functools import partial
 
@@ -335,6 +336,20 @@ def test_the_share_of_a_contact_is_its_part_of_the_energy():
     changed = replace(network, **{name: stiffer * getattr(network, name) for name in names})
     raised = gp.Waves(changed).modes(4).frequencies / modes.frequencies - 1.0
     assert_allclose(raised, 0.5e-6 * shares[:, 2], rtol=1e-4, atol=1e-13)
+
+
+def test_no_gap_goes_to_plain_data_and_back():
+    network = gp.Crystal.on("chain", [gp.Ball(STEEL, 8e-3)]).at_force(20.0).network
+    none = gp.Phonons(network).gap_sensitivities()
+    assert none.normal_stiffness.shape == (0, 2, 1)
+    again = type(none).from_dict(json.loads(json.dumps(none.to_dict())))
+    assert again == none
+    assert again.on_site.shape == none.on_site.shape
+    data = none.to_dict()
+    for shape in ([0, -1], [1, 2], "0", [0.0, 2]):
+        data["frequencies"] = {"shape": shape}
+        with pytest.raises(InputError):
+            type(none).from_dict(data)
 
 
 def test_a_cell_of_many_balls_has_the_sums_of_all_its_parameters():

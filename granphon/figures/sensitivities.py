@@ -1,0 +1,89 @@
+"""Figures of what velocities, moduli and cut-off frequencies depend on: a panel for each, in which
+each parameter has a bar.
+"""
+
+from __future__ import annotations
+
+import math
+from textwrap import fill
+
+from granphon.figures.scales import styled_figure
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from granphon.base.arrays import Array
+from granphon.base.errors import InputError
+from granphon.figures.style import BLUE, STYLE, VERMILION, pick_evenly
+from granphon.observables.catalogue import CATALOGUE, axis_label
+from granphon.runs.dataset import Dataset
+
+#: greatest number of panels, and of columns of panels
+_MOST_PANELS = 12
+_MOST_COLUMNS = 2
+#: height of a bar, and of a panel without its bars, inches
+_BAR = 0.13
+_MARGINS = 0.5
+#: letters in a line of the title of a panel
+_LETTERS = 16
+#: part of its place that a bar fills
+_WIDTH = 0.7
+
+
+def sensitivities_figure(dataset: Dataset) -> Figure:
+    """Draw a figure of the logarithmic derivatives of a data set, one column wide: a panel for each
+    quantity, in which each parameter has a bar, blue above zero and red below. Of many states a bar
+    is the mean, and a line reaches from the least to the greatest.
+
+    Of more than twelve quantities, twelve are drawn. Raises
+    :class:`~granphon.base.errors.InputError` if the data set has no derivatives.
+    """
+    if "sensitivity" not in dataset:
+        mend = "Observe them: observe: [sensitivities]"
+        raise InputError("the results have no derivatives by parameters", mend=mend)
+    quantities = dataset["sensitivity_of"].values.tolist()
+    parameters = dataset["sensitivity_to"].values.tolist()
+    table = dataset["sensitivity"].transpose(..., "sensitivity_of", "sensitivity_to").values
+    by_state = table.reshape(-1, len(quantities), len(parameters))
+    chosen = pick_evenly(len(quantities), _MOST_PANELS)
+    n_columns = min(_MOST_COLUMNS, len(chosen))
+    n_rows = math.ceil(len(chosen) / n_columns)
+    with styled_figure(n_rows * (_MARGINS + _BAR * len(parameters)) + 0.2) as figure:
+        axes = figure.subplots(n_rows, n_columns, sharex=True, sharey=True, squeeze=False)
+        for ax, number in zip(axes.flat, chosen, strict=False):
+            _draw_bars(ax, by_state[:, number])
+            ax.set_title(fill(_name_quantity(quantities[number]), _LETTERS), pad=3.0)
+        axes[0, 0].set_yticks(range(len(parameters)), [axis_label(name, "") for name in parameters])
+        axes[0, 0].invert_yaxis()
+        for ax in axes.flat[len(chosen) :]:
+            ax.set_axis_off()
+        for ax in axes.flat[max(0, len(chosen) - n_columns) : len(chosen)]:
+            ax.tick_params(labelbottom=True)
+        figure.supxlabel("Logarithmic derivative", fontsize=STYLE["axes.labelsize"])
+        if len(chosen) < len(quantities):
+            remark = f"{len(chosen)} of {len(quantities)} quantities"
+            figure.suptitle(remark, fontsize=STYLE["axes.titlesize"])
+    return figure
+
+
+def _draw_bars(ax: Axes, derivatives: Array) -> None:
+    """Draw a bar for each parameter, from ``derivatives`` (states, parameters)."""
+    known = np.ma.masked_invalid(derivatives)
+    means = known.mean(axis=0).filled(np.nan)
+    places = np.arange(len(means))
+    colours = np.where(np.nan_to_num(means) < 0.0, VERMILION, BLUE).tolist()
+    ax.barh(places, means, _WIDTH, color=colours, gid="bars")
+    if len(derivatives) > 1:
+        least = known.min(axis=0).filled(np.nan)
+        greatest = known.max(axis=0).filled(np.nan)
+        ax.hlines(places, least, greatest, color="black", linewidth=0.8, gid="extents")
+    ax.axvline(0.0, color="black", linewidth=0.6)
+
+
+def _name_quantity(name: str) -> str:
+    """Return the name of a quantity in words."""
+    entry, _, branch = name.partition(" ")
+    if not branch:
+        return CATALOGUE[entry].label
+    return f"{'Bottom' if entry == 'cutoff_lower' else 'Top'} of branch {branch}"

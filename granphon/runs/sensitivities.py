@@ -1,0 +1,109 @@
+"""What the velocities, moduli and cut-off frequencies of states depend on, by the parameters of the
+balls and their load: the variable ``sensitivity`` of a data set.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from granphon.balls.loads import Load
+from granphon.base.arrays import Array
+from granphon.media.arrangement import Balls
+from granphon.media.choice import ServingMedium
+from granphon.observables.catalogue import CATALOGUE, Analysis, find_all
+from granphon.observables.parameters import (
+    MINDLIN_RATIO,
+    find_parameter_sensitivities,
+    list_parameters,
+    name_parameters,
+)
+
+#: name of the variable
+NAME = "sensitivity"
+#: magnitude of a logarithmic derivative that is rounding
+_ROUNDING = 1e-8
+
+
+def list_axes(balls: Balls, load: Load, has_cutoffs: bool) -> tuple[list[str], list[str]]:
+    """Return the names of the quantities of which derivatives are found, and of the parameters:
+    velocities and moduli, and with ``has_cutoffs`` the ends of the branches in the zone.
+    """
+    quantities = [
+        name
+        for name, entry in CATALOGUE.items()
+        if entry.cost == "velocities"
+        and not (entry.dims or entry.sampled or CATALOGUE.is_added(name))
+        and (entry.unit == "m/s" or entry.per_dimension == "modulus")
+    ]
+    if has_cutoffs:
+        n_branches = balls.ball_motions.count * balls.structure.n_balls
+        quantities += [
+            f"cutoff_{end} {number}" for end in ("lower", "upper") for number in range(n_branches)
+        ]
+    return quantities, [*name_parameters(balls), load.kind]
+
+
+def observe_sensitivities(
+    serving: ServingMedium,
+    load: Load,
+    direction: Any,
+    *,
+    finite_overlap: bool,
+    has_cutoffs: bool,
+) -> Array:
+    """Return the logarithmic derivatives (loads, quantities, parameters) of :func:`list_axes`, in
+    the medium that serves a ``load``; nan of what a state does not have, what is zero, and
+    parameters that cannot change. Of many directions of sound the first counts.
+    """
+    balls = serving.packing
+    quantities, parameters = list_axes(balls, load, has_cutoffs)
+
+    derivatives = np.full((load.size, len(quantities), len(parameters)), np.nan)
+    for index in range(load.size):
+        single = load.flat[index]
+        find = _Finder(quantities, direction, has_cutoffs).find
+        names = [name for name in list_parameters(balls, single) if name != MINDLIN_RATIO]
+        found = find_parameter_sensitivities(
+            serving.medium, balls, single, find, names, finite_overlap or None
+        )
+        columns = [parameters.index(name) for name in names]
+        derivatives[index][:, columns] = found.slopes.T
+    return np.where(np.abs(derivatives) <= _ROUNDING, 0.0, derivatives)
+
+
+class _Finder:
+    """What finds the quantities of states that differ little.
+
+    A cut-off frequency does not change to first order as its wave vector moves: the wave vectors of
+    the first state serve for all.
+    """
+
+    def __init__(self, quantities: list[str], direction: Any, has_cutoffs: bool) -> None:
+        self._quantities = quantities
+        self._direction = direction
+        self._has_cutoffs = has_cutoffs
+        #: (n_branches, 2, p) wave vectors of the cut-off frequencies, once they are known
+        self._points: Array | None = None
+
+    def find(self, state: Any) -> Array:
+        """Return the quantities of a state; zero of those that it does not have."""
+        numbers = find_all(Analysis(state, self._direction), ("velocities",), swept=True)
+        values = [float(np.ravel(numbers.get(name, 0.0))[0]) for name in self._quantities]
+        if self._has_cutoffs:
+            cutoffs = self._find_cutoffs(state)
+            values[-cutoffs.size :] = cutoffs.T.ravel().tolist()
+        return np.array(values)
+
+    def _find_cutoffs(self, state: Any) -> Array:
+        """Return the cut-off frequencies (n_branches, 2), Hz."""
+        from granphon.phonons.phonons import find_phonons  # other runs do not need phonons
+
+        phonons = find_phonons(state)
+        if self._points is None:
+            self._points = phonons.find_cutoff_points()
+        count, ends, periods = self._points.shape
+        frequencies = phonons.frequencies(self._points.reshape(-1, periods))
+        by_point = frequencies.reshape(count, ends, -1)
+        return by_point[np.arange(count), :, np.arange(count)]

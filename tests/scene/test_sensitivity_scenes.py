@@ -1,0 +1,108 @@
+"""Scenes that observe what velocities, moduli and cut-off frequencies depend on."""
+
+from __future__ import annotations
+
+import csv
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import granphon as gp
+from granphon.base.errors import InputError
+from granphon.cli import main
+from granphon.figures.sensitivities import sensitivities_figure
+
+SCENE = """\
+balls:
+  S: {material: {young_modulus: 193 GPa, poisson_ratio: 0.30, density: 8000 kg/m^3}, diameter: 19 mm}
+  A: {material: {young_modulus: 73.5 GPa, poisson_ratio: 0.33, density: 2700 kg/m^3}, diameter: 19 mm}
+crystal: {lattice: chain, kinds: [A, S], friction: false}
+load: {force: 8 N}
+observe: [sensitivities, cutoffs]
+sweep: {A.density: [2000 kg/m^3, 4000 kg/m^3]}
+"""
+PACKING = """\
+material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing: {diameter: 8 mm}
+load: {force: 18 N}
+observe: [sensitivities]
+"""
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sensitivities") / "out"
+    return gp.Scene.from_text(SCENE).run(folder)
+
+
+@pytest.mark.claim("sensitivities-scene")
+def test_a_chain_of_two_masses_has_the_powers_of_its_closed_forms(result):
+    """The top of the acoustic branch goes as (k/M)^1/2 of the larger mass, k as (E*^2 f)^(1/3)."""
+    found = result.dataset["sensitivity"].sel(medium="crystal")
+    top = found.sel(sensitivity_of="cutoff_upper 0")
+    assert_allclose(top.sel(sensitivity_to="S.density"), -0.5, atol=1e-8)
+    assert_allclose(top.sel(sensitivity_to="A.density"), 0.0, atol=1e-8)
+    assert_allclose(top.sel(sensitivity_to="force"), 1.0 / 6.0, rtol=1e-8)
+    moduli = top.sel(sensitivity_to=["S.young_modulus", "A.young_modulus"]).sum("sensitivity_to")
+    assert_allclose(moduli, 1.0 / 3.0, rtol=1e-8)
+    bulk = found.sel(sensitivity_of="bulk", sensitivity_to="force")
+    assert_allclose(bulk, 1.0 / 3.0, rtol=1e-8)
+    # what vanishes everywhere is not there
+    assert "cutoff_lower 0" not in found["sensitivity_of"]
+    assert "transverse" not in found["sensitivity_of"]
+
+
+def test_the_table_has_a_row_for_each_quantity_and_parameter(result):
+    path = result.folder / "sensitivities.csv"
+    rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
+    data = result.dataset["sensitivity"]
+    assert len(rows) == data.size
+    row = next(row for row in rows if row["sensitivity_to"] == "A.density")
+    assert float(row["sensitivity (1)"]) < 0.0
+    assert (result.folder / "sensitivities.png").is_file()
+
+
+def test_one_state_says_which_parameter_matters_most(tmp_path, capsys):
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(PACKING, encoding="utf-8")
+    assert main(["run", str(scene), "-o", str(tmp_path / "out"), "--no-figures"]) == 0
+    printed = capsys.readouterr().out
+    assert "matters most" in printed
+    again = gp.Scene.from_yaml(scene).run(tmp_path / "out", resume=True, figures=False)
+    assert again.summary()["matters_most"]["longitudinal"] == "density"
+    assert_allclose(
+        again.dataset["sensitivity"].sel(sensitivity_to="young_modulus").values.ravel(),
+        [1.0 / 3.0, 1.0 / 3.0, 2.0 / 3.0, 2.0 / 3.0],
+        rtol=1e-8,
+    )
+
+
+def test_each_quantity_has_a_panel_with_a_bar_for_each_parameter(result):
+    figure = sensitivities_figure(result.dataset)
+    data = result.dataset
+    panels = [ax for ax in figure.axes if ax.axison]
+    assert len(panels) == data.sizes["sensitivity_of"]
+    assert all(len(ax.patches) == data.sizes["sensitivity_to"] for ax in panels)
+    with pytest.raises(InputError, match="derivatives"):
+        sensitivities_figure(data.drop_vars("sensitivity"))
+
+
+def test_balls_that_are_held_have_no_velocities_to_differentiate():
+    held = SCENE.replace(
+        "friction: false}", "friction: false, cut: {axis: 0, layers: 3, edges: floor}}"
+    )
+    with pytest.raises(InputError, match="sensitivities"):
+        gp.Scene.from_text(held)
+
+
+def test_samples_are_averaged_as_their_states():
+    text = PACKING.replace("diameter: 8 mm", "diameter: 8 mm, spread: {uniform: 2 um}")
+    text += "medium: {simulation: {shape: 3 3, samples: 2, geometry: lattice}}\n"
+    data = gp.Scene.from_text(text).sweep()
+    found = data["sensitivity"].sel(sensitivity_of="longitudinal").squeeze()
+    assert_allclose(found.sel(sensitivity_to="density"), -0.5, rtol=1e-8)
+    # velocities at a given f* go as the root of c W^(1/2)/d^2
+    by_modulus = float(found.sel(sensitivity_to="young_modulus"))
+    by_force = float(found.sel(sensitivity_to="force"))
+    assert np.isclose(by_modulus + by_force, 0.5, rtol=1e-8)
