@@ -8,8 +8,7 @@ moduli are those of the whole motion.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,13 +17,13 @@ from granphon.balls.layers import find_axes
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.progress import Progress, silent
-from granphon.base.results import Result
+from granphon.base.results import Result, held, result_class
 from granphon.base.validation import finite_array
 from granphon.dynamics.elasticity import voigt_names
 from granphon.media.state import as_state
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@result_class
 class NonaffineMotion(Result, array="displacements"):
     """Motions of balls beside a strain of one; ``np.asarray`` of it is ``displacements``.
 
@@ -37,9 +36,9 @@ class NonaffineMotion(Result, array="displacements"):
     rotations : (n, 3) likewise, rad.
     """
 
-    strain: Annotated[Array, "s"]
-    displacements: Annotated[Array, "n 3", "m"]
-    rotations: Annotated[Array, "n 3", "rad"]
+    strain: Array = held(float, "s")
+    displacements: Array = held(float, "n 3", "m")
+    rotations: Array = held(float, "n 3", "rad")
 
     @property
     def sizes(self) -> Array:
