@@ -19,12 +19,12 @@ from granphon.balls.diameters import Uniform
 from granphon.balls.hertz import EXPONENT
 from granphon.balls.lattices import as_direction
 from granphon.balls.loads import Load
-from granphon.balls.packing import MINDLIN, Packing
+from granphon.balls.packing import LOSSES, MINDLIN, Packing
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, MechanismError
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
-from granphon.dynamics.damping import LOSSES, Losses, find_tsuji
+from granphon.dynamics.damping import Losses, find_tsuji
 from granphon.figures.style import colour_kinds
 from granphon.media.choice import MediumChoice, find_medium
 from granphon.media.state import NetworkState

@@ -332,7 +332,7 @@ def _read_files_scene(document: Document, folder: Path) -> dict[str, Any]:
         arrangement = NetworkFiles(**values)
     except GranphonError as error:
         raise document.error(("network",), str(error)) from None
-    context = Context(arrangement.structure, kinds=arrangement.kind_names, folder=folder)
+    context = Context(arrangement.structure, folder=folder)
     readers = {
         name: partial(_read_block, name, context=context) for name in BLOCKS if name not in unused
     }
