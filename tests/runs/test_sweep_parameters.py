@@ -169,6 +169,7 @@ def test_a_scene_with_a_sweep_over_losses_walls_and_springs(tmp_path):
         ("drag: [0 1/s, 40 1/ms]", "restitution: [0, 1]", "sweep.restitution.0"),
         ("drag: [0 1/s, 40 1/ms]", "drag: [[1 1/s, 2 1/s]]", "sweep.drag.0"),
         ("observe: [response]", "observe: [modes]", "sweep: .*drag"),
+        ("observe: [response]", "observe: [velocities]", "observe: .*held"),
     ],
 )
 def test_mistakes_of_such_sweeps_are_told_with_their_place(old, new, place):
