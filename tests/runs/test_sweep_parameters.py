@@ -169,12 +169,23 @@ def test_a_scene_with_a_sweep_over_losses_walls_and_springs(tmp_path):
         ("drag: [0 1/s, 40 1/ms]", "restitution: [0, 1]", "sweep.restitution.0"),
         ("drag: [0 1/s, 40 1/ms]", "drag: [[1 1/s, 2 1/s]]", "sweep.drag.0"),
         ("observe: [response]", "observe: [modes]", "sweep: .*drag"),
-        ("observe: [response]", "observe: [velocities]", "observe: .*held"),
     ],
 )
 def test_mistakes_of_such_sweeps_are_told_with_their_place(old, new, place):
     with pytest.raises(SceneError, match=place):
         gp.Scene.from_text(ROW.replace(old, new))
+
+
+def test_velocities_over_springs_are_refused_before_anything_runs():
+    text = HELD.replace(", on_site: 1 MN/m", "").replace("[onsets]", "[velocities]")
+    with pytest.raises(SceneError, match="held"):
+        gp.Scene.from_text(text + "sweep: {on_site: [0 N/m, 1 MN/m]}\n")
+
+
+def test_onsets_have_one_direction():
+    text = HELD.replace("lattice: chain", "lattice: square")
+    with pytest.raises(SceneError, match="directions"):
+        gp.Scene.from_text(text + "direction: [[1, 0], [1, 1]]\n")
 
 
 @pytest.mark.parametrize(
