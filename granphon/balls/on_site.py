@@ -127,6 +127,8 @@ def find_unit(name: str) -> str:
 SPRING_PARAMETERS = {ON_SITE: "N/m"} | {
     f"{ON_SITE}.{name}": find_unit(name) for name in (*DISPLACEMENTS, ROTATION, *ROTATIONS)
 }
+#: those of them that hold balls, which then have no sound
+HOLDING_PARAMETERS = frozenset(name for name, unit in SPRING_PARAMETERS.items() if unit == "N/m")
 
 
 def list_spring_parameters(motions: Motions) -> list[str]:

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import Lattice, as_direction, find_lattice
 from granphon.balls.loads import Load
-from granphon.balls.on_site import SPRING_PARAMETERS
+from granphon.balls.on_site import HOLDING_PARAMETERS
 from granphon.balls.packing import Axis, Packing, find_double
 from granphon.base.errors import InputError
 from granphon.base.progress import Progress, silent
@@ -213,7 +213,7 @@ def sweep(
     of_arrays: Sequence[str] = () if waves is None else waves.names
     observe += [*of_arrays, *(name for name, settings in networks.items() if settings is not None)]
     # balls that are held have no sound, and a mechanism has bands and motions too
-    has_sound = packing.repeats and not packing.is_held and not {*SPRING_PARAMETERS} & {*parameters}
+    is_held = packing.is_held or not HOLDING_PARAMETERS.isdisjoint(parameters)
     request = Request(
         finite_overlap=finite_overlap,
         path=path_of_bands,
@@ -222,7 +222,7 @@ def sweep(
         gaps=of_zone["gaps"],
         cutoffs=of_zone["cutoffs"],
         onsets=of_zone["onsets"],
-        sound=has_sound and observe == ["velocities", *of_arrays],
+        sound=packing.repeats and not is_held and observe == ["velocities", *of_arrays],
         observe=tuple(observe),
     )
     grid = Grid(packing, axes, choices, load, request)

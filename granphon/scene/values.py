@@ -11,7 +11,8 @@ from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.layers import Layers
 from granphon.balls.loads import Load
 from granphon.balls.neighbours import touch_once_at_most
-from granphon.balls.packing import Axis, change_packing, find_unit
+from granphon.balls.on_site import HOLDING_PARAMETERS
+from granphon.balls.packing import Axis, Packing, change_packing, find_unit
 from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import LENGTH, find_load_unit
 from granphon.base.settings import describe_settings
@@ -310,7 +311,7 @@ class SceneValues:
         """
         held = Conflict(
             "velocities",
-            self.packing.is_held,
+            self.packing.is_held or not HOLDING_PARAMETERS.isdisjoint(dict(self.parameters)),
             "of balls that are held",
             "bands, gaps, cutoffs, onsets, dos of these",
             "Long waves move all balls together, which a floor, a clamp or springs to the ground"
@@ -348,9 +349,17 @@ class SceneValues:
             "pulse with a block 'pulse'",
             "Add a block such as pulse: {frequency: 6.5 kHz}.",
         )
+        onsets = Conflict(
+            "onsets",
+            len(self.directions) > 1,
+            "along several directions",
+            "onsets along one direction, of the curvatures",
+            "Make a scene of each.",
+        )
         return [
             held,
             of_held,
+            onsets,
             *without_period,
             *self._list_conflicts_of_surface(),
             pulse,
@@ -454,8 +463,10 @@ class SceneValues:
         with rules.refusing(first_waves, allowed_waves, "observe"):
             require_arrays(self.media, dict(self.parameters), waves)
         if self.parameters:
-            with rules.refusing("sweep", "parameters of what is observed", "sweep"):
-                require_losses(dict(self.parameters), [*map(self.observed_settings, WAVE_BLOCKS)])
+            observed = [*map(self.observed_settings, WAVE_BLOCKS)]
+            for name, _ in self.parameters:
+                with rules.refusing(name, "a parameter of what is observed", "sweep"):
+                    require_losses([name], observed)
         for conflict in self._list_conflicts():
             if conflict.name in self.observe and conflict.holds:
                 found = f"{conflict.name!r} {conflict.problem}"

@@ -176,6 +176,18 @@ def test_mistakes_of_such_sweeps_are_told_with_their_place(old, new, place):
         gp.Scene.from_text(ROW.replace(old, new))
 
 
+def test_velocities_over_springs_are_refused_before_anything_runs():
+    text = HELD.replace(", on_site: 1 MN/m", "").replace("[onsets]", "[velocities]")
+    with pytest.raises(SceneError, match="held"):
+        gp.Scene.from_text(text + "sweep: {on_site: [0 N/m, 1 MN/m]}\n")
+
+
+def test_onsets_have_one_direction():
+    text = HELD.replace("lattice: chain", "lattice: square")
+    with pytest.raises(SceneError, match="directions"):
+        gp.Scene.from_text(text + "direction: [[1, 0], [1, 1]]\n")
+
+
 @pytest.mark.parametrize(
     ("parameters", "word"),
     [
