@@ -22,9 +22,8 @@ from granphon.balls.material import LEAST_YOUNG_MODULUS, Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.balls.on_site import SPRING_PARAMETERS
 from granphon.base.errors import InputError, brief
-from granphon.base.quantities import write_in
 from granphon.base.results import write_html
-from granphon.base.scales import WidthUnits
+from granphon.base.scales import WidthUnits, write_in
 from granphon.base.settings import NEEDED, describe_settings, list_settings
 from granphon.base.text import closest, counted
 from granphon.base.validation import is_one_of, not_negative, positive, real_list, require, truth

@@ -19,16 +19,13 @@ from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any, Literal
 
 from granphon.base.errors import Refused
-from granphon.base.scales import write_quantity
 from granphon.base.text import closest, show
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-#: numbers in a unit of the user that are written in this unit
-_LEAST_SHORT = 1e-3
-_MOST_SHORT = 1e4
+
 #: the units that a scene may use, by their names; exact, so that "8 mm" is the float nearest to
 #: 0.008
 _UNITS = {
@@ -412,20 +409,6 @@ def find_factor(unit: str, wanted: str) -> float | None:
     except KeyError:
         return None
     return float(factor / wanted_factor) if powers == wanted_powers else None
-
-
-def write_in(value: float, unit: str, written: str = "", digits: int = 5) -> str:
-    """Return the text of a value in the SI ``unit``, with ``digits`` significant digits, in the
-    unit ``written`` that a user has chosen, such as "0.5 mm"; with a decimal prefix without such a
-    unit, with one of another dimension, and where the number would be long.
-    """
-    factor = find_factor(unit, written) if written else None
-    if factor is None:
-        return write_quantity(value, unit, digits)
-    number = value * factor
-    if number and not _LEAST_SHORT <= abs(number) < _MOST_SHORT:
-        return write_quantity(value, unit, digits)
-    return f"{number:.{digits}g} {written}"
 
 
 def is_si(unit: str, wanted: str = "") -> bool:

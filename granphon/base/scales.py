@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from granphon.base.errors import InputError
+from granphon.base.quantities import find_factor
 from granphon.base.text import require_schema, write_float
 
 #: version number of the block at the head of files for phonopy
@@ -25,7 +26,9 @@ _INFO = {
     "stiffness": "granphon_stiffness_N_per_m",
     "mass": "granphon_mass_kg",
 }
-
+#: numbers in a unit of the user that are written in this unit
+_LEAST_SHORT = 1e-3
+_MOST_SHORT = 1e4
 #: sizes of the decimal prefixes, ascending; ``_PREFIXES`` holds their names in the same order
 _SIZES = (
     1e-24, 1e-21, 1e-18, 1e-15, 1e-12, 1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9, 1e12, 1e15, 1e18, 1e21,
@@ -68,6 +71,20 @@ def write_quantity(value: float, unit: str, digits: int = 5) -> str:
     rounded = float(f"{value:.{digits}g}")
     size, name = prefixed(rounded, unit)
     return f"{rounded / size:.{digits}g}{write_unit(name)}"
+
+
+def write_in(value: float, unit: str, written: str = "", digits: int = 5) -> str:
+    """Return the text of a value in the SI ``unit``, with ``digits`` significant digits, in the
+    unit ``written`` that a user has chosen, such as "0.5 mm"; with a decimal prefix without such a
+    unit, with one of another dimension, and where the number would be long.
+    """
+    factor = find_factor(unit, written) if written else None
+    if factor is None:
+        return write_quantity(value, unit, digits)
+    number = value * factor
+    if number and not _LEAST_SHORT <= abs(number) < _MOST_SHORT:
+        return write_quantity(value, unit, digits)
+    return f"{number:.{digits}g} {written}"
 
 
 def write_unit(unit: str) -> str:

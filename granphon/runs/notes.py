@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.quantities import find_load_unit, write_in
+from granphon.base.quantities import find_load_unit
+from granphon.base.scales import write_in
 from granphon.media.limits import Check
 from granphon.runs.tasks import Case
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -266,7 +266,7 @@ class Scene(SceneValues):
             target, names, force, earlier=every_file(), inputs=self.origin.inputs
         )
         with result_files.open() as locked, opened_store as store:
-            with self.place_errors():
+            with self.plan.place_errors():
                 try:
                     result = self._compute(target, rows, executor, progress, store)
                 except GranphonError as error:
@@ -386,12 +386,6 @@ class Scene(SceneValues):
         of one state.
         """
         return self.plan.has_tasks
-
-    def place_errors(self) -> AbstractContextManager[None]:
-        """Place an error of the with-block in the file, if the error names an option of a medium, a
-        block or a load.
-        """
-        return self.plan.place_errors()
 
     def state(self) -> ContactState:
         """Return the state of the contacts under the load.

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import granphon as gp
-from granphon.base.quantities import find_written_unit, write_in
+from granphon.base.quantities import find_written_unit
+from granphon.base.scales import write_in
 from granphon.media.limits import check_limit
 from granphon.runs.notes import CaseNotes, tell_notes
 from granphon.scene.scene import Scene
