@@ -96,7 +96,7 @@ def parameter_sensitivities(
 
     def find_at(name: str, factor: float) -> Array:
         """Return the numbers with the parameter of a ``name`` times a ``factor``."""
-        changed: Balls = balls
+        changed: Packing | Arrangement = balls
         load_there = applied
         if name == applied.kind:
             load_there = replace(applied, array=factor * applied.array)
