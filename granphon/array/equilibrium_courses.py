@@ -12,7 +12,7 @@ from granphon.array.geometry import ReducedLoad
 from granphon.array.rest import apply_load, assemble, gather_balls, take_up
 from granphon.array.sheared_equilibrium import split_strain
 from granphon.base.differences import Course, differentiate
-from granphon.statics.configuration import Configuration, Problem
+from granphon.statics.configuration import Boundary, Configuration, Problem
 from granphon.statics.rest import Rest
 from granphon.statics.rest_courses import (
     STEP,
@@ -105,7 +105,7 @@ class EquilibriumFollower:
         elif self._is_pressed:
             load = load._replace(on_boundary=True)
         applied = apply_load(assembly, load, scale, 1.0)
-        boundary = "stress" if self._is_pressed else "isotropic"
+        boundary: Boundary = "stress" if self._is_pressed else "isotropic"
         return Problem(assembly, applied, "exact" if ratio else "lattice", boundary)
 
     def _restore(self) -> Rest:

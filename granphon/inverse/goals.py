@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granphon.base.arrays import Array
+from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, brief
 from granphon.base.validation import (
     finite_array,
@@ -25,9 +25,11 @@ from granphon.base.validation import (
     positive,
     whole_number,
 )
+from granphon.dynamics.sensitivities import list_inertias
 from granphon.networks.network import ContactNetwork
 from granphon.observables.velocities import sound_velocities
 from granphon.phonons.phonons import Phonons
+from granphon.waves.modes import NetworkModes
 from granphon.waves.response import QUANTITIES
 from granphon.waves.waves import Waves
 
@@ -55,6 +57,8 @@ _LEAST_WEIGHT = 1e-9
 #: matched
 _FAR = 3.0
 _FAR_RELATIVE = 1e-3
+#: overlap of a measured shape with that of a mode from which both are alike
+_ALIKE = 0.5
 
 
 class Goal(Protocol):
@@ -187,18 +191,23 @@ class MatchFrequencies:
 
     Parameters
     ----------
-    measured : (m,) Hz, ascending: of the lowest modes of the network that cost energy; or with
-        ``q``, (n_q, b) of its branches, or (b,) at one wave vector, or (n_q,) of one branch.
+    measured : (m,) Hz, ascending: of the lowest modes of the network that cost energy; with
+        ``shapes`` in any order; or with ``q``, (n_q, b) of its branches, or (b,) at one wave
+        vector, or (n_q,) of one branch.
     sigma : standard errors, Hz, a number or of the shape of ``measured``; None for errors in
         proportion to the frequencies.
     q : (n_q, p) wave vectors, fractions of the reciprocal cell.
     branches : (b,) numbers of the branches at these, from 0; the first ones by default.
+    shapes : (m, n, motions) measured motions of the balls in these modes, displacements in m and
+        rotations in rad, each mode in any scale: each frequency is then compared with that of the
+        lowest modes whose shape overlaps most with the measured one, whatever their order.
     """
 
     measured: Any
     sigma: Any = None
     q: Any = None
     branches: Any = None
+    shapes: Any = None
     unit = "1"
     largest = False
 
@@ -212,6 +221,8 @@ class MatchFrequencies:
         if self.q is None:
             self._require_modes(measured)
             return
+        if self.shapes is not None:
+            raise InputError("shapes are given with q", mend="Leave one of them out")
         n_points = len(np.atleast_1d(finite_array("q", self.q)))
         if measured.ndim > 1:
             fits = measured.ndim == 2 and len(measured) == n_points
@@ -227,6 +238,14 @@ class MatchFrequencies:
         """Raise InputError unless ``measured`` are frequencies of modes, without branches."""
         if self.branches is not None:
             raise InputError("branches are given without q", mend="Give the wave vectors, q")
+        if self.shapes is not None:
+            shapes = finite_array("shapes", self.shapes)
+            if measured.ndim != 1 or shapes.ndim != 3 or len(shapes) != len(measured):
+                fault = f"shapes have the shape {shapes.shape}, and measured {measured.shape}"
+                raise InputError(fault, mend="Give the motions (n, motions) of each mode")
+            if not np.all(np.any(shapes, axis=(1, 2))):
+                raise InputError("a shape is zero", mend="Give the motions of its balls")
+            return
         if measured.ndim > 1 or np.any(np.diff(measured.ravel()) < 0.0):
             fault = f"measured is {brief(self.measured)}"
             why = "The lowest modes of a network ascend"
@@ -237,16 +256,19 @@ class MatchFrequencies:
         measured = np.asarray(self.measured, float)
         sigma = measured if self.sigma is None else self.sigma
         errors = np.broadcast_to(sigma, measured.shape).ravel()
+        order: Any = slice(None)
         if self.q is None:
             modes = Waves(network).modes(measured.size)
             sensitivities: Any = modes.sensitivities
+            if self.shapes is not None:
+                order = self._pair(modes)[0]
         else:
             points = np.atleast_1d(self.q)
             points = points.reshape(len(points), -1)
             count = measured.size // len(points)
             branches = np.arange(count) if self.branches is None else self.branches
             sensitivities = Phonons(network).sensitivities(points, branches)
-        frequencies = sensitivities.frequencies.ravel()
+        frequencies = sensitivities.frequencies.ravel()[order]
         if frequencies.size != measured.size:
             raise InputError(
                 f"{measured.size} frequencies are measured, and the goal has {frequencies.size}",
@@ -257,9 +279,30 @@ class MatchFrequencies:
         for name in NAMES:
             values = getattr(sensitivities, name)
             if values is not None:
-                by_row = values.reshape(frequencies.size, -1)
+                by_row = values.reshape(frequencies.size, -1)[order]
                 slopes[name] = np.nan_to_num(by_row) / errors[:, None]
         return residuals, slopes
+
+    def _pair(self, modes: NetworkModes) -> tuple[Index, Array]:
+        """Return the number (m,) of the mode that belongs to each measured shape, and their overlap
+        (m,): the square of the cosine between both, weighted by masses.
+
+        InputError for shapes of other balls or motions.
+        """
+        from scipy.optimize import linear_sum_assignment
+
+        network = modes.network
+        shapes = np.asarray(self.shapes, float)
+        if shapes.shape[1:] != modes.vectors.shape[1:]:
+            fault = f"shapes have the shape {shapes.shape}"
+            raise InputError(fault, f"Modes of the network have {modes.vectors.shape}")
+        inertias = np.where(network.moving[:, None], list_inertias(network), 0.0)
+        rows = (np.sqrt(inertias) * shapes).reshape(len(shapes), -1)
+        columns = modes.vectors.reshape(len(shapes), -1)
+        cosines = (rows @ columns.T) ** 2
+        overlaps = cosines / np.outer(np.sum(rows**2, axis=1), np.sum(columns**2, axis=1))
+        places, numbers = linear_sum_assignment(overlaps, maximize=True)
+        return numbers, overlaps[places, numbers]
 
     def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
         """Return the sum of the squares of the misfits over their errors, without a unit, and its
@@ -272,6 +315,10 @@ class MatchFrequencies:
     def judge(self, network: ContactNetwork, value: float) -> str:
         """Return a sentence if some frequency is not matched, or nothing."""
         residuals, _ = self.find_residuals(network)
+        if self.shapes is not None:
+            overlap = float(np.min(self._pair(Waves(network).modes(len(residuals)))[1]))
+            if overlap < _ALIKE:
+                return f"a measured shape overlaps with no mode by more than {overlap:.2g}"
         worst = float(np.max(np.abs(residuals)))
         if worst <= (_FAR_RELATIVE if self.sigma is None else _FAR):
             return ""

@@ -233,12 +233,12 @@ class EffectiveCurve:
     def follow(self, xi: float) -> EffectiveCurve:
         """Return the curve at another Xi, to first order in the distance."""
         step = xi - self.xi
-        tables = [
+        energies, forces, stiffness = (
             read_only(table + step * slope)
             for table, slope in zip(self.tables, self._slopes_by_xi, strict=True)
-        ]
+        )
         series = high_pressure_series(self.shape, xi)
-        return replace(self, xi=xi, series=series, tables=tuple(tables))
+        return replace(self, xi=xi, series=series, tables=(energies, forces, stiffness))
 
     @cached_property
     def _slopes_by_xi(self) -> tuple[Array, Array, Array]:
@@ -749,7 +749,8 @@ def _differentiate_curve(curve: EffectiveCurve) -> tuple[Array, Array, Array]:
         block = Block.of(steps[:allowed], points)
         balls = averages.balls(block) if averages else DensityBalls(shape, xi, _ORDER, block)
         chosen = slice(last - allowed, last)
-        k = chebyshev.chebval(points, curve.tables[STIFFNESS][:, chosen])[::-1]
+        values = chebyshev.chebval(points, curve.tables[STIFFNESS][:, chosen])
+        k = np.asarray(values[::-1], float)
         _, by_k, _ = balls.balance(k)
         by_xi = by_k * k / xi
         slopes = np.empty_like(k)

@@ -572,8 +572,8 @@ class CrystalMedium(Medium[Any]):
                 return medium.packing.crystal, changed_load
 
             course = follower.follow(change_crystal)
-            return course._replace(
-                at=lambda step: LoadedCrystal(change(step)[0].packing, course.at(step))
+            return Course(
+                lambda step: LoadedCrystal(change(step)[0].packing, course.at(step)), course.step
             )
 
         return state, [follow(change) for change in changes]

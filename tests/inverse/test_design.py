@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import InputError
+from granphon.dynamics.sensitivities import list_inertias
 from tests.dynamics.test_network_lattice import random_network
 from tests.dynamics.test_sensitivities import changes, difference
 
@@ -57,6 +58,36 @@ def test_stiffnesses_are_recovered_from_the_twenty_lowest_frequencies():
     assert found.value < 1e-20
     assert found.warnings == ()
     assert_allclose(found.variables, k, rtol=1e-7)
+
+
+@pytest.mark.claim("design-shapes")
+def test_shapes_tell_which_mode_a_frequency_belongs_to():
+    """From stiffnesses that are up to four times off, in any order and scale of the modes."""
+    wanted = random_network("honeycomb", (2, 2), seed=1)
+    modes = gp.Waves(wanted).modes(20)
+    random = np.random.default_rng(3)
+    k = wanted.normal_stiffness
+    start = replace(wanted, normal_stiffness=k * 4.0 ** random.uniform(-1.0, 1.0, k.size))
+    order = random.permutation(20)
+    shapes = modes.vectors / np.sqrt(list_inertias(wanted))
+    goal = gp.MatchFrequencies(modes.frequencies[order], shapes=-2.0 * shapes[order])
+    bounds = (0.2 * np.min(k), 5.0 * np.max(k))
+    found = gp.design(start, goal, "normal_stiffness", bounds, restarts=0)
+    assert found.warnings == ()
+    assert_allclose(found.variables, k, rtol=1e-7)
+    # without shapes modes are told apart by their order alone
+    by_order = gp.MatchFrequencies(modes.frequencies)
+    (warning,) = gp.design(start, by_order, "normal_stiffness", bounds, restarts=0).warnings
+    assert "not reached" in warning
+
+
+def test_shapes_of_other_balls_are_refused_and_strange_ones_said(chain):
+    network = chain.cut(0, 2, edges=("clamped", "free"))
+    frequencies = gp.Waves(network).modes(2).frequencies
+    with pytest.raises(InputError, match="shapes"):
+        gp.MatchFrequencies(frequencies, shapes=np.ones((2, 3, 1))).evaluate(network)
+    alike = gp.MatchFrequencies(frequencies, shapes=np.ones((2, 4, 1)))
+    assert "shape" in alike.judge(network, 0.0)
 
 
 @pytest.mark.claim("design-load")
@@ -189,6 +220,9 @@ def test_mistakes_are_refused_in_one_line(chain, words, options):
         (gp.MatchFrequencies, {"measured": [1.0], "sigma": 0.0}, "sigma"),
         (gp.MatchFrequencies, {"measured": [1.0], "sigma": [1.0, 1.0]}, "sigma"),
         (gp.MatchFrequencies, {"measured": [1.0], "branches": [0]}, "without q"),
+        (gp.MatchFrequencies, {"measured": [1.0], "shapes": [[1.0]]}, "shapes"),
+        (gp.MatchFrequencies, {"measured": [1.0], "shapes": [[[0.0]]]}, "zero"),
+        (gp.MatchFrequencies, {"measured": [1.0], "q": [[0.1]], "shapes": [[[1.0]]]}, "with q"),
         (gp.MatchFrequencies, {"measured": [[1.0, 2.0]], "q": [[0.1], [0.2]]}, "2 wave vectors"),
         (gp.ResponseAt, {"frequency": -1.0, "source": 0, "receiver": 0}, "frequency"),
     ],
