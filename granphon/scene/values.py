@@ -12,7 +12,7 @@ from granphon.balls.layers import Layers
 from granphon.balls.loads import Load
 from granphon.balls.neighbours import touch_once_at_most
 from granphon.balls.on_site import HOLDING_PARAMETERS
-from granphon.balls.packing import Axis, Packing, change_packing, find_unit
+from granphon.balls.packing import Axis, change_packing, find_unit
 from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import LENGTH, find_load_unit
 from granphon.base.settings import describe_settings
