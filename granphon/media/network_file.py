@@ -120,11 +120,16 @@ class NetworkFiles(Block, kw_only=True):
     format : name of the reader, as of :meth:`ContactNetwork.read`: "lammps", "liggghts", "mercury",
         "tables", or one of :func:`~granphon.register_reader`.
     files : paths that the reader takes; of LIGGGHTS a third one is that of walls.
-    material : of the balls; None where files have stiffnesses and masses.
-    step, time, units, columns, keywords, normal_stiffness, shear_stiffness, rolling_stiffness,
-        twisting_stiffness, walls, frozen, cell, pbc, dimension, motions, friction, prestress,
-        tangential_law, keep_rattlers, held_by, bad : options of the reader, in SI; None for its
-        default.
+    material : of the balls; None where files have stiffnesses and masses. This and all that follows
+        are options of the reader; None for its default.
+    step, time : the time step, or the time of MercuryDPM, s, of several in the files.
+    units, columns, keywords : words for units and columns.
+    normal_stiffness, shear_stiffness, rolling_stiffness : of all contacts, N/m.
+    twisting_stiffness : N m, or "marshall".
+    walls, frozen : names of the walls of LAMMPS, and columns with values of balls that are held.
+    cell, pbc : lengths of the periods, m, or their vectors; which of them repeat, (3,).
+    dimension, motions, friction, prestress : of the network.
+    tangential_law, keep_rattlers, held_by, bad : how forces change, and what is left out.
 
     Raises
     ------

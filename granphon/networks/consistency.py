@@ -514,7 +514,7 @@ def _compare_hold(network: Any) -> Iterator[Comparison]:
     is_held = network.moving.copy()
     is_held[rattlers] = False
     if not np.any(is_held):
-        if np.any(network.moving):
+        if np.any(network.moving) and not network.n_contacts:
             yield _compare_coordination(network, network.moving)
         return
     n_pieces = np.unique(network.piece_numbers[is_held]).size
@@ -533,7 +533,7 @@ def _compare_hold(network: Any) -> Iterator[Comparison]:
 def _compare_coordination(network: Any, is_held: Array) -> Comparison:
     """Return the comparison of the contacts per ball against the isostatic number, at which as many
     deformations are resisted as there are motions (Maxwell's count), of balls that are held (n,),
-    or of all that move where none is held. A contact that resists nothing counts as one that
+    or of all that move where there is no contact. A contact that resists nothing counts as one that
     resists one deformation.
     """
     motions = network.ball_motions

@@ -257,7 +257,7 @@ def _has_files(scene: Any) -> bool:
 
 def _has_own_density(scene: Any) -> bool:
     """Whether the one state of a scene has a density of states of its own network."""
-    return _has_sample(scene) or _has_files(scene)
+    return scene.packing.medium_name == NetworkMedium.name or bool(scene.serving.arrays)
 
 
 def _has_friction(scene: Any) -> bool:
@@ -846,7 +846,7 @@ for _row in (
         ("dos.csv",),
         observed="dos",
         states="one",
-        when=lambda scene: not _has_files(scene),
+        when=lambda scene: scene.packing.medium_name != NetworkMedium.name,
         find=lambda run: run.phonons.dos(mesh=run.scene.mesh),
         write=partial(_write_value, "dos", "dos.csv", "write_csv"),
         read=partial(_read_by, "DensityOfStates", "read_csv"),
@@ -860,7 +860,9 @@ for _row in (
         ("dos.png",),
         observed="dos",
         states="one",
-        when=lambda scene: "bands" not in scene.observe and not _has_files(scene),
+        when=lambda scene: (
+            "bands" not in scene.observe and scene.packing.medium_name != NetworkMedium.name
+        ),
         draw=_draw_bands,
         source="dos.csv",
         rank=2,
