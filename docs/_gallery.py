@@ -28,6 +28,7 @@ _ORDER = (
     "diatomic_chain",
     "magnetic_chain",
     "defect_mode",
+    "sound_filter",
     "column",
     "pressed_along_one_axis",
     "membrane",
