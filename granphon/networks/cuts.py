@@ -189,7 +189,7 @@ def _press_on_floor(
         )
         raise InputError(fault, "Its stiffness is that of a ball on a flat wall", mend)
     in_layer = balls % network.n_balls
-    names = _name_kinds(network, in_layer, model, face)
+    names = name_kinds(network, in_layer, model, face)
     radii = network.radii[in_layer]
     try:
         contacts = model.press_on_wall(names, radii, force, wall)
@@ -213,7 +213,7 @@ def _press_on_floor(
     return contacts | {"normal_force": force, "arm_i": arm_i, "arm_j": arm_j}
 
 
-def _name_kinds(network: Any, balls: Index, model: ContactModel, face: str) -> list[str]:
+def name_kinds(network: Any, balls: Index, model: ContactModel, face: str) -> list[str]:
     """Return the names of the kinds of ``balls`` (m,), by their indices in the network; an
     empty list where the contact model has one kind without a name. InputError for a ball of the
     ``face`` whose material is not known.
