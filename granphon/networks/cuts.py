@@ -83,7 +83,7 @@ def change_wall(network: Any, wall: Wall) -> dict[str, Any]:
     is_wall = np.isinf(network.radii) & (names == wall.name)
     contacts = np.flatnonzero(is_wall[network.j])
     balls = network.i[contacts]
-    kinds = _name_kinds(network, balls, model, f"face at {wall.name}")
+    kinds = name_kinds(network, balls, model, f"face at {wall.name}")
     forces = network.normal_force[contacts]
     pressed = model.press_on_wall(kinds, network.radii[balls], forces, wall)
     changed = {name: getattr(network, name).copy() for name in STIFFNESSES}
