@@ -62,6 +62,7 @@ LONG = {
     "slowness_fcc",
     "soft_modes",
     "solitary_wave",
+    "sound_filter",
     "spectral_function",
     "steel_bands",
     "surface_waves_fcc",
