@@ -477,7 +477,7 @@ class Stencils:
             flat.flags.writeable = False
             self._found[kind] = flat
         table = self._found[kind]
-        softness = kind.type(1.0 / stiffness)
+        softness = np.asarray(1.0 / stiffness, kind)[()]
         axes = tuple(range(1, len(self.shape) + 1))
 
         def apply(force: Array) -> Array:

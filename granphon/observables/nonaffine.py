@@ -21,6 +21,7 @@ from granphon.base.results import Result, held, result_class
 from granphon.base.validation import finite_array
 from granphon.dynamics.elasticity import voigt_names
 from granphon.media.state import as_state
+from granphon.networks.network import given_network
 
 
 @result_class
@@ -64,7 +65,7 @@ def find_nonaffine(
     state = as_state(x)
     state.relax_inner_motions(progress)
     lattice = state.contact_lattice()
-    network = state.network
+    network = given_network(x)
     p = lattice.periods
     components = len(voigt_names(p))
     unit = np.eye(components)[-1]

@@ -24,7 +24,7 @@ from granphon.base.differences import Course
 from granphon.base.errors import InputError, brief
 from granphon.base.results import Result, held, result_class
 from granphon.base.validation import real_array, texts
-from granphon.media.arrangement import Arrangement, given_balls
+from granphon.media.arrangement import Arrangement, Balls, given_balls
 from granphon.media.choice import MediumChoice
 from granphon.media.medium import Change
 from granphon.networks.network import given_network
@@ -196,7 +196,7 @@ def list_parameters(balls: Packing | Arrangement, load: Load) -> tuple[str, ...]
     return (*names, load.kind, *([MINDLIN_RATIO] if balls.friction else []))
 
 
-def name_parameters(balls: Packing | Arrangement) -> tuple[str, ...]:
+def name_parameters(balls: Balls) -> tuple[str, ...]:
     """Return the names of what may be parameters of balls."""
     if isinstance(balls, Packing):
         names = ["young_modulus", "poisson_ratio", "density", "diameter", "width"]

@@ -322,6 +322,14 @@ class SceneValues:
             mend="Derivatives are those of long waves, which these lack:"
             " gp.parameter_sensitivities has others.",
         )
+        of_files = held._replace(
+            name="sensitivities",
+            holds=self.packing.medium_name == NetworkMedium.name,
+            problem="of a packing in files",
+            allowed="sensitivities of a packing or crystal",
+            mend="Files have no parameters to change: Phonons(network).sensitivities has derivatives"
+            " by each contact and ball.",
+        )
         first_block = next(iter(NETWORK_BLOCKS))
         without_period = [
             Conflict(
@@ -359,6 +367,7 @@ class SceneValues:
         return [
             held,
             of_held,
+            of_files,
             onsets,
             *without_period,
             *self._list_conflicts_of_surface(),
