@@ -327,8 +327,8 @@ class SceneValues:
             holds=self.packing.medium_name == NetworkMedium.name,
             problem="of a packing in files",
             allowed="sensitivities of a packing or crystal",
-            mend="Files have no parameters to change: Phonons(network).sensitivities has derivatives"
-            " by each contact and ball.",
+            mend="Files have no parameters to change: gp.Phonons(network).sensitivities has"
+            " derivatives by each contact and ball.",
         )
         first_block = next(iter(NETWORK_BLOCKS))
         without_period = [
