@@ -459,7 +459,7 @@ class Stencils:
 
     def green_preconditioner(
         self, precision: DTypeLike, stiffness: float
-    ) -> Callable[[Array], Array]:
+    ) -> Callable[[NDArray[Any]], NDArray[Any]]:
         """Return the inverse of C^T K C for contacts of equal ``stiffness``: Green's function, in a
         given precision.
         """
@@ -467,7 +467,7 @@ class Stencils:
 
         from granphon.statics.green import multiply_waves  # averages need no Numba
 
-        kind = np.dtype(precision)
+        kind: np.dtype[Any] = np.dtype(precision)
         if kind not in self._found:
             table = self._green.astype(np.result_type(kind, 1j))
             if self.n_balls == 1:  # rotations are multiplied by i there
@@ -480,7 +480,7 @@ class Stencils:
         softness = np.asarray(1.0 / stiffness, kind)[()]
         axes = tuple(range(1, len(self.shape) + 1))
 
-        def apply(force: Array) -> Array:
+        def apply(force: NDArray[Any]) -> NDArray[Any]:
             waves = fft.rfftn(force, axes=axes, workers=self.workers)
             moved = multiply_waves(table, softness, waves)
             return np.asarray(
