@@ -127,19 +127,12 @@ def multiply_waves(table: Values, scale: Any, waves: Values) -> Values:
 @compiled
 def _multiply(table: Values, scale: float, waves: Values, out: Values) -> None:
     """Set ``out`` (f, k, waves) to what :func:`multiply_waves` returns."""
+    out[:] = 0.0
     for line in range(len(table)):
         for field in range(len(table)):
             factor = table[line, field]
             for k in range(waves.shape[1]):
                 column = waves[field, k]
                 sums = out[line, k]
-                if field == 0:
-                    for wave in range(len(factor)):
-                        sums[wave] = factor[wave] * column[wave]
-                else:
-                    for wave in range(len(factor)):
-                        sums[wave] += factor[wave] * column[wave]
-        for k in range(waves.shape[1]):
-            sums = out[line, k]
-            for wave in range(len(sums)):
-                sums[wave] *= scale
+                for wave in range(len(factor)):
+                    sums[wave] += scale * factor[wave] * column[wave]
