@@ -81,6 +81,7 @@ LONG = (
     "explanation/waves.md",
     "how-to/design.md",
     "how-to/edges.md",
+    "how-to/errors.md",
     "how-to/extend.md",
     "how-to/figure.md",
     "how-to/impact.md",

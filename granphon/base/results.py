@@ -37,7 +37,7 @@ _KINDS = {"b": "b", "i": "iu", "f": "iuf", "c": "c"}
 #: the kinds of entries of arrays, by the classes of one entry
 _DTYPES = {float: np.float64, int: np.intp, bool: np.bool_, complex: np.complex128}
 #: product of the lengths of an empty array that are not zero, at most
-_MOST_ENTRIES = 2**31
+_MOST_OF_EMPTY = 2**31
 #: ranges of the numbers of a field, by the words of its declaration
 _RANGES: dict[str, Callable[[Any], Any]] = {
     "finite": np.isfinite,
@@ -625,9 +625,9 @@ def _make_array(value: Any, dtype: np.dtype[Any] | None) -> np.ndarray[Any, Any]
 def _make_empty_array(shape: Any, dtype: np.dtype[Any] | None) -> np.ndarray[Any, Any] | None:
     """Return the array without entries of a ``shape``; None if that is none of such an array."""
     is_shape = isinstance(shape, list | tuple) and all(
-        type(length) is int and 0 <= length < _MOST_ENTRIES for length in shape
+        type(length) is int and 0 <= length < _MOST_OF_EMPTY for length in shape
     )
-    if not is_shape or 0 not in shape or math.prod(filter(None, shape)) >= _MOST_ENTRIES:
+    if not is_shape or 0 not in shape or math.prod(filter(None, shape)) >= _MOST_OF_EMPTY:
         return None
     return np.zeros(shape, dtype or float)
 

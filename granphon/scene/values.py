@@ -12,20 +12,20 @@ from granphon.balls.layers import Layers
 from granphon.balls.loads import Load
 from granphon.balls.neighbours import touch_once_at_most
 from granphon.balls.on_site import HOLDING_PARAMETERS
-from granphon.balls.packing import Axis, change_packing, find_unit
+from granphon.balls.packing import Axis, Packing, change_packing, find_unit
 from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import LENGTH, find_load_unit
 from granphon.base.settings import describe_settings
 from granphon.base.tables import Heading, table_text
 from granphon.base.text import MOST_SCENE_BYTES, dump_yaml, spell
 from granphon.base.validation import read_inside, require
-from granphon.media.arrangement import Balls
+from granphon.media.arrangement import Arrangement
 from granphon.media.choice import (
     MediumChoice,
     default_medium,
     require_finite_overlap,
 )
-from granphon.media.network_file import NetworkMedium
+from granphon.media.network_file import NetworkFiles, NetworkMedium
 from granphon.phonons.paths import MESHES, BandPath, read_paths
 from granphon.runs.plan import list_parameters_of_branches
 from granphon.runs.tasks import require_arrays
@@ -86,7 +86,7 @@ class SceneValues:
 
     schema: ClassVar[int] = rules.SCENE_SCHEMA
 
-    packing: Balls
+    packing: Packing | Arrangement | NetworkFiles
     load: Load
     _: KW_ONLY
     media: tuple[MediumChoice, ...] = ()

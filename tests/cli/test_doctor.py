@@ -102,7 +102,7 @@ def test_options_of_a_run_stand_in_groups(capsys):
     assert parts[1::2] == ["Arguments", "Options", "Files", "Work"]
     options = [re.findall(r"^  (?:-\w, )?(--[\w-]+)", text, re.MULTILINE) for text in parts[2::2]]
     work = ["--resume", "--workers", "--scheduler", "--quiet"]
-    assert options == [[], ["--help"], ["--out", "--force", "--figures"], work]
+    assert options == [[], ["--set", "--help"], ["--out", "--force", "--figures"], work]
 
 
 # -- the completion of a shell ---------------------------------------------------------------------
