@@ -50,7 +50,7 @@ _ROUNDING = 1e-15
 _STALLED = 0.5
 _REQUIRED = 1e-8
 #: reduction of the residual by iterations in a round
-_REDUCTION = 1e-8
+_REDUCTION = 1e-10
 
 
 @dataclass(frozen=True, eq=False, repr=False)
