@@ -141,6 +141,16 @@ def name_aliases() -> None:
     )
 
 
+def hide_sources() -> None:
+    """Have autodoc take the defaults of readers, whose signatures are spelled out, from these: their
+    sources have not all of them.
+    """
+    for method in vars(granphon.ContactNetwork).values():
+        function = getattr(method, "__func__", None)
+        if hasattr(function, "__signature__"):
+            function.__wrapped__ = eval("lambda: None")  # which has no source
+
+
 def field_types(obj: Any) -> dict[str, str]:
     """The type of each field of a dataclass as the page says it; none of another class."""
     from sphinx.util.inspect import TypeAliasForwardRef

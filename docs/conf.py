@@ -73,6 +73,7 @@ def setup(app):
     """
     app.connect("builder-inited", _gallery.take_panels, priority=900)
     _docstrings.name_aliases()
+    _docstrings.hide_sources()
     app.connect("autodoc-process-docstring", _docstrings.process)
     app.connect("autodoc-process-signature", _docstrings.sign)
     app.connect("autodoc-skip-member", _docstrings.skip)
