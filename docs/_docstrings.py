@@ -142,7 +142,7 @@ def name_aliases() -> None:
 
 
 def hide_sources() -> None:
-    """Have autodoc take the defaults of readers, whose signatures are spelled out, from these: their
+    """Have autodoc take the defaults of readers from their signatures, which are spelled out: their
     sources have not all of them.
     """
     for method in vars(granphon.ContactNetwork).values():
