@@ -513,8 +513,8 @@ EARLIER_SUMS = {
     ("kind", "value", "count"),
     [
         ("overlap", 0.0, 10),
-        ("overlap", -0.05, 10),
-        ("force", 0.02, 10),
+        pytest.param("overlap", -0.05, 10, marks=pytest.mark.slow),
+        pytest.param("force", 0.02, 10, marks=pytest.mark.slow),
         *(pytest.param(*case, marks=pytest.mark.slow) for case in EARLIER_SUMS if case[2] == 200),
     ],
 )

@@ -141,7 +141,7 @@ def test_weights_follow_the_density():
 @pytest.mark.parametrize(
     ("geometry", "boundary", "load"),
     [
-        ("lattice", "isotropic", {"force": 18.0}),
+        pytest.param("lattice", "isotropic", {"force": 18.0}, marks=pytest.mark.slow),
         ("exact", "isotropic", {"pressure": 4e3}),
         ("lattice", "stress", {"force": 18.0}),
         pytest.param("exact", "stress", {"force": 18.0}, marks=pytest.mark.slow),
