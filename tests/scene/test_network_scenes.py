@@ -124,6 +124,8 @@ MISTAKES = {
     "medium": (("observe:", "medium: ala\nobserve:"), ("medium", "network")),
     "format": (("format: lammps", "format: lamps"), ("network.format", "lammps")),
     "cut": (("{folder}/disks_pairs.dump", "{cut}/cut.dump"), ("cut.dump", "64", "56")),
+    "one": ((", {folder}/disks_pairs.dump", ""), ("network", "1", "dump", "pairs")),
+    "three": (("{folder}/disks_pairs.dump", "a.dump, b.dump"), ("network", "3", "dump", "pairs")),
     "missing": (("disks_pairs.dump", "no.dump"), ("no.dump",)),
     "spectrum": (("dos, modes", "spectrum, modes"), ("observe", "spectrum")),
     "unit": (("70 GPa", "70 mm"), ("network.material.young_modulus",)),
