@@ -335,6 +335,23 @@ def test_values_of_the_command_line_that_are_none_are_refused(work, capsys, valu
     assert re.search(place, one_error(capsys))
 
 
+@pytest.mark.parametrize(
+    ("value", "line"),
+    [
+        ("load.force=[5 N +- 1 %]", 'force: ["5.0 N +- 0.05 N"]'),
+        ("sweep.density=[7 g/cm^3 +- 1 %]", 'density: ["7000.0 kg/m^3 +- 70.0 kg/m^3"]'),
+        ("direction=[0.5 +- 0.1, 1]", 'direction: ["0.5 +- 0.1", 1.0]'),
+    ],
+)
+def test_lists_of_one_value_and_vectors_have_errors(work, value, line):
+    (work / "scene.yaml").write_text(SCENE.replace("FORCE", "5 N"))
+    key, _, text = value.partition("=")
+    scene = gp.Scene.from_yaml("scene.yaml", {key: text})
+    assert len(scene.shifted) == 3
+    assert line in scene.to_yaml()
+    assert gp.Scene.from_text(scene.to_yaml()).to_yaml() == scene.to_yaml()
+
+
 @pytest.mark.slow
 def test_the_report_has_errors_of_sweeps_gaps_and_tensors(tmp_path):
     text = (
