@@ -150,3 +150,7 @@ def test_files_have_no_parameters():
         packing.change({"ball.diameter": 1e-3})
     with pytest.raises(InputError, match="network"):
         gp.Scene(packing, packing.load, media=("ala",))
+    for given, word in ((packing, r"disks_pairs\.dump.*one load"), (packing.network, "Packing")):
+        with pytest.raises(InputError, match=word) as error:
+            gp.sweep(given, force=2.0)
+        assert len(str(error.value)) < 300
