@@ -365,7 +365,7 @@ def given_packing(packing: Any) -> Packing:
         mend += ", or press this itself: .at_force(...)"
     if hasattr(packing, "deviations") and hasattr(packing, "sample"):  # of a crystal
         mend += "; balls that differ are drawn by crystal.sample(shape, seed)"
-    raise InputError(f"packing is {packing!r}", why, mend)
+    raise InputError(f"packing is {brief(packing)}", why, mend)
 
 
 def require_shallow(modulus: float, overlap: float, load: str) -> None:

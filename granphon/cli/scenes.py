@@ -119,11 +119,13 @@ def _read_values(options: list[str] | None) -> dict[str, str]:
     """Return the values of options such as "load.force=18.4 N", by key."""
     values = {}
     for option in options or ():
-        key, equals, value = option.partition("=")
-        if not equals or key.strip() in values:
-            problem = f"--set {option} " + ("names no value" if not equals else "is given twice")
+        key, _, value = (part.strip() for part in option.partition("="))
+        is_named = all(key.split("."))
+        if not is_named or not value or key in values:
+            fault = "names no key" if not is_named else "names no value"
+            problem = f"--set {option} " + ("is given twice" if key in values else fault)
             raise InputError(problem, mend="Write --set 'load.force=18.4 N', once for each key")
-        values[key.strip()] = value
+        values[key] = value
     return values
 
 

@@ -34,7 +34,7 @@ from granphon.balls.packing import KIND_PARAMETERS, WALL_PARAMETERS, Packing, gi
 from granphon.base.arrays import Array
 from granphon.base.differences import Course
 from granphon.base.errors import InputError
-from granphon.base.text import closest, counted, spell
+from granphon.base.text import closest, counted, list_names, spell
 from granphon.media.cells import QUICK_BALLS, CrystalCell
 from granphon.media.crystal import Crystal, CrystalState, find_mindlin_ratio
 from granphon.media.crystal_courses import CrystalFollower
@@ -400,10 +400,14 @@ Balls = Packing | Arrangement | NetworkFiles
 
 def given_balls(packing: Any) -> Packing | Arrangement:
     """Return ``packing``, the argument of a public call: a packing, or an arrangement, also of a
-    crystal.
+    crystal. Raises InputError for any other, as files, which have one load and no parameters.
     """
     if isinstance(packing, Crystal):
         return Arrangement.of(packing)
+    if isinstance(packing, NetworkFiles):
+        fault = f"packing is that of the files {list_names([file.name for file in packing.files])}"
+        mend = "Give a granphon.Packing or Crystal; a granphon.Scene takes files"
+        raise InputError(fault, "These have one load, and no parameters to vary", mend)
     return packing if isinstance(packing, Arrangement) else given_packing(packing)
 
 

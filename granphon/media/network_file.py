@@ -46,6 +46,8 @@ from granphon.networks.network import READERS, TANGENTIAL_LAWS, ContactNetwork
 
 #: names of the tables in which a run keeps the packing that it has read
 TABLES = ("balls.csv", "contacts.csv")
+#: kinds of the parameters of a reader that take its files
+_BY_PLACE = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
 #: settings that are no options of a reader
 _OF_FILES = ("format", "files")
 _MOTIONS = tuple(
@@ -271,6 +273,7 @@ class NetworkFiles(Block, kw_only=True):
         if self.format == "liggghts" and len(files) == 3:
             options["walls"] = files.pop()
         known = inspect.signature(READERS[self.format]).parameters
+        self._require_number(files, known)
         takes_all = any(each.kind == each.VAR_KEYWORD for each in known.values())
         unknown = [name for name in options if name not in known and not takes_all]
         if unknown:
@@ -278,6 +281,23 @@ class NetworkFiles(Block, kw_only=True):
             fault = f"the reader of {self.format} has no option {unknown[0]!r}"
             raise InputError(fault, f"It has {list_names(allowed)}", "Leave it out")
         return ContactNetwork.read(self.format, *files, **options)
+
+    def _require_number(
+        self, files: list[Path], parameters: Mapping[str, inspect.Parameter]
+    ) -> None:
+        """Raise InputError if the ``parameters`` of the reader take another number of files."""
+        if any(each.kind == each.VAR_POSITIONAL for each in parameters.values()):
+            return
+        of_files = [
+            parameter
+            for name, parameter in parameters.items()
+            if parameter.kind in _BY_PLACE and name not in self._settings
+        ]
+        least = sum(parameter.default is parameter.empty for parameter in of_files)
+        if not least <= len(files) <= len(of_files):
+            names = list_names([parameter.name for parameter in of_files])
+            fault = f"the reader of {self.format} does not take {len(files)} files"
+            raise InputError(fault, f"It takes {names}", "Give these, in this order")
 
     @property
     def load(self) -> Load:

@@ -697,8 +697,7 @@ class RunResult(Results):
         """Return a table of the numbers of :meth:`summary` with their units."""
         rows = list[tuple[str, Any, str]]()
         for name, value in self.summary().items():
-            entry = self.entry(name)
-            rows.append((name, value, entry.unit if entry else ""))
+            rows.append((name, value, _find_unit(self, name)))
         return write_html(type(self).__name__, rows)
 
     # -- files -------------------------------------------------------------------------------------
@@ -740,6 +739,12 @@ def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
     return is_whole(target, expected_files(scene, figures=False))
 
 
+def _find_unit(result: RunResult, name: str) -> str:
+    """Return the SI unit of a number of the summary, or of its standard error; "" for none."""
+    entry = result.entry(name) or result.entry(name.removesuffix("_error"))
+    return entry.unit if entry else ""
+
+
 def _write_summary(result: RunResult, package_versions: Mapping[str, str]) -> str:
     """Return the text of summary.yaml, with the numbers, their units, and the
     ``package_versions`` by name.
@@ -747,11 +752,7 @@ def _write_summary(result: RunResult, package_versions: Mapping[str, str]) -> st
     scene = result.scene
     numbers = result.summary()
     limits = _describe_limits(result.validity) if scene.is_single else {}
-    units = {}
-    for name in numbers:
-        entry = result.entry(name)
-        if entry is not None and entry.unit:
-            units[name] = entry.unit
+    units = {name: unit for name in numbers if (unit := _find_unit(result, name))}
     return dump_yaml(
         {
             "schema": SUMMARY_SCHEMA,

@@ -161,6 +161,7 @@ def find_state_errors(scene: Any, state: Any, names: Sequence[str]) -> dict[str,
 
 def write_errors(scene: Any, blocks: dict[str, Any]) -> None:
     """Write the standard errors of a scene behind the quantities in its ``blocks``."""
+    _write_lists(scene, blocks)
     for keys, error in scene.errors:
         plain = _look_up(blocks, keys)
         _replace(blocks, keys, f"{plain} +- {error!r} {find_written_unit(plain)}".strip())
@@ -338,10 +339,26 @@ def _write(scene: Any) -> dict[str, Any]:
             path = ("balls", kind, name)
             if getattr(ball, name) == getattr(solid, name) and path not in uncertain:
                 blocks["balls"][kind].pop(name, None)
+    _write_lists(scene, blocks)
     return blocks
 
 
-def _look_up(blocks: Any, keys: Keys) -> Any:
+def _write_lists(scene: Any, blocks: dict[str, Any]) -> None:
+    """Write as lists what the file has as lists with standard errors: blocks have a list of one
+    value as the value, and vectors as tuples.
+    """
+    for (*outer, key), _ in scene.errors:
+        if not isinstance(key, int):
+            continue
+        for depth in range(1, len(outer) + 1):
+            entry = _look_up(blocks, outer[:depth])
+            if isinstance(entry, tuple):
+                _replace(blocks, outer[:depth], list(entry))
+            elif isinstance(entry, str | float) and depth == len(outer):
+                _replace(blocks, outer, [entry])
+
+
+def _look_up(blocks: Any, keys: Sequence[str | int]) -> Any:
     """Return the entry of the blocks to which ``keys`` lead; None if there is none."""
     entry = blocks
     for key in keys:
@@ -352,7 +369,7 @@ def _look_up(blocks: Any, keys: Keys) -> Any:
     return entry
 
 
-def _replace(blocks: Any, keys: Keys, entry: Any) -> None:
+def _replace(blocks: Any, keys: Sequence[str | int], entry: Any) -> None:
     """Put an entry into the blocks, to which ``keys`` lead."""
     _look_up(blocks, keys[:-1])[keys[-1]] = entry
 

@@ -124,6 +124,8 @@ MISTAKES = {
     "medium": (("observe:", "medium: ala\nobserve:"), ("medium", "network")),
     "format": (("format: lammps", "format: lamps"), ("network.format", "lammps")),
     "cut": (("{folder}/disks_pairs.dump", "{cut}/cut.dump"), ("cut.dump", "64", "56")),
+    "one": ((", {folder}/disks_pairs.dump", ""), ("network", "1", "dump", "pairs")),
+    "three": (("{folder}/disks_pairs.dump", "a.dump, b.dump"), ("network", "3", "dump", "pairs")),
     "missing": (("disks_pairs.dump", "no.dump"), ("no.dump",)),
     "spectrum": (("dos, modes", "spectrum, modes"), ("observe", "spectrum")),
     "unit": (("70 GPa", "70 mm"), ("network.material.young_modulus",)),
@@ -148,3 +150,7 @@ def test_files_have_no_parameters():
         packing.change({"ball.diameter": 1e-3})
     with pytest.raises(InputError, match="network"):
         gp.Scene(packing, packing.load, media=("ala",))
+    for given, word in ((packing, r"disks_pairs\.dump.*one load"), (packing.network, "Packing")):
+        with pytest.raises(InputError, match=word) as error:
+            gp.sweep(given, force=2.0)
+        assert len(str(error.value)) < 300

@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import GranphonError
+from granphon.base.text import read_yaml
 from granphon.cli import main
 from granphon.scene.report import read_report
 from granphon.scene.uncertainty import Spread
@@ -48,6 +49,10 @@ def test_errors_of_velocities_follow_from_powers(result):
         in_dataset = result.dataset[f"{name}_error"]
         assert_allclose(in_dataset.values.ravel(), numbers[f"{name}_error"], rtol=1e-12)
         assert in_dataset.attrs["units"] == result.dataset[name].attrs["units"]
+    units = read_yaml(result.files[0].parent / "summary.yaml")["units"]
+    assert units["normal_stiffness_error"] == "N/m"
+    for name in numbers["errors_from"]:
+        assert units.get(f"{name}_error") == units.get(name)
     assert "mindlin_ratio_error" not in numbers
     assert numbers["errors_from"]["longitudinal"] == "material.young_modulus"
     assert numbers["errors_from"]["pressure"] == "load.force"
@@ -319,12 +324,32 @@ def test_check_and_run_tell_errors_and_where_they_come_from(work, capsys):
         ("load.force.x.y=2 N", "load.force.x.y"),
         ("load.forse=2 N", "load.forse.*force"),
         ("load.force=[", "load.force"),
+        ("load.force= ", "load.force"),
+        ("=2 N", "no key"),
+        ("load..force=2 N", "no key"),
     ],
 )
 def test_values_of_the_command_line_that_are_none_are_refused(work, capsys, value, place):
     (work / "scene.yaml").write_text(SCENE.replace("FORCE", "5 N"))
     assert main(["check", "scene.yaml", "--set", value]) == 2
     assert re.search(place, one_error(capsys))
+
+
+@pytest.mark.parametrize(
+    ("value", "line"),
+    [
+        ("load.force=[5 N +- 1 %]", 'force: ["5.0 N +- 0.05 N"]'),
+        ("sweep.density=[7 g/cm^3 +- 1 %]", 'density: ["7000.0 kg/m^3 +- 70.0 kg/m^3"]'),
+        ("direction=[0.5 +- 0.1, 1]", 'direction: ["0.5 +- 0.1", 1.0]'),
+    ],
+)
+def test_lists_of_one_value_and_vectors_have_errors(work, value, line):
+    (work / "scene.yaml").write_text(SCENE.replace("FORCE", "5 N"))
+    key, _, text = value.partition("=")
+    scene = gp.Scene.from_yaml("scene.yaml", {key: text})
+    assert len(scene.shifted) == 3
+    assert line in scene.to_yaml()
+    assert gp.Scene.from_text(scene.to_yaml()).to_yaml() == scene.to_yaml()
 
 
 @pytest.mark.slow
