@@ -10,6 +10,8 @@ T = TypeVar("T")
 
 #: steps, and weights of the values there: the error goes as the fourth power of the step
 _WEIGHTS = ((1.0, 8.0 / 12.0), (-1.0, -8.0 / 12.0), (2.0, -1.0 / 12.0), (-2.0, 1.0 / 12.0))
+#: number of values of which a derivative is made
+N_VALUES = len(_WEIGHTS)
 
 
 def differentiate(find: Callable[[float], Any], step: float) -> Any:

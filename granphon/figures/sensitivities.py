@@ -86,4 +86,5 @@ def _name_quantity(name: str) -> str:
     entry, _, branch = name.partition(" ")
     if not branch:
         return CATALOGUE[entry].label
-    return f"{'Bottom' if entry == 'cutoff_lower' else 'Top'} of branch {branch}"
+    # a title never breaks before the number
+    return f"{'Bottom' if entry == 'cutoff_lower' else 'Top'} of branch\N{NO-BREAK SPACE}{branch}"

@@ -244,7 +244,7 @@ def read_bounds(name: str, bounds: Any, names: Sequence[str]) -> tuple[float, fl
     ends = finite_array("bounds", limits)
     if ends.shape != (2,) or not 0.0 <= ends[0] < ends[1]:
         raise InputError(
-            f"the bounds of {name} are {brief(limits)}",
+            f"the bounds of {name} are {ends.tolist()}",
             mend="Give the least and the greatest value, (low, high), from zero on",
         )
     return float(ends[0]), float(ends[1])

@@ -27,7 +27,9 @@ from granphon.balls.loads import Load
 from granphon.balls.material import Material
 from granphon.balls.packing import Packing
 from granphon.base.arrays import Array
+from granphon.base.differences import N_VALUES
 from granphon.base.errors import GranphonError
+from granphon.base.text import counted
 from granphon.dynamics.large_cells import BYTES
 from granphon.dynamics.linalg import MANY_COLUMNS
 from granphon.media.left_out import estimate_reduced_force
@@ -324,6 +326,21 @@ def estimate(simulation: DirectSimulation, load: Load, exponents: bool = False) 
     relaxed_balls = float(balls) * equilibria
     units = Units(relaxed_balls, partial(_measure_ball, simulation, load.applied.flat))
     return Cost(memory, units=(units,), work=relaxed_balls, balls=balls, equilibria=equilibria)
+
+
+def estimate_sensitivities(simulation: DirectSimulation, load: Load, parameters: int) -> Cost:
+    """Return the estimated memory and time of the derivatives of the moduli of the states at a load
+    by so many ``parameters``, beside those of the states.
+
+    The linear response at each value of a difference takes about as long as an equilibrium.
+    """
+    states = estimate(simulation, load)
+    return replace(
+        states.times(N_VALUES * parameters),
+        work=0.0,
+        equilibria=0,
+        parts=(f"derivatives by {counted(parameters, 'parameter')}",),
+    )
 
 
 def find_typical_force(packing: Packing, load: Load) -> Array:

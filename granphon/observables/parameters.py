@@ -34,8 +34,6 @@ from granphon.networks.network import given_network
 MINDLIN_RATIO = "mindlin_ratio"
 #: relative step of a parameter on which the statics do not depend
 _STEP = 2e-4
-
-
 #: changed balls that are kept, as of the steps of a difference
 _KEPT = 8
 
@@ -82,7 +80,8 @@ def parameter_sensitivities(
         s: gp.Phonons(s).frequencies([[0.5, 0]])`` (Hz).
     parameters : names, as a sweep has them, "young_modulus", of a crystal with the kind of ball,
         "A.young_modulus"; the kind of the load, "force"; and "mindlin_ratio", the ratio of shear to
-        normal stiffness of all contacts. All of them by default.
+        normal stiffness of all contacts. All of them by default; those of simulated samples without
+        the ratio, as each sample has a network of its own.
     medium : name of the medium of a packing; "ema" by default.
     finite_overlap : as for the state.
     load : the load by its kind, as ``force=18.4`` (N).
@@ -97,11 +96,12 @@ def parameter_sensitivities(
         mend = "Give a function of a state, as lambda s: gp.moduli(s).bulk"
         raise InputError(f"find is {brief(given)}", mend=mend)
     applied = _read_load(load)
-    names = (
-        list_parameters(balls, applied) if parameters is None else texts("parameters", parameters)
-    )
     default_medium = "ema" if isinstance(balls, Packing) else "crystal"
     choice = MediumChoice(medium or default_medium)
+    names = None if parameters is None else texts("parameters", parameters)
+    if names is not None and not names:
+        mend = f"Use {', '.join(list_parameters(balls, applied))}, or leave parameters out"
+        raise InputError("parameters is an empty list", mend=mend)
     return find_parameter_sensitivities(choice, balls, applied, find, names, finite_overlap or None)
 
 
@@ -110,23 +110,27 @@ def find_parameter_sensitivities(
     balls: Packing | Arrangement,
     load: Load,
     find: Callable[[Any], ArrayLike],
-    names: Sequence[str],
+    names: Sequence[str] | None,
     finite_overlap: bool | None = None,
 ) -> ParameterSensitivities:
     """Return the logarithmic derivatives of what ``find`` returns of the state of ``balls`` under a
-    single ``load``, in the medium of a ``choice``, by the parameters of these ``names``.
+    single ``load``, in the medium of a ``choice``, by the parameters of these ``names``;
+    None for all.
     """
     flat = replace(load, array=np.ravel(load.array)[0])
-    of_statics = [name for name in names if name != MINDLIN_RATIO]
+    all_names = list_parameters(balls, flat) if names is None else names
+    of_statics = [name for name in all_names if name != MINDLIN_RATIO]
     changes = [_change_parameter(choice, balls, flat, name) for name in of_statics]
     state, courses = choice.of(balls).follow(flat, changes, finite_overlap)
     course_of = dict(zip(of_statics, courses, strict=True))
-    if MINDLIN_RATIO in names:
+    if names is None and balls.friction and not getattr(state, "samples", ()):
+        all_names = (*all_names, MINDLIN_RATIO)
+    if MINDLIN_RATIO in all_names:
         course_of[MINDLIN_RATIO] = _follow_ratio(state)
     value = real_array("what find returns", find(state))
     divisor = np.where(value == 0.0, np.nan, value)  # what is zero has no logarithm
-    slopes = [_find_slope(find, course_of[name], name, value.shape) / divisor for name in names]
-    return ParameterSensitivities(tuple(names), np.array(slopes), value)
+    slopes = [_find_slope(find, course_of[name], name, value.shape) / divisor for name in all_names]
+    return ParameterSensitivities(tuple(all_names), np.array(slopes), value)
 
 
 def _change_parameter(
@@ -193,7 +197,7 @@ def list_parameters(balls: Packing | Arrangement, load: Load) -> tuple[str, ...]
         for name in name_parameters(balls)
         if _is_number(_read_value(balls, name)) and _may_change(balls, name)
     ]
-    return (*names, load.kind, *([MINDLIN_RATIO] if balls.friction else []))
+    return (*names, load.kind)
 
 
 def name_parameters(balls: Balls) -> tuple[str, ...]:

@@ -683,12 +683,20 @@ class Plan:
         file.
         """
         simulations = self._cost_simulations()
+        sensitivities = self._cost_sensitivities()
         waves = self._cost_waves()
         networks = self._cost_networks()
         if not self.is_single:
-            return [simulations, *networks, waves, self._cost_states()]
+            return [simulations, sensitivities, *networks, waves, self._cost_states()]
         spectra = self._cost_spectra()
-        return [simulations, *networks, *spectra, waves, *self._cost_force_constants()]
+        return [
+            simulations,
+            sensitivities,
+            *networks,
+            *spectra,
+            waves,
+            *self._cost_force_constants(),
+        ]
 
     @cached_property
     def _arrays(self) -> list[tuple[DirectSimulation, Load]]:
@@ -720,6 +728,24 @@ class Plan:
         ]
         mend = "Take fewer balls (medium.simulation.shape), samples or loads"
         return ("medium",), mend, self._add_costs(works)
+
+    def _cost_sensitivities(self) -> CostPart:
+        """Return the part of the work that finds derivatives by parameters of arrays; its cost is
+        zero without them.
+        """
+        total = Cost()
+        if self.grid.request.sensitivities:
+            from granphon.observables.parameters import list_parameters  # other runs do not need it
+
+            works = [
+                costs.estimate_sensitivities(
+                    medium, load, len(list_parameters(medium.packing, load.flat[0]))
+                )
+                for medium, load in self._arrays
+            ]
+            total = self._add_costs(works)
+        mend = "Take fewer balls (medium.simulation.shape), samples or loads"
+        return ("medium",), mend, replace(total, parts=total.parts[:1])
 
     def _cost_waves(self) -> CostPart:
         """Return the part of the work that finds the waves in arrays; its cost is zero without

@@ -14,7 +14,6 @@ from granphon.media.arrangement import Balls
 from granphon.media.choice import ServingMedium
 from granphon.observables.catalogue import CATALOGUE, Analysis, find_all
 from granphon.observables.parameters import (
-    MINDLIN_RATIO,
     find_parameter_sensitivities,
     list_parameters,
     name_parameters,
@@ -64,7 +63,7 @@ def observe_sensitivities(
     for index in range(load.size):
         single = load.flat[index]
         find = _Finder(quantities, direction, has_cutoffs).find
-        names = [name for name in list_parameters(balls, single) if name != MINDLIN_RATIO]
+        names = list_parameters(balls, single)
         found = find_parameter_sensitivities(
             serving.medium, balls, single, find, names, finite_overlap or None
         )

@@ -127,12 +127,14 @@ class RestFollower:
             left = self._find_left(course)
         rounding = _ROUNDING * self.configuration.mean * math.sqrt(problem.size)
         before = math.inf
+        earlier = course
         for _ in range(_ROUNDS):
             norm = float(np.linalg.norm(left * problem.weights))
             stalls = norm > _STALLED * before and norm <= _REQUIRED * size
             if norm <= max(_LEFT * size, rounding / course.step) or stalls:
-                return course
+                return course if norm <= before else earlier  # a last round may do harm
             before = norm
+            earlier = course
             course = replace(course, slope=course.slope + self._solve(left))
             left = self._find_left(course)
         raise ConvergenceError(

@@ -244,3 +244,25 @@ def test_parameters_that_cannot_change_alone_are_left_out():
     found = gp.parameter_sensitivities(packing, find_sound, force=18.0)
     assert "diameter" not in found.names
     assert "width" in found.names
+
+
+def test_all_parameters_of_samples_are_those_without_the_ratio(monkeypatch):
+    """Each sample has a network of its own, so that the state has no ratio to change."""
+    monkeypatch.setattr(
+        MediumChoice, "of", lambda _, balls: gp.DirectSimulation(balls, (4, 4), seed=1)
+    )
+    found = gp.parameter_sensitivities(PACKING, find_sound, medium="simulation", force=6.0)
+    assert found.names == (
+        "young_modulus",
+        "poisson_ratio",
+        "density",
+        "diameter",
+        "width",
+        "force",
+    )
+    assert_allclose(found["density"], -0.5, atol=1e-8)
+
+
+def test_an_empty_list_of_parameters_is_refused():
+    with pytest.raises(gp.GranphonError, match="parameters"):
+        gp.parameter_sensitivities(PACKING, find_sound, [], force=6.0)

@@ -106,3 +106,24 @@ def test_samples_are_averaged_as_their_states():
     by_modulus = float(found.sel(sensitivity_to="young_modulus"))
     by_force = float(found.sel(sensitivity_to="force"))
     assert np.isclose(by_modulus + by_force, 0.5, rtol=1e-8)
+
+
+def test_derivatives_of_arrays_are_in_the_cost():
+    """Each parameter takes responses at four steps, beside the equilibrium of the state."""
+    spread = PACKING.replace("diameter: 8 mm", "diameter: 8 mm, spread: {uniform: 2 um}")
+    text = spread + "medium: {simulation: {shape: 64 64}}\n"
+    _, _, states = gp.Scene.from_text(text).plan.parts[0]
+    _, _, derivatives = gp.Scene.from_text(text).plan.parts[1]
+    assert states.equilibria == 1
+    assert derivatives.equilibria == 0
+    assert "6 parameters" in derivatives.parts[0]
+    assert derivatives.units[0].number == 4 * 6 * states.units[0].number
+    plain = gp.Scene.from_text(text.replace("sensitivities", "velocities")).plan.parts[1]
+    assert not plain[2].units
+
+
+def test_the_title_of_a_branch_keeps_its_number(result):
+    titles = [ax.get_title() for ax in sensitivities_figure(result.dataset).axes]
+    ends = [title for title in titles if "branch" in title]
+    assert ends
+    assert all(title.splitlines()[-1][:-1].endswith("branch\N{NO-BREAK SPACE}") for title in ends)
