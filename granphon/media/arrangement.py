@@ -156,12 +156,20 @@ class Arrangement:
         for axis, layers, edges in self.cut:
             # Miller indices are a tuple here, so that an arrangement can be hashed
             axis_or_indices = list(axis) if isinstance(axis, tuple) else axis
-            crystal = crystal.cut(axis_or_indices, layers, edges)
+            crystal = crystal.cut(axis_or_indices, layers, tuple(map(self._find_edge, edges)))
         for index, name in self.replace:
             crystal = crystal.replace(index, self._find_ball(name))
         if self.remove:
             crystal = crystal.remove(list(self.remove))
         return crystal
+
+    def _find_edge(self, edge: str | Wall) -> str | Wall:
+        """Return an edge of a cut: a wall of the material of a kind, which the crystal need not
+        have, with this material. InputError if there is no such kind.
+        """
+        if isinstance(edge, Wall) and isinstance(edge.material, str):
+            return replace(edge, material=self._find_ball(edge.material).material)
+        return edge
 
     def _make_cell(self) -> Crystal:
         """Return the crystal of one cell, without defects."""

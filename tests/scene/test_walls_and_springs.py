@@ -32,12 +32,21 @@ def steel_ball():
     return gp.Ball(STEEL, 19.05e-3, mass=28.84e-3)
 
 
-@pytest.mark.parametrize("text", [HELD, ROW, ROW.replace(WALL, "{wall: S}")])
+@pytest.mark.parametrize(
+    "text", [HELD, ROW, *(ROW.replace(WALL, f"{{wall: {kind}}}") for kind in "SA")]
+)
 def test_a_scene_is_written_as_it_was_read(text):
     scene = gp.Scene.from_text(text)
     again = gp.Scene.from_text(scene.to_yaml())
     assert again.packing == scene.packing
     assert again.to_yaml() == scene.to_yaml()
+
+
+def test_a_wall_may_be_of_a_kind_that_the_crystal_does_not_have():
+    scene = gp.Scene.from_text(ROW.replace(WALL, "{wall: A}"))
+    aluminium = next(ball.material for name, ball in scene.packing.kinds if name == "A")
+    assert scene.packing.kind_names == ("S",)
+    assert scene.state().network.wall.material == aluminium
 
 
 def top_of_bands(force):
