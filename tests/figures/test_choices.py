@@ -307,11 +307,20 @@ def test_a_parameter_that_is_the_axis_stands_in_no_title(many):
         ),
         (
             [
+                *("--x", "poisson_ratio", "--y", "bulk"),
+                *("--where", "diameter=4 mm, width=1 um, medium=ala, force=1 N"),
+            ],
+            b"Bulk",
+            "",
+        ),
+        pytest.param(
+            [
                 *("--columns", "poisson_ratio", "--y", "bulk"),
                 *("--where", "diameter=4 mm, width=1 um, medium=ala"),
             ],
             b"Bulk",
             "",
+            marks=pytest.mark.slow,
         ),
         pytest.param(
             ["--x", "width", "--rows", "medium", "--where", "force=1 N, diameter=4 mm"],

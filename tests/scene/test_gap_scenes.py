@@ -151,6 +151,10 @@ def test_the_command_draws_the_gaps_again(result, tmp_path, capsys):
     text = (tmp_path / "sweep_gaps.svg").read_text(encoding="utf-8")
     assert "top frequency" in text
     assert 'id="gap-1"' in text
+
+
+@pytest.mark.slow
+def test_the_command_draws_the_waves_of_an_edge_again(result, tmp_path, capsys):
     assert main(["plot", str(result.folder), "-o", str(tmp_path / "sweep_surface.png")]) == 0
 
 

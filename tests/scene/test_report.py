@@ -95,6 +95,7 @@ def test_the_citation_is_that_of_the_project(folders):
     assert PAPER in parts["How to cite"][1].items[0]
 
 
+@pytest.mark.slow
 def test_figures_that_a_user_has_drawn_into_the_folder_are_in_the_report(folders, capsys):
     folder = folders / "sweep"
     words = ["plot", str(folder), "--y", "bulk", "-o", str(folder / "stiff.svg"), "--force"]
