@@ -640,6 +640,16 @@ def spell(name: str) -> str:
     return name.replace("_", " ").replace("young", "Young").replace("poisson", "Poisson")
 
 
+def join_alike(pairs: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
+    """Return each value of pairs of a name and a value with the names that have it, parted by
+    commas.
+    """
+    names_by_value = dict[str, list[str]]()
+    for name, value in pairs:
+        names_by_value.setdefault(value, []).append(name)
+    return [(value, ", ".join(names)) for value, names in names_by_value.items()]
+
+
 def counted(number: int, one: str, many: str = "") -> str:
     """A number of things in words: "1 ball", "2 balls"; ``many`` is the plural if it is more than
     an s.

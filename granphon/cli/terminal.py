@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import InputError, one_line
 from granphon.base.scales import write_quantity, write_uncertain, write_unit
-from granphon.base.text import counted, spell
+from granphon.base.text import counted, join_alike, spell
 
 if TYPE_CHECKING:
     from granphon.fits.fit import WidthFit
@@ -229,12 +229,9 @@ def _tell_sources(sources: dict[str, str]) -> list[tuple[str, str]]:
     """Return a row for each parameter that gives most of the errors of some numbers; ``sources``
     are these parameters by the words of the numbers.
     """
-    words_by_parameter = dict[str, list[str]]()
-    for words, parameter in sources.items():
-        words_by_parameter.setdefault(parameter, []).append(words)
     return [
-        (f"{parameter} gives most", f"of the error of {', '.join(words)}")
-        for parameter, words in words_by_parameter.items()
+        (f"{parameter} gives most", f"of the error of {words}")
+        for parameter, words in join_alike(sources.items())
     ]
 
 
@@ -275,10 +272,11 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
         if name == "gaps" or (entry is not None and entry.told):
             sources[name if entry is None else entry.label.lower()] = parameter
     rows += _tell_sources(sources)
-    dependent = dict[str, list[str]]()
-    for name, parameter in numbers.get("matters_most", {}).items():
-        dependent.setdefault(parameter, []).append(name.replace("_", " "))
-    rows += [(f"{name} matters most", f"to {', '.join(dependent[name])}") for name in dependent]
+    strongest = [
+        (name.replace("_", " "), parameter)
+        for name, parameter in numbers.get("matters_most", {}).items()
+    ]
+    rows += [(f"{name} matters most", f"to {words}") for name, words in join_alike(strongest)]
     return rows
 
 

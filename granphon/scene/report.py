@@ -20,7 +20,7 @@ from granphon.base.arrays import Array
 from granphon.base.errors import InputError, MissingFileError
 from granphon.base.scales import prefixed, write_quantity, write_uncertain, write_unit
 from granphon.base.staging import read_written_files
-from granphon.base.text import read_bytes, read_text, read_yaml, spell
+from granphon.base.text import join_alike, read_bytes, read_text, read_yaml, spell
 from granphon.observables.catalogue import CATALOGUE
 from granphon.page.document import Block, Code, Items, Picture, Rows, Section, Text
 from granphon.scene.outputs import OUTPUTS, Export, read_summary
@@ -208,10 +208,8 @@ def _list_numbers(values: list[Any], unit: str) -> str:
 
 def _read_errors(source: Path) -> list[Block]:
     """Return the table of the parameters that give most of the standard errors of numbers."""
-    numbers_by_parameter: dict[str, list[str]] = {}
-    for name, parameter in read_summary(source).get("errors_from", {}).items():
-        numbers_by_parameter.setdefault(parameter, []).append(_name_number(name))
-    rows = [(parameter, ", ".join(names)) for parameter, names in numbers_by_parameter.items()]
+    sources = read_summary(source).get("errors_from", {})
+    rows = join_alike((_name_number(name), parameter) for name, parameter in sources.items())
     return [Rows(("parameter", "gives most of the error of"), tuple(rows))] if rows else []
 
 

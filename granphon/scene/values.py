@@ -339,16 +339,8 @@ class SceneValues:
                 f"{', '.join(NETWORK_BLOCKS)} of these",
                 f"Waves of this kind need a period: write observe: [{first_block}].",
             )
-            for name in (
-                "velocities",
-                "bands",
-                "gaps",
-                "cutoffs",
-                "onsets",
-                "sensitivities",
-                "dos",
-                "surface",
-            )
+            for name in rules.OBSERVABLES
+            if name not in ("spectrum", "pulse", *NETWORK_BLOCKS)
         ]
         pulse = Conflict(
             "pulse",
