@@ -33,6 +33,10 @@ Pieces = tuple[tuple[tuple[float, float, float], ...], ...]
 LARGEST_COUNT = 1_000_000_000
 #: mesh of a density of states for one, two and three periods, if none is given
 MESHES = ((1024,), (64, 64), (32, 32, 32))
+#: mesh on which the edges of bands are sought, for one, two and three periods, and the balls of a
+#: cell up to which all of it is taken
+_GAP_MESHES = ((256,), (48, 48), (16, 16, 16))
+_FEW_BALLS = 16
 #: greatest size of a coordinate of a path in a scene
 _LARGEST_FRACTION = 1e3
 #: letters of the corners of the path around the irreducible zone, and their coordinates as
@@ -54,6 +58,15 @@ _EXAMPLES = ("0 0 0 1/2 0 0", "0 0 0 1/3 1/3 0 1/2 0 0", "0 0 0 1/2 0 1/2 1/2 1/
 
 
 # -- special points --------------------------------------------------------------------------------
+
+
+def choose_gap_mesh(balls: int, periods: int) -> tuple[int, ...]:
+    """Return the numbers of wave vectors (p,) of the mesh on which the edges of the bands of a cell
+    of so many ``balls`` are sought.
+    """
+    # the zone of a large cell is small; along each axis the p-th root counts
+    coarsening = (balls / 4.0) ** (1.0 / periods) if balls > _FEW_BALLS else 1.0
+    return tuple(max(2, round(number / coarsening)) for number in _GAP_MESHES[periods - 1])
 
 
 def special_points(vectors: ArrayLike, pbc: Sequence[bool] = ()) -> dict[str, Array]:

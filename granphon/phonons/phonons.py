@@ -53,6 +53,7 @@ from granphon.media.cost import Cost
 from granphon.media.state import State, as_state, given_state
 from granphon.networks.network import given_network
 from granphon.observables.validity import find_warnings
+from granphon.phonons.band_edges import BandEdges, EdgeSearch, ZoneSample
 from granphon.phonons.bands import Bands, ComplexBands, Onset, PhononModes
 from granphon.phonons.calculator import HertzMindlin, contact_blocks
 from granphon.phonons.calculator import atoms as lattice_atoms
@@ -61,6 +62,7 @@ from granphon.phonons.paths import (
     LARGEST_COUNT,
     MESHES,
     check_inside,
+    choose_gap_mesh,
     default_letters,
     interpolate_path,
     special_points,
@@ -72,8 +74,6 @@ if TYPE_CHECKING:
     from granphon.phonons.phonopy_bridge import ContactPhonopy
 
 
-#: balls of a cell up to which gaps are sought on the full mesh
-_FEW_BALLS = 16
 #: greatest number of points of a mesh: phonopy's tables of more do not fit into memory
 _MOST_MESH_POINTS = 1e9
 #: memory of a frequency of a density of states, bytes
@@ -90,31 +90,14 @@ _TAIL = 5.0
 _ABOVE_TOP = 1.02
 #: least standard deviation of a smeared density of states by default, over the top frequency
 _NARROWEST = 0.01
-#: mesh on which gaps are sought, for one, two and three periods
-_GAP_MESHES = ((256,), (48, 48), (16, 16, 16))
 #: width of a gap, over the top frequency, up to which branches touch
 _NO_GAP = 1e-6
-#: gaps narrower than this part of the top frequency may be branches that cross: their edges are
-#: looked at closely
-_NARROW = 1e-2
-#: number of points of the mesh from which an edge of a band is sought, and of steps at most
+#: number of points of the mesh from which an edge of a band is sought
 _STARTS = 6
-_TURNS = 30
 #: number of such points for the edges of every branch, which may have several extremes
 _MORE_STARTS = 24
-#: number of points, for each start, where the branches on both sides of a narrow gap are closest
-_CLOSEST = 4
-#: number of branches beyond which it is sought from fewer points, as many edges are near
-_FEW_BRANCHES = 120
 #: relative difference of a cell of Atoms from that of the state that is rounding
 _SAME = 1e-9
-#: points of a fine mesh along each axis, and factors by which the mesh shrinks where the highest
-#: point is inside of the mesh, and on its rim
-_FINE = 7
-_SHRINKING_INSIDE = 0.7
-_SHRINKING_ON_RIM = 0.95
-#: step, 1/d, after which the frequency is that of the extremum to rounding
-_LEVEL = 1e-8
 
 
 class Phonons:
@@ -947,10 +930,8 @@ class Phonons:
         above_gaps = np.flatnonzero(bottoms - floors > narrowest)
         if not above_gaps.size:
             return _Gaps(above_gaps, np.zeros((0, 2)), np.zeros((0, 2, self._periods)))
-        edges = _BandEdges.of(above_gaps)
-        extremes, starts = self._climb_edges(edges, zone, _STARTS)
-        n_closest = _CLOSEST * starts.shape[1]
-        extremes = self._zoom_into_cones(edges, extremes, zone, starts, n_closest)
+        edges = BandEdges.of(above_gaps)
+        extremes = EdgeSearch(self.lattice, zone).find(edges, _STARTS)
         lower, upper = edges.pair(edges.sign * extremes.heights)
         intervals = np.stack([np.maximum(lower, floors[above_gaps]), upper], axis=1)
         is_gap = upper - lower > narrowest
@@ -977,11 +958,10 @@ class Phonons:
         """
         zone = self._sample_zone(mesh)
         b = self.lattice.n_branches
-        edges = _BandEdges.of(np.arange(b))
-        extremes, starts = self._climb_edges(edges, zone, _MORE_STARTS)
-        extremes = self._zoom_into_cones(edges, extremes, zone, starts[:, :1], 1)
-        top_edge = _BandEdges(np.array([b - 1]), np.ones(1), 1)
-        top, _ = self._climb_edges(top_edge, zone, _MORE_STARTS)
+        edges = BandEdges.of(np.arange(b))
+        search = EdgeSearch(self.lattice, zone)
+        extremes = search.find(edges, _MORE_STARTS)
+        top = search.find(BandEdges(np.array([b - 1]), np.ones(1), 0), _MORE_STARTS)
         # each top with the bottom above
         tops, bottoms = edges.pair(edges.sign * extremes.heights)
         points_of_tops, points_of_bottoms = edges.pair(extremes.points)
@@ -991,13 +971,13 @@ class Phonons:
         )
         return np.maximum(cutoffs, 0.0) * self.scales.frequency, points
 
-    def _sample_zone(self, mesh: Sequence[int] | None) -> _ZoneSample:
+    def _sample_zone(self, mesh: Sequence[int] | None) -> ZoneSample:
         """Return the frequencies at the wave vectors at which edges of bands are sought."""
         numbers = self._read_gap_mesh(mesh)
         points = self._list_gap_points(numbers)
         frequencies = self.lattice.frequencies(self.lattice.wavevectors(points))
         spacing = float(np.max(np.linalg.norm(self.lattice.reciprocal, axis=1) / numbers))
-        return _ZoneSample(points, frequencies, spacing)
+        return ZoneSample(points, frequencies, spacing)
 
     def _read_gap_mesh(self, mesh: Sequence[int] | None) -> tuple[int, ...]:
         """Return the numbers of wave vectors (p,) of the mesh on which gaps are sought.
@@ -1006,12 +986,7 @@ class Phonons:
         for a mesh that does not fit into memory.
         """
         p = self._periods
-        n = self.lattice.n_balls
-        requested = mesh
-        if mesh is None:
-            # the zone of a large cell is small; along each axis the p-th root counts
-            coarsening = (n / 4.0) ** (1.0 / p) if n > _FEW_BALLS else 1.0
-            requested = [max(2, round(number / coarsening)) for number in _GAP_MESHES[p - 1]]
+        requested = choose_gap_mesh(self.lattice.n_balls, p) if mesh is None else mesh
         example = " ".join(map(str, _pad((48,) * p)))
         numbers = grid_numbers("mesh", requested, 1, LARGEST_COUNT, example, p)
         self._require_mesh(numbers)
@@ -1027,122 +1002,6 @@ class Phonons:
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, p)
         points = [point[None, :p] for point in self.special_points.values()]
         return np.concatenate([grid, *points])
-
-    def _climb_edges(
-        self, edges: _BandEdges, zone: _ZoneSample, most_starts: int
-    ) -> tuple[_Extremes, Array]:
-        """Return the extremes of each of the ``edges`` that are reached from the best points of the
-        zone, ``most_starts`` at most, and the wave vectors of these, (e, n_starts, p), 1/d.
-        """
-        points = zone.points[_choose_starts(zone.frequencies, edges, most_starts)]
-        starts = self.lattice.wavevectors(points)
-        n_edges, n_starts, p = starts.shape
-        branch = np.repeat(edges.branch, n_starts)
-        sign = np.repeat(edges.sign, n_starts)
-        ends = self._climb(starts.reshape(-1, p), branch, sign, zone.spacing)
-        highest = np.argmax(ends.heights.reshape(n_edges, n_starts), axis=1)
-        best = np.arange(n_edges) * n_starts + highest
-        return _Extremes(ends.heights[best], ends.points[best]), starts
-
-    def _zoom_into_cones(
-        self,
-        edges: _BandEdges,
-        extremes: _Extremes,
-        zone: _ZoneSample,
-        starts: Array,
-        n_closest: int,
-    ) -> _Extremes:
-        """Return the ``extremes`` of ``edges``, of narrow gaps those on finer meshes too.
-
-        Branches that cross at a point of their own make a cone, whose tip no path along group
-        velocities reaches. The meshes are about the ``starts`` (e, n_starts, p), 1/d, of an edge,
-        and about so many points, ``n_closest``, at which the branches are closest.
-        """
-        heights = extremes.heights.copy()
-        points = extremes.points.copy()
-        is_narrow = edges.is_narrow(heights, _NARROW * float(zone.frequencies.max()))
-        for edge in np.flatnonzero(is_narrow).tolist():
-            closest = _find_closest(zone.frequencies, edges.below_gap(edge), n_closest)
-            closest_points = self.lattice.wavevectors(zone.points[closest])
-            centres = np.concatenate([starts[edge], closest_points])
-            height, point = self._zoom(centres, edges.branch[edge], edges.sign[edge], zone.spacing)
-            if height > heights[edge]:
-                heights[edge] = height
-                points[edge] = point
-        return _Extremes(heights, points)
-
-    def _climb(self, starts: Array, branch: Index, sign: Array, longest_step: float) -> _Extremes:
-        """Return the extremes, by a ``sign`` (n,), of a ``branch`` (n,) along its group velocity
-        from each of the wave vectors ``starts`` (n, p), 1/d.
-
-        Steps are those of J. Barzilai and J. M. Borwein (IMA J. Numer. Anal. 8, 141, 1988), none
-        above ``longest_step``, 1/d.
-        """
-        q = starts.copy()
-        heights = np.full(len(q), -np.inf)
-        points = q.copy()
-        last_q = q.copy()
-        last_slope = np.zeros_like(q)
-        direction = np.eye(q.shape[1])[0]
-        climbing = np.arange(len(q))
-        for turn in range(_TURNS):
-            modes = self.lattice.modes(q[climbing], direction)
-            mode = (np.arange(climbing.size), branch[climbing])
-            new_heights = sign[climbing] * modes.frequencies[mode]
-            is_higher = new_heights > heights[climbing]
-            heights[climbing[is_higher]] = new_heights[is_higher]
-            points[climbing[is_higher]] = q[climbing[is_higher]]
-            slope = sign[climbing, None] * modes.group_velocities[mode]
-            steepness = np.linalg.norm(slope, axis=1)
-            is_steep = steepness > 0.0
-            if turn == 0:
-                unlimited_step = np.full(climbing.size, 0.5 * longest_step)
-            else:
-                moved = q[climbing] - last_q[climbing]
-                unlimited_step = _secant_step(moved, slope - last_slope[climbing], steepness)
-            step = np.minimum(unlimited_step, np.where(is_steep, longest_step, 0.0))
-            last_q[climbing] = q[climbing]
-            last_slope[climbing] = slope
-            # the step along the slope, over the size of the slope
-            stretch = np.zeros(climbing.size)
-            np.divide(step, steepness, out=stretch, where=is_steep)
-            q[climbing] += stretch[:, None] * slope
-            climbing = climbing[step > _LEVEL]
-            if not climbing.size:
-                break
-        return _Extremes(heights, points)
-
-    def _zoom(
-        self, centres: Array, branch: int, sign: float, spacing: float
-    ) -> tuple[float, Array]:
-        """Return the greatest frequency times ``sign`` of a branch about wave vectors ``centres``
-        (n, p), 1/d, on ever finer meshes, the first of which reach as far as ``spacing``, and the
-        wave vector (p,) there, 1/d.
-        """
-        p = self._periods
-        coordinates = np.linspace(-1.0, 1.0, _FINE)
-        offsets = np.stack(np.meshgrid(*[coordinates] * p), axis=-1).reshape(-1, p)  # (m, p)
-        q = centres
-        size = np.full(len(centres), spacing)
-        height = -np.inf
-        highest_point = centres[0]
-        while size.size:
-            points = q[:, None] + size[:, None, None] * offsets  # (n, m, p)
-            frequencies = self.lattice.frequencies(points.reshape(-1, p))[:, branch]
-            heights = sign * frequencies.reshape(len(q), -1)
-            highest = np.argmax(heights, axis=1)
-            q = points[np.arange(len(q)), highest]
-            best = int(np.argmax(heights.max(axis=1)))
-            if heights[best, highest[best]] > height:
-                height = float(heights[best, highest[best]])
-                highest_point = q[best]
-            # a mesh whose highest point is on its rim shrinks slowly, so that it can move on
-            is_inside = np.max(np.abs(offsets[highest]), axis=1) < 1.0
-            size = size * np.where(is_inside, _SHRINKING_INSIDE, _SHRINKING_ON_RIM)
-            is_wide = size > _LEVEL
-            q = q[is_wide]
-            size = size[is_wide]
-        return height, highest_point
 
     def _make_mesh(self, numbers: tuple[int, ...], reduce: bool = True) -> ZoneMesh:
         """Return a Gamma-centred mesh of ``numbers`` (p,) of points; with ``reduce``, reduced by
@@ -1189,30 +1048,6 @@ class Phonons:
         write_phonopy(bridge, path, self.scales, top, lattice.motions, self._periods, kinds)
 
 
-class _ZoneSample(NamedTuple):
-    """Where edges of bands are sought.
-
-    Attributes
-    ----------
-    points : (n_q, p) wave vectors, fractions of the reciprocal cell.
-    frequencies : (n_q, n_branches) at these, (k/M)^1/2.
-    spacing : the longest step of the mesh, 1/d.
-    """
-
-    points: Array
-    frequencies: Array
-    spacing: float
-
-
-class _Extremes(NamedTuple):
-    """The greatest frequencies times sign, ``heights`` (e,), and the wave vectors ``points``
-    (e, p), 1/d, at which they are.
-    """
-
-    heights: Array
-    points: Array
-
-
 class _Gaps(NamedTuple):
     """Gaps in reduced units: the number of branches below each (n,), their edges ``frequencies``
     (n, 2), and the wave vectors ``points`` (n, 2, p), 1/d, at which the edges are.
@@ -1223,90 +1058,11 @@ class _Gaps(NamedTuple):
     points: Array
 
 
-class _BandEdges(NamedTuple):
-    """Edges of gaps, (e,): first the tops of the branches below the gaps, in ascending order, then
-    the bottoms of the branches above.
-
-    The gap below the lowest branch has no edge below. A top is sought as the greatest frequency,
-    ``sign`` 1, and a bottom as the greatest negative frequency, ``sign`` -1.
-    """
-
-    branch: Index
-    sign: Array
-    n_tops: int
-
-    @classmethod
-    def of(cls, above_gaps: Index) -> _BandEdges:
-        """Return the edges of the gaps below the branches ``above_gaps`` (n,), ascending."""
-        # of the branches below a gap the last reaches as high as any
-        below_gaps = above_gaps[above_gaps > 0] - 1
-        n_tops = len(below_gaps)
-        branch = np.concatenate([below_gaps, above_gaps])
-        sign = np.concatenate([np.ones(n_tops), -np.ones(len(above_gaps))])
-        return cls(branch, sign, n_tops)
-
-    def below_gap(self, edge: int) -> int:
-        """Return the branch below the gap of an edge."""
-        is_bottom = self.sign[edge] < 0.0
-        return int(self.branch[edge] - is_bottom)
-
-    def is_narrow(self, heights: Array, width: float) -> Flags:
-        """Return which edges (e,) are of a gap between two branches that is below ``width``, or of
-        branches that overlap by less, with frequencies times sign ``heights`` (e,).
-        """
-        is_narrow = np.zeros(len(self.branch), bool)
-        # the bottoms of the same gaps are last; before them may be that of the gap without a top
-        tops = np.arange(self.n_tops)
-        bottoms = np.arange(len(self.branch) - self.n_tops, len(self.branch))
-        gap_widths = -heights[bottoms] - heights[tops]
-        is_narrow[tops] = np.abs(gap_widths) < width
-        is_narrow[bottoms] = is_narrow[tops]
-        return is_narrow
-
-    def pair(self, values: Array) -> tuple[Array, Array]:
-        """Return the ``values`` (e, ...) at the lower and at the upper edge of each gap, both
-        (n, ...); zero at the lower edge of a gap below all branches.
-        """
-        upper = values[self.n_tops :]
-        lower = np.zeros_like(upper)
-        lower[len(upper) - self.n_tops :] = values[: self.n_tops]
-        return lower, upper
-
-
 def find_phonons(state: State, dim: tuple[int, ...] | None = None) -> Phonons:
     """Return the phonons of a state at one load, which the state keeps: all its spectra are found
     from the same object. ``dim`` is that of :class:`Phonons`.
     """
     return state.cached(Phonons, None, dim)
-
-
-def _choose_starts(frequencies: Array, edges: _BandEdges, most_starts: int) -> Index:
-    """Return the numbers (e, n_starts) of the wave vectors at which ``frequencies`` (n_q,
-    n_branches) come next to each edge, the nearest first, ``most_starts`` at most.
-    """
-    n_starts = max(1, min(most_starts, _FEW_BRANCHES // frequencies.shape[1]))
-    order = np.argsort(-edges.sign * frequencies[:, edges.branch], axis=0, kind="stable")
-    return np.asarray(order[:n_starts].T)
-
-
-def _find_closest(frequencies: Array, branch: int, count: int) -> Index:
-    """Return the up to ``count`` wave vectors at which a branch comes next to the branch above, in
-    ``frequencies`` (n_q, n_branches): there peaks may be narrower than the mesh.
-    """
-    distance = frequencies[:, branch + 1] - frequencies[:, branch]
-    return np.asarray(np.argsort(distance, kind="stable")[:count])
-
-
-def _secant_step(moved: Array, change: Array, steepness: Array) -> Array:
-    """Return the lengths (n,), 1/d, of steps along slopes of size ``steepness`` (n,) that would
-    reach a parabola's top, after slopes have changed by ``change`` (n, p) along ``moved`` (n, p),
-    1/d; zero where the slope has not changed.
-    """
-    bend = np.abs(np.sum(moved * change, axis=1))
-    squared = np.sum(moved**2, axis=1)
-    lengths = np.zeros(len(bend))
-    np.divide(squared * steepness, bend, out=lengths, where=bend > 0.0)
-    return lengths
 
 
 def _directions_along(paths: Array) -> Array:

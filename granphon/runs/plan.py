@@ -687,13 +687,15 @@ class Plan:
         waves = self._cost_waves()
         networks = self._cost_networks()
         if not self.is_single:
-            return [simulations, sensitivities, *networks, waves, self._cost_states()]
+            states = self._cost_states()
+            return [simulations, sensitivities, *networks, waves, *self._cost_edges(), states]
         spectra = self._cost_spectra()
         return [
             simulations,
             sensitivities,
             *networks,
             *spectra,
+            *self._cost_edges(),
             waves,
             *self._cost_force_constants(),
         ]
@@ -832,6 +834,21 @@ class Plan:
             cost = costs.density_of_states(self.mesh, self._n_branches)
             parts.append((("phonopy", "mesh"), "Take a coarser mesh", cost))
         return parts
+
+    def _cost_edges(self) -> list[CostPart]:
+        """Return the part of the work that finds the edges of the bands in the whole zone; empty if
+        the scene observes none.
+        """
+        request = self.grid.request
+        if not (request.gaps or request.cutoffs or request.onsets):
+            return []
+        from granphon.phonons.paths import choose_gap_mesh  # other runs do not need it
+
+        structure = self.grid.packing.structure
+        points = math.prod(choose_gap_mesh(structure.n_balls, structure.periods))
+        n_states = self.n_cases * self.grid.load.size
+        cost = costs.band_edges(n_states, points, self._n_branches, request.cutoffs)
+        return [(("observe",), "Take fewer loads or values, or leave the edges of bands out", cost)]
 
     def _cost_force_constants(self) -> list[CostPart]:
         """Return the part of the work that finds the force constants of a single state in a given

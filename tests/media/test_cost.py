@@ -480,3 +480,11 @@ def test_bands_of_a_large_cell_go_as_the_cube_of_its_branches_and_take_few_matri
     found = ph.estimate(1, eigenvectors=False)
     assert "363 branches" in found.text
     assert 1.0 < (found.working + found.kept) / peak < 3.0
+
+
+def test_the_edges_of_the_bands_of_large_cells_take_long():
+    """The cube of the branches counts, and cut-offs are those of all branches."""
+    few = cost.band_edges(1, 100, 300, of_all=False).units[-1].number
+    assert cost.band_edges(3, 100, 300, of_all=False).units[-1].number == 3.0 * few
+    assert cost.band_edges(1, 100, 600, of_all=False).units[-1].number > 8.0 * few
+    assert cost.band_edges(1, 100, 300, of_all=True).units[-1].number > 5.0 * few
