@@ -247,6 +247,9 @@ def _require_units(balls: Atoms, units: Units) -> None:
 
 
 def _require_info(balls: Atoms, units: Units) -> None:
+    """Raise InputError if ``info`` of the Atoms has a scale that differs from that of the
+    ``units``.
+    """
     for key, value in units.to_info().items():
         scale = balls.info.get(key, value)
         if not np.isclose(float(scale), value, rtol=1e-9, atol=0.0):

@@ -177,6 +177,9 @@ def find_grid(shape: tuple[int, ...], lattice: Lattice) -> _Grid:
 
 @lru_cache(maxsize=8)
 def _keep_grid(shape: tuple[int, ...], lattice: Lattice) -> _Grid:
+    """Return the contacts of a lattice of a ``shape``, in arrays that cannot be written: calls with
+    the same arguments share them.
+    """
     table = lattice.contacts
     p = lattice.periods
     cells = math.prod(shape)

@@ -394,6 +394,7 @@ def _product(a: Any, b: Any) -> Any:
 
 
 def _dot(first: _Vector, second: _Vector) -> Any:
+    """Return the scalar product of two vectors, given by their components."""
     return (
         _product(first[0], second[0])
         + _product(first[1], second[1])

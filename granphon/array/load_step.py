@@ -300,6 +300,7 @@ class LoadStep:
         """
 
         def go(length: float) -> Trial:
+            """Return the trial after a part ``length`` of the motion."""
             return self._try(
                 trial.balls + length * motion.balls,
                 trial.overlap + length * motion.compression,
@@ -327,6 +328,9 @@ class LoadStep:
         return best
 
     def _try(self, balls: Array, overlap: float, guess: Array | None = None) -> Trial:
+        """Return the trial with the ``balls`` displaced, (fields, L1, ..., Lp), at an ``overlap``;
+        ``guess`` are overlaps that say how stiff contacts are against slip.
+        """
         from granphon.contacts.slips import find_largest  # averages need no Numba
 
         place = self._geometry.place(balls, overlap)
@@ -502,41 +506,45 @@ class LinearSteps:
         held = np.float32(1.0 / tangent.stiffness.size)
 
         # the last entry of a vector is the change of the overlap, or what lacks of the load
-        def apply(vector: Single, out: Single) -> None:
-            out[size] = product.resist(vector[:size], vector[size], out[:size])
+        def apply(vector: Single, image: Single) -> None:
+            image[size] = product.resist(vector[:size], vector[size], image[:size])
 
-        def precondition(vector: Single, out: Single) -> None:
-            inverse(vector[:size].reshape(pull.shape), out[:size].reshape(pull.shape))
-            out[size] = held * vector[size]
+        def precondition(vector: Single, image: Single) -> None:
+            inverse(vector[:size].reshape(pull.shape), image[:size].reshape(pull.shape))
+            image[size] = held * vector[size]
 
         right = np.append(pull, push or 0.0)
-        found = np.zeros_like(right)
-        rest = right
+        solution = np.zeros_like(right)
+        residual = right
         taken = 0
         most = _FEW
         renewed = False
         goal = reduction * math.sqrt(dot(right, right))
         while taken < _MOST_ITERATIONS:
-            left = math.sqrt(dot(rest, rest))
-            if not left > goal:
+            norm = math.sqrt(dot(residual, residual))
+            if not norm > goal:
                 break
-            change, count = solve_by_minimal_residuals(apply, precondition, rest, goal / left, most)
-            found += change
+            change, count = solve_by_minimal_residuals(
+                apply, precondition, residual, goal / norm, most
+            )
+            solution += change
             taken += count
             if count < most:
                 break
-            reached = np.empty(right.size, np.float32)
-            apply(found.astype(np.float32), reached)
-            rest = right - reached
+            product_of_solution = np.empty(right.size, np.float32)
+            apply(solution.astype(np.float32), product_of_solution)
+            residual = right - product_of_solution
             weak = self._patches.join(
-                self._weak, self._patches.find_worst(rest[:size].reshape(pull.shape))
+                self._weak, self._patches.find_worst(residual[:size].reshape(pull.shape))
             )
             if weak.size == self._weak.size and (renewed or not weak.size):
                 # the patch has no more to give
                 most = _MOST_ITERATIONS - taken
             else:
-                self._weak, self._put, renewed = weak, self._patches.invert(weak, tangent), True
-        return Motion(found[:size].reshape(pull.shape), float(found[size])), taken
+                self._weak = weak
+                self._put = self._patches.invert(weak, tangent)
+                renewed = True
+        return Motion(solution[:size].reshape(pull.shape), float(solution[size])), taken
 
     def invert(self, tangent: Tangent, product: PressedTangent) -> Put:
         """Return what sets motions to about those under forces, by C^T D C, of which ``product`` is
@@ -555,7 +563,9 @@ class LinearSteps:
         remaining = np.empty(fields, np.float32)
 
         def apply(force: Single, motion: Single) -> None:
-            pull, moved = force.reshape(fields), motion.reshape(fields)
+            """Add to ``motion`` what the preconditioner makes of a ``force``, both flat."""
+            pull = force.reshape(fields)
+            moved = motion.reshape(fields)
             grid_product.move_alone(alone, product.product, pull, moved, remaining)
             if self._put is not None:
                 self._put(force, motion)
@@ -579,11 +589,14 @@ def _find_turns(bent: Array, pull: Array, limits: Array, arms: Array) -> Array:
     safe = np.where(pull == 0.0, 1.0, pull)
     corners = [np.where(pull == 0.0, 0.0, (side * limits - bent) / safe) for side in (-1.0, 1.0)]
     angles = np.sort(np.concatenate(corners), axis=0)
-    sums = np.sum(arms * np.clip(bent + pull * angles[:, None], -limits, limits), axis=1)
-    last = np.clip(np.sum(sums <= 0.0, axis=0), 1, len(angles) - 1)
-    (low, high), (below, above) = (
-        np.take_along_axis(values, np.stack([last - 1, last]), 0) for values in (angles, sums)
-    )
-    crosses = (below <= 0.0) & (above >= 0.0) & (above > below)
-    fraction = np.divide(-below, above - below, out=np.zeros_like(below), where=crosses)
-    return np.where(crosses, low + fraction * (high - low), 0.0)
+    shears = np.clip(bent + pull * angles[:, None], -limits, limits)
+    torques = np.sum(arms * shears, axis=1)
+    # the first angle whose torque is above zero, and the angle before it
+    upper = np.clip(np.sum(torques <= 0.0, axis=0), 1, len(angles) - 1)
+    bracket = np.stack([upper - 1, upper])
+    low_angle, high_angle = np.take_along_axis(angles, bracket, 0)
+    low_torque, high_torque = np.take_along_axis(torques, bracket, 0)
+    crosses = (low_torque <= 0.0) & (high_torque >= 0.0) & (high_torque > low_torque)
+    fraction = np.zeros_like(low_torque)
+    np.divide(-low_torque, high_torque - low_torque, out=fraction, where=crosses)
+    return np.where(crosses, low_angle + fraction * (high_angle - low_angle), 0.0)

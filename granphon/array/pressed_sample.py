@@ -354,11 +354,13 @@ class PressedSample(Sample):
         """Slope of :attr:`normal_stiffness` against the overlap as loading goes on, N/m^2."""
         f = self.force
         k = self.normal_stiffness
+        # stiffnesses at loads further along the path, one and three steps of log f ahead
         stiffnesses = []
-        for tensor, times in zip(self.elastic_tensors_beside, (1.0, 3.0), strict=True):
-            rise = f * math.expm1(times * STEP)
+        for tensor, steps_ahead in zip(self.elastic_tensors_beside, (1.0, 3.0), strict=True):
+            rise = f * math.expm1(steps_ahead * STEP)
             stiffnesses.append(self._average_stiffness(tensor, f + rise, self.overlap + rise / k))
-        return (stiffnesses[1] - stiffnesses[0]) / (2.0 * STEP) * k / f
+        slope_in_log = (stiffnesses[1] - stiffnesses[0]) / (2.0 * STEP)
+        return slope_in_log * k / f
 
     def _average_stiffness(self, tensor: Array, force: float, overlap: float) -> float:
         """Return df/d(delta), N/m, of an elastic tensor: under an even strain only normal forces do

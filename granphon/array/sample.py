@@ -322,6 +322,9 @@ class Sample(Result):
         return deformation
 
     def _compute_elastic_tensor(self, equilibrium: Equilibrium) -> Array:
+        """Return the elastic tensor of an ``equilibrium`` in Voigt notation: N on a line, N/m in
+        the plane, Pa in space.
+        """
         packing = self.packing
         d = self.packing.diameter
         scale = (

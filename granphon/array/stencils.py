@@ -449,6 +449,9 @@ class Stencils:
         hessian, smooth = product or self.hessian(stiffness), self.block_jacobi(stiffness, _DAMPED)
 
         def apply(force: Array) -> Array:
+            """Return the motion of one cycle: smoothed, corrected by Green's function, and smoothed
+            again.
+            """
             motion = np.zeros_like(force)
             smooth(force, motion)
             motion += green(force - hessian(motion)[0])
@@ -481,6 +484,7 @@ class Stencils:
         axes = tuple(range(1, len(self.shape) + 1))
 
         def apply(force: NDArray[Any]) -> NDArray[Any]:
+            """Return the motion under a ``force``, (fields, L1, ..., Lp), divided wave by wave."""
             waves = fft.rfftn(force, axes=axes, workers=self.workers)
             moved = multiply_waves(table, softness, waves)
             return np.asarray(
@@ -529,6 +533,9 @@ class Stencils:
         blocks = list(self._blocks())
 
         def add(force: Array, out: Array) -> None:
+            """Add to ``out`` the motions of single balls under a ``force``, both (fields, L1, ...,
+            Lp).
+            """
             for rows in blocks:
                 for fields, block in local:
                     target = out[fields, rows]

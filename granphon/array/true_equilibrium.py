@@ -119,6 +119,7 @@ class TrueEquilibrium(Equilibrium):
 
     @cached_property
     def _derivatives(self) -> tuple[float, float]:
+        """First and second derivative of the mean force of contacts by the overlap."""
         if self.strain is not None:
             return self._shear_along().find_derivatives()
         place = self.place

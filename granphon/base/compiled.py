@@ -86,6 +86,7 @@ def _survive_cache_errors(cache: Any) -> None:
         """Return a method that does as ``access`` does, or returns None where that fails."""
 
         def access_or_warn(*arguments: Any) -> Any:
+            """Return what ``access`` returns; None, with a warning, if the cache cannot be used."""
             try:
                 return access(*arguments)
             except Exception as error:  # reading a file that was cut may raise anything

@@ -256,6 +256,7 @@ class FrictionLaw:
         sliding.set_shears(*numbers, *start, by_contact(held), motion, shears)
 
         def linearise() -> Tangent:
+            """Return the derivatives of the forces at the end of the step."""
             tangent = Tangent(
                 stiffness=np.empty(overlaps.shape),
                 shear=np.empty(overlaps.shape),

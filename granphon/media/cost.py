@@ -125,6 +125,7 @@ class Cost:
     libraries: float = _PYTHON_BYTES
 
     def __add__(self, other: Cost) -> Cost:
+        """Return the cost of two results in turn: memory that is released counts once."""
         return Cost(
             max(self.working, other.working),
             self.kept + other.kept,

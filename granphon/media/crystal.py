@@ -1642,10 +1642,10 @@ class Crystal(Result):
             f"contacts of crystal {self.name!r} do not have a mean {kind} of {goal:g} at any"
             f" pressure"
         )
-        mean_found = f"At a pressure of {pressure:.4g} it is {mean:.4g}"
+        mean_at_last = f"At a pressure of {pressure:.4g} it is {mean:.4g}"
         if acceleration is None:
-            raise InputError(problem, mean_found)
-        raise InputError(problem, f"{mean_found}, as gravity presses more", "Give a larger one")
+            raise InputError(problem, mean_at_last)
+        raise InputError(problem, f"{mean_at_last}, as gravity presses more", "Give a larger one")
 
     def _estimate_pressure(self, kind: str, goal: float) -> float:
         """Return the pressure at which contacts of equal forces have the mean force (N) or overlap

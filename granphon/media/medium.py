@@ -160,6 +160,8 @@ class Medium(ABC, Generic[StateT]):
         state = self.at(load, finite_overlap=finite_overlap)
 
         def find_anew(change: Change) -> Course[Any]:
+            """Return the course along a ``change`` whose states are computed anew at each step."""
+
             def find(step: float) -> Any:
                 medium, changed_load = change(step)
                 return medium.at(changed_load, finite_overlap=finite_overlap)
@@ -390,6 +392,7 @@ class LawMedium(Medium[ContactState]):
             rise = differentiate(find_lack, _STEP_OF_LAW) / resistance
 
         def find(step: float) -> ContactState:
+            """Return the state at a ``step``, whose overlap moves in proportion to the step."""
             medium, law, _ = prepare(step)
             moved = overlap + step * rise
             return replace(

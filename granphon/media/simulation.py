@@ -1203,6 +1203,8 @@ class DirectSimulation(Medium[SimulatedState]):
         followers = [EquilibriumFollower(sample.equilibrium, reduced) for sample in samples]
 
         def follow(change: Change) -> Course[Any]:
+            """Return the course of all samples along a ``change`` of the simulation and load."""
+
             def change_simulation(step: float) -> tuple[DirectSimulation, Load]:
                 medium, changed_load = change(step)
                 return replace(medium, geometry=simulation.geometry), changed_load.applied
@@ -1214,6 +1216,7 @@ class DirectSimulation(Medium[SimulatedState]):
             courses = [follower.follow(reduce) for follower in followers]
 
             def find(step: float) -> SimulatedState:
+                """Return the state of all samples at a ``step`` of the change."""
                 changed, changed_load = change_simulation(step)
                 moved = [
                     Sample(changed.packing, sample.seed, course.at(step))

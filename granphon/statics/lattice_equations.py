@@ -71,6 +71,7 @@ class LatticeEquations:
         del blocks
 
         def apply(force: Values) -> Values:
+            """Return the motion that the preconditioner makes of a ``force``, both (f, cells)."""
             motion = np.empty_like(force)
             remaining = np.empty_like(force)
             grid_loops.move_alone(runs, stiffness, alone, force, motion, remaining)

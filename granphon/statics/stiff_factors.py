@@ -41,6 +41,7 @@ def factorise_stiff(
     factors = factorise(matrix, approximate=True)
 
     def solve(force: Array) -> Array:
+        """Return the motion under a ``force``, with the digits of single precision."""
         scaled = scale * force
         # single precision has no numbers below 1e-38
         largest = float(np.max(np.abs(scaled))) or 1.0

@@ -437,10 +437,13 @@ class _Density:
 
     def __init__(self, problem: Problem, random: np.random.Generator) -> None:
         operator = problem.operator
+        # the mean over vectors of random signs is an estimate of the trace
         signs = np.zeros((_VECTORS, operator.size))
         signs[:, problem.live] = random.choice([-1.0, 1.0], (_VECTORS, problem.live.size))
-        with operator.progress.step("density of states", _VECTORS * _MOMENTS // 2) as step:
-            moments = Moments(operator, [start.copy for start in signs]).first(_MOMENTS, step)
+        starts = [vector.copy for vector in signs]
+        n_products = _VECTORS * _MOMENTS // 2
+        with operator.progress.step("density of states", n_products) as step:
+            moments = Moments(operator, starts).first(_MOMENTS, step)
         self._moments = Kernel(operator.top, _MOMENTS).weights * np.mean(moments, axis=0)
 
     @property

@@ -336,6 +336,9 @@ class NonlinearWaves:
         per_root = powers.coefficient / _root_radius(self._sizes, network.i, network.j)
 
         def find_alike(*pair: str) -> tuple[Any, Any, Any]:
+            """Return the coefficient over the root of the radius, kappa/2E*a, and 1 in place of E*,
+            of the contacts of a ``pair`` of kinds; InputError if their coefficients differ.
+            """
             alike = pairs.get(pair, slice(None))
             if np.ptp(per_root[alike]) > _ALIKE * np.mean(per_root[alike]):
                 raise InputError(
@@ -388,15 +391,16 @@ class NonlinearWaves:
 
     def _group(self, i: Index, j: Index) -> dict[tuple[str, ...], Index]:
         """Return the numbers of the contacts (i, j) of each pair of kinds of balls."""
-        kinds = self.network.kinds or np.where(
-            np.isinf(self.network.radii), RIGID_PLANE.name, _BALL
-        )
+        is_plane = np.isinf(self.network.radii)
+        kinds = self.network.kinds or np.where(is_plane, RIGID_PLANE.name, _BALL)
         names, code = np.unique(kinds, return_inverse=True)
-        keys = np.min(code[[i, j]], axis=0) * len(names) + np.max(code[[i, j]], axis=0)
+        codes = np.sort(code[[i, j]], axis=0)
+        # one whole number for each pair: its codes are the digits
+        keys = codes[0] * len(names) + codes[1]
         pairs = {key: divmod(key, len(names)) for key in np.unique(keys).tolist()}
         return {
-            (str(names[one]), str(names[two])): np.flatnonzero(keys == key)
-            for key, (one, two) in pairs.items()
+            (str(names[first]), str(names[second])): np.flatnonzero(keys == key)
+            for key, (first, second) in pairs.items()
         }
 
     def run(
@@ -461,18 +465,13 @@ class NonlinearWaves:
         length = positive("duration", duration, "s")
         count = whole_number("frames", frames, 2, _MOST_STEPS)
         one_of("scheme", scheme, SCHEMES)
-        n_held = 2 if file is not None else count  # frames of a file are not held in memory
-        memory = motion_memory(self.network.n_balls, self.network.n_contacts, n_held)
-        frames_text = f"{count:,} frames of a motion of {self.network.n_balls:,} balls"
-        require_memory(frames_text, memory, "Give fewer frames")
+        self._require_frames_memory(count, to_file=file is not None)
         if UNCOMPILED:
             warnings.warn(UNCOMPILED, stacklevel=2)
         if positions is not None:
             if displacements is not None:
                 raise InputError("positions and displacements are given", mend="Give one of both")
-            places = real_array("positions", positions)
-            self._require_shape("positions", places)
-            displacements = places - self.network.positions[:, : places.shape[1]]
+            displacements = self._find_displacements(positions)
         drives = list(drive) if isinstance(drive, list | tuple) else [drive]
         system = _System(self, [] if drive is None else drives)
         moved = system.read("displacements", displacements)
@@ -482,21 +481,21 @@ class NonlinearWaves:
         chosen_step, top = self._choose_step(system, x, v, step)
         require_steps(length / chosen_step)  # which may be infinite
         trial_step = min(chosen_step, length / (count - 1))
-        least = trial_step * 2.0**-_HALVINGS
+        least_step = trial_step * 2.0**-_HALVINGS
         least_per_period = _FEWEST_STEPS if step is None else _LEAST_STEPS
         # no motion of the run is slower than the run is long, or faster than contacts are
         for sentence in self.losses.find_warnings(min(1.0 / length, top / (2.0 * math.pi))):
             warnings.warn(f"in the motion {sentence.rstrip('.')}", LimitWarning, stacklevel=2)
         while True:
-            each = _count_steps(length, trial_step, count)
-            schedule = _Schedule(each, count, least_per_period)
-            kept = Frames(self.network, length / (count - 1) / each, file)
+            steps_per_frame = _count_steps(length, trial_step, count)
+            schedule = _Schedule(steps_per_frame, count, least_per_period)
+            kept = Frames(self.network, length / (count - 1) / steps_per_frame, file)
             # what leaves the floating range ends the run
             floating = np.errstate(over="ignore", invalid="ignore")
             with kept, single_products(), floating, progress.step("motion", count - 1) as told:
                 stopped = _record(system, x, v, schedule, scheme, kept, told)
             is_unstable = stopped in (_TOO_LONG, _UNSOLVED, _RATTLED)
-            if is_unstable and step is None and trial_step > least:
+            if is_unstable and step is None and trial_step > least_step:
                 trial_step *= 0.5
                 continue
             wide = check_limit("contact_radius", system.widest).warning
@@ -555,7 +554,23 @@ class NonlinearWaves:
         with np.errstate(over="ignore", invalid="ignore"):
             return system.choose_step(system.press(at_rest, energy, force, displacement))
 
+    def _require_frames_memory(self, count: int, *, to_file: bool) -> None:
+        """Raise InputError if ``count`` frames of a motion are more than memory holds; frames that
+        go ``to_file`` are not held in memory.
+        """
+        n_held = 2 if to_file else count
+        memory = motion_memory(self.network.n_balls, self.network.n_contacts, n_held)
+        frames = f"{count:,} frames of a motion of {self.network.n_balls:,} balls"
+        require_memory(frames, memory, "Give fewer frames")
+
+    def _find_displacements(self, positions: ArrayLike) -> Array:
+        """Return the displacements of balls at ``positions``, (n, 3) or (n, d), m."""
+        places = real_array("positions", positions)
+        self._require_shape("positions", places)
+        return np.asarray(places - self.network.positions[:, : places.shape[1]])
+
     def _require_shape(self, name: str, values: Array) -> None:
+        """Raise InputError unless ``values`` are finite, (n, 3) or (n, d)."""
         n = self.network.n_balls
         d = self.network.dimension
         mend = f"Give ({n}, 3) finite numbers, one row for each ball"

@@ -738,6 +738,7 @@ class ArrayOperator(WaveOperator):
         return following
 
     def _matvec(self, x: NDArray[Any]) -> NDArray[Any]:
+        """Return the product with a vector ``x`` of either kind of numbers."""
         x = np.ravel(x)
         if np.iscomplexobj(x):
             return np.asarray(self._matvec(x.real) + 1j * self._matvec(x.imag))

@@ -403,7 +403,7 @@ def _set_peak(
     last_height = fits.heights[index]
     peak = quotient.find_peak((last_frequency - middle) / half, may_widen)
     if peak is None:
-        return _Change(False, (middle - half, middle + half), False)
+        return _Change(stands=False, ends=(middle - half, middle + half), may_widen=False)
     frequency = middle + half * peak.place
     quality = frequency / (half * (peak.high - peak.low))
     fits.squares[index] = frequency**2
