@@ -264,10 +264,8 @@ class ContactOperator:
         ball i.
         """
         precision = contacts[0].dtype
-        matrix, out = (
-            matrix.astype(contacts[0].real.dtype),
-            np.empty((len(matrix), *self.shape), precision),
-        )
+        matrix = matrix.astype(contacts[0].real.dtype)
+        out = np.empty((len(matrix), *self.shape), precision)
         for slab in self.slabs(precision):
             space = slab.space
             row = 0

@@ -182,9 +182,8 @@ class ExactGeometry:
         rows.
         """
         p = self.dimension
-        return np.array(contact_frames(self.stencils.lattice.contacts.normal[:, :p]))[
-            :p, :p
-        ].transpose(2, 0, 1)
+        frames = np.array(contact_frames(self.stencils.lattice.contacts.normal[:, :p]))
+        return frames[:p, :p].transpose(2, 0, 1)
 
 
 class ExactPlace:

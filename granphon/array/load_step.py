@@ -103,8 +103,8 @@ class FixedLimitSettings(NamedTuple):
     Attributes
     ----------
     most : largest number of times.
-    steps : number of steps of Newton's method after which they no longer are.
-    left : part of the residual that is left with given limits before they are found anew.
+    steps : number of steps of Newton's method after which the limits stay as they are.
+    left : part of the residual that may remain with given limits before they are found anew.
     often : number of times after which Newton's method is tried with the law as it is, even where
         the residual under it is more than half of that from which it was tried last.
     """
@@ -117,8 +117,8 @@ class FixedLimitSettings(NamedTuple):
 
 #: without patience, and with it: a ball that is squeezed out from between others has a long way to
 #: go, on which the limits change little at a time
-FAST_LIMITS = FixedLimitSettings(30, 600, 1e-2, 1)
-SLOW_LIMITS = FixedLimitSettings(80, 900, 1e-4, 8)
+FAST_LIMITS = FixedLimitSettings(most=30, steps=600, left=1e-2, often=1)
+SLOW_LIMITS = FixedLimitSettings(most=80, steps=900, left=1e-4, often=8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -308,24 +308,31 @@ class LoadStep:
             )
 
         def slope(state: Trial) -> float:
+            """Return the power, along the motion, of the forces that a state leaves."""
             return dot(state.pull, motion.balls) + state.push * motion.compression
 
-        first, length, best = slope(trial), 1.0, (go(1.0), 1.0)
-        new = best[0]
+        slope_at_start = slope(trial)
+        length = 1.0
+        new = go(length)
+        best = new
+        best_length = length
         for _ in range(_LENGTHS - 1):
-            if new.size < (1.0 - 0.1 * length) * trial.size or (
-                guess is not None and slope(new) > -0.5 * first
-            ):
-                best = (new, length) if guess is not None else best
+            leaves_less = new.size < (1.0 - 0.1 * length) * trial.size
+            is_past_half = guess is not None and slope(new) > -0.5 * slope_at_start
+            if leaves_less or is_past_half:
+                if guess is not None:
+                    best = new
+                    best_length = length
                 break
             length *= 0.5
             new = go(length)
-            if new.size < best[0].size:
-                best = new, length
-        if slow and best[1] == 1.0 and best[0].size > _LEFT_BY_LOOSE * trial.size:
+            if new.size < best.size:
+                best = new
+                best_length = length
+        if slow and best_length == 1.0 and best.size > _LEFT_BY_LOOSE * trial.size:
             new = go(_LONGER)
-            best = (new, 1.0) if new.size < best[0].size else best
-        return best
+            best = new if new.size < best.size else best
+        return best, best_length
 
     def _try(self, balls: Array, overlap: float, guess: Array | None = None) -> Trial:
         """Return the trial with the ``balls`` displaced, (fields, L1, ..., Lp), at an ``overlap``;
@@ -351,11 +358,13 @@ class LoadStep:
         pull = self._geometry.collect_forces(*on_balls)
         push = forces.size * find_lack(load, place, forces, contacts.shears)
         largest = max(map(find_largest, on_balls))
-        scale = max(force, self._drag)
-        scale = scale if scale > _FALLEN * self._here.force else math.inf
         size = math.sqrt(dot(pull, pull) + push * push / forces.size)
-        missed = abs(push) / (forces.size * scale)
-        left = largest / scale if scale < math.inf else math.inf
+        scale = max(force, self._drag)
+        missed = 0.0
+        left = math.inf  # balls that have come apart are far from balance
+        if _FALLEN * self._here.force < scale < math.inf:
+            missed = abs(push) / (forces.size * scale)
+            left = largest / scale
         return Trial(place, balls, overlap, contacts, linearise, pull, push, left, missed, size)
 
     def _direct(self, trial: Trial, hold: float) -> tuple[Motion, int]:
@@ -417,22 +426,20 @@ class LoadStep:
         )
         held = end.overlaps if guess is None else guess
         bent, springs, limits = self._law.bend(ends_before, held[index], end.slips[0][index][None])
-        turn = _find_turns(bent[0], springs * arms, limits, arms)
+        turns = _find_turns(bent[0], springs * arms, limits, arms)
         # balls that touch would each undo what the other's turn has brought: of those the one with
         # the greatest torque turns
         torques = np.abs(np.sum(arms * np.clip(bent[0], -limits, limits), axis=0))
         numbers = np.ravel_multi_index(index, (stencils.n_contacts, *stencils.shape))
+        torques_at_contacts = np.where(arms != 0.0, torques, 0.0)
         greatest = np.zeros(end.overlaps.size)
-        felt = np.where(arms != 0.0, torques, 0.0)
-        np.maximum.at(greatest, numbers, felt)
-        turn = np.where(
-            np.all(felt >= np.where(arms != 0.0, greatest[numbers], 0.0), axis=0), turn, 0.0
-        )
+        np.maximum.at(greatest, numbers, torques_at_contacts)
+        greatest_around = np.where(arms != 0.0, greatest[numbers], 0.0)
+        has_greatest = np.all(torques_at_contacts >= greatest_around, axis=0)
         balls = trial.balls.copy()
-        fields = balls.reshape(stencils.n_balls, stencils.motions.count, *stencils.shape)[
-            :, stencils.motions.turning
-        ]
-        fields[:, 0][loose] += turn
+        fields = balls.reshape(stencils.n_balls, count, *stencils.shape)
+        rotations = fields[:, turning]
+        rotations[loose] += np.where(has_greatest, turns, 0.0)
         return self._try(balls, trial.overlap, guess)
 
     def _find_loose(self, trial: Trial) -> Flags:

@@ -80,19 +80,17 @@ class PressedEquilibrium(Equilibrium):
         """Take the state of a history, whose ``stencils`` have slips."""
         motions = stencils.motions
         fields = pressed.balls.reshape(stencils.n_balls, motions.count, *stencils.shape)
-        moved, turned = (
-            fields[:, part].reshape(-1, *stencils.shape)
-            for part in (motions.translating, motions.turning)
-        )
+        displacements = fields[:, motions.translating].reshape(-1, *stencils.shape)
+        rotations = fields[:, motions.turning].reshape(-1, *stencils.shape)
         return cls(
             deviations=deviations,
             overlap=pressed.overlap,
-            balls=moved,
+            balls=displacements,
             residual=pressed.residual,
             newton=pressed.newton,
             conjugate=pressed.krylov,
             lattice=stencils.lattice,
-            rotations=turned,
+            rotations=rotations,
             shears=pressed.contacts.shears,
             mindlin_ratio=stencils.mindlin_ratio,
             friction_coefficient=pressed.law.friction_coefficient,
@@ -156,9 +154,8 @@ class PressedEquilibrium(Equilibrium):
         count.
         """
         stencils = self.sheared
-        slips = stencils.operator.deform(stencils.spread(self.balls, self.rotations))[
-            stencils.n_contacts :
-        ]
+        motion = stencils.spread(self.balls, self.rotations)
+        slips = stencils.operator.deform(motion)[stencils.n_contacts :]
         return Contacts(self.overlaps, slips.reshape(self.shears.shape), self.shears)
 
     def resume(self) -> PressedArray:

@@ -327,11 +327,8 @@ class Sample(Result):
         """
         packing = self.packing
         d = self.packing.diameter
-        scale = (
-            self._units.stiffness * d
-            if packing.structure.periods == 1
-            else self._units.stiffness / d
-        )
+        is_line = packing.structure.periods == 1
+        scale = self._units.stiffness * d if is_line else self._units.stiffness / d
         torsion: Any = packing.torsion
         if torsion == MINDLIN:  # it differs from contact to contact
             f = self._units.force * equilibrium.forces

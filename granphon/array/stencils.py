@@ -95,14 +95,7 @@ class Stencils:
         #: number of cells, along each lattice vector, from ball i to ball j of each kind of contact
         self.shifts: list[tuple[int, ...]] = [tuple(steps) for steps in table.shift.tolist()]
         #: (p, p) unit vectors, as rows, on which displacements are projected
-        self.basis = np.empty((0, p))
-        for vector in normal:  # the first normals that are independent
-            units = np.linalg.qr(self.basis.T)[0].T
-            remainder = vector - sum(
-                (unit @ vector * unit for unit in units), np.zeros_like(vector)
-            )
-            if len(self.basis) < p and np.linalg.norm(remainder) > _INDEPENDENT:
-                self.basis = np.append(self.basis, [vector], axis=0)
+        self.basis = _choose_independent(normal)
         self._kinds = contact_rows(
             normal,
             table.arm_i,
@@ -271,13 +264,11 @@ class Stencils:
         """
         balls = self.by_ball(values)
         axes = tuple(range(len(self.shape)))
-        pairs = zip(self.shifts, self.ends, strict=True)
-        return np.stack(
-            [
-                0.5 * (balls[i] + np.roll(balls[j], [-step for step in shift], axes))
-                for shift, (i, j) in pairs
-            ]
-        )
+        means = []
+        for shift, (i, j) in zip(self.shifts, self.ends, strict=True):
+            partners = np.roll(balls[j], [-step for step in shift], axes)
+            means.append(0.5 * (balls[i] + partners))
+        return np.stack(means)
 
     def displacements(self, balls: Array) -> Array:
         """Return (p, *ball_shape) displacements along the axes of space, from their projections."""
@@ -324,12 +315,9 @@ class Stencils:
         """Apply a (p, p) matrix to the displacements, or to the forces against them, of each
         ball.
         """
-        balls = fields.reshape(self.n_balls, self.motions.count, *self.shape)[
-            :, self.motions.translating
-        ]
-        return np.asarray(
-            np.einsum("ka,ba...->kb...", matrix, balls).reshape(len(matrix), *self.ball_shape)
-        )
+        by_ball = fields.reshape(self.n_balls, self.motions.count, *self.shape)
+        turned = np.einsum("ka,ba...->kb...", matrix, by_ball[:, self.motions.translating])
+        return np.asarray(turned.reshape(len(matrix), *self.ball_shape))
 
     # -- solving -----------------------------------------------------------------------------------
 
@@ -438,15 +426,17 @@ class Stencils:
             alone = self.block_jacobi(stiffness)
 
             def add(force: Array) -> Array:
-                out = green(force)
-                alone(force, out)
-                return out
+                """Return the sum of both motions under a ``force``."""
+                motion = green(force)
+                alone(force, motion)
+                return motion
 
             return add
         # the energy of a contact is at most twice that of its two balls moving one at a time: so
         # with less than the whole motion of a ball the inverse is positive definite. With its
         # rotations taken apart it would not be
-        hessian, smooth = product or self.hessian(stiffness), self.block_jacobi(stiffness, _DAMPED)
+        hessian = product or self.hessian(stiffness)
+        smooth = self.block_jacobi(stiffness, _DAMPED)
 
         def apply(force: Array) -> Array:
             """Return the motion of one cycle: smoothed, corrected by Green's function, and smoothed
@@ -501,33 +491,33 @@ class Stencils:
 
         Displacements and rotations are taken apart; motions are multiplied by ``damping``.
         """
-        least = HOLDING * float(np.mean(stiffness[: self.n_contacts]))
+        spring = HOLDING * float(np.mean(stiffness[: self.n_contacts]))
         ratios = np.array([float(kind.stiffness) for kind in self._kinds]).repeat(self.n_contacts)
         # the upper triangles of all blocks, row after row: sums over the contacts of a ball
         pairs = [
             list(combinations_with_replacement(range(group.start, group.stop), 2))
             for group in self._groups
         ]
-        first_of, second_of = np.array(
-            [pair for pairs_of_group in pairs for pair in pairs_of_group]
-        ).T
+        first_fields, second_fields = np.concatenate(pairs).T
         ends = np.array([self.operator.head, self.operator.tail])
-        squares = ends[..., first_of] * ends[..., second_of]
+        squares = ends[..., first_fields] * ends[..., second_fields]
         # inverted in double precision: where few contacts hold a ball, its block is nearly singular
         entries = self.operator.collect(np.concatenate(squares).T, [stiffness]).astype(float)
-        entries += np.einsum("r,erp->p", least * ratios, squares).reshape(
-            -1, *(1,) * len(self.shape)
-        )
+        # weak springs at all contacts, so that no block is singular
+        held = np.einsum("r,erp->p", spring * ratios, squares)
+        entries += held.reshape(-1, *(1,) * len(self.shape))
         local = []
-        parts = np.split(entries, np.cumsum([len(pairs_of_group) for pairs_of_group in pairs])[:-1])
-        for group, pairs_of_group, entries_of_group in zip(self._groups, pairs, parts, strict=True):
+        first_entries = np.cumsum([len(pairs_of_group) for pairs_of_group in pairs])[:-1]
+        groups = zip(self._groups, pairs, np.split(entries, first_entries), strict=True)
+        for group, pairs_of_group, entries_of_group in groups:
             size = group.stop - group.start
             _invert_symmetric(entries_of_group, size)
             block = np.empty((size, size, *self.shape), stiffness.dtype)
             for entry, (a, b) in zip(entries_of_group, pairs_of_group, strict=True):
-                block[a - group.start, b - group.start] = block[
-                    b - group.start, a - group.start
-                ] = entry
+                row = a - group.start
+                column = b - group.start
+                block[row, column] = entry
+                block[column, row] = entry
             block *= damping
             local.append((group, block))
         blocks = list(self._blocks())
@@ -538,12 +528,8 @@ class Stencils:
             """
             for rows in blocks:
                 for fields, block in local:
-                    target = out[fields, rows]
-                    np.add(
-                        target,
-                        np.einsum("ab...,b...->a...", block[:, :, rows], force[fields, rows]),
-                        out=target,
-                    )
+                    motion = np.einsum("ab...,b...->a...", block[:, :, rows], force[fields, rows])
+                    out[fields, rows] += motion
 
         return add
 
@@ -596,7 +582,9 @@ def _invert_symmetric(entries: Array, size: int) -> None:
     elif size == 2:
         xx, xy, yy = entries
         one_over = 1.0 / (xx * yy - xy * xy)
-        entries[0], entries[2] = yy * one_over, xx * one_over
+        inverse_xx = yy * one_over
+        yy[...] = xx * one_over
+        xx[...] = inverse_xx
         xy *= -one_over
     else:
         xx, xy, xz, yy, yz, zz = entries
@@ -607,3 +595,16 @@ def _invert_symmetric(entries: Array, size: int) -> None:
         inverse = first, second, third, xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
         for entry, value in zip(entries, inverse, strict=True):
             entry[...] = value * one_over
+
+
+def _choose_independent(normals: Array) -> Array:
+    """Return the first p of the ``normals`` (n_c, p) that are independent."""
+    p = normals.shape[1]
+    basis = np.empty((0, p))
+    for normal in normals:
+        units = np.linalg.qr(basis.T)[0].T
+        along = sum((unit @ normal * unit for unit in units), np.zeros_like(normal))
+        remainder = normal - along
+        if len(basis) < p and np.linalg.norm(remainder) > _INDEPENDENT:
+            basis = np.append(basis, [normal], axis=0)
+    return basis

@@ -360,9 +360,8 @@ class Stepper:
         widths, or if balls that dashpots slow down do not come into balance.
         """
         stencils = self.geometry.stencils
-        state = self.place(
-            np.zeros((stencils.n_balls * len(stencils.shape), *stencils.shape)), contact
-        )
+        sites = np.zeros((stencils.n_balls * len(stencils.shape), *stencils.shape))
+        state = self.place(sites, contact)
         while state.overlap < _MOST_OVERLAP:
             try:
                 state = self.step([state], ReducedLoad(overlap=state.overlap + STEP), DRAG)
@@ -396,31 +395,29 @@ class Stepper:
         """
         load = ReducedLoad(overlap=state.overlap)
         drag = DRAG
+        motion = 0.0
+        # where contacts push balls aside, in space, dashpots stay stronger than these pushes
         ratio = self.geometry.ratio
-        moved = 0.0
-        pushed = ratio > 0.0 and len(self.geometry.stencils.shape) == 3
-        weakest = min(drag, _ABOVE_PUSH * ratio * state.force) if pushed else 0.0
+        is_pushed = ratio > 0.0 and len(self.geometry.stencils.shape) == 3
+        weakest = min(drag, _ABOVE_PUSH * ratio * state.force) if is_pushed else 0.0
         for _ in range(_MOST_SETTLINGS):
-            stronger = drag
-            slower = moved
+            last_drag = drag
+            last_motion = motion
             drag = max(WEAKER * drag, weakest)
             settled = self.settle([state], load, drag, FAST_LIMITS)
             if settled is None or settled.force < 0.5 * STANDING_FORCE:
                 return None
-            state, moved = settled, settled.measure_motion(state)
-            if drag == stronger and moved > slower:
+            motion = settled.measure_motion(state)
+            state = settled
+            if drag == last_drag and motion > last_motion:  # balls move faster and faster
                 return None
-            if (
-                drag == stronger and moved < _STILL
-                if pushed
-                else drag * moved < _NEXT_TO_NOTHING * state.force
-            ):
+            is_still = drag * motion < _NEXT_TO_NOTHING * state.force
+            if is_pushed:
+                is_still = drag == last_drag and motion < _STILL
+            if is_still:
                 at_rest = self.settle([state], load, 0.0, FAST_LIMITS)
-                return (
-                    at_rest
-                    if at_rest is not None and at_rest.force >= 0.5 * STANDING_FORCE
-                    else None
-                )
+                stands = at_rest is not None and at_rest.force >= 0.5 * STANDING_FORCE
+                return at_rest if stands else None
         return None
 
 

@@ -840,7 +840,8 @@ class _System:
         for balls, _ in self.moved:
             masses[balls] = np.inf
         self.network = replace(network, masses=masses) if self.moved else network
-        self.operator = operator = WaveOperator(self.network)
+        operator = WaveOperator(self.network)
+        self.operator = operator
         axes = list(operator.motions.translations)
         self._along = [(balls, along[axes]) for balls, along in self.moved]
         self.bound = _RateBound(operator, waves.punch)
@@ -1326,8 +1327,8 @@ class _System:
         wide = self._wide * np.sqrt(np.maximum(normal.overlap - moment.e, 0.0))
         self.widest = max(self.widest, float(np.max(wide, initial=0.0)))
         time = number * step
-        motions = (self._displace(), operator.to_balls(self.v))
-        (places, turns), (speeds, spins) = (np.split(columns, 2, axis=1) for columns in motions)
+        displacements, rotations = np.split(self._displace(), 2, axis=1)
+        speeds, spins = np.split(operator.to_balls(self.v), 2, axis=1)
         if self._strokes:
             drive_speeds = self._find_drive_speeds(number)
             for (balls, along), speed in zip(self.moved, drive_speeds, strict=True):
@@ -1335,9 +1336,9 @@ class _System:
         kept.keep(
             {
                 "times": time,
-                "displacements": places,
+                "displacements": displacements,
                 "velocities": speeds,
-                "rotations": turns,
+                "rotations": rotations,
                 "spins": spins,
                 "translation": 0.5 * float(np.sum(square[~operator.is_rotation])),
                 "rotation": 0.5 * float(np.sum(square[operator.is_rotation])),

@@ -1685,7 +1685,8 @@ def _require_short(operator: WaveOperator, duration: float, losses: Losses | Non
     """Raise :class:`~granphon.base.errors.InputError` for a record of a ``duration``, s, that takes
     more than :data:`_MOST` products with D, and for ``losses`` with which nothing moves.
     """
-    damping = drag = 0.0
+    damping = 0.0
+    drag = 0.0
     uneven = False
     if losses is not None:
         damping = float(np.max(losses.times))
