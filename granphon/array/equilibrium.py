@@ -200,8 +200,8 @@ class Equilibrium(Result):
         Shear springs at such contacts would hold them.
         """
         overlaps = self.overlaps
-        least = hertz.overlap_of(CARRIED_FORCE * self.residual * self.force)
-        return np.asarray(np.sqrt(np.where(overlaps > least, overlaps, 0.0)))
+        least_overlap = hertz.overlap_of(CARRIED_FORCE * self.residual * self.force)
+        return np.asarray(np.sqrt(np.where(overlaps > least_overlap, overlaps, 0.0)))
 
     @property
     def carries(self) -> Flags:

@@ -23,7 +23,7 @@ _CACHED = 2**15
 
 
 def conjugate_gradients(
-    apply: Map, precondition: Map, right: Values, reduction: float, most: int
+    apply: Map, precondition: Map, right: Values, reduction: float, most_iterations: int
 ) -> tuple[Values, int]:
     """Solve a symmetric system by conjugate gradients until the error in its norm has fallen by
     ``reduction``; return the solution and the number of iterations.
@@ -36,7 +36,7 @@ def conjugate_gradients(
     aim = math.inf
     product = 0.0
     direction = np.zeros_like(right)
-    for count in range(most + 1):
+    for count in range(most_iterations + 1):
         better = precondition(remaining)
         last = product
         product = dot(remaining, better)
@@ -44,7 +44,7 @@ def conjugate_gradients(
             aim = reduction**2 * product
         if product <= aim:
             return solution, count
-        if count == most:
+        if count == most_iterations:
             break
         _add(direction, 1.0, better, product / last if count else 0.0)
         change = apply(direction)
@@ -54,7 +54,7 @@ def conjugate_gradients(
         length = product / curvature
         _add(solution, length, direction)
         _add(remaining, -length, change)
-    return solution, most
+    return solution, most_iterations
 
 
 def _add(vector: Values, factor: float, addend: Values, scale: float = 1.0) -> None:

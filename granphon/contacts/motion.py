@@ -125,35 +125,17 @@ class MovingContacts:
         self.held = np.zeros_like(self.ratios)
         if network.tangential_force is not None:
             self.held[:_N_SLIPS, : network.n_contacts] = -network.tangential_force.T
-        columns: dict[int, Any] = {
-            loops.REST + axis * loops.CHUNK: geometry.r[:, axis] for axis in range(3)
-        }
-        columns |= {
-            loops.LENGTH: geometry.length,
-            loops.GAP: geometry.gap,
-            loops.FREE: geometry.is_free,
-            loops.NEAR: geometry.near,
-            loops.FAR: geometry.far,
-            loops.FORCE: law.rest,
-            loops.SLIP_RATIO: self.ratios[0],
-            loops.OVERLAP: law.end,
-        }
+        columns = _list_columns(geometry, law, self.ratios)
         dashpots = losses.list_dashpots(pairs.i, pairs.j)
         columns |= dict(zip(loops.DASHPOTS, dashpots, strict=True))
-        if len(self.ratios) > _N_SLIPS:
-            columns |= {loops.TWIST_RATIO: self.ratios[3], loops.ROLL_RATIO: self.ratios[4]}
-        if isinstance(law, Powers) and is_hertz:
-            columns |= {
-                loops.COEFFICIENT: law.coefficient,
-                loops.ROOT: law.root,
-            }
         self._columns = _make_columns(ends, columns)
         self.on_balls = np.zeros((network.n_balls, len(self.axes)))
         self._no_speeds = np.zeros((0, len(self.axes)))
         self._no_dash = np.zeros((len(self.ratios) + 1, 0))
-        self.dash = (
-            np.zeros((len(self.ratios) + 1, n_contacts)) if self.is_damped else self._no_dash
-        )
+        self.dash = self._no_dash
+        if self.is_damped:
+            self.dash = np.zeros((len(self.ratios) + 1, n_contacts))
+        # the forces of contacts on balls at rest, which those in motion are compared with
         still = self.make_moment()
         self._go(still, still._replace(pull=still.pull.copy()), self._stick)
         self.still = self.on_balls.copy()
@@ -341,6 +323,28 @@ def measure_along(network: ContactNetwork, motions: Array) -> Array:
     e = np.empty(network.n_contacts)
     loops.measure(columns, motions, axes, False, e)
     return e
+
+
+def _list_columns(geometry: _Geometry, law: Powers | PairLaws, ratios: Array) -> dict[int, Any]:
+    """Return the columns (n_c,) of contacts at rest that compiled loops read, by their numbers."""
+    columns: dict[int, Any] = {
+        loops.REST + axis * loops.CHUNK: geometry.r[:, axis] for axis in range(3)
+    }
+    columns |= {
+        loops.LENGTH: geometry.length,
+        loops.GAP: geometry.gap,
+        loops.FREE: geometry.is_free,
+        loops.NEAR: geometry.near,
+        loops.FAR: geometry.far,
+        loops.FORCE: law.rest,
+        loops.SLIP_RATIO: ratios[0],
+        loops.OVERLAP: law.end,
+    }
+    if len(ratios) > _N_SLIPS:
+        columns |= {loops.TWIST_RATIO: ratios[3], loops.ROLL_RATIO: ratios[4]}
+    if isinstance(law, Powers) and law.exponent == hertz.EXPONENT:
+        columns |= {loops.COEFFICIENT: law.coefficient, loops.ROOT: law.root}
+    return columns
 
 
 def _make_columns(ends: tuple[Index, Index], values: dict[int, Any]) -> Columns:

@@ -292,11 +292,13 @@ class ContactLattice(LongWaves):
         q, _ = self._fold(wavevectors)
         self._require_room(len(q), 1)
         omega = np.concatenate(self._share_out(lambda part: self._solve(q[part]), len(q)))
-        faint = _is_faint(q)
-        if np.any(faint):
-            near = _NEAR_GAMMA * as_direction(q[faint], self.periods)
+        # next to Gamma rounding hides what little contacts deform: frequencies are those a little
+        # farther out, followed back by their powers of q
+        is_faint = _is_faint(q)
+        if np.any(is_faint):
+            near = _NEAR_GAMMA * as_direction(q[is_faint], self.periods)
             modes = self._solve_with_velocities(near, near / _NEAR_GAMMA)
-            omega[faint] = _follow_powers(q[faint], near, *modes)[0]
+            omega[is_faint] = _follow_powers(q[is_faint], near, *modes)[0]
         return omega
 
     @cached_property

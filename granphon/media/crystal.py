@@ -1096,11 +1096,10 @@ class Crystal(Result):
         table = self.contacts
         bulges = self._bulges
         # walls that move follow the balls, and what is held comes last
-        body_of_ball = np.where(
-            bodies.ball_number >= 0,
-            bodies.ball_number,
-            np.where(bodies.wall_of_ball >= 0, bodies.n_balls + bodies.wall_of_ball, bodies.held),
+        wall_or_held = np.where(
+            bodies.wall_of_ball >= 0, bodies.n_balls + bodies.wall_of_ball, bodies.held
         )
+        body_of_ball = np.where(bodies.ball_number >= 0, bodies.ball_number, wall_or_held)
         first = [body_of_ball[table.i]]
         second = [body_of_ball[table.j]]
         vectors = [table.vector]
@@ -1120,6 +1119,10 @@ class Crystal(Result):
         i = np.concatenate(first).astype(np.int64)
         vector = np.zeros((len(i), 3))
         vector[:, :d] = np.concatenate(vectors)
+        spring_laws = [
+            (SpringLaw(constant), np.flatnonzero(constants == constant))
+            for constant in np.unique(constants).tolist()
+        ]
         axes = [face.axis for face in bodies.walls]
         return Assembly(
             n_balls=bodies.n_balls,
@@ -1128,13 +1131,7 @@ class Crystal(Result):
             vector=vector,
             is_flat=np.arange(len(i)) >= len(table),
             offset=np.concatenate(offsets),
-            laws=self._laws.append(
-                [
-                    (SpringLaw(constant), np.flatnonzero(constants == constant))
-                    for constant in np.unique(constants).tolist()
-                ],
-                len(constants),
-            ),
+            laws=self._laws.append(spring_laws, len(constants)),
             cell=self.cell[:, : self.periods],
             dimension=d,
             directions=np.eye(d)[axes].reshape(len(axes), d),

@@ -102,26 +102,26 @@ class LinearResponse:
         """Return the motions (n, m, k) of balls under small forces (n, m, k), which are in balance
         but for rounding.
         """
-        return self._follow(forces, True)[0]
+        return self._follow(forces, for_motions=True)[0]
 
     @property
     def motions(self) -> Array:
         """(n, m, s) motions of balls under the unit strains, beside those of the strain itself;
         computed anew at each call.
         """
-        return self._follow(-self._tangent.blocks.ahead, True)[0]
+        return self._follow(-self._tangent.blocks.ahead, for_motions=True)[0]
 
     @property
     def stiffness(self) -> Array:
         """(s, s) second derivatives of the energy by the strains, once the balls have moved."""
         tangent = self._tangent
-        motions, forces = self._follow(-tangent.blocks.ahead, False)
-        found = tangent.blocks.corner + np.einsum("nmt,nms->ts", tangent.blocks.back, motions)
+        motions, forces = self._follow(-tangent.blocks.ahead, for_motions=False)
+        stiffness = tangent.blocks.corner + np.einsum("nmt,nms->ts", tangent.blocks.back, motions)
         # the error of the motions then enters squared, if the tangent is symmetric
-        found -= np.einsum("nmt,nms->ts", motions, forces)
-        return np.asarray(0.5 * (found + found.T))
+        stiffness -= np.einsum("nmt,nms->ts", motions, forces)
+        return np.asarray(0.5 * (stiffness + stiffness.T))
 
-    def _follow(self, forces: Array, for_motions: bool) -> tuple[Array, Array]:
+    def _follow(self, forces: Array, *, for_motions: bool) -> tuple[Array, Array]:
         """Return the motions under ``forces``, and the forces that these leave, both of the same
         shape; with the smaller error that is due ``for_motions``, or that of an energy.
         """
@@ -231,7 +231,7 @@ class LinearResponse:
         if solution.has_arrived:
             return solution.motions.reshape(right.shape), solution.remaining.reshape(right.shape)
         if self._symmetric and not self._may_factorise:
-            raise explain_failure(solution.way_down is None)
+            raise explain_failure(stable=solution.way_down is None)
         return None
 
     # -- factors -----------------------------------------------------------------------------------
@@ -273,11 +273,11 @@ class LinearResponse:
                 factors = self._tangent.pattern.elimination.factorise(matrix)
             except RuntimeError:  # singular to the last digit
                 if spring >= _STRONGEST_SPRING:
-                    raise explain_failure(True) from None
+                    raise explain_failure(stable=True) from None
                 spring *= _RAISED
                 continue
             if self._symmetric and factors.n_below:
-                raise explain_failure(False)
+                raise explain_failure(stable=False)
             return spring, factors
 
     def _solve_by_gmres(self, right: Array) -> Array:
@@ -311,7 +311,7 @@ class LinearResponse:
                 M=inverse,
             )
             if failed:
-                raise explain_failure(True)
+                raise explain_failure(stable=True)
         return motions
 
     def _find_rounding(self, size: int) -> float:
@@ -336,13 +336,11 @@ def find_elastic_tensor(contacts: ContactList) -> Array:
     return np.asarray(0.5 * (tensor + tensor.T))
 
 
-def explain_failure(stable: bool) -> ConvergenceError:
+def explain_failure(*, stable: bool) -> ConvergenceError:
     """Return the error of a response that is not found, of balls that may be at a minimum of the
     energy (``stable``) or are not.
     """
-    why = (
-        ""
-        if stable
-        else "The forces push balls aside more than the contacts hold them: it is not stable"
-    )
+    why = ""
+    if not stable:
+        why = "The forces push balls aside more than the contacts hold them: it is not stable"
     return ConvergenceError("the linear response of the sample is not found", why, "Raise the load")

@@ -497,11 +497,11 @@ class _Lead(NamedTuple):
         motions_of_layer = self.space.size // self.space.reach
         return find_bloch_waves(self.blocks, omega**2, motions_of_layer)
 
-    def list_wavenumbers(self, waves: Sequence[BlochWaves], most: int) -> Array:
+    def list_wavenumbers(self, waves: Sequence[BlochWaves], n_columns: int) -> Array:
         """Return the wavenumbers (n_f, most) across the layers, 1/m, of the ``waves`` that run at
         each frequency; zeros behind them.
         """
-        wavenumbers = np.zeros((len(waves), most))
+        wavenumbers = np.zeros((len(waves), n_columns))
         for row, waves_of_row in enumerate(waves):
             n = waves_of_row.running
             factors = waves_of_row.factors[:n]
