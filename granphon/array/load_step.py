@@ -554,10 +554,10 @@ class LinearSteps:
         return Motion(solution[:size].reshape(pull.shape), float(solution[size])), taken
 
     def invert(self, tangent: Tangent, product: PressedTangent) -> Put:
-        """Return what sets motions to about those under forces, by C^T D C, of which ``product`` is
-        the product.
+        """Return a preconditioner of C^T D C, whose products with motions are those of ``product``:
+        a function that sets motions to about those under given forces.
 
-        The patch may be that of a tangent before: it is made anew only when it does not serve any
+        The patch may be that of an earlier tangent: it is made anew only when it does not serve any
         more.
         """
         from granphon.contacts import grid_product  # imported here: averages need no Numba

@@ -108,8 +108,8 @@ class Patches:
         return np.unique(contacts[starts + np.arange(starts.size)])
 
     def invert(self, balls: Index, tangent: Tangent) -> Put | None:
-        """Return what puts the motions of balls under a force into an array of motions; None if
-        there is no inverse.
+        """Return a function that sets the motions of the ``balls`` of a patch to those under a
+        force, while all other balls are held; None if there is no inverse.
 
         The ``tangent`` has a mean stiffness of one. Forces and motions are (fields, L1, ..., Lp).
         """

@@ -486,8 +486,8 @@ class Stencils:
     def block_jacobi(
         self, stiffness: Array, damping: float = 1.0
     ) -> Callable[[Array, Array], None]:
-        """Return what adds to ``out`` the motion of each ball under a ``force`` while its
-        neighbours are held.
+        """Return a function of a ``force`` and ``out`` that adds to ``out`` the motion of each ball
+        while its neighbours are held.
 
         Displacements and rotations are taken apart; motions are multiplied by ``damping``.
         """

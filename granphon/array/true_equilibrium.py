@@ -61,7 +61,7 @@ class TrueEquilibrium(Equilibrium):
         return ActingForces(stiffness, acting * (stiffness > 0.0))
 
     def _act_at_rest(self, shear: Array | None = None) -> ActingForces:
-        """Return what :meth:`_act` does where the energy is known to be least.
+        """Return the contacts that carry load where the energy is known to be least.
 
         A ball nearly in line with two others may lean on a third with less than can be told from
         the residual. It is at rest all the same: what pushes it aside then holds it. Contacts that
@@ -92,8 +92,8 @@ class TrueEquilibrium(Equilibrium):
         return acting._replace(forces=np.where(leans, -np.abs(acting.forces), acting.forces))
 
     def _follow(self) -> tuple[Callable[[Array], Array], Any]:
-        """Return what finds small motions of the balls, and the relative displacements of contacts
-        with y.
+        """Return a function from forces to small motions of the balls, and the relative
+        displacements of contacts by a unit of y.
         """
         acting = self._act_at_rest()
         still = np.zeros_like(self.balls)

@@ -256,7 +256,9 @@ class UniformShape(_Density):
         return (np.asarray(probability, float) - 0.5)[()]
 
     def _divide(self, power: float, pairs: bool) -> tuple[list[Piece], int]:
-        """As :meth:`_Density._divide`; so many Gauss nodes are exact."""
+        """Return the pieces of the distribution of (x + x')/2, or without ``pairs`` of x'/2, and
+        the number of Gauss nodes on each with which an average of a ``power`` p is exact.
+        """
         if not pairs:
             # the average equals 2/(p+1) times the first difference of s_+^(p+1) over -+1/4; the
             # integrand is of degree 2p + 1 in the root
@@ -318,7 +320,9 @@ class NormalShape(_Density):
         return (np.sign(from_median) * self._std * deviation)[()]
 
     def _divide(self, power: float, pairs: bool) -> tuple[list[Piece], int]:
-        """As :meth:`_Density._divide`; pieces are at most 3 standard deviations long."""
+        """Return the pieces of the distribution of (x + x')/2, or without ``pairs`` of x'/2, and
+        the number of Gauss nodes on each; pieces are at most 3 standard deviations long.
+        """
         from scipy.special import erf
 
         # pieces of [-b, b], at most 3 std long, that meet at 0

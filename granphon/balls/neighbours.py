@@ -463,7 +463,9 @@ def _find_near(
 def _find_near_among_all(
     cell: Array, positions: Array, radii: Array, called: str
 ) -> tuple[Any, Any, Any, Array]:
-    """Return what :func:`_find_near` returns; all pairs of a few balls are compared."""
+    """Return balls i and j (pairs,), whole cells (pairs, p) and vectors (pairs, d) as
+    :func:`_find_near` does, for a few balls: all pairs are compared.
+    """
     within_cell = positions[None] - positions[:, None]  # (n, n, d) from i to j of the same cell
     farthest = float(np.linalg.norm(within_cell, axis=-1).max())
     radius = 2.0 * _NEAR_TOUCH * float(radii.max()) + farthest

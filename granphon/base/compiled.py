@@ -70,6 +70,7 @@ def compiled(loop: _Loop) -> _Loop:
     compile_anew = dispatcher._compiler.compile
 
     def announce_and_compile(arguments: Any, returned: Any) -> Any:
+        """Compile the loop after a note that this takes long."""
         _announce_compilation()
         return compile_anew(arguments, returned)
 

@@ -169,30 +169,30 @@ def add_blocks(runs: Runs, stiffness: Values, blocks: Values) -> None:
 
 
 @compiled
-def invert_blocks(blocks: Values, least: float, part: float, inverses: Values) -> None:
+def invert_blocks(blocks: Values, added: float, part: float, inverses: Values) -> None:
     """Set ``inverses`` (d, d, n) to those of symmetric ``blocks`` (d, d, n), known up to the
-    diagonal, with ``least`` added to it, times a ``part``.
+    diagonal, with ``added`` added to it, times a ``part``.
     """
     d = len(blocks)
     for ball in range(blocks.shape[2]):
         if d == 1:
-            inverses[0, 0, ball] = part / (blocks[0, 0, ball] + least)
+            inverses[0, 0, ball] = part / (blocks[0, 0, ball] + added)
         elif d == 2:
-            xx = blocks[0, 0, ball] + least
+            xx = blocks[0, 0, ball] + added
             xy = blocks[1, 0, ball]
-            yy = blocks[1, 1, ball] + least
+            yy = blocks[1, 1, ball] + added
             scale = part / (xx * yy - xy * xy)
             inverses[0, 0, ball] = scale * yy
             inverses[1, 1, ball] = scale * xx
             inverses[0, 1, ball] = -scale * xy
             inverses[1, 0, ball] = -scale * xy
         else:
-            xx = blocks[0, 0, ball] + least
+            xx = blocks[0, 0, ball] + added
             xy = blocks[1, 0, ball]
             xz = blocks[2, 0, ball]
-            yy = blocks[1, 1, ball] + least
+            yy = blocks[1, 1, ball] + added
             yz = blocks[2, 1, ball]
-            zz = blocks[2, 2, ball] + least
+            zz = blocks[2, 2, ball] + added
             first = yy * zz - yz * yz
             second = xz * yz - xy * zz
             third = xy * yz - xz * yy

@@ -348,7 +348,9 @@ def _list_columns(geometry: _Geometry, law: Powers | PairLaws, ratios: Array) ->
 
 
 def _make_columns(ends: tuple[Index, Index], values: dict[int, Any]) -> Columns:
-    """Return what loops read, of ``values`` (n_c,) by row; those of other rows are zero."""
+    """Return the contacts as loops read them, from ``values`` (n_c,) by row; the numbers of other
+    rows are zero.
+    """
     shared = np.zeros(loops.N_COLUMNS // loops.CHUNK)
     separate = {}
     for row, column in values.items():

@@ -163,7 +163,9 @@ class EffectiveLaw(SpreadLaw):
         return float(energy_of_curve - series.value(series.start, ENERGY))
 
     def _evaluate_near(self, y: Array, order: int) -> Array:
-        """As :meth:`SpreadLaw._evaluate_near`; PrecisionError below the start of the curve."""
+        """Return the derivative, of an ``order`` of 0 to 3, of the reduced energy, for y below the
+        start of the series; PrecisionError below the start of the curve.
+        """
         curve = self.curve
         touches = y > -self.shape.bounds[1]  # elsewhere all contacts are open, and the law is zero
         if np.any(touches & (y < curve.start)):
@@ -177,7 +179,9 @@ class EffectiveLaw(SpreadLaw):
         return derivatives
 
     def _find_near_overlap(self, force: Array) -> Array:
-        """As :meth:`SpreadLaw._find_near_overlap`; PrecisionError below the start of the curve."""
+        """Return y for reduced forces f* below that at the start of the series; PrecisionError
+        below the start of the curve.
+        """
         curve = self.curve
         if np.any(force < curve.least_force):
             least_force = float(np.min(force))

@@ -130,7 +130,9 @@ class GridIteration:
     def _solve_together(
         self, forces: Array, reduction: float, most: int, noise: float
     ) -> GridSolution:
-        """Return what :meth:`solve` does, of right sides that share each transform."""
+        """Return the motions under ``forces`` (n, m, k), whose k right sides share each transform;
+        the arguments are those of :meth:`solve`.
+        """
         remaining = self._lay(forces)
         motions = np.zeros_like(remaining)
         way = np.zeros_like(remaining)

@@ -52,7 +52,7 @@ def factorise_stiff(
 
 
 def _choose(columns: Columns, chosen: Flags) -> Columns:
-    """Return what loops read of some of the contacts."""
+    """Return the columns, as loops read them, of the ``chosen`` contacts (n_c,)."""
     return columns._replace(
         **{name: values[chosen] for name, values in columns._asdict().items() if len(values)}
     )

@@ -685,8 +685,8 @@ class ModesWork(NamedTuple):
 
 
 def estimate_modes(operator: WaveOperator, count: int, nearest: float | None) -> ModesWork:
-    """Return what the search for ``count`` modes takes. Where they are filtered, the density of
-    states is found, which is a small part of the search.
+    """Return the method and the memory of the search for ``count`` modes. Where modes are filtered,
+    the density of states is found, which is a small part of the search.
 
     Raises :class:`~granphon.base.errors.InputError` for modes that take too much.
     """
@@ -1223,7 +1223,7 @@ def _follow_damped(
         return np.concatenate([z[n:], -(stiffness @ z[:n]) - viscous @ z[n:]])
 
     def solve(z: Any) -> Any:
-        """Return the inverse of that matrix less the shift, times z (2 n,)."""
+        """Return the inverse of the matrix of first order less the shift, times z (2 n,)."""
         x = -factors.solve(z[n:] + viscous @ z[:n] + shift * z[:n])
         return free(np.concatenate([x, z[:n] + shift * x]))
 

@@ -471,12 +471,14 @@ class _Quotient(NamedTuple):
         return np.abs(value) ** 2
 
     def _find_slope(self, place: float) -> float:
-        """Return half of the slope of the logarithm of that square."""
-        slopes = [
-            polynomial.polyval(place, polynomial.polyder(part)) / polynomial.polyval(place, part)
-            for part in (self.top, self.bottom)
-        ]
-        return float((slopes[0] - slopes[1]).real)
+        """Return the slope of the logarithm of the magnitude, which is zero at a peak."""
+
+        def find_rate(coefficients: Complex) -> Any:
+            """Return p'/p of a polynomial p at the place."""
+            slope = polynomial.polyval(place, polynomial.polyder(coefficients))
+            return slope / polynomial.polyval(place, coefficients)
+
+        return float((find_rate(self.top) - find_rate(self.bottom)).real)
 
     def find_peak(self, expected: float, may_widen: NDArray[np.bool_]) -> _PeakShape | None:
         """Return the peak nearest to the ``expected`` place; None if there is none. Its next window
@@ -504,7 +506,7 @@ class _Quotient(NamedTuple):
             if steps:
                 bracket = mesh[top + side * (steps - 1)], mesh[top + side * steps]
                 ends[number] = brentq(
-                    lambda at: float(self.find_square(at)) - half, *bracket, xtol=_PLACE
+                    lambda end: float(self.find_square(end)) - half, *bracket, xtol=_PLACE
                 )
         has_end = np.isfinite(ends)
         is_wider = bool(np.any(is_open) and np.all(has_end | is_open))
