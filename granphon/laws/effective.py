@@ -293,7 +293,7 @@ class EffectiveCurve:
         def evaluate(index: Index, overlap: Array) -> Array:
             return self._evaluate(index, np.sqrt(overlap - self.steps[0, index]), order)
 
-        inner_edges = self._edges[0]
+        inner_edges, _ = self._edges
         # a kink belongs to the step below it, where the slope is finite
         step_of_overlap = np.searchsorted(inner_edges, y)
         return self._evaluate_by_step(step_of_overlap, y, evaluate)
@@ -304,7 +304,7 @@ class EffectiveCurve:
         """
 
         rounding = 4.0 * np.finfo(float).eps
-        lower_force, upper_force = self._edges[1]
+        _, (lower_force, upper_force) = self._edges
         # the force rises by at least its rounding on a step, so that no division is by zero
         span = np.maximum(upper_force - lower_force, rounding * lower_force)
 

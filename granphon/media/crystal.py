@@ -851,7 +851,7 @@ class Crystal(Result):
         """(n_c,) shear over normal stiffness of each contact, if it resists shear: 4 G*/E*. Where
         a law has a contact radius of its own, as with adhesion, this is the ratio over 2 E* a.
         """
-        return np.asarray(self._constants[2])
+        return self._constants["mindlin_ratio"]
 
     @property
     def is_held(self) -> bool:
@@ -984,7 +984,7 @@ class Crystal(Result):
         starts = np.searchsorted(pair_of_contact[order], np.arange(1, len(pairs)))
         contacts_of_pairs = np.split(order, starts)[: len(pairs)]
         groups = list(zip(laws, contacts_of_pairs, strict=True))
-        return ContactLaws(groups, len(pair_of_contact), self._constants[0])
+        return ContactLaws(groups, len(pair_of_contact), self._constants["modulus"])
 
     def law_of(self, i: int, j: int) -> tuple[PairLaw, float, float]:
         """Return the law of balls i and j, 4 G*/E*, and E*, Pa; numbers behind those of the balls
@@ -1042,11 +1042,12 @@ class Crystal(Result):
         )
 
     @cached_property
-    def _constants(self) -> Array:
-        """(4, n_c) E*, R, kappa/k and the modulus of twist of each contact."""
+    def _constants(self) -> dict[str, Array]:
+        """The constants (n_c,) of all contacts by their names in :class:`ContactConstants`."""
         pairs, pair_of_contact = self._pairs
         constants = [ContactConstants.of(first, second) for first, second, _, _ in pairs]
-        return np.reshape(constants, (-1, 4))[pair_of_contact].T
+        columns = np.reshape(constants, (-1, len(ContactConstants._fields)))[pair_of_contact].T
+        return dict(zip(ContactConstants._fields, columns, strict=True))
 
     @cached_property
     def ball_motions(self) -> Motions:
@@ -1732,8 +1733,9 @@ class Crystal(Result):
                 displacements[:, riders, side.axis] = wall_motions[:, side.wall, None]
         # a motion of the whole crystal means nothing where no wall is in its way
         if not any("clamped" in face.edges for face in self.faces):
-            anchored = self._springs[1].tolist()
-            loose = np.setdiff1d(np.arange(d), [*(side.axis for side in self._floors), *anchored])
+            _, anchored_axes, _ = self._springs
+            held_axes = [*(side.axis for side in self._floors), *anchored_axes.tolist()]
+            loose = np.setdiff1d(np.arange(d), held_axes)
             displacements[..., loose] -= np.mean(displacements[..., loose], axis=1, keepdims=True)
         return displacements, wall_motions
 
@@ -1838,7 +1840,8 @@ class CrystalState(Result):
     @property
     def shear_stiffness(self) -> Array:
         """(..., n_c) kappa = 8 G* a of the :attr:`contact_radius` a, N/m; zero without friction."""
-        return self._punch * (self.crystal._constants[2] if self.crystal.friction else 0.0)
+        crystal = self.crystal
+        return self._punch * (crystal._constants["mindlin_ratio"] if crystal.friction else 0.0)
 
     @cached_property
     def _punch(self) -> Array:
@@ -1854,7 +1857,7 @@ class CrystalState(Result):
     @property
     def torsion_stiffness(self) -> Array:
         """(..., n_c) stiffness against twist, N m."""
-        twist_modulus = self.crystal._constants[3]
+        twist_modulus = self.crystal._constants["twist_modulus"]
         distance = self.crystal._distance
         return self.crystal.contact_model.find_torsion(
             self.normal_stiffness, distance, self.contact_radius, twist_modulus
@@ -1872,7 +1875,7 @@ class CrystalState(Result):
         """(..., n_c) radius of the contact, m: that of the law, or k/2E* if the law does not know
         the radius.
         """
-        return np.asarray(self._punch / (2.0 * self.crystal._constants[0]))
+        return np.asarray(self._punch / (2.0 * self.crystal._constants["modulus"]))
 
     @property
     def exponent(self) -> Any:

@@ -227,7 +227,8 @@ class Problem:
     @cached_property
     def _elimination(self) -> Elimination:
         """The order of elimination of D less any value."""
-        return Elimination(self._entries[0])
+        places, _, _ = self._entries
+        return Elimination(places)
 
     def factors(self, value: float) -> Factors:
         """Return the factors of D - ``value``, (rad/s)^2; where that is exactly singular, those of

@@ -710,6 +710,24 @@ class _Trial(NamedTuple):
     resist: Any = None
 
 
+@dataclass
+class _Energies:
+    """Energies of a motion since its start, J.
+
+    Attributes
+    ----------
+    friction : what slip, twist and roll have taken up, stored or lost.
+    damping : what dashpots and drag have taken up.
+    work : of drives.
+    jumps : what was lost where contacts join and part.
+    """
+
+    friction: float = 0.0
+    damping: float = 0.0
+    work: float = 0.0
+    jumps: float = 0.0
+
+
 def _find_stiffest(normal: Powers | PairLaws, e: Array) -> Array:
     """Return the largest stiffnesses on the way to elongations: normal, and of flat punches as wide
     as the contacts, N/m.
@@ -826,7 +844,7 @@ class _System:
     joined: Any
     strokes: Array
     lifts: Array
-    worked: Array
+    energies: _Energies
     #: where balls were when those that may meet were listed, and how far one may have gone since, m
     _listed: Array
     _travelled: float
@@ -1093,9 +1111,7 @@ class _System:
         if self.waves.geometry == "exact":
             self._list()
         self._shear_energy_at_start = self.contacts.shear_energy(self.at)
-        # energies, J, that slip, twist and roll, and that dashpots and drag take up, the work of
-        # drives, and energies lost where contacts join and part
-        self.worked = np.zeros(4)
+        self.energies = _Energies()
         # the speeds of drives follow from their displacements in the last step: there is none yet
         self._start(np.zeros_like(self.strokes))
 
@@ -1150,7 +1166,7 @@ class _System:
             if len(trial.lifts):
                 mean_lifts = 0.5 * (self.lifts + trial.lifts)
                 moved = trial.step * (self._push @ trial.drift)
-                self.worked[2] += float(mean_lifts @ moved)
+                self.energies.work += float(mean_lifts @ moved)
             if explicit:
                 self._leap(trial, speeds)
             else:
@@ -1161,7 +1177,7 @@ class _System:
             remaining -= trial.step
             if has_jumps and self._find_overshoot(self.at) > 0.0:
                 self.joined, switched, loss = self.contacts.switch(self.at, self.joined)
-                self.worked[3] += loss
+                self.energies.jumps += loss
                 self._start(speeds)
                 often[switched] += 1
                 if np.max(often) > _RATTLES:
@@ -1246,15 +1262,16 @@ class _System:
             contacts.press(end, self.joined)
         spent, damped = contacts.follow(start, end, self._knows_law, self._speeds)
         self.at = end
-        self.worked[0] += spent
-        self.worked[1] += damped
+        self.energies.friction += spent
+        self.energies.damping += damped
         steady = self._steady_push(trial.lifts)
         gather(contacts.on_balls, self._places, self._scale, steady, self.acceleration)
         if self._has_drag:
-            self.worked[1] += trial.step * float(self._drag @ self.v**2)
+            self.energies.damping += trial.step * float(self._drag @ self.v**2)
             self._slow_down(self.acceleration, self.v, half)
         resist = self._find_resistance()
-        self.worked[2] += 0.5 * (self.resist + resist) @ (trial.strokes - self.strokes)
+        mean_resistance = 0.5 * (self.resist + resist)
+        self.energies.work += float(mean_resistance @ (trial.strokes - self.strokes))
         self.resist = resist
         kick(self.v, self.acceleration, half)
 
@@ -1278,7 +1295,8 @@ class _System:
             last = change
             change = float(np.max(np.abs(acceleration - guess)))
             size = max(float(np.max(np.abs(acceleration))), float(np.max(np.abs(self.v))) / step)
-            if change <= _SOLVED * size or last <= change <= _ROUNDED * size:
+            only_rounds = last <= change <= _ROUNDED * size  # it no longer gets nearer
+            if change <= _SOLVED * size or only_rounds:
                 resist = self._find_resistance()
                 x = self._spare_x
                 return _Trial(
@@ -1300,9 +1318,9 @@ class _System:
         self.at = trial.after
         self.x, self._spare_x = trial.x, self.x
         kick(self.v, trial.acceleration, trial.step)
-        self.worked[0] += trial.spent
-        self.worked[1] += trial.damped
-        self.worked[2] += trial.resist @ (trial.strokes - self.strokes)
+        self.energies.friction += trial.spent
+        self.energies.damping += trial.damped
+        self.energies.work += float(trial.resist @ (trial.strokes - self.strokes))
 
     def _keep(self, number: int, kept: Frames) -> None:
         """Keep the frame after this ``number`` of steps, and how wide the widest contact has become
@@ -1324,6 +1342,8 @@ class _System:
             - self._shear_energy_at_rest
             - float(self._weight @ self.x)
         )
+        # of what slip takes up, contacts still store a part
+        friction_loss = self.energies.friction - (shear_energy - self._shear_energy_at_start)
         wide = self._wide * np.sqrt(np.maximum(normal.overlap - moment.e, 0.0))
         self.widest = max(self.widest, float(np.max(wide, initial=0.0)))
         time = number * step
@@ -1343,11 +1363,8 @@ class _System:
                 "translation": 0.5 * float(np.sum(square[~operator.is_rotation])),
                 "rotation": 0.5 * float(np.sum(square[operator.is_rotation])),
                 "stored": stored + contacts.rest_energy(moment),
-                "lost": self.worked[0]
-                - (shear_energy - self._shear_energy_at_start)
-                + self.worked[1]
-                + self.worked[3],
-                "work": self.worked[2],
+                "lost": friction_loss + self.energies.damping + self.energies.jumps,
+                "work": self.energies.work,
             },
             np.where(normal.is_closed(moment.e, joined), moment.pull[0] + normal.rest, 0.0),
             contacts.shears(moment),
