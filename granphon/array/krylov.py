@@ -12,14 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.stencils import dot
+from granphon.array.stencils import CACHED, dot
 
 Values = NDArray[Any]
 Single = NDArray[Any]
 Map = Callable[[Values], Values]
-#: number of elements of vectors that are worked on at a time, so that they stay in the processor's
-#: cache
-_CACHED = 2**15
 
 
 def conjugate_gradients(
@@ -61,9 +58,9 @@ def _add(vector: Values, factor: float, addend: Values, scale: float = 1.0) -> N
     """Multiply a vector by the ``scale``, and add ``factor`` times the ``addend`` to it."""
     flat = vector.reshape(-1)
     flat_addend = addend.reshape(-1)
-    for low in range(0, flat.size, _CACHED):
-        block = flat[low : low + _CACHED]
-        added = flat_addend[low : low + _CACHED]
+    for low in range(0, flat.size, CACHED):
+        block = flat[low : low + CACHED]
+        added = flat_addend[low : low + CACHED]
         if scale != 1.0:
             np.multiply(block, scale, out=block)
         np.add(block, added if factor == 1.0 else factor * added, out=block)

@@ -27,15 +27,14 @@ from granphon.balls.motions import allowed_motions, select_motions
 from granphon.base.arrays import Array
 from granphon.dynamics.deformation_rows import Row, contact_rows, strain_rows
 from granphon.dynamics.linalg import invert_hermitian
+from granphon.statics.options import RestOptions
 
 #: number of elements of one array that are worked on at a time, so that they stay in the
 #: processor's cache
-_CACHED = 2**15
+CACHED = 2**15
 #: stiffness, over the mean, that preconditioners add to contacts or balls: a ball may have no
 #: contact, and its block has an inverse all the same
-HOLDING = 1e-5
-#: part of the way to its balance that each ball moves before and after Green's function
-_DAMPED = 0.8
+HOLDING = RestOptions.hold_single
 #: standard deviation of stiffnesses, over their mean, from which the preconditioner has a part for
 #: each ball
 _UNEVEN = 0.1
@@ -436,7 +435,7 @@ class Stencils:
         # with less than the whole motion of a ball the inverse is positive definite. With its
         # rotations taken apart it would not be
         hessian = product or self.hessian(stiffness)
-        smooth = self.block_jacobi(stiffness, _DAMPED)
+        smooth = self.block_jacobi(stiffness, RestOptions.damped)
 
         def apply(force: Array) -> Array:
             """Return the motion of one cycle: smoothed, corrected by Green's function, and smoothed
@@ -538,7 +537,7 @@ class Stencils:
         plane larger ones do.
         """
         arrays = self.n_fields if len(self.shape) == 3 else 1
-        step = max(1, _CACHED // (arrays * math.prod(self.shape[1:])))
+        step = max(1, CACHED // (arrays * math.prod(self.shape[1:])))
         for low, high in pairwise([*range(0, self.shape[0], step), self.shape[0]]):
             yield slice(low, high)
 

@@ -65,7 +65,7 @@ WELL_HELD = 1.3
 #: iterations after which a grid that can be factorised is
 _PATIENCE = 60
 #: iterations of a grid that cannot, at most
-_MOST_ITERATIONS = 60_000
+MOST_ITERATIONS = 60_000
 #: largest number of balls on a line, in a plane, in space whose matrix is factorised: the memory of
 #: factors grows faster than it, to about 1 GB
 MOST_BALLS = {1: 2**20, 2: 2**16, 3: 2**12}
@@ -74,7 +74,7 @@ _RESIDUAL = 1e-10
 #: the same after a round by GMRES
 _RESIDUAL_OF_ROUND = 1e-8
 #: rounding of a unit strain's forces, over the mean stiffness
-_NOISE = 1e-14
+NOISE = 1e-14
 #: vectors that GMRES keeps, and cycles of it, at most
 _KEPT = 60
 _CYCLES = 40
@@ -225,9 +225,9 @@ class LinearResponse:
         symmetric part of A, and the forces that they leave of it; None if they come to no end, and
         another way is to be tried. ConvergenceError if there is none.
         """
-        most = _PATIENCE if self._may_factorise else _MOST_ITERATIONS
+        most = _PATIENCE if self._may_factorise else MOST_ITERATIONS
         forces = right.reshape(self._contacts.n_balls, -1, right.shape[-1])
-        solution = self._iteration.solve(forces, reduction, most, _NOISE)
+        solution = self._iteration.solve(forces, reduction, most, NOISE)
         if solution.has_arrived:
             return solution.motions.reshape(right.shape), solution.remaining.reshape(right.shape)
         if self._symmetric and not self._may_factorise:
@@ -318,7 +318,7 @@ class LinearResponse:
         """Return the norm of ``size`` forces that are nothing but rounding: where balls hardly
         differ, what a strain leaves is rounding of the forces that it makes.
         """
-        return _NOISE * self._level * math.sqrt(size)
+        return NOISE * self._level * math.sqrt(size)
 
 
 def find_elastic_tensor(contacts: ContactList) -> Array:
