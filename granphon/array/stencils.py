@@ -151,13 +151,14 @@ class Stencils:
         matrices = np.zeros((2, self.n_rows, self.n_fields))
         project = np.eye(m)
         project[:p, :p] = np.linalg.inv(self.basis)
-        for place, kind in enumerate(self._kinds):
-            for end, rows in enumerate((kind.head @ project, kind.tail @ project)):
-                near = np.rint(rows)
-                rows = np.where(np.abs(rows - near) < _ROUNDED, near, rows)
-                for contact, (ends, line) in enumerate(zip(self.ends, rows, strict=True)):
+        for number, kind in enumerate(self._kinds):
+            for end, projected in enumerate((kind.head @ project, kind.tail @ project)):
+                # whole numbers without rounding, so that motions of the whole deform nothing
+                whole = np.rint(projected)
+                rows = np.where(np.abs(projected - whole) < _ROUNDED, whole, projected)
+                for contact, (ends, row) in enumerate(zip(self.ends, rows, strict=True)):
                     first = m * ends[1 - end]
-                    matrices[end, place * n + contact, first : first + m] = line
+                    matrices[end, number * n + contact, first : first + m] = row
         return matrices
 
     @cached_property

@@ -75,6 +75,7 @@ def collect_forces(force: Array, torque: Array, axes: Array, fields: NDArray[Any
     """
     p = len(axes)
     cells = fields.shape[2]
+    # rotations are about all axes, or about the third alone
     first = p if fields.shape[1] - p == 3 else p - 2
     for ball in range(len(fields)):
         place = ball * cells
@@ -125,11 +126,13 @@ def measure_straight(
         x = displacement[j, 0] - displacement[i, 0]
         y = displacement[j, 1] - displacement[i, 1]
         z = displacement[j, 2] - displacement[i, 2]
+        # what rotations carry the surfaces at the contact by: r x n
         arm_i = 0.5 - contacts.uneven[c]
         arm_j = 0.5 + contacts.uneven[c]
         rx = arm_i * rotation[i, 0] + arm_j * rotation[j, 0]
         ry = arm_i * rotation[i, 1] + arm_j * rotation[j, 1]
         rz = arm_i * rotation[i, 2] + arm_j * rotation[j, 2]
+        # the second tangent b = n x t
         bx = ny * tz - nz * ty
         by = nz * tx - nx * tz
         bz = nx * ty - ny * tx
@@ -339,6 +342,7 @@ def add_forces(
         bx = ny * tz - nz * ty
         by = nz * tx - nx * tz
         bz = nx * ty - ny * tx
+        # the force f n - T on ball j
         x = size * nx - along_t * tx - along_b * bx
         y = size * ny - along_t * ty - along_b * by
         z = size * nz - along_t * tz - along_b * bz
@@ -350,6 +354,7 @@ def add_forces(
         force[j, 2] += z
         arm_i = 0.5 * at.distance[c] - contacts.uneven[c]
         arm_j = 0.5 * at.distance[c] + contacts.uneven[c]
+        # n x T, times the arm the torque on either ball
         x = along_t * bx - along_b * tx
         y = along_t * by - along_b * ty
         z = along_t * bz - along_b * tz

@@ -375,6 +375,7 @@ class LawMedium(Medium[ContactState]):
         overlap = state.overlap
 
         def prepare(step: float) -> tuple[LawMedium, Law, Load]:
+            """Return the medium at a ``step``, its law near this one, and the load."""
             medium, changed_load = change(step)
             return medium, medium._law_near(self), changed_load.applied
 
