@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.array.geometry import ExactPlace
 from granphon.array.stencils import number_cells
 from granphon.balls.lattices import Lattice
-from granphon.balls.motions import Motions, allowed_motions, select_motions
+from granphon.balls.motions import Motions, default_motions, select_motions
 from granphon.base.arrays import Array
 from granphon.contacts.contact_list import ContactList
 from granphon.contacts.grid import Grid
@@ -44,8 +44,7 @@ def select_resisted(
     lattice: Lattice, shear: ArrayLike, torsion: ArrayLike, bending: float
 ) -> Motions:
     """Return the motions of balls on a lattice that some contact resists, by its stiffnesses."""
-    among = next(iter(allowed_motions(lattice.periods).values()))
-    return select_motions(shear, torsion, bending, among)
+    return select_motions(shear, torsion, bending, default_motions(lattice.periods))
 
 
 def list_on_lattice(

@@ -106,31 +106,38 @@ class LoadingHistory:
         no load is carried.
         """
         if self.start == GAS:
-            # from where the first two balls touch
-            return self.stepper.press_gas(
-                -float(np.max(self.stencils.average_pairs(self.deviations)))
-            )
+            largest = float(np.max(self.stencils.average_pairs(self.deviations)))
+            return self.stepper.press_gas(-largest)  # from where the first two balls touch
         smooth = Stencils(
             self.stencils.shape, workers=self.stencils.workers, lattice=self.stencils.lattice
         )
-        load = ReducedLoad(overlap=START_SPACING - 0.5) if self.start is None else self.start
-        state = load
-        if isinstance(load, ReducedLoad):
-            try:
-                state = equilibrate(self.deviations, load, smooth)
-            except InputError as error:
-                where = self.stepper.name_load(load)
-                problem = f"the history starts below the threshold, at {where}"
-                mend = 'Start at a higher load, or at "gas" for an array that only friction holds'
-                raise InputError(
-                    problem, "Without friction the balls carry no load there", mend
-                ) from error
-        assert isinstance(state, Equilibrium)
+        start = self.start
+        if start is None:
+            start = ReducedLoad(overlap=START_SPACING - 0.5)
+        if isinstance(start, Equilibrium):
+            state = start
+            load = ReducedLoad(overlap=state.overlap)
+        else:
+            assert isinstance(start, ReducedLoad)
+            load = start
+            state = self._rest_without_friction(load, smooth)
         ratio = self.ratio
         if ratio and not (isinstance(state, TrueEquilibrium) and state.ratio == ratio):
-            same = load if isinstance(load, ReducedLoad) else ReducedLoad(overlap=state.overlap)
-            state = equilibrate(self.deviations, same, smooth, state, ratio=ratio)
+            state = equilibrate(self.deviations, load, smooth, state, ratio=ratio)
         return self.stepper.place(state.balls, state.overlap, state.residual)
+
+    def _rest_without_friction(self, load: ReducedLoad, smooth: Stencils) -> Equilibrium:
+        """Return the balls at rest under a load by ``smooth`` stencils, those without slips;
+        InputError if they carry no load.
+        """
+        try:
+            return equilibrate(self.deviations, load, smooth)
+        except InputError as error:
+            where = self.stepper.name_load(load)
+            problem = f"the history starts below the threshold, at {where}"
+            why = "Without friction the balls carry no load there"
+            mend = 'Start at a higher load, or at "gas" for an array that only friction holds'
+            raise InputError(problem, why, mend) from error
 
     def path(
         self, loads: Iterable[ReducedLoad], first: PressedArray | None = None

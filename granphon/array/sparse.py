@@ -21,7 +21,7 @@ from granphon.array.geometry import ADDED_STIFFNESS
 from granphon.array.sparse_matrices import compose
 from granphon.balls import hertz
 from granphon.balls.lattices import TRIANGULAR, Lattice
-from granphon.balls.motions import Motions, allowed_motions, select_motions
+from granphon.balls.motions import Motions, default_motions, select_motions
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
 from granphon.dynamics.deformation_rows import Row, contact_rows, strain_rows
@@ -79,8 +79,7 @@ class SparseArray:
     def _list_rows(self, mindlin_ratio: float) -> tuple[list[Row], Motions]:
         """Return the deformations of the contacts, and the motions of each ball."""
         table = self.lattice.contacts
-        among = next(iter(allowed_motions(self._d).values()))
-        motions = select_motions(mindlin_ratio, 0.0, 0.0, among)
+        motions = select_motions(mindlin_ratio, 0.0, 0.0, default_motions(self._d))
         rows = contact_rows(table.normal, table.arm_i, table.arm_j, motions, slip=mindlin_ratio)
         return rows, motions
 

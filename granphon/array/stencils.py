@@ -23,7 +23,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from granphon.array.contact_operator import ContactHessian, ContactOperator
 from granphon.balls.lattices import TRIANGULAR, Lattice
-from granphon.balls.motions import allowed_motions, select_motions
+from granphon.balls.motions import default_motions, select_motions
 from granphon.base.arrays import Array
 from granphon.dynamics.deformation_rows import Row, contact_rows, strain_rows
 from granphon.dynamics.linalg import invert_hermitian
@@ -83,9 +83,7 @@ class Stencils:
         table = lattice.contacts
         p = lattice.periods
         normal = table.normal[:, :p]
-        self.motions = select_motions(
-            mindlin_ratio, torsion, bending, next(iter(allowed_motions(p).values()))
-        )
+        self.motions = select_motions(mindlin_ratio, torsion, bending, default_motions(p))
         self.n_contacts = len(table)
         self.n_balls = lattice.n_balls
         self.n_fields = self.n_balls * self.motions.count

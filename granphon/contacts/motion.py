@@ -212,8 +212,9 @@ class MovingContacts:
     def follow_mean(
         self, before: Moment, after: Moment, joined: Any, step: float
     ) -> tuple[float, float]:
-        """As :meth:`follow`, with the mean forces of a ``step``, s, on balls, so that it keeps the
-        energy.
+        """Set forces of contacts ``after`` a ``step``, s, and on balls the mean forces of the step,
+        by which it keeps the energy; return the energies that slip, twist and roll, and dashpots
+        take up, J.
         """
         mean = self.law.mean(before.e, after.e, joined)
         return self._go(before, after, self.rules, mean=mean, step=step)

@@ -43,7 +43,7 @@ from granphon.balls.contact_model import LAW_KINDS, ContactModel, GivenLaw
 from granphon.balls.hertz import NO_STIFFNESS, NO_TENSION, HertzLaw
 from granphon.balls.lattices import LATTICES, Lattice, find_structure
 from granphon.balls.layers import Layers, find_faces, read_edges
-from granphon.balls.motions import Motions, allowed_motions, select_motions
+from granphon.balls.motions import Motions, allowed_motions, default_motions, select_motions
 from granphon.balls.neighbours import (
     TOUCH,
     ContactTable,
@@ -2013,7 +2013,7 @@ class CrystalState(Result):
         d = crystal.dimension
         return ContactNetwork(
             pbc=(p > 0, p > 1, p > 2),
-            motions=crystal.motions or next(iter(allowed_motions(d))),
+            motions=crystal.motions or default_motions(d).name,
             dimension=d,
             prestress=self.finite_overlap,
             adhesive=crystal._laws.adhere,

@@ -33,7 +33,7 @@ from granphon.balls.diameters import Measured
 from granphon.balls.hertz import EnergyLaw, HertzLaw
 from granphon.balls.lattices import Lattice, as_direction
 from granphon.balls.loads import Load
-from granphon.balls.motions import Motions, allowed_motions
+from granphon.balls.motions import Motions, default_motions
 from granphon.balls.packing import Packing, given_packing
 from granphon.base.arrays import Array
 from granphon.base.differences import Course
@@ -868,16 +868,16 @@ class DirectSimulation(Medium[SimulatedState]):
         packing = self.packing
         structure = packing.structure
         periods = structure.periods
-        default_motions = next(iter(allowed_motions(periods).values()))
+        motions_of_lattice = default_motions(periods)
         why = "Simulated balls move along the periods of their lattice"
         if structure.dimension > periods:
             problem = f"balls with a lattice of {periods} periods in space are not simulated"
             raise InputError(problem, why, "Use another medium")
-        if packing.motions not in (None, default_motions.name):
+        if packing.motions not in (None, motions_of_lattice.name):
             problem = f"balls with the motions {packing.motions!r} are not simulated"
-            mend = f"Use another medium, or the motions {default_motions.name!r}"
+            mend = f"Use another medium, or the motions {motions_of_lattice.name!r}"
             raise InputError(problem, why, mend)
-        return default_motions
+        return motions_of_lattice
 
     def _suggest_support(self) -> str:
         """Return the sentence of a message that says what holds a lattice which does not stand

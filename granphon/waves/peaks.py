@@ -343,7 +343,11 @@ def _refine_peaks(
     starts: _PeakFits, windows: _Windows, is_peak: NDArray[np.bool_], solve: Solve
 ) -> tuple[_PeakFits, NDArray[np.bool_]]:
     """Return the peaks, (n, n_r), of the response that is solved in their ``windows``, round by
-    round, and which of them stand; ``starts`` are nearest to them.
+    round, and which of them stand; ``starts`` are about where they are.
+
+    In each round the response is solved at the nodes of Chebyshev of each window whose peaks do not
+    yet stand. Through these values goes a quotient of polynomials, whose peak says where the next,
+    narrower window is.
     """
     fits = starts._replace(
         squares=starts.squares.copy(), heights=starts.heights.copy(), quality=starts.quality.copy()
@@ -361,16 +365,14 @@ def _refine_peaks(
         samples = solve(frequencies)[index.reshape(nodes.size, active.size)]
         for place, number in enumerate(active.tolist()):
             window = middle[place], half[place]
-            is_within = windows.find_room(number)
+            has_room = windows.find_room(number)
             ends = []
             for receiver in np.flatnonzero(is_peak[number]).tolist():
-                index_of_peak = number, receiver
+                peak = number, receiver
                 quotient = _Quotient.through(nodes, samples[:, place, receiver])
-                change = _set_peak(
-                    fits, index_of_peak, window, quotient, is_within & may_widen[index_of_peak]
-                )
-                stands[index_of_peak] = change.stands
-                may_widen[index_of_peak] &= change.may_widen
+                change = _set_peak(fits, peak, window, quotient, has_room & may_widen[peak])
+                stands[peak] = change.stands
+                may_widen[peak] &= change.may_widen
                 ends.append(change.ends)
             windows.replace(number, np.transpose(ends))
     return fits, stands & is_peak
