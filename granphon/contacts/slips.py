@@ -164,6 +164,7 @@ def measure_turned(
         ex = contacts.normal[c, 0]
         ey = contacts.normal[c, 1]
         ez = contacts.normal[c, 2]
+        # w = e + eps v joins the centres, in d
         x = displacement[j, 0] - displacement[i, 0] - overlap * ex
         y = displacement[j, 1] - displacement[i, 1] - overlap * ey
         z = displacement[j, 2] - displacement[i, 2] - overlap * ez
@@ -171,7 +172,7 @@ def measure_turned(
         wy = ey + eps * y
         wz = ez + eps * z
         size = math.sqrt(wx * wx + wy * wy + wz * wz)
-        # no two numbers that are nearly equal are subtracted
+        # |w| - 1, over eps: no two numbers that are nearly equal are subtracted
         grown = 2.0 * (ex * x + ey * y + ez * z) + eps * (x * x + y * y + z * z)
         overlaps[c] = contacts.offset[c] - grown / (1.0 + size)
         nx = wx / size
@@ -186,6 +187,7 @@ def measure_turned(
             tangent[c, 1] = nx
             tangent[c, 2] = 0.0
             continue
+        # the tangent goes along by the smallest rotation from e to n
         tx = contacts.tangent[c, 0]
         ty = contacts.tangent[c, 1]
         tz = contacts.tangent[c, 2]
@@ -194,6 +196,7 @@ def measure_turned(
         tx -= factor * (ex + nx)
         ty -= factor * (ey + ny)
         tz -= factor * (ez + nz)
+        # and turns about n by the mean of the spins of both balls
         spin = (rotation[i, 0] + rotation[j, 0]) * ex
         spin += (rotation[i, 1] + rotation[j, 1]) * ey
         spin += (rotation[i, 2] + rotation[j, 2]) * ez

@@ -91,6 +91,12 @@ _STEPS = 60.0
 _LEAST_STEPS = 4.0
 #: least number of the steps that a run chooses, in the shortest period at any time
 _FEWEST_STEPS = 30.0
+#: depths among which the one is sought to which a ball presses a contact: the least, over the mean
+#: radius; the ratio of two that follow each other, by which the stiffness of Hertz's law rises by an
+#: eighth; and their number, up to far above any
+_LEAST_DEPTH = 1e-12
+_DEPTH_RATIO = 1.25
+_N_DEPTHS = 201
 #: stiffnesses, N/m, among which the greatest is sought that a step allows
 _STIFFNESSES = np.geomspace(1e-30, 1e30, 14_001)
 #: share of a step that counts for rounding, where a given step divides the time from frame to frame
@@ -994,21 +1000,18 @@ class _System:
                 mend="Compare the units",
             )
         # the first of these depths that takes the energy and bears the force, by bisection
-        depths = (
-            1e-12
-            * float(np.mean(self.network.radii[self.network.moving]))
-            * 1.25 ** np.arange(201.0)
-        )
+        mean_radius = float(np.mean(self.network.radii[self.network.moving]))
+        depths = _LEAST_DEPTH * mean_radius * _DEPTH_RATIO ** np.arange(float(_N_DEPTHS))
         low = np.zeros(len(e), np.int16)
         is_pressed = energy > 0.0 or force > 0.0
-        high = np.full(len(e), 200 if is_pressed else 0, np.int16)
+        high = np.full(len(e), _N_DEPTHS - 1 if is_pressed else 0, np.int16)
         while np.any(low < high):
             middle = (low + high) // 2
-            deep = depths[middle]
-            short = normal.store(-deep) + normal.rest * deep < energy
-            short |= normal.press(-deep)[0] < force
-            low = np.where(short, middle + 1, low)
-            high = np.where(short, high, middle)
+            depth = depths[middle]
+            is_shallow = normal.store(-depth) + normal.rest * depth < energy
+            is_shallow |= normal.press(-depth)[0] < force
+            low = np.where(is_shallow, middle + 1, low)
+            high = np.where(is_shallow, high, middle)
         depth = np.maximum(depths[low], displacement)
         stiffness = _find_stiffest(normal, np.minimum(-depth, e))
         if np.any(self.waves.gravity):  # what a ball of this network falls by its own size presses
