@@ -92,8 +92,8 @@ _LEAST_STEPS = 4.0
 #: least number of the steps that a run chooses, in the shortest period at any time
 _FEWEST_STEPS = 30.0
 #: depths among which the one is sought to which a ball presses a contact: the least, over the mean
-#: radius; the ratio of two that follow each other, by which the stiffness of Hertz's law rises by an
-#: eighth; and their number, up to far above any
+#: radius; the ratio of two that follow each other, by which the stiffness of Hertz's law rises by
+#: an eighth; and their number, up to far above any
 _LEAST_DEPTH = 1e-12
 _DEPTH_RATIO = 1.25
 _N_DEPTHS = 201
