@@ -326,22 +326,22 @@ class Hexagon:
         at_walls = forces[len(i) :]
         self._require_shallow(applied, float(np.max(between_balls)), float(np.max(at_walls)))
         return PressedHexagon(
-            self.packing,
-            self.balls_per_side,
-            applied,
-            self.sites,
-            self.deviations,
-            np.insert(rest.displacement, self._middle, 0.0, axis=0),
-            rest.wall_motion,
-            i,
-            j,
-            normal,
-            ball,
-            wall,
-            between_balls,
-            at_walls,
-            self.wall_coefficient,
-            rest.residual,
+            packing=self.packing,
+            balls_per_side=self.balls_per_side,
+            side_force=applied,
+            sites=self.sites,
+            deviations=self.deviations,
+            displacements=np.insert(rest.displacement, self._middle, 0.0, axis=0),
+            retreats=rest.wall_motion,
+            i=i,
+            j=j,
+            normal=normal,
+            ball=ball,
+            wall=wall,
+            forces=between_balls,
+            wall_forces=at_walls,
+            wall_coefficient=self.wall_coefficient,
+            residual=rest.residual,
         )
 
     def _require_shallow(self, side_force: float, between: float, at_wall: float) -> None:

@@ -34,16 +34,16 @@ def conjugate_gradients(
     product = 0.0
     direction = np.zeros_like(right)
     for count in range(most_iterations + 1):
-        better = precondition(remaining)
+        preconditioned = precondition(remaining)
         last = product
-        product = dot(remaining, better)
+        product = dot(remaining, preconditioned)
         if not count:
             aim = reduction**2 * product
         if product <= aim:
             return solution, count
         if count == most_iterations:
             break
-        _add(direction, 1.0, better, product / last if count else 0.0)
+        _add(direction, 1.0, preconditioned, product / last if count else 0.0)
         change = apply(direction)
         curvature = dot(direction, change)
         if curvature <= 0.0:

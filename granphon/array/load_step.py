@@ -236,7 +236,13 @@ class LoadStep:
         for stage in range(min(stages, _MOST_STAGES), -1, -1):
             law = replace(self._law, mindlin_ratio=self._law.mindlin_ratio * _STIFFER**-stage)
             step = LoadStep(
-                self._geometry, law, self._here, self._place, self._load, self._patches, self._drag
+                geometry=self._geometry,
+                law=law,
+                here=self._here,
+                place=self._place,
+                load=self._load,
+                patches=self._patches,
+                drag=self._drag,
             )
             trial = trial.follow(step._try(trial.balls, trial.overlap, guess))
             trial = step._iterate(trial, _SOFT_STEPS, _PATIENCE, guess, _NEARLY * mu)
@@ -365,7 +371,18 @@ class LoadStep:
         if _FALLEN * self._here.force < scale < math.inf:
             missed = abs(push) / (forces.size * scale)
             left = largest / scale
-        return Trial(place, balls, overlap, contacts, linearise, pull, push, left, missed, size)
+        return Trial(
+            place=place,
+            balls=balls,
+            overlap=overlap,
+            contacts=contacts,
+            linearise=linearise,
+            pull=pull,
+            push=push,
+            left=left,
+            missed=missed,
+            size=size,
+        )
 
     def _direct(self, trial: Trial, hold: float) -> tuple[Motion, int]:
         """Return the step of Newton's method, and the number of iterations that it took."""

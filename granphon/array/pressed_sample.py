@@ -161,18 +161,18 @@ class PressedEquilibrium(Equilibrium):
     def resume(self) -> PressedArray:
         """Return the state as a history takes it up again."""
         return PressedArray(
-            self.overlap,
-            self.sheared.spread(self.balls, self.rotations),
-            self.contacts,
-            self.law,
-            self.residual,
-            self.work,
-            self.slid,
-            self.loosened,
-            self.damped,
-            self.steps,
-            self.newton,
-            self.conjugate,
+            overlap=self.overlap,
+            balls=self.sheared.spread(self.balls, self.rotations),
+            contacts=self.contacts,
+            law=self.law,
+            residual=self.residual,
+            work=self.work,
+            slid=self.slid,
+            loosened=self.loosened,
+            damped=self.damped,
+            steps=self.steps,
+            newton=self.newton,
+            krylov=self.conjugate,
         )
 
     @property

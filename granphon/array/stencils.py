@@ -544,13 +544,13 @@ class Stencils:
     def _groups(self) -> list[slice]:
         """Fields of the displacements, and those of the rotations, of each ball of the cell."""
         count = self.motions.count
-        parts = (self.motions.translating, self.motions.turning)
-        groups = [range(count)[part] for part in parts if range(count)[part]]
-        return [
-            slice(ball * count + group.start, ball * count + group.stop)
-            for ball in range(self.n_balls)
-            for group in groups
-        ]
+        n_translations = len(self.motions.translations)
+        groups = []
+        for first in range(0, self.n_fields, count):
+            between = first + n_translations
+            end = first + count
+            groups += [slice(first, between), slice(between, end)]
+        return [group for group in groups if group.start < group.stop]
 
 
 def dot(first: Array, second: Array) -> float:

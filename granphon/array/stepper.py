@@ -245,7 +245,15 @@ class Stepper:
 
     def _make_step(self, here: PressedArray, load: ReducedLoad, drag: float) -> LoadStep:
         """Return the step from a state to a load, with dashpots of stiffness ``drag``."""
-        return LoadStep(self.geometry, self.law, here, self.locate(here), load, self._patches, drag)
+        return LoadStep(
+            geometry=self.geometry,
+            law=self.law,
+            here=here,
+            place=self.locate(here),
+            load=load,
+            patches=self._patches,
+            drag=drag,
+        )
 
     @staticmethod
     def name_load(load: ReducedLoad) -> str:
@@ -320,18 +328,18 @@ class Stepper:
         """Return the state at the end of a step, with energies."""
         slid, loosened = self.law.lost(here.contacts, trial.contacts)
         state = PressedArray(
-            trial.overlap,
-            trial.balls,
-            trial.contacts,
-            self.law,
-            trial.left,
-            here.work + slid + loosened,
-            here.slid + slid,
-            here.loosened + loosened,
-            here.damped,
-            here.steps + 1,
-            here.newton + trial.newton,
-            here.krylov + trial.krylov,
+            overlap=trial.overlap,
+            balls=trial.balls,
+            contacts=trial.contacts,
+            law=self.law,
+            residual=trial.left,
+            work=here.work + slid + loosened,
+            slid=here.slid + slid,
+            loosened=here.loosened + loosened,
+            damped=here.damped,
+            steps=here.steps + 1,
+            newton=here.newton + trial.newton,
+            krylov=here.krylov + trial.krylov,
         )
         self._located.append((trial.balls, trial.place))
         return replace(state, work=state.work + state.stored - here.stored)

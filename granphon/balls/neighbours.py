@@ -90,13 +90,13 @@ class ContactTable:
     def scale(self, factor: float) -> ContactTable:
         """Return the same contacts with every length multiplied by ``factor``, a pure number."""
         return ContactTable(
-            self.i,
-            self.j,
-            self.shift,
-            self.normal,
-            read_only(self.vector * factor),
-            read_only(self.arm_i * factor),
-            read_only(self.arm_j * factor),
+            i=self.i,
+            j=self.j,
+            shift=self.shift,
+            normal=self.normal,
+            vector=read_only(self.vector * factor),
+            arm_i=read_only(self.arm_i * factor),
+            arm_j=read_only(self.arm_j * factor),
         )
 
     def take(self, rows: Any, i: Any, j: Any, shift: Any, turn: Any = None) -> ContactTable:

@@ -296,16 +296,16 @@ def go_on(
     runs: Runs,
     stiffness: Values,
     strained: Values,
-    better: Values,
+    preconditioned: Values,
     last: float,
     direction: Values,
     change: Values,
     solution: Values,
     remaining: Values,
 ) -> tuple[float, float, float]:
-    """Take a step of conjugate gradients; return the product of the forces that remain with the
-    motion that is ``better``, the curvature along the direction, and the square of what then
-    remains.
+    """Take a step of conjugate gradients; return the product of the ``remaining`` forces with the
+    ``preconditioned`` ones, the curvature along the ``direction``, and the square of the forces
+    that then remain.
 
     Vectors (n + s,) are motions of balls, field by field, and strains of the cell, or forces on
     them. ``strained`` (kinds, s) are elongations by unit strains, and ``last`` is the product of
@@ -315,10 +315,10 @@ def go_on(
     s = strained.shape[1]
     n = len(direction) - s
     fields = n // cells
-    product = multiply(remaining, better)
+    product = multiply(remaining, preconditioned)
     factor = product / last if last else 0.0
     for place in range(len(direction)):
-        direction[place] = factor * direction[place] + better[place]
+        direction[place] = factor * direction[place] + preconditioned[place]
     elongations = np.zeros(kinds if s else 0, direction.dtype)
     tensions = np.zeros(kinds if s else 0, direction.dtype)
     for strain in range(s):

@@ -1011,15 +1011,15 @@ class Crystal(Result):
         d = self.dimension
         p = self.periods
         return CrystalState(
-            self,
-            laws.force(overlap),
-            overlap,
-            laws.stiffness(overlap),
-            assembly.normal[: self.n_contacts, :d],
-            np.zeros((self.n_balls, d)),
-            np.zeros((p, p)),
-            np.zeros((p, p)),
-            np.zeros(assembly.n_walls),
+            crystal=self,
+            normal_force=laws.force(overlap),
+            overlap=overlap,
+            normal_stiffness=laws.stiffness(overlap),
+            normal=assembly.normal[: self.n_contacts, :d],
+            displacements=np.zeros((self.n_balls, d)),
+            stress=np.zeros((p, p)),
+            strain=np.zeros((p, p)),
+            ways=np.zeros(assembly.n_walls),
         )
 
     @property

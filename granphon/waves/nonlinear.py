@@ -1303,7 +1303,16 @@ class _System:
                 resist = self._find_resistance()
                 x = self._spare_x
                 return _Trial(
-                    step, strokes, lifts, x, self._spare_v, moment, guess, spent, damped, resist
+                    step=step,
+                    strokes=strokes,
+                    lifts=lifts,
+                    x=x,
+                    drift=self._spare_v,
+                    after=moment,
+                    acceleration=guess,
+                    spent=spent,
+                    damped=damped,
+                    resist=resist,
                 )
             guess = acceleration
         raise _Stop(_UNSOLVED)

@@ -1221,7 +1221,17 @@ class Route:
                 other_way = course.period - flight_length
                 duration = min(duration, other_way / float(fastest[0]))
         times = _list_readings(burst, duration)
-        return cls(course, burst, push, start, sources, groups, fastest, times, frames)
+        return cls(
+            course=course,
+            burst=burst,
+            push=push,
+            start=start,
+            sources=sources,
+            groups=groups,
+            fastest=fastest,
+            times=times,
+            frames=frames,
+        )
 
     @property
     def last(self) -> float:
