@@ -190,7 +190,11 @@ class _Cages:
 
 
 def find_way_down(configuration: Configuration, equations: Equations) -> Configuration | None:
-    """Return where to go on from a saddle of the energy; None at a minimum."""
+    """Return where to go on from a saddle of the energy; None at a minimum.
+
+    No curvature of the energy is below minus the strongest push. So the lowest curvature is that
+    nearest to this bound, and is found by factors with the bound as a shift.
+    """
     options = equations.options
     problem = configuration.problem
     linear = equations.linearise(configuration, configuration.stiffness)
@@ -198,21 +202,20 @@ def find_way_down(configuration: Configuration, equations: Equations) -> Configu
     if linear.factorise(options.curvature * strongest).n_below == 0:
         return None
     n = problem.n_ball_unknowns
-    scaled = linear.matrix / linear.level
-    most = strongest / linear.level
-    solve = linear.factorise(strongest)
-    value, vector = find_nearest(
-        scaled,
-        1,
-        -most,
-        lambda right: solve.solve(right) * linear.level,
-        np.cos(np.arange(n) ** 2.0),
-    )
-    if value[0] > -options.curvature * most:
+    bound = strongest / linear.level
+    factors = linear.factorise(strongest)
+
+    def solve(right: Array) -> Array:
+        """Return the solution with the shifted matrix, over its level."""
+        return np.asarray(factors.solve(right) * linear.level)
+
+    start = np.cos(np.arange(n) ** 2.0)  # the same at each call, and with a part of every motion
+    curvatures, vectors = find_nearest(linear.matrix / linear.level, 1, -bound, solve, start)
+    if curvatures[0] > -options.curvature * bound:
         return None
-    way = np.zeros(problem.size)
-    way[:n] = vector[:, 0]
-    return go_down(configuration, way, options)
+    direction = np.zeros(problem.size)
+    direction[:n] = vectors[:, 0]
+    return go_down(configuration, direction, options)
 
 
 def go_down(configuration: Configuration, way: Array, options: RestOptions) -> Configuration:
