@@ -23,13 +23,16 @@ from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
 from granphon.dynamics.elasticity import voigt_pairs
 from granphon.statics.options import RestOptions
-from granphon.statics.response import MOST_ITERATIONS, NOISE
 from granphon.statics.stiff_factors import factorise_stiff
 
+#: largest number of iterations for a linear response
+_MOST_ITERATIONS = 60_000
 #: the least reduction that is asked of single precision at a time
 _SINGLE = 1e-4
 #: part of the energy of what was left before, from which single precision comes no nearer
 _STALLED = 1e-2
+#: fraction of a tension or a force that rounding may leave unbalanced
+_NOISE = 1e-14
 #: relative error of the motions under a strain, which enters elastic constants squared
 _ELASTIC = 1e-7
 
@@ -98,12 +101,12 @@ def find_linear_response(
         # squares of the error in the norm of the energy, as the preconditioner estimates it
         last_square = math.inf
         square = dot(residual, precondition(residual))
-        aim = max(reduction**2 * square, NOISE**2 * tensions)
+        aim = max(reduction**2 * square, _NOISE**2 * tensions)
         # in single precision, refined by residuals in double precision
         while aim < square < _STALLED * last_square:
             ahead = max(math.sqrt(aim / square), _SINGLE)
             rounded = residual.astype(np.float32)
-            most = MOST_ITERATIONS - n_iterations
+            most = _MOST_ITERATIONS - n_iterations
             change, count = conjugate_gradients(
                 lambda balls: product(balls)[0], precondition, rounded, ahead, most
             )
@@ -115,12 +118,12 @@ def find_linear_response(
         if square <= aim:
             return motion
         # in double precision where that has stalled
-        most = MOST_ITERATIONS - n_iterations
+        most = _MOST_ITERATIONS - n_iterations
         ahead = math.sqrt(aim / square)
         change, count = conjugate_gradients(resist, precondition, residual, ahead, most)
         if count == most:
             raise ConvergenceError(
-                f"the linear response of the sample is not found in {MOST_ITERATIONS} steps",
+                f"the linear response of the sample is not found in {_MOST_ITERATIONS} steps",
                 mend="Raise the load",
             )
         return motion + change

@@ -27,14 +27,15 @@ from granphon.balls.motions import default_motions, select_motions
 from granphon.base.arrays import Array
 from granphon.dynamics.deformation_rows import Row, contact_rows, strain_rows
 from granphon.dynamics.linalg import invert_hermitian
-from granphon.statics.options import RestOptions
 
 #: number of elements of one array that are worked on at a time, so that they stay in the
 #: processor's cache
 CACHED = 2**15
 #: stiffness, over the mean, that preconditioners add to contacts or balls: a ball may have no
 #: contact, and its block has an inverse all the same
-HOLDING = RestOptions.hold_single
+HOLDING = 1e-5
+#: part of the way to its balance that each ball moves before and after Green's function
+_DAMPED = 0.8
 #: standard deviation of stiffnesses, over their mean, from which the preconditioner has a part for
 #: each ball
 _UNEVEN = 0.1
@@ -434,7 +435,7 @@ class Stencils:
         # with less than the whole motion of a ball the inverse is positive definite. With its
         # rotations taken apart it would not be
         hessian = product or self.hessian(stiffness)
-        smooth = self.block_jacobi(stiffness, RestOptions.damped)
+        smooth = self.block_jacobi(stiffness, _DAMPED)
 
         def apply(force: Array) -> Array:
             """Return the motion of one cycle: smoothed, corrected by Green's function, and smoothed

@@ -151,8 +151,7 @@ def _invert_blocks(matrix: Any, count: int) -> tuple[Any, Any]:
     n_balls = size // count
     entries = matrix.tocoo()
     is_own = entries.row // count == entries.col // count
-    rows = entries.row[is_own]
-    columns = entries.col[is_own]
+    rows, columns = entries.row[is_own], entries.col[is_own]
     blocks = np.zeros((n_balls, count, count))
     blocks[rows // count, rows % count, columns % count] = entries.data[is_own]
     stiffness, vectors = np.linalg.eigh(blocks)

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from granphon.base.compiled import compiled
 from granphon.contacts.grid import Grid
 from granphon.dynamics.linalg import invert_hermitian
-from granphon.statics.options import RestOptions
 
 Values = NDArray[Any]
+#: balls of a grid, at most, whose Green's function is kept: all samples of a packing share one
+_KEPT_BALLS = 2**17
 #: number of waves at which matrices are inverted at a time
 _WAVES = 2**15
 
@@ -40,7 +41,7 @@ class GreenFunction:
             tuple(grid.shift.ravel().tolist()),
             tuple(grid.normal[:, : len(grid.shape)].ravel().tolist()),
         )
-        is_kept = grid.n_cells * grid.n_balls <= RestOptions.kept_green
+        is_kept = grid.n_cells * grid.n_balls <= _KEPT_BALLS
         find = _find_table if is_kept else _find_table.__wrapped__
         #: (f, f, waves); with one ball in the cell it is real
         self._table = find(*key)

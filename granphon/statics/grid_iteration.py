@@ -34,9 +34,15 @@ from granphon.contacts.grid_product import (
 )
 from granphon.contacts.tangent import Tangent, find_tangent
 from granphon.statics.green import multiply_waves
-from granphon.statics.options import RestOptions
 
 Values = NDArray[Any]
+#: stiffness, over the mean, that the preconditioner adds to each motion: motions that cost nothing,
+#: such as that of the whole, have no inverse
+_HOLDING = 1e-5
+#: part of the way to its balance that each ball moves before and after Green's function. The energy
+#: of a contact is at most twice that of its two balls moving one at a time: with less than the
+#: whole way the preconditioner is positive definite
+_DAMPED = 0.8
 #: decimals of the mean stiffnesses, over the mean of all, and of the mean directions of a kind of
 #: contact: Green's function need not be exact, and samples of a packing share one
 _DIGITS = 2
@@ -98,12 +104,7 @@ class GridIteration:
             earlier._green if earlier else _find_green(contacts, self._level, even, most_kept)
         )
         self._alone = np.empty_like(self._coarse.diagonal)
-        invert_blocks(
-            self._product.diagonal,
-            RestOptions.hold_single * self._level,
-            RestOptions.damped,
-            self._alone,
-        )
+        invert_blocks(self._product.diagonal, _HOLDING * self._level, _DAMPED, self._alone)
 
     def solve(self, forces: Array, reduction: float, most: int, noise: float) -> GridSolution:
         """Return the motions under ``forces`` (n, m, k), by conjugate gradients.
@@ -315,7 +316,7 @@ def _find_equal_green(
         matrix[..., at_j, at_i] += np.conj(ahead) * pairs[second, first]
         matrix[..., at_j, at_j] += pairs[second, second]
     level = float(np.mean(np.diagonal(pairs)))
-    matrix += RestOptions.hold_single * level * np.eye(fields)
+    matrix += _HOLDING * level * np.eye(fields)
     matrix[(0,) * len(waves)] += level * np.eye(fields)
     inverses = np.linalg.inv(matrix).reshape(-1, fields, fields)
     return np.ascontiguousarray(np.moveaxis(inverses, 0, -1).astype(np.complex64))

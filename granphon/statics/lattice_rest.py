@@ -296,9 +296,6 @@ class LatticeSearch:
         ahead = here
 
         def measure(length: float) -> tuple[float, Callable[[], float]]:
-            """Return the slope of the energy after a part ``length`` of the step, and a function
-            that returns its derivative.
-            """
             nonlocal ahead
             ahead = self.place(
                 here.balls + length * step.balls, here.strains + length * step.strains

@@ -398,10 +398,7 @@ class GridEquations:
             grid=assembly.grid.shape,
         )
         self._earlier = GridIteration(
-            Tangent(contacts, blocks),
-            even=True,
-            earlier=self._earlier,
-            most_kept=self.options.kept_green,
+            Tangent(contacts, blocks), True, self._earlier, self.options.kept_green
         )
         return self._earlier
 

@@ -157,8 +157,8 @@ class RestOptions:
     damped : part of the way to its balance that each ball moves before and after Green's function:
         the energy of a contact is at most twice that of its two balls moving one at a time, so that
         with less than the whole way the preconditioner is positive definite.
-    hold_single : stiffness that preconditioners of grids and arrays add to each ball, or to its
-        contacts, over the mean, so that its block has an inverse in single precision.
+    hold_single : stiffness that is added to each ball there, over the mean, so that its block has
+        an inverse in single precision.
     least_difference : least scale of forces, over those that the spread of overlaps on the sites
         makes: in a chain all contacts carry the same force, but for rounding.
     move_rounding : force left on a ball of a line that the rounding of displacements explains, in

@@ -65,7 +65,7 @@ WELL_HELD = 1.3
 #: iterations after which a grid that can be factorised is
 _PATIENCE = 60
 #: iterations of a grid that cannot, at most
-MOST_ITERATIONS = 60_000
+_MOST_ITERATIONS = 60_000
 #: largest number of balls on a line, in a plane, in space whose matrix is factorised: the memory of
 #: factors grows faster than it, to about 1 GB
 MOST_BALLS = {1: 2**20, 2: 2**16, 3: 2**12}
@@ -74,7 +74,7 @@ _RESIDUAL = 1e-10
 #: the same after a round by GMRES
 _RESIDUAL_OF_ROUND = 1e-8
 #: rounding of a unit strain's forces, over the mean stiffness
-NOISE = 1e-14
+_NOISE = 1e-14
 #: vectors that GMRES keeps, and cycles of it, at most
 _KEPT = 60
 _CYCLES = 40
@@ -102,26 +102,26 @@ class LinearResponse:
         """Return the motions (n, m, k) of balls under small forces (n, m, k), which are in balance
         but for rounding.
         """
-        return self._follow(forces, for_motions=True)[0]
+        return self._follow(forces, True)[0]
 
     @property
     def motions(self) -> Array:
         """(n, m, s) motions of balls under the unit strains, beside those of the strain itself;
         computed anew at each call.
         """
-        return self._follow(-self._tangent.blocks.ahead, for_motions=True)[0]
+        return self._follow(-self._tangent.blocks.ahead, True)[0]
 
     @property
     def stiffness(self) -> Array:
         """(s, s) second derivatives of the energy by the strains, once the balls have moved."""
         tangent = self._tangent
-        motions, forces = self._follow(-tangent.blocks.ahead, for_motions=False)
-        stiffness = tangent.blocks.corner + np.einsum("nmt,nms->ts", tangent.blocks.back, motions)
+        motions, forces = self._follow(-tangent.blocks.ahead, False)
+        found = tangent.blocks.corner + np.einsum("nmt,nms->ts", tangent.blocks.back, motions)
         # the error of the motions then enters squared, if the tangent is symmetric
-        stiffness -= np.einsum("nmt,nms->ts", motions, forces)
-        return np.asarray(0.5 * (stiffness + stiffness.T))
+        found -= np.einsum("nmt,nms->ts", motions, forces)
+        return np.asarray(0.5 * (found + found.T))
 
-    def _follow(self, forces: Array, *, for_motions: bool) -> tuple[Array, Array]:
+    def _follow(self, forces: Array, for_motions: bool) -> tuple[Array, Array]:
         """Return the motions under ``forces``, and the forces that these leave, both of the same
         shape; with the smaller error that is due ``for_motions``, or that of an energy.
         """
@@ -225,13 +225,13 @@ class LinearResponse:
         symmetric part of A, and the forces that they leave of it; None if they come to no end, and
         another way is to be tried. ConvergenceError if there is none.
         """
-        most = _PATIENCE if self._may_factorise else MOST_ITERATIONS
+        most = _PATIENCE if self._may_factorise else _MOST_ITERATIONS
         forces = right.reshape(self._contacts.n_balls, -1, right.shape[-1])
-        solution = self._iteration.solve(forces, reduction, most, NOISE)
+        solution = self._iteration.solve(forces, reduction, most, _NOISE)
         if solution.has_arrived:
             return solution.motions.reshape(right.shape), solution.remaining.reshape(right.shape)
         if self._symmetric and not self._may_factorise:
-            raise explain_failure(stable=solution.way_down is None)
+            raise explain_failure(solution.way_down is None)
         return None
 
     # -- factors -----------------------------------------------------------------------------------
@@ -273,11 +273,11 @@ class LinearResponse:
                 factors = self._tangent.pattern.elimination.factorise(matrix)
             except RuntimeError:  # singular to the last digit
                 if spring >= _STRONGEST_SPRING:
-                    raise explain_failure(stable=True) from None
+                    raise explain_failure(True) from None
                 spring *= _RAISED
                 continue
             if self._symmetric and factors.n_below:
-                raise explain_failure(stable=False)
+                raise explain_failure(False)
             return spring, factors
 
     def _solve_by_gmres(self, right: Array) -> Array:
@@ -311,14 +311,14 @@ class LinearResponse:
                 M=inverse,
             )
             if failed:
-                raise explain_failure(stable=True)
+                raise explain_failure(True)
         return motions
 
     def _find_rounding(self, size: int) -> float:
         """Return the norm of ``size`` forces that are nothing but rounding: where balls hardly
         differ, what a strain leaves is rounding of the forces that it makes.
         """
-        return NOISE * self._level * math.sqrt(size)
+        return _NOISE * self._level * math.sqrt(size)
 
 
 def find_elastic_tensor(contacts: ContactList) -> Array:
@@ -336,11 +336,13 @@ def find_elastic_tensor(contacts: ContactList) -> Array:
     return np.asarray(0.5 * (tensor + tensor.T))
 
 
-def explain_failure(*, stable: bool) -> ConvergenceError:
+def explain_failure(stable: bool) -> ConvergenceError:
     """Return the error of a response that is not found, of balls that may be at a minimum of the
     energy (``stable``) or are not.
     """
-    why = ""
-    if not stable:
-        why = "The forces push balls aside more than the contacts hold them: it is not stable"
+    why = (
+        ""
+        if stable
+        else "The forces push balls aside more than the contacts hold them: it is not stable"
+    )
     return ConvergenceError("the linear response of the sample is not found", why, "Raise the load")

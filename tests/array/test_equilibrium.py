@@ -519,7 +519,7 @@ def test_what_is_reached_is_said(monkeypatch):
 
 def test_response_that_is_not_found_is_said(monkeypatch):
     state = equilibrate(balls((16, 16)), ReducedLoad(overlap=0.0))
-    monkeypatch.setattr(linear_response, "MOST_ITERATIONS", 1)
+    monkeypatch.setattr(linear_response, "_MOST_ITERATIONS", 1)
     with pytest.raises(ConvergenceError, match="linear response"):
         _ = state.stiffness
 
