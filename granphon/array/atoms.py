@@ -66,6 +66,8 @@ ARRAYS: dict[str, tuple[int, ...]] = {
 _TILT = 1e-3
 #: largest error of a logarithm that a file with eight decimals causes
 _DECIMALS = 2e-8
+#: arrays of Atoms that stand in a file as other columns
+_NO_COLUMNS = ("numbers", "positions")
 _MEND = (
     "HertzMindlin(state).adopt(atoms) gives them what is missing;"
     " adopt(atoms, like=other) takes it from the Atoms that they were before a file lost it"
@@ -247,6 +249,9 @@ def _require_units(balls: Atoms, units: Units) -> None:
 
 
 def _require_info(balls: Atoms, units: Units) -> None:
+    """Raise InputError if ``info`` of the Atoms has a scale that differs from that of the
+    ``units``.
+    """
     for key, value in units.to_info().items():
         scale = balls.info.get(key, value)
         if not np.isclose(float(scale), value, rtol=1e-9, atol=0.0):
@@ -275,15 +280,17 @@ def write_extxyz(path: str | Path, atoms: Atoms) -> None:
     require_path(path)
     if not isinstance(atoms, Atoms):
         raise InputError(f"atoms is {brief(atoms)}", mend="Give an ase.Atoms")
-    first = {"symbols": np.array(list(atoms.symbols)), "positions": atoms.positions}
-    arrays: dict[str, Any] = first | {
-        name: a for name, a in atoms.arrays.items() if name not in ("numbers", "positions")
+    # the columns that every reader expects come first
+    arrays: dict[str, Any] = {
+        "symbols": np.array(list(atoms.symbols)),
+        "positions": atoms.positions,
     }
+    arrays |= {name: array for name, array in atoms.arrays.items() if name not in _NO_COLUMNS}
     if "masses" in arrays:
         arrays["mass"] = arrays["masses"]
     header, _, _, row = output_column_format(atoms, list(arrays), arrays)
     row = row.replace("%16.8f", "%.17g")
-    columns = [column for a in arrays.values() for column in (a.T if a.ndim > 1 else a[None])]
+    columns = [column for array in arrays.values() for column in np.atleast_2d(array.T)]
     numbers_of_balls = zip(*(column.tolist() for column in columns), strict=True)
     rows = "".join(map(row.__mod__, numbers_of_balls))
     write_text(path, f"{len(atoms)}\n{header}\n{rows}")

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.array.geometry import ExactPlace
 from granphon.array.stencils import number_cells
 from granphon.balls.lattices import Lattice
-from granphon.balls.motions import Motions, allowed_motions, select_motions
+from granphon.balls.motions import Motions, default_motions, select_motions
 from granphon.base.arrays import Array
 from granphon.contacts.contact_list import ContactList
 from granphon.contacts.grid import Grid
@@ -44,8 +44,7 @@ def select_resisted(
     lattice: Lattice, shear: ArrayLike, torsion: ArrayLike, bending: float
 ) -> Motions:
     """Return the motions of balls on a lattice that some contact resists, by its stiffnesses."""
-    among = next(iter(allowed_motions(lattice.periods).values()))
-    return select_motions(shear, torsion, bending, among)
+    return select_motions(shear, torsion, bending, default_motions(lattice.periods))
 
 
 def list_on_lattice(
@@ -177,6 +176,9 @@ def find_grid(shape: tuple[int, ...], lattice: Lattice) -> _Grid:
 
 @lru_cache(maxsize=8)
 def _keep_grid(shape: tuple[int, ...], lattice: Lattice) -> _Grid:
+    """Return the contacts of a lattice of a ``shape``, in arrays that cannot be written: calls with
+    the same arguments share them.
+    """
     table = lattice.contacts
     p = lattice.periods
     cells = math.prod(shape)

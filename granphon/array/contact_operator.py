@@ -167,8 +167,9 @@ class ContactOperator:
         if key not in self._found:
             ghosts = halo.below[0] + halo.above[0]
             cached = _CACHED // (2 * self.n_rows * key.itemsize * self._stride)
-            most = max(1, cached - ghosts, _LONG * ghosts)
-            step = -(-count // -(-count // most))  # slabs of one length, but for the last
+            most_layers = max(1, cached - ghosts, _LONG * ghosts)
+            n_slabs = -(-count // most_layers)
+            step = -(-count // n_slabs)  # slabs of one length, but for the last
             spaces = {
                 layers: self._make_workspace(layers, key) for layers in {step, count % step or step}
             }
@@ -198,37 +199,41 @@ class ContactOperator:
         return self._found[key]
 
     def _make_workspace(self, layers: int, precision: DTypeLike) -> _Workspace:
+        """Return arrays of a ``precision`` for a slab of so many ``layers``, and the views of them
+        that :meth:`deform` and :meth:`collect` loop over.
+        """
         halo = self.halo
         n = self.n_contacts
         count = self.n_rows
         outer = (layers + halo.below[0] + halo.above[0], *halo.outer[1:])
-        balls, ends = (
-            np.zeros((self.n_fields, *outer), precision),
-            np.zeros((2 * count, *outer), precision),
-        )
+        balls = np.zeros((self.n_fields, *outer), precision)
+        ends = np.zeros((2 * count, *outer), precision)
         flat = balls.reshape(self.n_fields, -1)
         flat_ends = ends.reshape(2 * count, -1)
         heads, tails = flat_ends.reshape(2, -1, n, flat.shape[1])
-        least, most = min(0, *self._steps), max(0, *self._steps)
+        least_step = min(0, *self._steps)
+        most_step = max(0, *self._steps)
+        # balls of the slab, between its ghosts
         first = halo.offset(halo.below)
         end = flat.shape[1] - halo.offset(halo.above)
-        low = first - most
-        high = end - least  # contacts that begin here have an end in this slab
+        # balls i of contacts that have an end in the slab
+        low = first - most_step
+        high = end - least_step
         kinds = list(enumerate(self._steps))
         return _Workspace(
             balls=balls,
             images=list(halo.images(balls, 1)),
-            near=flat[:, low + least : high + most],
-            ends=flat_ends[:, low + least : high + most],
+            near=flat[:, low + least_step : high + most_step],
+            ends=flat_ends[:, low + least_step : high + most_step],
             contacts=ends[count:],
             rows=flat_ends[count:, low:high],
             pairs=[
-                (heads[:, at, low + step : high + step], tails[:, at, low:high])
-                for at, step in kinds
+                (heads[:, kind, low + step : high + step], tails[:, kind, low:high])
+                for kind, step in kinds
             ],
             gathered=[
-                (heads[:, at, first:end], tails[:, at, first - step : end - step])
-                for at, step in kinds
+                (heads[:, kind, first:end], tails[:, kind, first - step : end - step])
+                for kind, step in kinds
             ],
             joined=flat_ends[:, first:end],
             forces=flat[:, first:end],
@@ -259,10 +264,8 @@ class ContactOperator:
         ball i.
         """
         precision = contacts[0].dtype
-        matrix, out = (
-            matrix.astype(contacts[0].real.dtype),
-            np.empty((len(matrix), *self.shape), precision),
-        )
+        matrix = matrix.astype(contacts[0].real.dtype)
+        out = np.empty((len(matrix), *self.shape), precision)
         for slab in self.slabs(precision):
             space = slab.space
             row = 0

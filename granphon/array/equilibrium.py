@@ -88,8 +88,9 @@ class Equilibrium(Result):
     strain: Array | None = held(float, "p p?", within="finite", default=None)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # keep derivatives already found: each costs a linear response, and another process may have
-        # asked for them
+        """Return what pickles the equilibrium with the derivatives that it has found: each costs a
+        linear response, and another process may have asked for them.
+        """
         derivatives = {name: vars(self)[name] for name in ("_derivatives",) if name in vars(self)}
         return *super().__reduce__(), derivatives
 
@@ -199,8 +200,8 @@ class Equilibrium(Result):
         Shear springs at such contacts would hold them.
         """
         overlaps = self.overlaps
-        least = hertz.overlap_of(CARRIED_FORCE * self.residual * self.force)
-        return np.asarray(np.sqrt(np.where(overlaps > least, overlaps, 0.0)))
+        least_overlap = hertz.overlap_of(CARRIED_FORCE * self.residual * self.force)
+        return np.asarray(np.sqrt(np.where(overlaps > least_overlap, overlaps, 0.0)))
 
     @property
     def carries(self) -> Flags:
@@ -234,12 +235,12 @@ class Equilibrium(Result):
             return response
         # the cell shears so far that the stress stays hydrostatic
         units = list_shears(self.lattice.periods)
-        of_shears = [self._respond(-self._elongate(unit)) for unit in units]
-        coupling = [np.sum(stiffness * response * each) for each in of_shears]
-        resistance = [[np.sum(stiffness * a * b) for b in of_shears] for a in of_shears]
+        responses = [self._respond(-self._elongate(unit)) for unit in units]
+        coupling = [np.sum(stiffness * response * by_shear) for by_shear in responses]
+        resistance = [[np.sum(stiffness * a * b) for b in responses] for a in responses]
         shears = -np.linalg.solve(resistance, coupling)
-        for shear, of_shear in zip(shears, of_shears, strict=True):
-            response = response + shear * of_shear
+        for shear, by_shear in zip(shears, responses, strict=True):
+            response = response + shear * by_shear
         return response
 
     def _respond(self, change: Array | float) -> Array:
@@ -250,21 +251,23 @@ class Equilibrium(Result):
         tension = stiffness * change
         if isinstance(change, float):
             tension = change * (stiffness - _find_uniform_part(stiffness))
-        (balls,) = find_linear_response(
+        mean = float(np.mean(stiffness))
+        [balls] = find_linear_response(
             self.stencils,
             stiffness,
             [self.stencils.forces(tension)],
-            _RESPONSE,
-            dot(tension, tension) / float(np.mean(stiffness)) ** 2,
+            reduction=_RESPONSE,
+            tensions=dot(tension, tension) / mean**2,
         )
         return np.asarray(change - self.stencils.operator.deform(balls))
 
     @cached_property
     def _derivatives(self) -> tuple[float, float]:
+        """First and second derivative of the mean force of contacts by the overlap."""
         response = self.response()
-        return float(np.mean(self.stiffnesses * response**2)), float(
-            np.mean(self.stiffness_slopes * response**3)
-        )
+        stiffness = float(np.mean(self.stiffnesses * response**2))
+        slope = float(np.mean(self.stiffness_slopes * response**3))
+        return stiffness, slope
 
     @property
     def stiffness(self) -> float:
@@ -304,13 +307,18 @@ class Equilibrium(Result):
         on_lattice = self.stencils
         # the grid has one ratio for all contacts, on which its preconditioner is built: the mean,
         # weighted by stiffness
-        slip, twist = (np.asarray(ratio, float) for ratio in (shear, torsion))
+        slip = np.asarray(shear, float)
+        twist = np.asarray(torsion, float)
         total = float(np.sum(normal))
-        eta, mean = (float(np.sum(ratio * normal)) / total for ratio in (slip, twist))
-        if not eta:
+        mean_slip = float(np.sum(slip * normal)) / total
+        mean_twist = float(np.sum(twist * normal)) / total
+        if not mean_slip:
             # only shear turns balls that are strained: without it twist and roll store nothing
-            mean = bending = 0.0
-        stencils = Stencils(on_lattice.shape, eta, on_lattice.workers, self.lattice, mean, bending)
+            mean_twist = 0.0
+            bending = 0.0
+        stencils = Stencils(
+            on_lattice.shape, mean_slip, on_lattice.workers, self.lattice, mean_twist, bending
+        )
         tensor = find_tensor_on_grid(stencils, stencils.weights(normal, slip=slip, twist=twist))
         on_lattice.forget()  # many samples may be kept, each with a large Green's function
         return tensor
@@ -325,7 +333,8 @@ class Equilibrium(Result):
         slip = np.asarray(shear, float) * normal
         if not np.any(slip):
             # only shear turns balls that are strained: without it twist and roll store nothing
-            torsion = bending = 0.0
+            torsion = 0.0
+            bending = 0.0
         motions = select_resisted(self.lattice, slip, torsion, bending)
         springs = Springs.of(normal, slip, np.asarray(torsion) * normal, bending * normal)
         return list_on_lattice(self.stencils.shape, self.lattice, motions, springs)
@@ -341,7 +350,8 @@ def list_shears(periods: int) -> Array:
         units.append(unit)
     for a, b in itertools.combinations(range(periods), 2):
         unit = np.zeros((periods, periods))
-        unit[a, b] = unit[b, a] = 1.0
+        unit[a, b] = 1.0
+        unit[b, a] = 1.0
         units.append(unit)
     return np.array(units).reshape(-1, periods, periods)
 

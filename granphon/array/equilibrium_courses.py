@@ -57,6 +57,7 @@ class EquilibriumFollower:
         course = self._follow_rest(change)
 
         def find(step: float) -> Equilibrium:
+            """Return the equilibrium at a ``step`` of the change."""
             rest = Rest.of(course.place(step))
             ratio = change(step)[1]
             overlap, strain = split_strain(rest.strain, ratio)

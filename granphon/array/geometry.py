@@ -182,9 +182,8 @@ class ExactGeometry:
         rows.
         """
         p = self.dimension
-        return np.array(contact_frames(self.stencils.lattice.contacts.normal[:, :p]))[
-            :p, :p
-        ].transpose(2, 0, 1)
+        frames = np.array(contact_frames(self.stencils.lattice.contacts.normal[:, :p]))
+        return frames[:p, :p].transpose(2, 0, 1)
 
 
 class ExactPlace:
@@ -394,6 +393,7 @@ def _product(a: Any, b: Any) -> Any:
 
 
 def _dot(first: _Vector, second: _Vector) -> Any:
+    """Return the scalar product of two vectors, given by their components."""
     return (
         _product(first[0], second[0])
         + _product(first[1], second[1])

@@ -142,14 +142,13 @@ class PressedHexagon(Result):
         leant = self.wall_forces > 0.0
         distance = d * ((self.balls_per_side - 1) * math.sqrt(0.75) + 0.5) + self.retreats
         places = np.zeros((count + 6, 3))
-        places[:count, :2], places[count:, :2] = self.positions, distance[:, None] * _NORMALS
+        places[:count, :2] = self.positions
+        places[count:, :2] = distance[:, None] * _NORMALS
         normal = np.zeros((int(np.sum(live) + np.sum(leant)), 3))
         normal[:, :2] = np.concatenate([self.normal[live], _NORMALS[self.wall[leant]]])
-        kinds = (
-            (law.coefficient, self.forces[live]),
-            (self.wall_coefficient, self.wall_forces[leant]),
-        )
-        stiffness = np.concatenate([hertz.stiffness_under(c**2 * force) for c, force in kinds])
+        of_balls = hertz.stiffness_under(law.coefficient**2 * self.forces[live])
+        of_walls = hertz.stiffness_under(self.wall_coefficient**2 * self.wall_forces[leant])
+        stiffness = np.concatenate([of_balls, of_walls])
         masses = np.append(np.full(count, packing.mass), np.full(6, math.inf))
         half = np.full(len(normal), 0.5 * d)
         return ContactNetwork(
@@ -208,20 +207,21 @@ class Hexagon:
                 f"wall_material is {brief(wall_material)}", mend="Give a gp.Material, or None"
             )
         self.packing = packing
-        self.balls_per_side = n = int(require("balls_per_side", balls_on_side, balls_per_side))
+        n = int(require("balls_per_side", balls_on_side, balls_per_side))
         if n < 2:
             raise InputError(
                 "a hexagon of one ball has no contacts", mend="Give balls_per_side of 2 or more"
             )
+        self.balls_per_side = n
         self.seed = None if diameters is not None else whole_number("seed", seed, 0)
         balls = 3 * n * (n - 1) + 1
         require_memory(
             f"hexagons of {balls:,} balls", _BALL_BYTES * balls, "Give fewer balls_per_side"
         )
-        q = np.stack(
-            np.meshgrid(np.arange(1 - n, n), np.arange(1 - n, n), indexing="ij"), axis=-1
-        ).reshape(-1, 2)
-        self._cells = q[np.abs(q[:, 0] - q[:, 1]) < n]
+        # cells of a rhombus, less those of its two acute corners
+        steps = np.arange(1 - n, n)
+        cells = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
+        self._cells = cells[np.abs(cells[:, 0] - cells[:, 1]) < n]
         #: (3n(n - 1) + 1, 2) lattice sites, m
         self.sites: Array = read_only(packing.diameter * self._cells @ TRIANGULAR.vectors)
         drawn = _draw_diameters(packing, len(self.sites), diameters, self.seed)
@@ -269,8 +269,8 @@ class Hexagon:
 
         Nothing holds the whole: the ball in the middle keeps its place.
         """
-        (i, j, normal) = self._pairs
-        (ball, wall) = self._leaning
+        i, j, normal = self._pairs
+        ball, wall = self._leaning
         count = len(self.sites) - 1
         body = np.insert(np.arange(count), self._middle, count + 6)
         radii = 0.5 * self.deviations
@@ -320,28 +320,28 @@ class Hexagon:
         )
         rest = find_rest(assembly, load)
         forces = assembly.laws.force(rest.overlap)
-        (i, j, normal) = self._pairs
-        (ball, wall) = self._leaning
+        i, j, normal = self._pairs
+        ball, wall = self._leaning
         between_balls = forces[: len(i)]
         at_walls = forces[len(i) :]
         self._require_shallow(applied, float(np.max(between_balls)), float(np.max(at_walls)))
         return PressedHexagon(
-            self.packing,
-            self.balls_per_side,
-            applied,
-            self.sites,
-            self.deviations,
-            np.insert(rest.displacement, self._middle, 0.0, axis=0),
-            rest.wall_motion,
-            i,
-            j,
-            normal,
-            ball,
-            wall,
-            between_balls,
-            at_walls,
-            self.wall_coefficient,
-            rest.residual,
+            packing=self.packing,
+            balls_per_side=self.balls_per_side,
+            side_force=applied,
+            sites=self.sites,
+            deviations=self.deviations,
+            displacements=np.insert(rest.displacement, self._middle, 0.0, axis=0),
+            retreats=rest.wall_motion,
+            i=i,
+            j=j,
+            normal=normal,
+            ball=ball,
+            wall=wall,
+            forces=between_balls,
+            wall_forces=at_walls,
+            wall_coefficient=self.wall_coefficient,
+            residual=rest.residual,
         )
 
     def _require_shallow(self, side_force: float, between: float, at_wall: float) -> None:

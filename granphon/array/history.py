@@ -106,31 +106,38 @@ class LoadingHistory:
         no load is carried.
         """
         if self.start == GAS:
-            # from where the first two balls touch
-            return self.stepper.press_gas(
-                -float(np.max(self.stencils.average_pairs(self.deviations)))
-            )
+            largest = float(np.max(self.stencils.average_pairs(self.deviations)))
+            return self.stepper.press_gas(-largest)  # from where the first two balls touch
         smooth = Stencils(
             self.stencils.shape, workers=self.stencils.workers, lattice=self.stencils.lattice
         )
-        load = ReducedLoad(overlap=START_SPACING - 0.5) if self.start is None else self.start
-        state = load
-        if isinstance(load, ReducedLoad):
-            try:
-                state = equilibrate(self.deviations, load, smooth)
-            except InputError as error:
-                where = self.stepper.name_load(load)
-                problem = f"the history starts below the threshold, at {where}"
-                mend = 'Start at a higher load, or at "gas" for an array that only friction holds'
-                raise InputError(
-                    problem, "Without friction the balls carry no load there", mend
-                ) from error
-        assert isinstance(state, Equilibrium)
+        start = self.start
+        if start is None:
+            start = ReducedLoad(overlap=START_SPACING - 0.5)
+        if isinstance(start, Equilibrium):
+            state = start
+            load = ReducedLoad(overlap=state.overlap)
+        else:
+            assert isinstance(start, ReducedLoad)
+            load = start
+            state = self._rest_without_friction(load, smooth)
         ratio = self.ratio
         if ratio and not (isinstance(state, TrueEquilibrium) and state.ratio == ratio):
-            same = load if isinstance(load, ReducedLoad) else ReducedLoad(overlap=state.overlap)
-            state = equilibrate(self.deviations, same, smooth, state, ratio=ratio)
+            state = equilibrate(self.deviations, load, smooth, state, ratio=ratio)
         return self.stepper.place(state.balls, state.overlap, state.residual)
+
+    def _rest_without_friction(self, load: ReducedLoad, smooth: Stencils) -> Equilibrium:
+        """Return the balls at rest under a load by ``smooth`` stencils, those without slips;
+        InputError if they carry no load.
+        """
+        try:
+            return equilibrate(self.deviations, load, smooth)
+        except InputError as error:
+            where = self.stepper.name_load(load)
+            problem = f"the history starts below the threshold, at {where}"
+            why = "Without friction the balls carry no load there"
+            mend = 'Start at a higher load, or at "gas" for an array that only friction holds'
+            raise InputError(problem, why, mend) from error
 
     def path(
         self, loads: Iterable[ReducedLoad], first: PressedArray | None = None
@@ -164,14 +171,13 @@ class LoadingHistory:
             return
         ahead = [(load, self.tolerance, 0)]
         n_steps = 0
-        kept = 0.0
+        kept = 0.0  # changes of f* that the shortest steps have kept, in sum
         while ahead:
             load, allowed, halvings = ahead.pop()
             middle = self.stepper.halve(trail[-1], load)
             states = []
-            if not goes_on(
-                [*(self.stepper.measure(state, load) for state in trail[-2:]), find_aim(load)]
-            ):
+            loads = [self.stepper.measure(state, load) for state in trail[-2:]]
+            if not goes_on([*loads, find_aim(load)]):
                 # nothing tells yet how the path bends: two halves do
                 states = [self.stepper.step(trail, middle)]
             states.append(self.stepper.step([*trail, *states], load))
@@ -179,26 +185,21 @@ class LoadingHistory:
             change /= states[-1].force
             start = trail[-1]
             end = states[-1]
-            # halving changes what is lost by little
             loss = end.slid + end.loosened - start.slid - start.loosened
             work = abs(end.work - start.work)
-            kept_loss = sum(abs(sum(losses)) for losses in bent) <= self.tolerance * (
-                _OF_LOSS * loss + _OF_WORK * work
-            )
+            loss_changes = sum(abs(sum(losses)) for losses in bent)
+            loss_is_settled = loss_changes <= self.tolerance * (_OF_LOSS * loss + _OF_WORK * work)
+            # balance to a finite residual leaves f* uncertain
+            force_is_settled = change <= max(allowed, _NOISE * BALANCE_TOLERANCE)
+            is_settled = force_is_settled and (halvings >= _LOSS_HALVINGS or loss_is_settled)
             # where a ball falls, the shortest step keeps a change that is none of the step's
             falls = halvings == MOST_HALVINGS and kept + change <= self.tolerance
-            # balance to a finite residual leaves f* uncertain
-            if falls or (
-                change <= max(allowed, _NOISE * BALANCE_TOLERANCE)
-                and (halvings >= _LOSS_HALVINGS or kept_loss)
-            ):
+            if falls or is_settled:
                 states = _add_losses(states, np.cumsum(bent, axis=0).tolist())
                 yield from states
-                trail, n_steps, kept = (
-                    [*trail, *states][-3:],
-                    n_steps + len(states),
-                    kept + change * falls,
-                )
+                trail = [*trail, *states][-3:]
+                n_steps += len(states)
+                kept += change * falls
             elif halvings == MOST_HALVINGS:
                 percent = 100.0 * change
                 raise self.stepper.explain(
@@ -229,30 +230,21 @@ class LoadingHistory:
             start = three[last - 1].contacts
             end = three[last].contacts
             weights = weigh_states(loads, 0.5 * (loads[last] + loads[last - 1]))
-            overlaps, slips = (
-                np.sum([w * value for w, value in zip(weights, values, strict=True)], axis=0)
-                for values in zip(
-                    *((state.contacts.overlaps, state.contacts.slips) for state in three),
-                    strict=True,
-                )
-            )
+            weighted = list(zip(weights, three, strict=True))
+            overlaps = np.sum([w * state.contacts.overlaps for w, state in weighted], axis=0)
+            slips = np.sum([w * state.contacts.slips for w, state in weighted], axis=0)
             half, _ = self._law.advance(start, overlaps, slips)
             again, _ = self._law.advance(half, end.overlaps, end.slips)
-            rise = (end.slips - start.slips) * (again.shears - end.shears)
+            rises = (end.slips - start.slips) * (again.shears - end.shears)
             # single contacts that begin to slide or open are not foreseen well: their number is
             # uncertain by its root
-            share = abs(float(np.sum(rise))) + math.sqrt(dot(rise, rise))
-            change += (
-                _CAUTION
-                * share
-                / end.overlaps.size
-                / abs(three[last].overlap - three[last - 1].overlap)
-            )
-            losses = np.add(self._law.lost(start, half), self._law.lost(half, again))
-            whole = np.diff(
-                [(state.slid, state.loosened) for state in (three[last - 1], three[last])], axis=0
-            )
-            bent.append(losses - whole[0])
+            rise = abs(float(np.sum(rises))) + math.sqrt(dot(rises, rises))
+            compression = abs(three[last].overlap - three[last - 1].overlap)
+            change += _CAUTION * rise / end.overlaps.size / compression
+            losses_of_halves = np.add(self._law.lost(start, half), self._law.lost(half, again))
+            slid = three[last].slid - three[last - 1].slid
+            loosened = three[last].loosened - three[last - 1].loosened
+            bent.append(losses_of_halves - np.array([slid, loosened]))
         return change, bent
 
 

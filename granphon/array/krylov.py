@@ -12,18 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.stencils import dot
+from granphon.array.stencils import CACHED, dot
 
 Values = NDArray[Any]
 Single = NDArray[Any]
 Map = Callable[[Values], Values]
-#: number of elements of vectors that are worked on at a time, so that they stay in the processor's
-#: cache
-_CACHED = 2**15
 
 
 def conjugate_gradients(
-    apply: Map, precondition: Map, right: Values, reduction: float, most: int
+    apply: Map, precondition: Map, right: Values, reduction: float, most_iterations: int
 ) -> tuple[Values, int]:
     """Solve a symmetric system by conjugate gradients until the error in its norm has fallen by
     ``reduction``; return the solution and the number of iterations.
@@ -36,17 +33,17 @@ def conjugate_gradients(
     aim = math.inf
     product = 0.0
     direction = np.zeros_like(right)
-    for count in range(most + 1):
-        better = precondition(remaining)
+    for count in range(most_iterations + 1):
+        preconditioned = precondition(remaining)
         last = product
-        product = dot(remaining, better)
+        product = dot(remaining, preconditioned)
         if not count:
             aim = reduction**2 * product
         if product <= aim:
             return solution, count
-        if count == most:
+        if count == most_iterations:
             break
-        _add(direction, 1.0, better, product / last if count else 0.0)
+        _add(direction, 1.0, preconditioned, product / last if count else 0.0)
         change = apply(direction)
         curvature = dot(direction, change)
         if curvature <= 0.0:
@@ -54,16 +51,16 @@ def conjugate_gradients(
         length = product / curvature
         _add(solution, length, direction)
         _add(remaining, -length, change)
-    return solution, most
+    return solution, most_iterations
 
 
 def _add(vector: Values, factor: float, addend: Values, scale: float = 1.0) -> None:
     """Multiply a vector by the ``scale``, and add ``factor`` times the ``addend`` to it."""
     flat = vector.reshape(-1)
     flat_addend = addend.reshape(-1)
-    for low in range(0, flat.size, _CACHED):
-        block = flat[low : low + _CACHED]
-        added = flat_addend[low : low + _CACHED]
+    for low in range(0, flat.size, CACHED):
+        block = flat[low : low + CACHED]
+        added = flat_addend[low : low + CACHED]
         if scale != 1.0:
             np.multiply(block, scale, out=block)
         np.add(block, added if factor == 1.0 else factor * added, out=block)

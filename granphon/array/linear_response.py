@@ -47,22 +47,19 @@ def find_tensor_on_grid(stencils: Stencils, springs: Array) -> Array:
     unit = np.array([0.5 * (gradients[:, a, b] + gradients[:, b, a]) for a, b in voigt_pairs(p)])
     affine = unit[(..., *(None,) * p)]
     mean = float(np.mean(springs[: stencils.n_contacts]))
-    motions = [
-        find_linear_response(
-            stencils,
-            springs,
-            [stencils.forces(springs * strain)],
-            _ELASTIC,
-            float(np.sum(springs**2 * strain**2)) / mean**2,
-        )[0]
-        for strain in affine
-    ]
+    motions = []
+    for strain in affine:
+        tensions = float(np.sum(springs**2 * strain**2)) / mean**2
+        forces = [stencils.forces(springs * strain)]
+        motions += find_linear_response(stencils, springs, forces, _ELASTIC, tensions)
     tensor = np.zeros((len(affine), len(affine)))
     for a, motion in enumerate(motions):
         tension = springs * (affine[a] - stencils.operator.deform(motion))
         for b, other in enumerate(motions[: a + 1]):
             # found again for each pair: all together would take much memory
-            tensor[a, b] = tensor[b, a] = dot(tension, affine[b] - stencils.operator.deform(other))
+            deformation = affine[b] - stencils.operator.deform(other)
+            tensor[a, b] = dot(tension, deformation)
+            tensor[b, a] = tensor[a, b]
     return tensor / (stencils.lattice.measure * math.prod(stencils.shape))
 
 
@@ -87,10 +84,12 @@ def find_linear_response(
     product = stencils.hessian(single)
     inverse = _find_inverse(stencils, single, product)
 
-    def resist(balls: Array) -> Array:  # forces on balls, over the mean stiffness
+    def resist(balls: Array) -> Array:
+        """Return the forces on balls against motions, over the mean stiffness."""
         return stencils.forces(springs * stencils.operator.deform(balls)) / mean
 
     def precondition(force: Single) -> Single:
+        """Return about the motions under a ``force``, in its precision."""
         return inverse(force.astype(np.float32, copy=False)).astype(force.dtype, copy=False)
 
     def solve(force: Array) -> Array:
@@ -99,6 +98,7 @@ def find_linear_response(
         residual = right
         motion = np.zeros_like(residual)
         n_iterations = 0
+        # squares of the error in the norm of the energy, as the preconditioner estimates it
         last_square = math.inf
         square = dot(residual, precondition(residual))
         aim = max(reduction**2 * square, _NOISE**2 * tensions)

@@ -103,8 +103,8 @@ class FixedLimitSettings(NamedTuple):
     Attributes
     ----------
     most : largest number of times.
-    steps : number of steps of Newton's method after which they no longer are.
-    left : part of the residual that is left with given limits before they are found anew.
+    steps : number of steps of Newton's method after which the limits stay as they are.
+    left : part of the residual that may remain with given limits before they are found anew.
     often : number of times after which Newton's method is tried with the law as it is, even where
         the residual under it is more than half of that from which it was tried last.
     """
@@ -117,8 +117,8 @@ class FixedLimitSettings(NamedTuple):
 
 #: without patience, and with it: a ball that is squeezed out from between others has a long way to
 #: go, on which the limits change little at a time
-FAST_LIMITS = FixedLimitSettings(30, 600, 1e-2, 1)
-SLOW_LIMITS = FixedLimitSettings(80, 900, 1e-4, 8)
+FAST_LIMITS = FixedLimitSettings(most=30, steps=600, left=1e-2, often=1)
+SLOW_LIMITS = FixedLimitSettings(most=80, steps=900, left=1e-4, often=8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,7 +236,13 @@ class LoadStep:
         for stage in range(min(stages, _MOST_STAGES), -1, -1):
             law = replace(self._law, mindlin_ratio=self._law.mindlin_ratio * _STIFFER**-stage)
             step = LoadStep(
-                self._geometry, law, self._here, self._place, self._load, self._patches, self._drag
+                geometry=self._geometry,
+                law=law,
+                here=self._here,
+                place=self._place,
+                load=self._load,
+                patches=self._patches,
+                drag=self._drag,
             )
             trial = trial.follow(step._try(trial.balls, trial.overlap, guess))
             trial = step._iterate(trial, _SOFT_STEPS, _PATIENCE, guess, _NEARLY * mu)
@@ -300,6 +306,7 @@ class LoadStep:
         """
 
         def go(length: float) -> Trial:
+            """Return the trial after a part ``length`` of the motion."""
             return self._try(
                 trial.balls + length * motion.balls,
                 trial.overlap + length * motion.compression,
@@ -307,26 +314,36 @@ class LoadStep:
             )
 
         def slope(state: Trial) -> float:
+            """Return the power, along the motion, of the forces that a state leaves."""
             return dot(state.pull, motion.balls) + state.push * motion.compression
 
-        first, length, best = slope(trial), 1.0, (go(1.0), 1.0)
-        new = best[0]
+        slope_at_start = slope(trial)
+        length = 1.0
+        new = go(length)
+        best = new
+        best_length = length
         for _ in range(_LENGTHS - 1):
-            if new.size < (1.0 - 0.1 * length) * trial.size or (
-                guess is not None and slope(new) > -0.5 * first
-            ):
-                best = (new, length) if guess is not None else best
+            leaves_less = new.size < (1.0 - 0.1 * length) * trial.size
+            is_past_half = guess is not None and slope(new) > -0.5 * slope_at_start
+            if leaves_less or is_past_half:
+                if guess is not None:
+                    best = new
+                    best_length = length
                 break
             length *= 0.5
             new = go(length)
-            if new.size < best[0].size:
-                best = new, length
-        if slow and best[1] == 1.0 and best[0].size > _LEFT_BY_LOOSE * trial.size:
+            if new.size < best.size:
+                best = new
+                best_length = length
+        if slow and best_length == 1.0 and best.size > _LEFT_BY_LOOSE * trial.size:
             new = go(_LONGER)
-            best = (new, 1.0) if new.size < best[0].size else best
-        return best
+            best = new if new.size < best.size else best
+        return best, best_length
 
     def _try(self, balls: Array, overlap: float, guess: Array | None = None) -> Trial:
+        """Return the trial with the ``balls`` displaced, (fields, L1, ..., Lp), at an ``overlap``;
+        ``guess`` are overlaps that say how stiff contacts are against slip.
+        """
         from granphon.contacts.slips import find_largest  # averages need no Numba
 
         place = self._geometry.place(balls, overlap)
@@ -347,12 +364,25 @@ class LoadStep:
         pull = self._geometry.collect_forces(*on_balls)
         push = forces.size * find_lack(load, place, forces, contacts.shears)
         largest = max(map(find_largest, on_balls))
-        scale = max(force, self._drag)
-        scale = scale if scale > _FALLEN * self._here.force else math.inf
         size = math.sqrt(dot(pull, pull) + push * push / forces.size)
-        missed = abs(push) / (forces.size * scale)
-        left = largest / scale if scale < math.inf else math.inf
-        return Trial(place, balls, overlap, contacts, linearise, pull, push, left, missed, size)
+        scale = max(force, self._drag)
+        missed = 0.0
+        left = math.inf  # balls that have come apart are far from balance
+        if _FALLEN * self._here.force < scale < math.inf:
+            missed = abs(push) / (forces.size * scale)
+            left = largest / scale
+        return Trial(
+            place=place,
+            balls=balls,
+            overlap=overlap,
+            contacts=contacts,
+            linearise=linearise,
+            pull=pull,
+            push=push,
+            left=left,
+            missed=missed,
+            size=size,
+        )
 
     def _direct(self, trial: Trial, hold: float) -> tuple[Motion, int]:
         """Return the step of Newton's method, and the number of iterations that it took."""
@@ -413,22 +443,20 @@ class LoadStep:
         )
         held = end.overlaps if guess is None else guess
         bent, springs, limits = self._law.bend(ends_before, held[index], end.slips[0][index][None])
-        turn = _find_turns(bent[0], springs * arms, limits, arms)
+        turns = _find_turns(bent[0], springs * arms, limits, arms)
         # balls that touch would each undo what the other's turn has brought: of those the one with
         # the greatest torque turns
         torques = np.abs(np.sum(arms * np.clip(bent[0], -limits, limits), axis=0))
         numbers = np.ravel_multi_index(index, (stencils.n_contacts, *stencils.shape))
+        torques_at_contacts = np.where(arms != 0.0, torques, 0.0)
         greatest = np.zeros(end.overlaps.size)
-        felt = np.where(arms != 0.0, torques, 0.0)
-        np.maximum.at(greatest, numbers, felt)
-        turn = np.where(
-            np.all(felt >= np.where(arms != 0.0, greatest[numbers], 0.0), axis=0), turn, 0.0
-        )
+        np.maximum.at(greatest, numbers, torques_at_contacts)
+        greatest_around = np.where(arms != 0.0, greatest[numbers], 0.0)
+        has_greatest = np.all(torques_at_contacts >= greatest_around, axis=0)
         balls = trial.balls.copy()
-        fields = balls.reshape(stencils.n_balls, stencils.motions.count, *stencils.shape)[
-            :, stencils.motions.turning
-        ]
-        fields[:, 0][loose] += turn
+        fields = balls.reshape(stencils.n_balls, count, *stencils.shape)
+        rotations = fields[:, turning]
+        rotations[loose] += np.where(has_greatest, turns, 0.0)
         return self._try(balls, trial.overlap, guess)
 
     def _find_loose(self, trial: Trial) -> Flags:
@@ -502,47 +530,51 @@ class LinearSteps:
         held = np.float32(1.0 / tangent.stiffness.size)
 
         # the last entry of a vector is the change of the overlap, or what lacks of the load
-        def apply(vector: Single, out: Single) -> None:
-            out[size] = product.resist(vector[:size], vector[size], out[:size])
+        def apply(vector: Single, image: Single) -> None:
+            image[size] = product.resist(vector[:size], vector[size], image[:size])
 
-        def precondition(vector: Single, out: Single) -> None:
-            inverse(vector[:size].reshape(pull.shape), out[:size].reshape(pull.shape))
-            out[size] = held * vector[size]
+        def precondition(vector: Single, image: Single) -> None:
+            inverse(vector[:size].reshape(pull.shape), image[:size].reshape(pull.shape))
+            image[size] = held * vector[size]
 
         right = np.append(pull, push or 0.0)
-        found = np.zeros_like(right)
-        rest = right
+        solution = np.zeros_like(right)
+        residual = right
         taken = 0
         most = _FEW
         renewed = False
         goal = reduction * math.sqrt(dot(right, right))
         while taken < _MOST_ITERATIONS:
-            left = math.sqrt(dot(rest, rest))
-            if not left > goal:
+            norm = math.sqrt(dot(residual, residual))
+            if not norm > goal:
                 break
-            change, count = solve_by_minimal_residuals(apply, precondition, rest, goal / left, most)
-            found += change
+            change, count = solve_by_minimal_residuals(
+                apply, precondition, residual, goal / norm, most
+            )
+            solution += change
             taken += count
             if count < most:
                 break
-            reached = np.empty(right.size, np.float32)
-            apply(found.astype(np.float32), reached)
-            rest = right - reached
+            product_of_solution = np.empty(right.size, np.float32)
+            apply(solution.astype(np.float32), product_of_solution)
+            residual = right - product_of_solution
             weak = self._patches.join(
-                self._weak, self._patches.find_worst(rest[:size].reshape(pull.shape))
+                self._weak, self._patches.find_worst(residual[:size].reshape(pull.shape))
             )
             if weak.size == self._weak.size and (renewed or not weak.size):
                 # the patch has no more to give
                 most = _MOST_ITERATIONS - taken
             else:
-                self._weak, self._put, renewed = weak, self._patches.invert(weak, tangent), True
-        return Motion(found[:size].reshape(pull.shape), float(found[size])), taken
+                self._weak = weak
+                self._put = self._patches.invert(weak, tangent)
+                renewed = True
+        return Motion(solution[:size].reshape(pull.shape), float(solution[size])), taken
 
     def invert(self, tangent: Tangent, product: PressedTangent) -> Put:
-        """Return what sets motions to about those under forces, by C^T D C, of which ``product`` is
-        the product.
+        """Return a preconditioner of C^T D C, whose products with motions are those of ``product``:
+        a function that sets motions to about those under given forces.
 
-        The patch may be that of a tangent before: it is made anew only when it does not serve any
+        The patch may be that of an earlier tangent: it is made anew only when it does not serve any
         more.
         """
         from granphon.contacts import grid_product  # imported here: averages need no Numba
@@ -555,7 +587,9 @@ class LinearSteps:
         remaining = np.empty(fields, np.float32)
 
         def apply(force: Single, motion: Single) -> None:
-            pull, moved = force.reshape(fields), motion.reshape(fields)
+            """Add to ``motion`` what the preconditioner makes of a ``force``, both flat."""
+            pull = force.reshape(fields)
+            moved = motion.reshape(fields)
             grid_product.move_alone(alone, product.product, pull, moved, remaining)
             if self._put is not None:
                 self._put(force, motion)
@@ -579,11 +613,14 @@ def _find_turns(bent: Array, pull: Array, limits: Array, arms: Array) -> Array:
     safe = np.where(pull == 0.0, 1.0, pull)
     corners = [np.where(pull == 0.0, 0.0, (side * limits - bent) / safe) for side in (-1.0, 1.0)]
     angles = np.sort(np.concatenate(corners), axis=0)
-    sums = np.sum(arms * np.clip(bent + pull * angles[:, None], -limits, limits), axis=1)
-    last = np.clip(np.sum(sums <= 0.0, axis=0), 1, len(angles) - 1)
-    (low, high), (below, above) = (
-        np.take_along_axis(values, np.stack([last - 1, last]), 0) for values in (angles, sums)
-    )
-    crosses = (below <= 0.0) & (above >= 0.0) & (above > below)
-    fraction = np.divide(-below, above - below, out=np.zeros_like(below), where=crosses)
-    return np.where(crosses, low + fraction * (high - low), 0.0)
+    shears = np.clip(bent + pull * angles[:, None], -limits, limits)
+    torques = np.sum(arms * shears, axis=1)
+    # the first angle whose torque is above zero, and the angle before it
+    upper = np.clip(np.sum(torques <= 0.0, axis=0), 1, len(angles) - 1)
+    bracket = np.stack([upper - 1, upper])
+    low_angle, high_angle = np.take_along_axis(angles, bracket, 0)
+    low_torque, high_torque = np.take_along_axis(torques, bracket, 0)
+    crosses = (low_torque <= 0.0) & (high_torque >= 0.0) & (high_torque > low_torque)
+    fraction = np.zeros_like(low_torque)
+    np.divide(-low_torque, high_torque - low_torque, out=fraction, where=crosses)
+    return np.where(crosses, low_angle + fraction * (high_angle - low_angle), 0.0)

@@ -35,91 +35,114 @@ _ROUNDING = float(np.finfo(np.float32).eps)
 
 
 def solve_by_minimal_residuals(
-    apply: Map, precondition: Map, right: Array, reduction: float, most: int
+    apply: Map, precondition: Map, right: Array, reduction: float, most_iterations: int
 ) -> tuple[Array, int]:
-    """Return x with |A x - right| <= ``reduction`` |right|, and the number of iterations, ``most``
-    of them at most.
+    """Return x with |A x - right| <= ``reduction`` |right|, and the number of iterations, of which
+    there are ``most_iterations`` at most.
 
-    A and the preconditioner set flat arrays in single precision to what they make of others. Of a
-    part of ``right`` that A cannot reach nothing is found.
+    ``apply`` and ``precondition`` set their second array to the product of A, or of the
+    preconditioner, with the first; both arrays are flat, in single precision. A part of ``right``
+    that no product with A contains adds nothing to x.
     """
     size = math.sqrt(dot(right, right))
-    taken = 0
-    found = np.zeros_like(right)
+    iterations = 0
+    solution = np.zeros_like(right)
     if not size:
-        return found, 0
-    rest = (right / size).astype(np.float32)
-    left = 1.0
-    while left > reduction and taken < most:
-        count, left, change = _cycle(apply, precondition, rest, reduction, min(_KEPT, most - taken))
-        if not count:  # what is left is out of reach of A
+        return solution, 0
+    residual = (right / size).astype(np.float32)
+    norm = 1.0
+    while norm > reduction and iterations < most_iterations:
+        length = min(_KEPT, most_iterations - iterations)
+        count, norm, change = _cycle(apply, precondition, residual, reduction, length)
+        if not count:  # no product with A contains the residual
             break
-        found += change
-        taken += count
-        if left > reduction:
-            reached = np.empty_like(rest)
-            apply(change, reached)
-            rest -= reached
-    return size * found, taken
+        solution += change
+        iterations += count
+        if norm > reduction:
+            product = np.empty_like(residual)
+            apply(change, product)
+            residual -= product
+    return size * solution, iterations
 
 
 def _cycle(
-    apply: Map, precondition: Map, rest: Single, reduction: float, kept: int
+    apply: Map, precondition: Map, residual: Single, reduction: float, length: int
 ) -> tuple[int, float, Single]:
-    """Return the number of iterations of one cycle, the norm of the residual and the change of the
-    solution.
+    """Return the number of iterations of one cycle, ``length`` at most, the norm of the residual
+    and the change of the solution.
+
+    Arnoldi's relation A W = V H has the preconditioned vectors W, the orthonormal basis V of Krylov
+    space, and H, zero below its first subdiagonal. Givens rotations make H triangular, column by
+    column, and turn the right side along with it: the last number of the turned right side is the
+    norm of the residual.
     """
-    first = math.sqrt(dot(rest, rest))
-    size = rest.size
-    basis, ways = np.empty((2, kept + 1, -(-size // _LENGTH) * _LENGTH), np.float32)
-    basis[0, :size] = rest / np.float32(first)
+    norm = math.sqrt(dot(residual, residual))
+    size = residual.size
+    padded = -(-size // _LENGTH) * _LENGTH  # a whole number of pieces for the compiled loops
+    basis, directions = np.empty((2, length + 1, padded), np.float32)
+    basis[0, :size] = residual / np.float32(norm)
     basis[0, size:] = 0.0
-    ways[:, size:] = 0.0
+    directions[:, size:] = 0.0
     triangle: list[list[float]] = []
-    turns: list[tuple[float, float]] = []
-    turned = [first]
-    for column in range(kept):
-        precondition(basis[column, :size], ways[column, :size])
-        new = basis[column + 1]
-        old = basis[: column + 1]
-        apply(ways[column, :size], new[:size])
-        new[size:] = 0.0
-        line, height = _project(old, new)
-        whole = before = math.hypot(*line, height)
-        while _ROUNDING * whole < height < _CANCELLED * before:
-            # once more, for what rounding has left, where much has gone
-            before = height
-            parts, height = _project(old, new)
-            line = [one + part for one, part in zip(line, parts, strict=True)]
-        height = height if height > _ROUNDING * whole else 0.0
-        for row, (c, s) in enumerate(turns):
-            line[row], line[row + 1] = (
-                c * line[row] + s * line[row + 1],
-                c * line[row + 1] - s * line[row],
-            )
-        length = math.hypot(line[column], height)
-        if not 0.0 < length < math.inf:
+    rotations: list[tuple[float, float]] = []
+    turned = [norm]
+    for column in range(length):
+        precondition(basis[column, :size], directions[column, :size])
+        vector = basis[column + 1]
+        apply(directions[column, :size], vector[:size])
+        vector[size:] = 0.0
+        entries, height = _make_orthogonal(basis[: column + 1], vector)
+        for row, (c, s) in enumerate(rotations):
+            upper = entries[row]
+            lower = entries[row + 1]
+            entries[row] = c * upper + s * lower
+            entries[row + 1] = c * lower - s * upper
+        diagonal = math.hypot(entries[column], height)
+        if not 0.0 < diagonal < math.inf:
             break
-        c = line[column] / length
-        s = height / length
-        line[column] = length
-        triangle.append(line)
-        turns.append((c, s))
+        c = entries[column] / diagonal
+        s = height / diagonal
+        entries[column] = diagonal
+        triangle.append(entries)
+        rotations.append((c, s))
         turned[column:] = c * turned[column], -s * turned[column]
         if abs(turned[-1]) <= reduction or not height:
             break
-        np.divide(new, np.float32(height), out=new)
+        np.divide(vector, np.float32(height), out=vector)
     count = len(triangle)
-    weights = [0.0] * count
+    weights = np.array(_solve_triangle(triangle, turned), np.float32)
+    return count, abs(turned[count]), _combine(weights, directions[:count])[:size]
+
+
+def _make_orthogonal(basis: Single, vector: Single) -> tuple[list[float], float]:
+    """Take its parts along the ``basis`` (n, size) off a ``vector``; return the parts (n,), and the
+    length of what remains, zero if it is nothing but rounding.
+    """
+    parts, length = _project(basis, vector)
+    whole = math.hypot(*parts, length)
+    last_length = whole
+    # where much has gone, rounding has left parts along the basis: they are taken off once more
+    while _ROUNDING * whole < length < _CANCELLED * last_length:
+        last_length = length
+        more_parts, length = _project(basis, vector)
+        parts = [part + rounding for part, rounding in zip(parts, more_parts, strict=True)]
+    return parts, length if length > _ROUNDING * whole else 0.0
+
+
+def _solve_triangle(columns: list[list[float]], right: list[float]) -> list[float]:
+    """Return the solution of an upper triangle, given by its columns, for a right side."""
+    count = len(columns)
+    solution = [0.0] * count
     for row in reversed(range(count)):
-        known = sum(triangle[column][row] * weights[column] for column in range(row + 1, count))
-        weights[row] = (turned[row] - known) / triangle[row][row]
-    return count, abs(turned[count]), _combine(np.array(weights, np.float32), ways[:count])[:size]
+        later = range(row + 1, count)
+        known = sum(columns[column][row] * solution[column] for column in later)
+        solution[row] = (right[row] - known) / columns[row][row]
+    return solution
 
 
 def _project(old: Single, new: Single) -> tuple[list[float], float]:
-    """Take its parts along ``old`` (n, size) off a vector; return these n numbers, and the length
-    of what is left.
+    """Take its parts along ``old`` (n, size) off a vector ``new``; return these n numbers, and the
+    length of what remains.
     """
     parts = np.empty(len(old), np.float32)
     square = _take_off(old, new, parts)
@@ -128,8 +151,8 @@ def _project(old: Single, new: Single) -> tuple[list[float], float]:
 
 @compiled
 def _take_off(old: Single, new: Single, parts: Single) -> float:
-    """Take its ``parts`` (n,) along ``old`` (n, size) off a vector, and return the square of the
-    length of what is left.
+    """Take its parts along ``old`` (n, size) off a vector ``new``; set ``parts`` (n,) to them, and
+    return the square of the length of what remains.
     """
     products = np.empty(_LENGTH, np.float32)
     for row in range(len(old)):
@@ -141,21 +164,21 @@ def _take_off(old: Single, new: Single, parts: Single) -> float:
         parts[row] = total
     square = 0.0
     for start in range(0, len(new), _LENGTH):
-        left = new[start : start + _LENGTH]
+        remaining = new[start : start + _LENGTH]
         for row in range(len(old)):
             part = parts[row]
             along = old[row, start : start + _LENGTH]
             for place in range(_LENGTH):
-                left[place] -= part * along[place]
-        square += _multiply(left, left, products)
+                remaining[place] -= part * along[place]
+        square += _multiply(remaining, remaining, products)
     return square
 
 
 @compiled
-def _multiply(one: Single, another: Single, products: Single) -> float:
-    """Return the sum of the products of two vectors; ``products`` are overwritten."""
+def _multiply(first: Single, second: Single, products: Single) -> float:
+    """Return the scalar product of two vectors; ``products`` are overwritten."""
     for place in range(_LENGTH):
-        products[place] = one[place] * another[place]
+        products[place] = first[place] * second[place]
     # sums of pairs, of pairs of pairs, ...: several at a time, and with little rounding
     half = _LENGTH // 2
     while half:

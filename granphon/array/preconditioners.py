@@ -59,9 +59,9 @@ class Patches:
     def _by_ball(self) -> tuple[Index, Index]:
         """Contacts of one ball after the other, and the places where those of each begin."""
         order = np.argsort(self._ends, axis=None, kind="stable")
-        return order % self._ends.shape[1], np.searchsorted(
-            self._ends.ravel()[order], np.arange(self._balls + 1)
-        )
+        contacts = order % self._ends.shape[1]
+        balls = self._ends.ravel()[order]
+        return contacts, np.searchsorted(balls, np.arange(self._balls + 1))
 
     @cached_property
     def _rows(self) -> Array:
@@ -69,10 +69,10 @@ class Patches:
         i.
         """
         kinds = self.stencils.n_contacts
-        (head, tail) = self.stencils.coefficients
+        head, tail = self.stencils.coefficients
         rows = np.array([head, -tail]).reshape(2, -1, kinds, self.stencils.n_balls, self._fields)
         kind = np.arange(kinds)
-        (i, j) = np.transpose(self.stencils.ends)
+        i, j = np.transpose(self.stencils.ends)
         return np.array([rows[0][:, kind, j], rows[1][:, kind, i]]).swapaxes(1, 2)
 
     def find_worst(self, forces: Array) -> Index:
@@ -108,8 +108,8 @@ class Patches:
         return np.unique(contacts[starts + np.arange(starts.size)])
 
     def invert(self, balls: Index, tangent: Tangent) -> Put | None:
-        """Return what puts the motions of balls under a force into an array of motions; None if
-        there is no inverse.
+        """Return a function that sets the motions of the ``balls`` of a patch to those under a
+        force, while all other balls are held; None if there is no inverse.
 
         The ``tangent`` has a mean stiffness of one. Forces and motions are (fields, L1, ..., Lp).
         """
@@ -128,18 +128,7 @@ class Patches:
             column = (self._fields * ends[inside, None] + np.arange(self._fields))[:, None]
             parts.append((row, column, coefficients[contacts[inside] // self._cells]))
         c = compose(parts, (len(rows) * n, self._fields * balls.size))
-        stiffness, springs, coupling, cross = (
-            values.reshape(-1, tangent.stiffness.size)[:, contacts]
-            for values in (tangent.stiffness, tangent.springs, tangent.coupling, tangent.cross)
-        )
-        elongation = np.arange(n)
-        slips = n * (1 + np.arange(len(springs)))[:, None] + elongation
-        entries = [(elongation, elongation, stiffness[0]), *zip(slips, slips, springs, strict=True)]
-        entries += [
-            (slip, elongation, -values) for values, slip in zip(coupling, slips, strict=True)
-        ]
-        entries += [(*pair, -values) for values in cross for pair in (slips, slips[::-1])]
-        d = compose(entries, (c.shape[0], c.shape[0]))
+        d = compose(_list_tangent_entries(tangent, contacts), (c.shape[0], c.shape[0]))
         matrix = c.T.tocsr() @ (d @ c) + HOLDING * eye_array(c.shape[1], format="csr")
         try:
             factors = factorise(matrix, symmetric=False, approximate=True)
@@ -149,7 +138,29 @@ class Patches:
         shape = self.stencils.n_balls, self._fields, self._cells
 
         def put(force: Array, motion: Array) -> None:
+            """Set the motions of the balls of the patch, in place, to those under a ``force``."""
             solution = factors.solve(force.reshape(shape)[index].ravel())
             motion.reshape(shape)[index] = solution.reshape(balls.size, self._fields)
 
         return put
+
+
+def _list_tangent_entries(tangent: Tangent, contacts: Index) -> list[tuple[Index, Index, Array]]:
+    """Return the entries of D of some ``contacts`` (n,): rows, columns and values. Elongations come
+    first, slips along each tangent after them; D is not symmetric, as a force against slip depends
+    on the elongation.
+    """
+    stiffness, springs, coupling, cross = (
+        values.reshape(-1, tangent.stiffness.size)[:, contacts]
+        for values in (tangent.stiffness, tangent.springs, tangent.coupling, tangent.cross)
+    )
+    n = contacts.size
+    elongation = np.arange(n)
+    slips = n * (1 + np.arange(len(springs)))[:, None] + elongation
+    entries = [(elongation, elongation, stiffness[0])]
+    entries += zip(slips, slips, springs, strict=True)
+    entries += [(slip, elongation, -values) for values, slip in zip(coupling, slips, strict=True)]
+    # in space two tangents, along which sliding couples slips both ways
+    for values in cross:
+        entries += [(slips[0], slips[1], -values), (slips[1], slips[0], -values)]
+    return entries

@@ -290,12 +290,12 @@ class PressedTangent:
             forces.reshape(fields),
         )
 
-    def invert_alone(self, least: float) -> NDArray[Any]:
-        """Return the (m, m, n) inverses of the blocks of balls, with ``least`` added to their
+    def invert_alone(self, added: float) -> NDArray[Any]:
+        """Return the (m, m, n) inverses of the blocks of balls, with ``added`` added to their
         diagonal.
         """
         from granphon.contacts.grid_product import invert_blocks  # averages need no Numba
 
         inverses = np.empty_like(self.product.diagonal)
-        invert_blocks(self.diagonal, least, 1.0, inverses)
+        invert_blocks(self.diagonal, added, 1.0, inverses)
         return inverses

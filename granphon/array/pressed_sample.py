@@ -80,19 +80,17 @@ class PressedEquilibrium(Equilibrium):
         """Take the state of a history, whose ``stencils`` have slips."""
         motions = stencils.motions
         fields = pressed.balls.reshape(stencils.n_balls, motions.count, *stencils.shape)
-        moved, turned = (
-            fields[:, part].reshape(-1, *stencils.shape)
-            for part in (motions.translating, motions.turning)
-        )
+        displacements = fields[:, motions.translating].reshape(-1, *stencils.shape)
+        rotations = fields[:, motions.turning].reshape(-1, *stencils.shape)
         return cls(
             deviations=deviations,
             overlap=pressed.overlap,
-            balls=moved,
+            balls=displacements,
             residual=pressed.residual,
             newton=pressed.newton,
             conjugate=pressed.krylov,
             lattice=stencils.lattice,
-            rotations=turned,
+            rotations=rotations,
             shears=pressed.contacts.shears,
             mindlin_ratio=stencils.mindlin_ratio,
             friction_coefficient=pressed.law.friction_coefficient,
@@ -156,26 +154,25 @@ class PressedEquilibrium(Equilibrium):
         count.
         """
         stencils = self.sheared
-        slips = stencils.operator.deform(stencils.spread(self.balls, self.rotations))[
-            stencils.n_contacts :
-        ]
+        motion = stencils.spread(self.balls, self.rotations)
+        slips = stencils.operator.deform(motion)[stencils.n_contacts :]
         return Contacts(self.overlaps, slips.reshape(self.shears.shape), self.shears)
 
     def resume(self) -> PressedArray:
         """Return the state as a history takes it up again."""
         return PressedArray(
-            self.overlap,
-            self.sheared.spread(self.balls, self.rotations),
-            self.contacts,
-            self.law,
-            self.residual,
-            self.work,
-            self.slid,
-            self.loosened,
-            self.damped,
-            self.steps,
-            self.newton,
-            self.conjugate,
+            overlap=self.overlap,
+            balls=self.sheared.spread(self.balls, self.rotations),
+            contacts=self.contacts,
+            law=self.law,
+            residual=self.residual,
+            work=self.work,
+            slid=self.slid,
+            loosened=self.loosened,
+            damped=self.damped,
+            steps=self.steps,
+            newton=self.newton,
+            krylov=self.conjugate,
         )
 
     @property
@@ -354,11 +351,13 @@ class PressedSample(Sample):
         """Slope of :attr:`normal_stiffness` against the overlap as loading goes on, N/m^2."""
         f = self.force
         k = self.normal_stiffness
+        # stiffnesses at loads further along the path, one and three steps of log f ahead
         stiffnesses = []
-        for tensor, times in zip(self.elastic_tensors_beside, (1.0, 3.0), strict=True):
-            rise = f * math.expm1(times * STEP)
+        for tensor, steps_ahead in zip(self.elastic_tensors_beside, (1.0, 3.0), strict=True):
+            rise = f * math.expm1(steps_ahead * STEP)
             stiffnesses.append(self._average_stiffness(tensor, f + rise, self.overlap + rise / k))
-        return (stiffnesses[1] - stiffnesses[0]) / (2.0 * STEP) * k / f
+        slope_in_log = (stiffnesses[1] - stiffnesses[0]) / (2.0 * STEP)
+        return slope_in_log * k / f
 
     def _average_stiffness(self, tensor: Array, force: float, overlap: float) -> float:
         """Return df/d(delta), N/m, of an elastic tensor: under an even strain only normal forces do

@@ -174,8 +174,8 @@ class Sample(Result):
         """Return N_c / z, the fraction of contacts that carry more than ``threshold`` times the
         mean force (1e-6).
         """
-        least = not_negative("threshold", threshold)
-        return float(np.mean(self.equilibrium.forces > least * self.equilibrium.force))
+        least_part = not_negative("threshold", threshold)
+        return float(np.mean(self.equilibrium.forces > least_part * self.equilibrium.force))
 
     def force_distribution(
         self, bins: int = 60, largest: float = 6.0, least: float = 0.0
@@ -240,14 +240,16 @@ class Sample(Result):
         stiffness = self._units.stiffness * np.moveaxis(self.equilibrium.stiffnesses, 0, -1)
         live = stiffness.reshape(i.shape) > 0.0
         normal, arm_i, arm_j = (values[live] for values in self._find_frames(i.shape))
-        carried, spring = (values.reshape(i.shape)[live] for values in (force, stiffness))
+        carried = force.reshape(i.shape)[live]
+        spring = stiffness.reshape(i.shape)[live]
         eta = packing.mindlin_ratio if shear is None else shear
         ratio = np.broadcast_to(eta, (*shape, i.shape[1])).reshape(i.shape)[live]
         across = None
-        if tangential is not None or self.is_exact:
+        if tangential is not None:
             across = np.zeros((len(carried), 3))
-        if tangential is not None and across is not None:
             across[:, :p] = tangential.reshape(*i.shape, p)[live]
+        elif self.is_exact:
+            across = np.zeros((len(carried), 3))
         diameters = self.diameters
         positions = np.zeros((diameters.size, 3))
         sites = d * self.sites @ self._deformation + self.displacements
@@ -322,13 +324,13 @@ class Sample(Result):
         return deformation
 
     def _compute_elastic_tensor(self, equilibrium: Equilibrium) -> Array:
+        """Return the elastic tensor of an ``equilibrium`` in Voigt notation: N on a line, N/m in
+        the plane, Pa in space.
+        """
         packing = self.packing
         d = self.packing.diameter
-        scale = (
-            self._units.stiffness * d
-            if packing.structure.periods == 1
-            else self._units.stiffness / d
-        )
+        is_line = packing.structure.periods == 1
+        scale = self._units.stiffness * d if is_line else self._units.stiffness / d
         torsion: Any = packing.torsion
         if torsion == MINDLIN:  # it differs from contact to contact
             f = self._units.force * equilibrium.forces

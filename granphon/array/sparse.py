@@ -21,7 +21,7 @@ from granphon.array.geometry import ADDED_STIFFNESS
 from granphon.array.sparse_matrices import compose
 from granphon.balls import hertz
 from granphon.balls.lattices import TRIANGULAR, Lattice
-from granphon.balls.motions import Motions, allowed_motions, select_motions
+from granphon.balls.motions import Motions, default_motions, select_motions
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
 from granphon.dynamics.deformation_rows import Row, contact_rows, strain_rows
@@ -59,7 +59,8 @@ class SparseArray:
         n = deviations.size
         table = lattice.contacts
         self.lattice = lattice
-        d = self._d = lattice.periods
+        d = lattice.periods
+        self._d = d
         self.shape: tuple[int, ...] = deviations.shape[-d:]
         site = np.arange(n).reshape(-1, *self.shape)
         axes = tuple(range(d))
@@ -78,30 +79,24 @@ class SparseArray:
     def _list_rows(self, mindlin_ratio: float) -> tuple[list[Row], Motions]:
         """Return the deformations of the contacts, and the motions of each ball."""
         table = self.lattice.contacts
-        among = next(iter(allowed_motions(self._d).values()))
-        motions = select_motions(mindlin_ratio, 0.0, 0.0, among)
-        return contact_rows(
-            table.normal, table.arm_i, table.arm_j, motions, slip=mindlin_ratio
-        ), motions
+        motions = select_motions(mindlin_ratio, 0.0, 0.0, default_motions(self._d))
+        rows = contact_rows(table.normal, table.arm_i, table.arm_j, motions, slip=mindlin_ratio)
+        return rows, motions
 
     def _make_compatibility(self, mindlin_ratio: float) -> Any:
         """Return C. Rows: each deformation of all contacts, kind by kind. Columns: the motions of
         ball after ball.
         """
-        (rows, motions), parts = self._list_rows(mindlin_ratio), []
+        rows, motions = self._list_rows(mindlin_ratio)
+        parts = []
         n = math.prod(self.shape)
         size = self._i.size
         count = motions.count
-        for place, row in enumerate(rows):
+        for number, row in enumerate(rows):
+            lines = number * size + np.arange(size)[:, None]
             for ends, coefficients in ((self._j, row.head), (self._i, -row.tail)):
-                lines = place * size + np.arange(size)[:, None]
-                parts.append(
-                    (
-                        lines,
-                        count * ends[:, None] + np.arange(count),
-                        np.repeat(coefficients, n, axis=0),
-                    )
-                )
+                columns = count * ends[:, None] + np.arange(count)
+                parts.append((lines, columns, np.repeat(coefficients, n, axis=0)))
         return compose(parts, (len(rows) * size, count * self.lattice.n_balls * n))
 
     # -- at rest -----------------------------------------------------------------------------------
@@ -174,7 +169,7 @@ class SparseArray:
         carried = flat > CARRIED_FORCE * self._find_largest(self._transposed @ flat)
         normal = hertz.stiffness_under(np.where(carried, flat, 0.0))
         c = self._make_compatibility(mindlin_ratio)
-        (rows, motions) = self._list_rows(mindlin_ratio)
+        rows, motions = self._list_rows(mindlin_ratio)
         stiffness = np.concatenate([row.stiffness * normal for row in rows])
         # deformations of every contact under each unit strain in Voigt order
         vectors = self.lattice.contacts.vector[:, : self._d]
@@ -187,13 +182,11 @@ class SparseArray:
         factors = factorise(matrix + hold)
         motion = np.zeros((c.shape[1], strained.shape[1]))
         for _ in range(_REFINEMENTS):
-            motion += factors.solve(transposed @ (stiffness[:, None] * (strained - c @ motion)))
+            tension = stiffness[:, None] * (strained - c @ motion)
+            motion += factors.solve(transposed @ tension)
         deformation = strained - c @ motion
-        return np.asarray(
-            deformation.T
-            @ (stiffness[:, None] * deformation)
-            / (self.lattice.measure * math.prod(self.shape))
-        )
+        energies = deformation.T @ (stiffness[:, None] * deformation)
+        return np.asarray(energies / (self.lattice.measure * math.prod(self.shape)))
 
 
 def find_step(
@@ -204,10 +197,9 @@ def find_step(
 
     It solves C^T K C u = ``pull`` for the motions that are ``free``; the others are zero.
     """
+    hessian = (transposed @ c.multiply(stiffness[:, None])).tocsc()
     step = np.zeros(pull.size)
-    step[free] = factorise(
-        (transposed @ c.multiply(stiffness[:, None])).tocsc()[free][:, free]
-    ).solve(pull[free])
+    step[free] = factorise(hessian[free][:, free]).solve(pull[free])
     return step, c @ step
 
 

@@ -56,13 +56,9 @@ def share_places(matrices: Iterable[Any]) -> list[Any]:
     starts = np.searchsorted(places, np.arange(size + 1) * size)
     every: Any = csc_array((np.zeros(places.size), places % size, starts), shape=(size, size))
     positions = [np.searchsorted(places, key) for key in keys]
-    return [
-        every,
-        *(
-            np.bincount(position, matrix.data, places.size)
-            for position, matrix in zip(positions, triplets, strict=True)
-        ),
-    ]
+    parts = zip(positions, triplets, strict=True)
+    entries = [np.bincount(position, matrix.data, places.size) for position, matrix in parts]
+    return [every, *entries]
 
 
 def estimate_factors(motions: int, dimension: int) -> tuple[float, float]:
@@ -71,5 +67,7 @@ def estimate_factors(motions: int, dimension: int) -> tuple[float, float]:
     """
     if motions > LARGEST_FACTORS[dimension]:
         return math.inf, math.inf
-    (time, later), (size, larger) = _FACTORS_TIME[dimension], _FACTORS_BYTES[dimension]
-    return time * motions * float(motions) ** later, size * motions * float(motions) ** larger
+    time_per_motion, time_power = _FACTORS_TIME[dimension]
+    bytes_per_motion, bytes_power = _FACTORS_BYTES[dimension]
+    time = time_per_motion * motions * float(motions) ** time_power
+    return time, bytes_per_motion * motions * float(motions) ** bytes_power

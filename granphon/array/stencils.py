@@ -23,14 +23,14 @@ from numpy.typing import DTypeLike, NDArray
 
 from granphon.array.contact_operator import ContactHessian, ContactOperator
 from granphon.balls.lattices import TRIANGULAR, Lattice
-from granphon.balls.motions import allowed_motions, select_motions
+from granphon.balls.motions import default_motions, select_motions
 from granphon.base.arrays import Array
 from granphon.dynamics.deformation_rows import Row, contact_rows, strain_rows
 from granphon.dynamics.linalg import invert_hermitian
 
 #: number of elements of one array that are worked on at a time, so that they stay in the
 #: processor's cache
-_CACHED = 2**15
+CACHED = 2**15
 #: stiffness, over the mean, that preconditioners add to contacts or balls: a ball may have no
 #: contact, and its block has an inverse all the same
 HOLDING = 1e-5
@@ -84,9 +84,7 @@ class Stencils:
         table = lattice.contacts
         p = lattice.periods
         normal = table.normal[:, :p]
-        self.motions = select_motions(
-            mindlin_ratio, torsion, bending, next(iter(allowed_motions(p).values()))
-        )
+        self.motions = select_motions(mindlin_ratio, torsion, bending, default_motions(p))
         self.n_contacts = len(table)
         self.n_balls = lattice.n_balls
         self.n_fields = self.n_balls * self.motions.count
@@ -95,14 +93,7 @@ class Stencils:
         #: number of cells, along each lattice vector, from ball i to ball j of each kind of contact
         self.shifts: list[tuple[int, ...]] = [tuple(steps) for steps in table.shift.tolist()]
         #: (p, p) unit vectors, as rows, on which displacements are projected
-        self.basis = np.empty((0, p))
-        for vector in normal:  # the first normals that are independent
-            units = np.linalg.qr(self.basis.T)[0].T
-            remainder = vector - sum(
-                (unit @ vector * unit for unit in units), np.zeros_like(vector)
-            )
-            if len(self.basis) < p and np.linalg.norm(remainder) > _INDEPENDENT:
-                self.basis = np.append(self.basis, [vector], axis=0)
+        self.basis = _choose_independent(normal)
         self._kinds = contact_rows(
             normal,
             table.arm_i,
@@ -159,13 +150,14 @@ class Stencils:
         matrices = np.zeros((2, self.n_rows, self.n_fields))
         project = np.eye(m)
         project[:p, :p] = np.linalg.inv(self.basis)
-        for place, kind in enumerate(self._kinds):
-            for end, rows in enumerate((kind.head @ project, kind.tail @ project)):
-                near = np.rint(rows)
-                rows = np.where(np.abs(rows - near) < _ROUNDED, near, rows)
-                for contact, (ends, line) in enumerate(zip(self.ends, rows, strict=True)):
+        for number, kind in enumerate(self._kinds):
+            for end, projected in enumerate((kind.head @ project, kind.tail @ project)):
+                # whole numbers without rounding, so that motions of the whole deform nothing
+                whole = np.rint(projected)
+                rows = np.where(np.abs(projected - whole) < _ROUNDED, whole, projected)
+                for contact, (ends, row) in enumerate(zip(self.ends, rows, strict=True)):
                     first = m * ends[1 - end]
-                    matrices[end, place * n + contact, first : first + m] = line
+                    matrices[end, number * n + contact, first : first + m] = row
         return matrices
 
     @cached_property
@@ -271,13 +263,11 @@ class Stencils:
         """
         balls = self.by_ball(values)
         axes = tuple(range(len(self.shape)))
-        pairs = zip(self.shifts, self.ends, strict=True)
-        return np.stack(
-            [
-                0.5 * (balls[i] + np.roll(balls[j], [-step for step in shift], axes))
-                for shift, (i, j) in pairs
-            ]
-        )
+        means = []
+        for shift, (i, j) in zip(self.shifts, self.ends, strict=True):
+            partners = np.roll(balls[j], [-step for step in shift], axes)
+            means.append(0.5 * (balls[i] + partners))
+        return np.stack(means)
 
     def displacements(self, balls: Array) -> Array:
         """Return (p, *ball_shape) displacements along the axes of space, from their projections."""
@@ -324,12 +314,9 @@ class Stencils:
         """Apply a (p, p) matrix to the displacements, or to the forces against them, of each
         ball.
         """
-        balls = fields.reshape(self.n_balls, self.motions.count, *self.shape)[
-            :, self.motions.translating
-        ]
-        return np.asarray(
-            np.einsum("ka,ba...->kb...", matrix, balls).reshape(len(matrix), *self.ball_shape)
-        )
+        by_ball = fields.reshape(self.n_balls, self.motions.count, *self.shape)
+        turned = np.einsum("ka,ba...->kb...", matrix, by_ball[:, self.motions.translating])
+        return np.asarray(turned.reshape(len(matrix), *self.ball_shape))
 
     # -- solving -----------------------------------------------------------------------------------
 
@@ -438,17 +425,22 @@ class Stencils:
             alone = self.block_jacobi(stiffness)
 
             def add(force: Array) -> Array:
-                out = green(force)
-                alone(force, out)
-                return out
+                """Return the sum of both motions under a ``force``."""
+                motion = green(force)
+                alone(force, motion)
+                return motion
 
             return add
         # the energy of a contact is at most twice that of its two balls moving one at a time: so
         # with less than the whole motion of a ball the inverse is positive definite. With its
         # rotations taken apart it would not be
-        hessian, smooth = product or self.hessian(stiffness), self.block_jacobi(stiffness, _DAMPED)
+        hessian = product or self.hessian(stiffness)
+        smooth = self.block_jacobi(stiffness, _DAMPED)
 
         def apply(force: Array) -> Array:
+            """Return the motion of one cycle: smoothed, corrected by Green's function, and smoothed
+            again.
+            """
             motion = np.zeros_like(force)
             smooth(force, motion)
             motion += green(force - hessian(motion)[0])
@@ -481,6 +473,7 @@ class Stencils:
         axes = tuple(range(1, len(self.shape) + 1))
 
         def apply(force: NDArray[Any]) -> NDArray[Any]:
+            """Return the motion under a ``force``, (fields, L1, ..., Lp), divided wave by wave."""
             waves = fft.rfftn(force, axes=axes, workers=self.workers)
             moved = multiply_waves(table, softness, waves)
             return np.asarray(
@@ -492,51 +485,50 @@ class Stencils:
     def block_jacobi(
         self, stiffness: Array, damping: float = 1.0
     ) -> Callable[[Array, Array], None]:
-        """Return what adds to ``out`` the motion of each ball under a ``force`` while its
-        neighbours are held.
+        """Return a function of a ``force`` and ``out`` that adds to ``out`` the motion of each ball
+        while its neighbours are held.
 
         Displacements and rotations are taken apart; motions are multiplied by ``damping``.
         """
-        least = HOLDING * float(np.mean(stiffness[: self.n_contacts]))
+        spring = HOLDING * float(np.mean(stiffness[: self.n_contacts]))
         ratios = np.array([float(kind.stiffness) for kind in self._kinds]).repeat(self.n_contacts)
         # the upper triangles of all blocks, row after row: sums over the contacts of a ball
         pairs = [
             list(combinations_with_replacement(range(group.start, group.stop), 2))
             for group in self._groups
         ]
-        first_of, second_of = np.array(
-            [pair for pairs_of_group in pairs for pair in pairs_of_group]
-        ).T
+        first_fields, second_fields = np.concatenate(pairs).T
         ends = np.array([self.operator.head, self.operator.tail])
-        squares = ends[..., first_of] * ends[..., second_of]
+        squares = ends[..., first_fields] * ends[..., second_fields]
         # inverted in double precision: where few contacts hold a ball, its block is nearly singular
         entries = self.operator.collect(np.concatenate(squares).T, [stiffness]).astype(float)
-        entries += np.einsum("r,erp->p", least * ratios, squares).reshape(
-            -1, *(1,) * len(self.shape)
-        )
+        # weak springs at all contacts, so that no block is singular
+        held = np.einsum("r,erp->p", spring * ratios, squares)
+        entries += held.reshape(-1, *(1,) * len(self.shape))
         local = []
-        parts = np.split(entries, np.cumsum([len(pairs_of_group) for pairs_of_group in pairs])[:-1])
-        for group, pairs_of_group, entries_of_group in zip(self._groups, pairs, parts, strict=True):
+        first_entries = np.cumsum([len(pairs_of_group) for pairs_of_group in pairs])[:-1]
+        groups = zip(self._groups, pairs, np.split(entries, first_entries), strict=True)
+        for group, pairs_of_group, entries_of_group in groups:
             size = group.stop - group.start
             _invert_symmetric(entries_of_group, size)
             block = np.empty((size, size, *self.shape), stiffness.dtype)
             for entry, (a, b) in zip(entries_of_group, pairs_of_group, strict=True):
-                block[a - group.start, b - group.start] = block[
-                    b - group.start, a - group.start
-                ] = entry
+                row = a - group.start
+                column = b - group.start
+                block[row, column] = entry
+                block[column, row] = entry
             block *= damping
             local.append((group, block))
         blocks = list(self._blocks())
 
         def add(force: Array, out: Array) -> None:
+            """Add to ``out`` the motions of single balls under a ``force``, both (fields, L1, ...,
+            Lp).
+            """
             for rows in blocks:
                 for fields, block in local:
-                    target = out[fields, rows]
-                    np.add(
-                        target,
-                        np.einsum("ab...,b...->a...", block[:, :, rows], force[fields, rows]),
-                        out=target,
-                    )
+                    motion = np.einsum("ab...,b...->a...", block[:, :, rows], force[fields, rows])
+                    out[fields, rows] += motion
 
         return add
 
@@ -545,7 +537,7 @@ class Stencils:
         plane larger ones do.
         """
         arrays = self.n_fields if len(self.shape) == 3 else 1
-        step = max(1, _CACHED // (arrays * math.prod(self.shape[1:])))
+        step = max(1, CACHED // (arrays * math.prod(self.shape[1:])))
         for low, high in pairwise([*range(0, self.shape[0], step), self.shape[0]]):
             yield slice(low, high)
 
@@ -553,13 +545,13 @@ class Stencils:
     def _groups(self) -> list[slice]:
         """Fields of the displacements, and those of the rotations, of each ball of the cell."""
         count = self.motions.count
-        parts = (self.motions.translating, self.motions.turning)
-        groups = [range(count)[part] for part in parts if range(count)[part]]
-        return [
-            slice(ball * count + group.start, ball * count + group.stop)
-            for ball in range(self.n_balls)
-            for group in groups
-        ]
+        n_translations = len(self.motions.translations)
+        groups = []
+        for first in range(0, self.n_fields, count):
+            between = first + n_translations
+            end = first + count
+            groups += [slice(first, between), slice(between, end)]
+        return [group for group in groups if group.start < group.stop]
 
 
 def dot(first: Array, second: Array) -> float:
@@ -589,7 +581,9 @@ def _invert_symmetric(entries: Array, size: int) -> None:
     elif size == 2:
         xx, xy, yy = entries
         one_over = 1.0 / (xx * yy - xy * xy)
-        entries[0], entries[2] = yy * one_over, xx * one_over
+        inverse_xx = yy * one_over
+        yy[...] = xx * one_over
+        xx[...] = inverse_xx
         xy *= -one_over
     else:
         xx, xy, xz, yy, yz, zz = entries
@@ -600,3 +594,16 @@ def _invert_symmetric(entries: Array, size: int) -> None:
         inverse = first, second, third, xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
         for entry, value in zip(entries, inverse, strict=True):
             entry[...] = value * one_over
+
+
+def _choose_independent(normals: Array) -> Array:
+    """Return the first p of the ``normals`` (n_c, p) that are independent."""
+    p = normals.shape[1]
+    basis = np.empty((0, p))
+    for normal in normals:
+        units = np.linalg.qr(basis.T)[0].T
+        along = sum((unit @ normal * unit for unit in units), np.zeros_like(normal))
+        remainder = normal - along
+        if len(basis) < p and np.linalg.norm(remainder) > _INDEPENDENT:
+            basis = np.append(basis, [normal], axis=0)
+    return basis

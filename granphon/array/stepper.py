@@ -166,17 +166,14 @@ class Stepper:
             # where friction alone holds balls, shorter steps of the load help sooner
             patience = FAST_LIMITS if self.from_gas else SLOW_LIMITS
             lags = None if relaxes and 0 < halvings < _LAG_HALVINGS else patience
-            trial = self._make_step(state, ahead[-1], drag).solve(
-                *self._extrapolate(trail, ahead[-1]), lags
-            )
+            balls, overlap = self._extrapolate(trail, ahead[-1])
+            trial = self._make_step(state, ahead[-1], drag).solve(balls, overlap, lags)
             at_rest = None
             if not trial.is_balanced and relaxes and trial.left < math.inf:
                 at_rest = self.relax_overdamped(trail, ahead[-1])
             if trial.is_balanced:
-                trail = [
-                    *trail[-2:],
-                    self._damp(trail, trial) if drag else self._arrive(state, trial),
-                ]
+                end = self._damp(trail, trial) if drag else self._arrive(state, trial)
+                trail = [*trail[-2:], end]
             elif at_rest is not None:
                 trail = [at_rest]
             else:
@@ -205,9 +202,8 @@ class Stepper:
 
         It is None if it is not found. Unlike :meth:`step`, it is not sought in shorter steps.
         """
-        trial = self._make_step(trail[-1], load, drag).solve(
-            *self._extrapolate(trail[-1:], load), lags
-        )
+        balls, overlap = self._extrapolate(trail[-1:], load)
+        trial = self._make_step(trail[-1], load, drag).solve(balls, overlap, lags)
         return self._damp(trail, trial) if trial.is_balanced else None
 
     def relax_overdamped(
@@ -215,33 +211,32 @@ class Stepper:
     ) -> PressedArray | None:
         """Return the state in which balls come to rest under a load, from the last of the
         ``trail``; None if not found.
+
+        Balls follow dashpots step by step. The drag is the stiffness of a dashpot over one step:
+        the weaker, the longer the step. It is weakened from step to step as long as a balance is
+        found, and once pushes fall, the balance without dashpots is tried.
         """
         drag = DRAG
-        too_weak = 0.0
+        too_weak = 0.0  # largest drag that has found no balance
         push = math.inf
-        calm = 0
+        calm_steps = 0  # in a row, in each of which the push has fallen
         for _ in range(_MOST_DAMPED_STEPS):
             start = trail[-1]
             end = self.settle(trail, load, drag)
             if end is None:
-                if calm or drag >= DRAG:  # balls do not fall: shorter steps of the load help
+                if calm_steps or drag >= DRAG:  # balls do not fall: shorter steps of the load help
                     return None
                 too_weak = drag
                 drag = drag / WEAKER
                 continue
-            # dashpots take at least the energy that they take if balls move evenly through the step
-            loss = start.contacts.overlaps - end.contacts.overlaps + end.overlap - start.overlap
-            slips = end.contacts.slips - start.contacts.slips
-            evenly = (
-                drag * (dot(loss, loss) + end.law.mindlin_ratio * dot(slips, slips)) / loss.size
-            )
-            trail = [replace(end, damped=max(end.damped, start.damped + evenly))]
+            damped = start.damped + _find_even_loss(start, end, drag)
+            trail = [replace(end, damped=max(end.damped, damped))]
             last_push = push
             push = drag * end.measure_motion(start)
-            calm = calm + 1 if push <= last_push else 0
-            if calm:
+            calm_steps = calm_steps + 1 if push <= last_push else 0
+            if calm_steps:
                 too_weak = 0.0
-                at_rest = self.settle(trail, load, 0.0) if calm % _CALM == 0 else None
+                at_rest = self.settle(trail, load, 0.0) if calm_steps % _CALM == 0 else None
                 if at_rest is not None:
                     return replace(at_rest, damped=max(at_rest.damped, trail[-1].damped))
             if WEAKER * drag > too_weak:
@@ -249,7 +244,16 @@ class Stepper:
         return None
 
     def _make_step(self, here: PressedArray, load: ReducedLoad, drag: float) -> LoadStep:
-        return LoadStep(self.geometry, self.law, here, self.locate(here), load, self._patches, drag)
+        """Return the step from a state to a load, with dashpots of stiffness ``drag``."""
+        return LoadStep(
+            geometry=self.geometry,
+            law=self.law,
+            here=here,
+            place=self.locate(here),
+            load=load,
+            patches=self._patches,
+            drag=drag,
+        )
 
     @staticmethod
     def name_load(load: ReducedLoad) -> str:
@@ -315,29 +319,27 @@ class Stepper:
         weights = weigh_states(loads[-count:], aim)
         states = trail[-len(weights) :]
         balls = np.sum([w * state.balls for w, state in zip(weights, states, strict=True)], axis=0)
-        y = (
-            sum(w * state.overlap for w, state in zip(weights, states, strict=True))
-            if load.overlap is None
-            else load.overlap
-        )
-        return balls, float(y)
+        overlap = load.overlap
+        if overlap is None:
+            overlap = sum(w * state.overlap for w, state in zip(weights, states, strict=True))
+        return balls, float(overlap)
 
     def _arrive(self, here: PressedArray, trial: Trial) -> PressedArray:
         """Return the state at the end of a step, with energies."""
         slid, loosened = self.law.lost(here.contacts, trial.contacts)
         state = PressedArray(
-            trial.overlap,
-            trial.balls,
-            trial.contacts,
-            self.law,
-            trial.left,
-            here.work + slid + loosened,
-            here.slid + slid,
-            here.loosened + loosened,
-            here.damped,
-            here.steps + 1,
-            here.newton + trial.newton,
-            here.krylov + trial.krylov,
+            overlap=trial.overlap,
+            balls=trial.balls,
+            contacts=trial.contacts,
+            law=self.law,
+            residual=trial.left,
+            work=here.work + slid + loosened,
+            slid=here.slid + slid,
+            loosened=here.loosened + loosened,
+            damped=here.damped,
+            steps=here.steps + 1,
+            newton=here.newton + trial.newton,
+            krylov=here.krylov + trial.krylov,
         )
         self._located.append((trial.balls, trial.place))
         return replace(state, work=state.work + state.stored - here.stored)
@@ -366,9 +368,8 @@ class Stepper:
         widths, or if balls that dashpots slow down do not come into balance.
         """
         stencils = self.geometry.stencils
-        state = self.place(
-            np.zeros((stencils.n_balls * len(stencils.shape), *stencils.shape)), contact
-        )
+        sites = np.zeros((stencils.n_balls * len(stencils.shape), *stencils.shape))
+        state = self.place(sites, contact)
         while state.overlap < _MOST_OVERLAP:
             try:
                 state = self.step([state], ReducedLoad(overlap=state.overlap + STEP), DRAG)
@@ -402,31 +403,29 @@ class Stepper:
         """
         load = ReducedLoad(overlap=state.overlap)
         drag = DRAG
+        motion = 0.0
+        # where contacts push balls aside, in space, dashpots stay stronger than these pushes
         ratio = self.geometry.ratio
-        moved = 0.0
-        pushed = ratio > 0.0 and len(self.geometry.stencils.shape) == 3
-        weakest = min(drag, _ABOVE_PUSH * ratio * state.force) if pushed else 0.0
+        is_pushed = ratio > 0.0 and len(self.geometry.stencils.shape) == 3
+        weakest = min(drag, _ABOVE_PUSH * ratio * state.force) if is_pushed else 0.0
         for _ in range(_MOST_SETTLINGS):
-            stronger = drag
-            slower = moved
+            last_drag = drag
+            last_motion = motion
             drag = max(WEAKER * drag, weakest)
             settled = self.settle([state], load, drag, FAST_LIMITS)
             if settled is None or settled.force < 0.5 * STANDING_FORCE:
                 return None
-            state, moved = settled, settled.measure_motion(state)
-            if drag == stronger and moved > slower:
+            motion = settled.measure_motion(state)
+            state = settled
+            if drag == last_drag and motion > last_motion:  # balls move faster and faster
                 return None
-            if (
-                drag == stronger and moved < _STILL
-                if pushed
-                else drag * moved < _NEXT_TO_NOTHING * state.force
-            ):
+            is_still = drag * motion < _NEXT_TO_NOTHING * state.force
+            if is_pushed:
+                is_still = drag == last_drag and motion < _STILL
+            if is_still:
                 at_rest = self.settle([state], load, 0.0, FAST_LIMITS)
-                return (
-                    at_rest
-                    if at_rest is not None and at_rest.force >= 0.5 * STANDING_FORCE
-                    else None
-                )
+                stands = at_rest is not None and at_rest.force >= 0.5 * STANDING_FORCE
+                return at_rest if stands else None
         return None
 
 
@@ -456,11 +455,23 @@ def integrate_last(loads: Sequence[float], values: Sequence[float]) -> float:
     It is that of the parabola through three values; after a turn of the path, that of the straight
     line through two.
     """
-    *_, (start, first), (end, last) = zip(loads, values, strict=True)
-    straight = 0.5 * (first + last) * (end - start)
+    start, end = loads[-2:]
+    value_at_start, value_at_end = values[-2:]
+    straight = 0.5 * (value_at_start + value_at_end) * (end - start)
     if not goes_on(loads):
         return straight
-    bend = ((last - first) / (end - start) - (first - values[0]) / (start - loads[0])) / (
-        end - loads[0]
-    )
+    # Newton's divided differences
+    slope = (value_at_end - value_at_start) / (end - start)
+    slope_before = (value_at_start - values[0]) / (start - loads[0])
+    bend = (slope - slope_before) / (end - loads[0])
     return straight - bend * (end - start) ** 3 / 6.0
+
+
+def _find_even_loss(start: PressedArray, end: PressedArray, drag: float) -> float:
+    """Return the mean energy that dashpots of stiffness ``drag`` take from a contact if balls move
+    evenly through the step: the least that they take.
+    """
+    loss = start.contacts.overlaps - end.contacts.overlaps + end.overlap - start.overlap
+    slips = end.contacts.slips - start.contacts.slips
+    squares = dot(loss, loss) + end.law.mindlin_ratio * dot(slips, slips)
+    return drag * squares / loss.size

@@ -55,14 +55,13 @@ class TrueEquilibrium(Equilibrium):
         force.
         """
         stiffness = self.stiffnesses
-        least = CARRIED_FORCE * self.residual * self.force
-        carried = np.where(_ASIDE * self.ratio * self.forces > least, self.forces, -self.forces) * (
-            stiffness > 0.0
-        )
-        return ActingForces(stiffness, carried)
+        least_force = CARRIED_FORCE * self.residual * self.force
+        holds_aside = _ASIDE * self.ratio * self.forces > least_force
+        acting = np.where(holds_aside, self.forces, -self.forces)
+        return ActingForces(stiffness, acting * (stiffness > 0.0))
 
     def _act_at_rest(self, shear: Array | None = None) -> ActingForces:
-        """Return what :meth:`_act` does where the energy is known to be least.
+        """Return the contacts that carry load where the energy is known to be least.
 
         A ball nearly in line with two others may lean on a third with less than can be told from
         the residual. It is at rest all the same: what pushes it aside then holds it. Contacts that
@@ -93,8 +92,8 @@ class TrueEquilibrium(Equilibrium):
         return acting._replace(forces=np.where(leans, -np.abs(acting.forces), acting.forces))
 
     def _follow(self) -> tuple[Callable[[Array], Array], Any]:
-        """Return what finds small motions of the balls, and the relative displacements of contacts
-        with y.
+        """Return a function from forces to small motions of the balls, and the relative
+        displacements of contacts by a unit of y.
         """
         acting = self._act_at_rest()
         still = np.zeros_like(self.balls)
@@ -103,6 +102,7 @@ class TrueEquilibrium(Equilibrium):
         response = LinearResponse(self._list_contacts())
 
         def find(forces: Array) -> Array:
+            """Return the small motions under ``forces`` (fields, L1, ..., Lp)."""
             motions = response.find_motions(stencils.list_forces(forces)[..., None])
             return stencils.gather_motions(motions[..., 0])
 
@@ -119,6 +119,7 @@ class TrueEquilibrium(Equilibrium):
 
     @cached_property
     def _derivatives(self) -> tuple[float, float]:
+        """First and second derivative of the mean force of contacts by the overlap."""
         if self.strain is not None:
             return self._shear_along().find_derivatives()
         place = self.place
@@ -128,11 +129,10 @@ class TrueEquilibrium(Equilibrium):
         # the second derivatives: of the overlaps along the motion itself, and by the motion that
         # balances those of forces
         bend, push = place.curve(moved, self.forces, stiffness, self.stiffness_slopes)
-        follow = find(place.geometry.join(push))
-        overlap_curvature = bend - place.lose(place.geometry.split(Motion(follow, 0.0)))
-        return float(np.mean(-stiffness * loss)), float(
-            np.mean(self.stiffness_slopes * loss**2 + stiffness * overlap_curvature)
-        )
+        balancing = Motion(find(place.geometry.join(push)), 0.0)
+        overlap_curvature = bend - place.lose(place.geometry.split(balancing))
+        curvature = self.stiffness_slopes * loss**2 + stiffness * overlap_curvature
+        return float(np.mean(-stiffness * loss)), float(np.mean(curvature))
 
     def _shear_along(self) -> HydrostaticCourse:
         """Return how the cell and the balls move as the pressure rises."""
@@ -149,7 +149,8 @@ class TrueEquilibrium(Equilibrium):
         turns = bool(np.any(ratio))
         if not turns:
             # only shear turns balls that are strained: without it twist and roll store nothing
-            torsion = bending = 0.0
+            torsion = 0.0
+            bending = 0.0
         forces = self._act_at_rest(ratio if turns else None).forces
         return list_exact_contacts(self, forces, ratio, torsion, bending, turns)
 

@@ -160,7 +160,9 @@ class PowerLaw(EnergyLaw):
         return self
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
-        """As :meth:`EnergyLaw._evaluate`; the derivatives are powers of the overlap."""
+        """Return the energy, J, or its derivative of an ``order`` of 1 to 3, J/m^order, at each
+        ``overlap``, m: powers of the overlap.
+        """
         delta = np.asarray(real_array("overlap", overlap))
         a = self.exponent
         factors = (1.0 / (a + 1.0), 1.0, a, a * (a - 1.0))  # of the energy and its derivatives
@@ -243,7 +245,9 @@ class DMTLaw(EnergyLaw):
     tension: float
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
-        """As :meth:`EnergyLaw._evaluate`: Hertz's law less the tension."""
+        """Return the energy, J, or its derivative of an ``order`` of 1 to 3, J/m^order, at each
+        ``overlap``, m: those of Hertz's law less the tension.
+        """
         elastic = self.hertz._evaluate(overlap, order)
         if order > FORCE:
             return elastic  # the tension is constant
@@ -360,7 +364,9 @@ class JKRLaw(EnergyLaw):
         return np.maximum(u, _JKR_ROOT), ~is_broken
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
-        """As :meth:`EnergyLaw._evaluate`; the derivatives are functions of u and u^3."""
+        """Return the energy, J, or its derivative of an ``order`` of 1 to 3, J/m^order, at each
+        ``overlap``, m: functions of u and u^3.
+        """
         u, is_unbroken = self._solve(np.asarray(real_array("overlap", overlap)))
         cube = u**3
         force = self.force_scale
@@ -520,7 +526,9 @@ class TabulatedLaw(EnergyLaw):
         return half * (np.exp(self._logarithm(x) + x) @ weights)
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
-        """As :meth:`EnergyLaw._evaluate`, from log f as a function of log delta."""
+        """Return the energy, J, or its derivative of an ``order`` of 1 to 3, J/m^order, at each
+        ``overlap`` delta, m, from log f as a function of log delta.
+        """
         delta = np.asarray(real_array("overlap", overlap))
         touches = delta > 0.0
         x = np.log(np.where(touches, delta, self.overlaps[0]))
@@ -800,8 +808,8 @@ def _ask(law: PairLaw, name: str, method: str, overlaps: Array) -> Array:
 
 
 def _ask_numbers(law: PairLaw, name: str, method: str, overlaps: Array) -> Array:
-    """Return what :func:`_ask` does; InputError unless the result is finite numbers, as many as
-    overlaps.
+    """Return the numbers (m,) that a ``method`` of a law called ``name`` returns for ``overlaps``
+    (m,), m; InputError unless they are finite, and as many as the overlaps.
     """
     numbers = _ask(law, name, method, overlaps)
     is_array = numbers.shape == overlaps.shape and numbers.dtype.kind == "f"

@@ -256,7 +256,9 @@ class UniformShape(_Density):
         return (np.asarray(probability, float) - 0.5)[()]
 
     def _divide(self, power: float, pairs: bool) -> tuple[list[Piece], int]:
-        """As :meth:`_Density._divide`; so many Gauss nodes are exact."""
+        """Return the pieces of the distribution of (x + x')/2, or without ``pairs`` of x'/2, and
+        the number of Gauss nodes on each with which an average of a ``power`` p is exact.
+        """
         if not pairs:
             # the average equals 2/(p+1) times the first difference of s_+^(p+1) over -+1/4; the
             # integrand is of degree 2p + 1 in the root
@@ -318,7 +320,9 @@ class NormalShape(_Density):
         return (np.sign(from_median) * self._std * deviation)[()]
 
     def _divide(self, power: float, pairs: bool) -> tuple[list[Piece], int]:
-        """As :meth:`_Density._divide`; pieces are at most 3 standard deviations long."""
+        """Return the pieces of the distribution of (x + x')/2, or without ``pairs`` of x'/2, and
+        the number of Gauss nodes on each; pieces are at most 3 standard deviations long.
+        """
         from scipy.special import erf
 
         # pieces of [-b, b], at most 3 std long, that meet at 0
@@ -486,10 +490,10 @@ def merge(places: Array, weights: Array) -> tuple[Array, Array]:
     return different, np.bincount(index, weights[has_weight]).astype(float)
 
 
-def condense(places: Array, weights: Array, most: int = MOST_POINTS) -> tuple[Array, Array]:
-    """Return at most ``most`` places that stand for many ``places`` (ascending), and their weights:
-    the first, the last, and two in each of the cells between; a cell of one or two places keeps
-    these. Places that are ``most`` or fewer are returned as they are.
+def condense(places: Array, weights: Array, most_points: int = MOST_POINTS) -> tuple[Array, Array]:
+    """Return at most ``most_points`` places that stand for many ``places`` (ascending), and their
+    weights: the first, the last, and two in each of the cells between; a cell of one or two places
+    keeps these. Places that are ``most_points`` or fewer are returned as they are.
 
     The two are a Gauss quadrature: each cell keeps its weight and its first three moments, so that
     only pairs near the kink are in error. Cells are narrower where there are many balls: the edges
@@ -501,9 +505,9 @@ def condense(places: Array, weights: Array, most: int = MOST_POINTS) -> tuple[Ar
     192 places: 4e-6 of F_ave and 4e-4 of K_ave from f* = 1e-3 on, 2e-7 and 5e-5 from 0.08 on, 1e-12
     with all contacts closed; sampling noise is 1e-3 or more.
     """
-    if places.size <= most:
+    if places.size <= most_points:
         return places, weights
-    cell, count = _number_cells(places, weights, most // 2 - 1)
+    cell, count = _number_cells(places, weights, most_points // 2 - 1)
     # moments of each cell, (cells,)
     mass = np.bincount(cell, weights)
     mean = np.bincount(cell, weights * places) / mass

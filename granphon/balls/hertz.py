@@ -138,8 +138,8 @@ class EnergyLaw(ABC):
         """
 
     def _find(self, overlap: ArrayLike, order: int) -> Any:
-        """Return what :meth:`_evaluate` does; raise :class:`InputError` where the result is no
-        finite number.
+        """Return the energy, J, or its derivative of an ``order`` of 1 to 3, J/m^order, at each
+        ``overlap``, m; raise :class:`InputError` where the result is no finite number.
         """
         delta = real_array("overlap", overlap)
         with np.errstate(all="ignore"):  # numbers that are not finite are refused below
@@ -243,7 +243,9 @@ class HertzLaw(EnergyLaw):
         return cls(coefficient)
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
-        """As :meth:`EnergyLaw._evaluate`."""
+        """Return the energy (2/5) c delta^(5/2), J, or its derivative of an ``order`` of 1 to 3,
+        J/m^order, at each ``overlap`` delta, m.
+        """
         delta = np.maximum(overlap, 0.0)
         root = np.sqrt(delta)
         if order == ENERGY:

@@ -256,6 +256,7 @@ class Lattice:
         return self.pressure_factor / spacing ** (self.periods - 1)
 
     def _repr_html_(self) -> str:
+        """Return the table that a notebook shows."""
         vectors = [
             (f"lattice vector {number}", vector, "spacing")
             for number, vector in enumerate(self.cell, 1)

@@ -130,6 +130,13 @@ def allowed_motions(dimension: int) -> dict[str, Motions]:
     return {motions.name: motions for motions in motions_of_dimension[dimension]}
 
 
+def default_motions(dimension: int) -> Motions:
+    """Return the motions that balls of a ``dimension`` of 1, 2 or 3 have if none are named: those
+    along the line, in the plane, or all in space.
+    """
+    return next(iter(allowed_motions(dimension).values()))
+
+
 def select_motions(
     mindlin_ratio: ArrayLike,
     torsion: ArrayLike = 0.0,

@@ -90,13 +90,13 @@ class ContactTable:
     def scale(self, factor: float) -> ContactTable:
         """Return the same contacts with every length multiplied by ``factor``, a pure number."""
         return ContactTable(
-            self.i,
-            self.j,
-            self.shift,
-            self.normal,
-            read_only(self.vector * factor),
-            read_only(self.arm_i * factor),
-            read_only(self.arm_j * factor),
+            i=self.i,
+            j=self.j,
+            shift=self.shift,
+            normal=self.normal,
+            vector=read_only(self.vector * factor),
+            arm_i=read_only(self.arm_i * factor),
+            arm_j=read_only(self.arm_j * factor),
         )
 
     def take(self, rows: Any, i: Any, j: Any, shift: Any, turn: Any = None) -> ContactTable:
@@ -463,7 +463,9 @@ def _find_near(
 def _find_near_among_all(
     cell: Array, positions: Array, radii: Array, called: str
 ) -> tuple[Any, Any, Any, Array]:
-    """Return what :func:`_find_near` returns; all pairs of a few balls are compared."""
+    """Return balls i and j (pairs,), whole cells (pairs, p) and vectors (pairs, d) as
+    :func:`_find_near` does, for a few balls: all pairs are compared.
+    """
     within_cell = positions[None] - positions[:, None]  # (n, n, d) from i to j of the same cell
     farthest = float(np.linalg.norm(within_cell, axis=-1).max())
     radius = 2.0 * _NEAR_TOUCH * float(radii.max()) + farthest

@@ -50,7 +50,9 @@ class SpringLaw(EnergyLaw):
         return -np.inf
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
-        """As :meth:`EnergyLaw._evaluate`."""
+        """Return the energy k u^2/2, J, or its derivative of an ``order`` of 1 to 3, J/m^order, at
+        each ``overlap`` u, m.
+        """
         u = np.asarray(overlap, float)
         derivatives = {ENERGY: 0.5 * u, FORCE: np.ones_like(u)}
         if order in derivatives:

@@ -542,9 +542,9 @@ class Axis:
         """
         if self.unit is None:
             return self
-        least = min(self.values)
+        smallest = min(self.values)
         greatest = max(self.values)
-        return Axis(self.name, (least,) if least == greatest else (least, greatest))
+        return Axis(self.name, (smallest,) if smallest == greatest else (smallest, greatest))
 
     def describe(self, label: Any) -> str:
         """A label with the name of the parameter and its unit, such as "width = 2 um"."""

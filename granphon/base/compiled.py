@@ -70,6 +70,7 @@ def compiled(loop: _Loop) -> _Loop:
     compile_anew = dispatcher._compiler.compile
 
     def announce_and_compile(arguments: Any, returned: Any) -> Any:
+        """Compile the loop after a note that this takes long."""
         _announce_compilation()
         return compile_anew(arguments, returned)
 
@@ -86,6 +87,7 @@ def _survive_cache_errors(cache: Any) -> None:
         """Return a method that does as ``access`` does, or returns None where that fails."""
 
         def access_or_warn(*arguments: Any) -> Any:
+            """Return what ``access`` returns; None, with a warning, if the cache cannot be used."""
             try:
                 return access(*arguments)
             except Exception as error:  # reading a file that was cut may raise anything

@@ -239,8 +239,10 @@ def read_records(
 def _read_whole(
     path: str | os.PathLike[str] | BinaryIO, name: str, about: Mapping[str, str], frames: slice
 ) -> tuple[dict[str, Array], dict[str, str]]:
-    """Return what :func:`read_records` does, from a file that was not cut; errors are those of
-    scipy, or an InputError that calls the file ``name`` if its texts are not those of ``about``.
+    """Return the arrays of some ``frames`` and the texts of a file that was not cut, both by name.
+
+    Errors are those of scipy, or an InputError that calls the file ``name`` if its texts are not
+    those of ``about``.
     """
     from scipy.io import netcdf_file
 

@@ -131,6 +131,7 @@ def one_or_more(kind: Kind, what: str, once: str = "") -> Kind:
     several = listed(kind, what)
 
     def read(value: Any, context: ValueContext) -> tuple[Any, ...]:
+        """Return the values of a list, or the only value as a tuple."""
         if not isinstance(value, list | tuple):
             return (kind.read(value, context),)
         values: tuple[Any, ...] = several.read(value, context)
@@ -157,6 +158,7 @@ def block_of(kinds: Mapping[str, Kind], needed: Sequence[str] = ()) -> Kind:
         return block(value, rules, needed)
 
     def write(values: Any, context: ValueContext) -> dict[str, Any]:
+        """Return the entries of a mapping or an object that are not None, as a file has them."""
         entries = {}
         for key, kind in kinds.items():
             value = values.get(key) if isinstance(values, Mapping) else getattr(values, key)
@@ -290,6 +292,7 @@ class Block:
     _settings: ClassVar[Mapping[str, Setting]]
 
     def __init_subclass__(cls, kw_only: bool = False) -> None:
+        """Make a frozen dataclass of the subclass and list what it declares."""
         super().__init_subclass__()
         of_class: Any = dataclass(frozen=True, kw_only=kw_only)(cls)
         ordered = sorted(fields(of_class), key=lambda field: bool(field.kw_only))

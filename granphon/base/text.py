@@ -657,19 +657,19 @@ def counted(number: int, one: str, many: str = "") -> str:
     return f"{number} {one if number == 1 else many or one + 's'}"
 
 
-def list_names(names: Iterable[object], most: int = 10) -> str:
-    """Return names from a file as a message lists them: the first ``most``, and how many more there
-    are; "none" if there are none.
+def list_names(names: Iterable[object], most_names: int = 10) -> str:
+    """Return names from a file as a message lists them: the first ``most_names``, and how many more
+    there are; "none" if there are none.
     """
     texts = [str(name) for name in names]
     if not texts:
         return "none"
     ellipsis = "..."
     shown = []
-    for text in texts[:most]:
+    for text in texts[:most_names]:
         is_short = len(text) <= _LONGEST_NAME
         shown.append(text if is_short else text[: _LONGEST_NAME - len(ellipsis)] + ellipsis)
-    ending = f" and {len(texts) - most} more" if len(texts) > most else ""
+    ending = f" and {len(texts) - most_names} more" if len(texts) > most_names else ""
     return ", ".join(shown) + ending
 
 

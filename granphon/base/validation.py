@@ -59,6 +59,7 @@ def spell_out(arguments: Any) -> Callable[[Function], Function]:
     """
 
     def decorate(function: Function) -> Function:
+        """Return the ``function`` with a signature that names the options."""
         signature = inspect.signature(function)
         named = dict(signature.parameters)
         parameters = [each for each in named.values() if each.kind is not Parameter.VAR_KEYWORD]
@@ -533,6 +534,7 @@ def _named(
     def check(
         name: str, value: Any, /, *options: Options.args, **named_options: Options.kwargs
     ) -> Value:
+        """Return the value that the rule reads; the error names the argument."""
         try:
             return rule(value, *options, **named_options)
         except Refused as refused:

@@ -101,6 +101,151 @@ def _multiply(values: Array, start: int, other_start: int, count: int) -> float:
 
 
 @compiled
+def _list_neighbours(
+    i: NDArray[np.int64], j: NDArray[np.int64], along: Array, n: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return where the neighbours of each ball begin, (n + 2,), and the neighbours, ball after
+    ball: those at its contacts that are closed, with a stiffness ``along`` (n_c,) above zero.
+    """
+    starts = np.zeros(n + 2, np.int64)
+    for contact in range(len(i)):
+        if along[contact] > 0.0 and i[contact] < n and j[contact] < n:
+            starts[i[contact] + 2] += 1
+            starts[j[contact] + 2] += 1
+    for ball in range(n):
+        starts[ball + 2] += starts[ball + 1]
+    neighbours = np.empty(starts[n + 1], np.int64)
+    # each start moves on to that of the next ball as neighbours are written
+    for contact in range(len(i)):
+        if along[contact] > 0.0 and i[contact] < n and j[contact] < n:
+            neighbours[starts[i[contact] + 1]] = j[contact]
+            neighbours[starts[j[contact] + 1]] = i[contact]
+            starts[i[contact] + 1] += 1
+            starts[j[contact] + 1] += 1
+    return starts, neighbours
+
+
+@compiled
+def _order_clusters(
+    starts: NDArray[np.int64], neighbours: NDArray[np.int64], moves: Flags
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the balls of all clusters of balls that ``moves`` (n,) names, cluster after cluster,
+    each from one of its ends; and the place (n,) of each ball among these, -1 of others.
+    """
+    n = len(moves)
+    order = np.empty(n, np.int64)
+    place = np.full(n, -1)
+    count = 0
+    for ball in range(n):
+        if moves[ball] and place[ball] < 0:
+            # from the last of a first order, at an end of the group
+            end = _order_balls(starts, neighbours, ball, count, order, place)
+            last = order[end - 1]
+            for entry in range(count, end):
+                place[order[entry]] = -1
+            count = _order_balls(starts, neighbours, last, count, order, place)
+    return order[:count], place
+
+
+@compiled
+def _lay_rows(
+    starts: NDArray[np.int64],
+    neighbours: NDArray[np.int64],
+    order: NDArray[np.int64],
+    place: NDArray[np.int64],
+    d: int,
+) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
+    """Return how the lower triangle of a matrix (rows, rows) is stored, each row from its first
+    entry to the diagonal: the column of its first entry, and the index that its column zero would
+    have among all entries, (rows,) each; and the number of entries.
+    """
+    size = d * len(order)
+    first = np.empty(size, np.int64)
+    row_starts = np.empty(size, np.int64)
+    length = 0
+    for entry in range(len(order)):
+        earliest = entry
+        ball = order[entry]
+        for neighbour in range(starts[ball], starts[ball + 1]):
+            earliest = min(earliest, place[neighbours[neighbour]])
+        for axis in range(d):
+            row = d * entry + axis
+            first[row] = d * earliest
+            row_starts[row] = length - first[row]
+            length += row + 1 - first[row]
+    return first, row_starts, length
+
+
+@compiled
+def _add_contacts(
+    ends: tuple[NDArray[np.int64], NDArray[np.int64]],
+    normal: Array,
+    along: Array,
+    across: Array,
+    place: NDArray[np.int64],
+    row_starts: NDArray[np.int64],
+    values: Array,
+    d: int,
+) -> None:
+    """Add the stiffnesses of contacts to the entries ``values`` of the lower triangle."""
+    i, j = ends
+    n = len(place)
+    for contact in range(len(i)):
+        if not along[contact] > 0.0:
+            continue
+        at_i = d * place[i[contact]] if i[contact] < n else -1
+        at_j = d * place[j[contact]] if j[contact] < n else -1
+        later = max(at_i, at_j)
+        if later < 0:
+            continue
+        earlier = min(at_i, at_j)
+        for line in range(d):
+            for column in range(d):
+                stiffness = (along[contact] - across[contact]) * (
+                    normal[contact, line] * normal[contact, column]
+                )
+                if line == column:
+                    stiffness += across[contact]
+                if column <= line:
+                    values[row_starts[later + line] + later + column] += stiffness
+                    if earlier >= 0:
+                        values[row_starts[earlier + line] + earlier + column] += stiffness
+                if earlier >= 0:
+                    values[row_starts[later + line] + earlier + column] -= stiffness
+
+
+@compiled
+def _solve(
+    first: NDArray[np.int64], row_starts: NDArray[np.int64], values: Array, solution: Array
+) -> None:
+    """Set ``solution`` (rows,), the right side, to the solution, by factors L D L^T of the lower
+    triangle, whose entries ``values`` become those of L.
+    """
+    size = len(first)
+    diagonal = np.empty(size)
+    # factors row by row, and L^-1 of the right side along with them
+    for row in range(size):
+        row_start = row_starts[row]
+        begin = first[row]
+        for column in range(begin, row):
+            low = max(begin, first[column])
+            products = _multiply(values, row_start + low, row_starts[column] + low, column - low)
+            values[row_start + column] -= products
+        pivot = values[row_start + row]
+        for column in range(begin, row):
+            factor = values[row_start + column] / diagonal[column]
+            pivot -= factor * values[row_start + column]
+            values[row_start + column] = factor
+            solution[row] -= factor * solution[column]
+        diagonal[row] = pivot
+    for row in range(size):
+        solution[row] /= diagonal[row]
+    for row in range(size - 1, -1, -1):
+        for column in range(first[row], row):
+            solution[column] -= values[row_starts[row] + column] * solution[row]
+
+
+@compiled
 def find_cluster_steps(
     i: NDArray[np.int64],
     j: NDArray[np.int64],
@@ -124,98 +269,21 @@ def find_cluster_steps(
     springs : (n,) stiffnesses, above zero, that hold balls to the ground.
     """
     n, d = forces.shape
-    starts = np.zeros(n + 2, np.int64)
-    for contact in range(len(i)):
-        if along[contact] > 0.0 and i[contact] < n and j[contact] < n:
-            starts[i[contact] + 2] += 1
-            starts[j[contact] + 2] += 1
-    for ball in range(n):
-        starts[ball + 2] += starts[ball + 1]
-    neighbours = np.empty(starts[n + 1], np.int64)
-    for contact in range(len(i)):
-        if along[contact] > 0.0 and i[contact] < n and j[contact] < n:
-            neighbours[starts[i[contact] + 1]] = j[contact]
-            neighbours[starts[j[contact] + 1]] = i[contact]
-            starts[i[contact] + 1] += 1
-            starts[j[contact] + 1] += 1
-    order = np.empty(n, np.int64)
-    place = np.full(n, -1)
-    count = 0
-    for ball in range(n):
-        steps[ball] = 0.0
-        if moves[ball] and place[ball] < 0:
-            # from the last of a first order, at an end of the group
-            end = _order_balls(starts, neighbours, ball, count, order, place)
-            last = order[end - 1]
-            for entry in range(count, end):
-                place[order[entry]] = -1
-            count = _order_balls(starts, neighbours, last, count, order, place)
-    # rows from their first entry to the diagonal
-    size = d * count
-    first = np.empty(size, np.int64)
-    row_starts = np.empty(size, np.int64)
-    length = 0
-    for entry in range(count):
-        least = entry
-        ball = order[entry]
-        for neighbour in range(starts[ball], starts[ball + 1]):
-            least = min(least, place[neighbours[neighbour]])
-        for axis in range(d):
-            row = d * entry + axis
-            first[row] = d * least
-            row_starts[row] = length - first[row]
-            length += row + 1 - first[row]
+    steps[:] = 0.0
+    starts, neighbours = _list_neighbours(i, j, along, n)
+    order, place = _order_clusters(starts, neighbours, moves)
+    first, row_starts, length = _lay_rows(starts, neighbours, order, place, d)
     values = np.zeros(length)
-    solution = np.empty(size)
-    for entry in range(count):
+    solution = np.empty(len(first))
+    for entry in range(len(order)):
         ball = order[entry]
         for axis in range(d):
             row = d * entry + axis
             values[row_starts[row] + row] = springs[ball]
             solution[row] = forces[ball, axis]
-    for contact in range(len(i)):
-        if not along[contact] > 0.0:
-            continue
-        at_i = d * place[i[contact]] if i[contact] < n else -1
-        at_j = d * place[j[contact]] if j[contact] < n else -1
-        later = max(at_i, at_j)
-        if later < 0:
-            continue
-        earlier = min(at_i, at_j)
-        for line in range(d):
-            for column in range(d):
-                stiffness = (along[contact] - across[contact]) * (
-                    normal[contact, line] * normal[contact, column]
-                )
-                if line == column:
-                    stiffness += across[contact]
-                if column <= line:
-                    values[row_starts[later + line] + later + column] += stiffness
-                    if earlier >= 0:
-                        values[row_starts[earlier + line] + earlier + column] += stiffness
-                if earlier >= 0:
-                    values[row_starts[later + line] + earlier + column] -= stiffness
-    diagonal = np.empty(size)
-    for row in range(size):
-        row_start = row_starts[row]
-        begin = first[row]
-        for column in range(begin, row):
-            low = max(begin, first[column])
-            products = _multiply(values, row_start + low, row_starts[column] + low, column - low)
-            values[row_start + column] -= products
-        pivot = values[row_start + row]
-        for column in range(begin, row):
-            factor = values[row_start + column] / diagonal[column]
-            pivot -= factor * values[row_start + column]
-            values[row_start + column] = factor
-            solution[row] -= factor * solution[column]
-        diagonal[row] = pivot
-    for row in range(size):
-        solution[row] /= diagonal[row]
-    for row in range(size - 1, -1, -1):
-        for column in range(first[row], row):
-            solution[column] -= values[row_starts[row] + column] * solution[row]
-    for entry in range(count):
+    _add_contacts((i, j), normal, along, across, place, row_starts, values, d)
+    _solve(first, row_starts, values, solution)
+    for entry in range(len(order)):
         for axis in range(d):
             steps[order[entry], axis] = solution[d * entry + axis]
 

@@ -141,20 +141,20 @@ class ContactList:
         static = self.has_tangential_force
         none = np.zeros((0, 3))
         return Columns(
-            self.i,
-            self.j,
-            self.vector,
-            self.normal,
-            self.arm_i,
-            self.arm_j,
-            self.distance,
-            self.normal_stiffness,
-            self.shear_stiffness,
-            self.torsion_stiffness,
-            self.bending_stiffness,
-            self.side_stiffness,
-            self.tangential_force if static else none,
-            self.origin if static else none,
+            i=self.i,
+            j=self.j,
+            vector=self.vector,
+            normal=self.normal,
+            arm_i=self.arm_i,
+            arm_j=self.arm_j,
+            distance=self.distance,
+            normal_stiffness=self.normal_stiffness,
+            shear_stiffness=self.shear_stiffness,
+            torsion_stiffness=self.torsion_stiffness,
+            bending_stiffness=self.bending_stiffness,
+            side_stiffness=self.side_stiffness,
+            tangential_force=self.tangential_force if static else none,
+            origin=self.origin if static else none,
         )
 
     def find_stress(self) -> Array:

@@ -182,11 +182,9 @@ class Tangent:
         the secant stiffness, that of a spring which would carry T. Beside the contacts there are
         dashpots of stiffness ``drag``, and eta times as much, which neither slide nor open.
         """
-        stiffness, sliding, factor = (
-            self.stiffness + added + drag,
-            math.sqrt(1.0 - share) * self.sliding,
-            1.0 / unit,
-        )
+        stiffness = self.stiffness + added + drag
+        sliding = math.sqrt(1.0 - share) * self.sliding
+        factor = 1.0 / unit
         shear = factor * (self.shear + eta * added)
         drag = factor * (self.drag + eta * drag)
         return Tangent(factor * stiffness, shear, factor * self.coupling, sliding, drag)
@@ -256,6 +254,7 @@ class FrictionLaw:
         sliding.set_shears(*numbers, *start, by_contact(held), motion, shears)
 
         def linearise() -> Tangent:
+            """Return the derivatives of the forces at the end of the step."""
             tangent = Tangent(
                 stiffness=np.empty(overlaps.shape),
                 shear=np.empty(overlaps.shape),

@@ -169,30 +169,30 @@ def add_blocks(runs: Runs, stiffness: Values, blocks: Values) -> None:
 
 
 @compiled
-def invert_blocks(blocks: Values, least: float, part: float, inverses: Values) -> None:
+def invert_blocks(blocks: Values, added: float, part: float, inverses: Values) -> None:
     """Set ``inverses`` (d, d, n) to those of symmetric ``blocks`` (d, d, n), known up to the
-    diagonal, with ``least`` added to it, times a ``part``.
+    diagonal, with ``added`` added to it, times a ``part``.
     """
     d = len(blocks)
     for ball in range(blocks.shape[2]):
         if d == 1:
-            inverses[0, 0, ball] = part / (blocks[0, 0, ball] + least)
+            inverses[0, 0, ball] = part / (blocks[0, 0, ball] + added)
         elif d == 2:
-            xx = blocks[0, 0, ball] + least
+            xx = blocks[0, 0, ball] + added
             xy = blocks[1, 0, ball]
-            yy = blocks[1, 1, ball] + least
+            yy = blocks[1, 1, ball] + added
             scale = part / (xx * yy - xy * xy)
             inverses[0, 0, ball] = scale * yy
             inverses[1, 1, ball] = scale * xx
             inverses[0, 1, ball] = -scale * xy
             inverses[1, 0, ball] = -scale * xy
         else:
-            xx = blocks[0, 0, ball] + least
+            xx = blocks[0, 0, ball] + added
             xy = blocks[1, 0, ball]
             xz = blocks[2, 0, ball]
-            yy = blocks[1, 1, ball] + least
+            yy = blocks[1, 1, ball] + added
             yz = blocks[2, 1, ball]
-            zz = blocks[2, 2, ball] + least
+            zz = blocks[2, 2, ball] + added
             first = yy * zz - yz * yz
             second = xz * yz - xy * zz
             third = xy * yz - xz * yy
@@ -296,16 +296,16 @@ def go_on(
     runs: Runs,
     stiffness: Values,
     strained: Values,
-    better: Values,
+    preconditioned: Values,
     last: float,
     direction: Values,
     change: Values,
     solution: Values,
     remaining: Values,
 ) -> tuple[float, float, float]:
-    """Take a step of conjugate gradients; return the product of the forces that remain with the
-    motion that is ``better``, the curvature along the direction, and the square of what then
-    remains.
+    """Take a step of conjugate gradients; return the product of the ``remaining`` forces with the
+    ``preconditioned`` ones, the curvature along the ``direction``, and the square of the forces
+    that then remain.
 
     Vectors (n + s,) are motions of balls, field by field, and strains of the cell, or forces on
     them. ``strained`` (kinds, s) are elongations by unit strains, and ``last`` is the product of
@@ -315,10 +315,10 @@ def go_on(
     s = strained.shape[1]
     n = len(direction) - s
     fields = n // cells
-    product = multiply(remaining, better)
+    product = multiply(remaining, preconditioned)
     factor = product / last if last else 0.0
     for place in range(len(direction)):
-        direction[place] = factor * direction[place] + better[place]
+        direction[place] = factor * direction[place] + preconditioned[place]
     elongations = np.zeros(kinds if s else 0, direction.dtype)
     tensions = np.zeros(kinds if s else 0, direction.dtype)
     for strain in range(s):

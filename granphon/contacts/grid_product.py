@@ -152,8 +152,8 @@ def add_across(product: GridProduct, motions: Values, forces: Values) -> None:
 
 
 @compiled
-def invert_blocks(blocks: Values, least: float, part: float, inverses: Values) -> None:
-    """Set ``inverses`` (m, m, n) to those of blocks with ``least`` added to the diagonal, times a
+def invert_blocks(blocks: Values, added: float, part: float, inverses: Values) -> None:
+    """Set ``inverses`` (m, m, n) to those of blocks with ``added`` added to the diagonal, times a
     ``part``.
 
     The blocks, or their parts that are symmetric, are positive.
@@ -168,7 +168,7 @@ def invert_blocks(blocks: Values, least: float, part: float, inverses: Values) -
             for line in range(m):
                 for column in range(m):
                     work[line, column, ball - start] = blocks[line, column, ball]
-                work[line, line, ball - start] += least
+                work[line, line, ball - start] += added
         # the elimination of Gauss and Jordan in place; pivots of a positive matrix are on its
         # diagonal
         for pivot in range(m):

@@ -133,13 +133,13 @@ class ContactLaws:
             if isinstance(law, EnergyLaw):
                 values[contacts] = law._evaluate(overlap[contacts], order)
             else:
-                find = {
+                functions = {
                     ENERGY: law.energy,
                     FORCE: law.force,
                     STIFFNESS: law.stiffness,
                     SLOPE: law.stiffness_slope,
-                }[order]
-                values[contacts] = find(overlap[contacts])
+                }
+                values[contacts] = functions[order](overlap[contacts])
         return values
 
     def overlap(self, forces: Array) -> Array:

@@ -144,10 +144,10 @@ def fill_tangent(
                         slipped += strained[strain, a] * turning[a, axis - 3]
                     ahead[i, motion, strain] -= arm_i * slip * slipped
                     ahead[j, motion, strain] -= arm_j * slip * slipped
-        for one in range(s):
-            for another in range(s):
+        for line in range(s):
+            for column in range(s):
                 for axis in range(3):
-                    corner[one, another] += strained[one, axis] * pull[another, axis]
+                    corner[line, column] += strained[line, axis] * pull[column, axis]
 
 
 @compiled

@@ -125,35 +125,17 @@ class MovingContacts:
         self.held = np.zeros_like(self.ratios)
         if network.tangential_force is not None:
             self.held[:_N_SLIPS, : network.n_contacts] = -network.tangential_force.T
-        columns: dict[int, Any] = {
-            loops.REST + axis * loops.CHUNK: geometry.r[:, axis] for axis in range(3)
-        }
-        columns |= {
-            loops.LENGTH: geometry.length,
-            loops.GAP: geometry.gap,
-            loops.FREE: geometry.is_free,
-            loops.NEAR: geometry.near,
-            loops.FAR: geometry.far,
-            loops.FORCE: law.rest,
-            loops.SLIP_RATIO: self.ratios[0],
-            loops.OVERLAP: law.end,
-        }
+        columns = _list_columns(geometry, law, self.ratios)
         dashpots = losses.list_dashpots(pairs.i, pairs.j)
         columns |= dict(zip(loops.DASHPOTS, dashpots, strict=True))
-        if len(self.ratios) > _N_SLIPS:
-            columns |= {loops.TWIST_RATIO: self.ratios[3], loops.ROLL_RATIO: self.ratios[4]}
-        if isinstance(law, Powers) and is_hertz:
-            columns |= {
-                loops.COEFFICIENT: law.coefficient,
-                loops.ROOT: law.root,
-            }
         self._columns = _make_columns(ends, columns)
         self.on_balls = np.zeros((network.n_balls, len(self.axes)))
         self._no_speeds = np.zeros((0, len(self.axes)))
         self._no_dash = np.zeros((len(self.ratios) + 1, 0))
-        self.dash = (
-            np.zeros((len(self.ratios) + 1, n_contacts)) if self.is_damped else self._no_dash
-        )
+        self.dash = self._no_dash
+        if self.is_damped:
+            self.dash = np.zeros((len(self.ratios) + 1, n_contacts))
+        # the forces of contacts on balls at rest, which those in motion are compared with
         still = self.make_moment()
         self._go(still, still._replace(pull=still.pull.copy()), self._stick)
         self.still = self.on_balls.copy()
@@ -230,8 +212,9 @@ class MovingContacts:
     def follow_mean(
         self, before: Moment, after: Moment, joined: Any, step: float
     ) -> tuple[float, float]:
-        """As :meth:`follow`, with the mean forces of a ``step``, s, on balls, so that it keeps the
-        energy.
+        """Set forces of contacts ``after`` a ``step``, s, and on balls the mean forces of the step,
+        by which it keeps the energy; return the energies that slip, twist and roll, and dashpots
+        take up, J.
         """
         mean = self.law.mean(before.e, after.e, joined)
         return self._go(before, after, self.rules, mean=mean, step=step)
@@ -343,8 +326,32 @@ def measure_along(network: ContactNetwork, motions: Array) -> Array:
     return e
 
 
+def _list_columns(geometry: _Geometry, law: Powers | PairLaws, ratios: Array) -> dict[int, Any]:
+    """Return the columns (n_c,) of contacts at rest that compiled loops read, by their numbers."""
+    columns: dict[int, Any] = {
+        loops.REST + axis * loops.CHUNK: geometry.r[:, axis] for axis in range(3)
+    }
+    columns |= {
+        loops.LENGTH: geometry.length,
+        loops.GAP: geometry.gap,
+        loops.FREE: geometry.is_free,
+        loops.NEAR: geometry.near,
+        loops.FAR: geometry.far,
+        loops.FORCE: law.rest,
+        loops.SLIP_RATIO: ratios[0],
+        loops.OVERLAP: law.end,
+    }
+    if len(ratios) > _N_SLIPS:
+        columns |= {loops.TWIST_RATIO: ratios[3], loops.ROLL_RATIO: ratios[4]}
+    if isinstance(law, Powers) and law.exponent == hertz.EXPONENT:
+        columns |= {loops.COEFFICIENT: law.coefficient, loops.ROOT: law.root}
+    return columns
+
+
 def _make_columns(ends: tuple[Index, Index], values: dict[int, Any]) -> Columns:
-    """Return what loops read, of ``values`` (n_c,) by row; those of other rows are zero."""
+    """Return the contacts as loops read them, from ``values`` (n_c,) by row; the numbers of other
+    rows are zero.
+    """
     shared = np.zeros(loops.N_COLUMNS // loops.CHUNK)
     separate = {}
     for row, column in values.items():

@@ -223,12 +223,12 @@ class PairLaws:
         return out
 
     def mean(self, e: Array, end: Array, joined: Any = None) -> Array:
-        """As for :class:`Powers`."""
+        """Return the mean of f - f_0 (n,), N, between the elongations ``e`` and ``end`` (n,), m."""
         return _mean_of(self, e, end, joined)
 
     def store(self, e: Array, joined: Any = None) -> Array:
-        """As for :class:`Powers`; below zero where contacts adhere. Contacts that have parted keep
-        the energy at which they part.
+        """Return the energies (n,), J, stored since rest at elongations ``e`` (n,), m; below zero
+        where contacts adhere. Contacts that have parted keep the energy at which they part.
         """
         first = self._first_overlap
         h = np.maximum(self.overlap - e, first)

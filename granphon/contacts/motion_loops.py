@@ -185,30 +185,37 @@ _Vector = tuple[float, float, float]
 
 @compiled
 def _dot(a: _Vector, b: _Vector) -> float:
+    """Return a.b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @compiled
 def _cross(a: _Vector, b: _Vector) -> _Vector:
+    """Return a x b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @compiled
 def _add(a: _Vector, factor: float, b: _Vector) -> _Vector:
+    """Return a + factor b."""
     return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]
 
 
 @compiled
 def _scale(factor: float, a: _Vector) -> _Vector:
+    """Return factor a."""
     return factor * a[0], factor * a[1], factor * a[2]
 
 
 @compiled
 def _turn(force: _Vector, start: _Vector, end: _Vector, half: float, cosine: float) -> _Vector:
-    """Turn a force across the unit vector ``start`` by the smallest rotation to ``end``, by which
-    it is mirrored between both, and about ``end`` by the angle of whose half this is the tangent;
-    ``cosine`` is that of the angle, and one.
+    """Return a force, across the unit vector ``start``, turned by two rotations: by the smallest
+    that takes ``start`` to the unit vector ``end``, and about ``end`` by an angle.
+
+    ``half`` is the tangent of half of the angle, and ``cosine`` one plus the cosine of the angle:
+    half times cosine is the sine.
     """
+    # for a vector across the start, the smallest rotation is a mirror image across the bisector
     bisector = _add(start, 1.0, end)
     carried = _add(force, -_dot(bisector, force) / max(1.0 + _dot(start, end), _NONE), bisector)
     return _add(_scale(cosine - 1.0, carried), half * cosine, _cross(end, carried))

@@ -66,6 +66,8 @@ def _fill_plane(
             spring = tangent.shear[c] * (1.0 - q * q) + tangent.drag
             coupling = tangent.coupling[0, c]
             held = shears[0, c]
+            # stiffnesses as at the head of this module: of a motion across the normal, and of T as
+            # it turns
             aside = spring - over * normal_force[c]
             turned = over * held
             lever = 0.5 * eps * held
@@ -73,7 +75,7 @@ def _fill_plane(
             for motion in range(2):
                 n[motion] = x * axes[0, motion] + y * axes[1, motion]
                 t[motion] = x * axes[1, motion] - y * axes[0, motion]
-            if is_free:
+            if is_free:  # a unit of the overlap moves the centres against the lattice direction e
                 e_n = x * contacts.normal[c, 0] + y * contacts.normal[c, 1]
                 e_t = x * contacts.normal[c, 1] - y * contacts.normal[c, 0]
                 corner += k * e_n
@@ -88,6 +90,7 @@ def _fill_plane(
                     back[motion, j] -= k * n[motion]
                 ahead[2, i] += arm_i * change + lever * e_n
                 ahead[2, j] += arm_j * change + lever * e_n
+            # displacements: what both balls bear, and what they exert as they rotate
             for motion in range(2):
                 along = k * n[motion] - turned * t[motion]
                 across = aside * t[motion] - coupling * n[motion]
@@ -109,10 +112,12 @@ def _fill_plane(
                 diagonal[motion, 2, j] -= arm_j * slid
                 forward_rows[motion, 2, place] = arm_j * slid
                 backward_rows[2, motion, place] = -arm_i * slid
+            # rotations
             diagonal[2, 2, i] += arm_i * arm_i * spring
             diagonal[2, 2, j] += arm_j * arm_j * spring
             forward_rows[2, 2, place] = arm_i * arm_j * spring
             backward_rows[2, 2, place] = arm_i * arm_j * spring
+        # each entry of all contacts of the chunk goes through memory in order
         for line in range(3):
             for motion in range(3):
                 forward[line, motion, start:stop] = forward_rows[line, motion, : stop - start]
@@ -208,6 +213,7 @@ def _fill_space(
             c_b = tangent.coupling[1, c]
             q_b = tangent.sliding[1, c]
             held_b = shears[1, c]
+            # the direction on the lattice in the frame of the contact
             e_n = nx * ex + ny * ey + nz * ez
             e_t = tx * ex + ty * ey + tz * ez
             e_b = bx * ex + by * ey + bz * ez
@@ -227,6 +233,7 @@ def _fill_space(
                 e_t / below,
                 e_b / below,
             )
+            # the frame of the contact along the axes of space, and along those of displacements
             for axis in range(3):
                 turning[0, axis] = at.normal[c, axis]
                 turning[1, axis] = at.tangent[c, axis]
@@ -240,6 +247,7 @@ def _fill_space(
                         + turning[row, 1] * axes[1, axis]
                         + turning[row, 2] * axes[2, axis]
                     )
+            # displacements of ball j, and a unit of the overlap y
             for motion in range(4 if is_free else 3):
                 if motion < 3:
                     v_n = along[0, motion]
@@ -283,6 +291,7 @@ def _fill_space(
                     diagonal[3 + line, motion, j] += on_j[line]
                     forward_rows[3 + line, motion, place] = on_i[line]
                     backward_rows[motion, 3 + line, place] = -on_j[line]
+            # rotations of either ball
             for motion in range(3):
                 r_t = turning[1, motion]
                 r_b = turning[2, motion]
@@ -315,6 +324,7 @@ def _fill_space(
                         else:
                             diagonal[3 + line, 3 + motion, i] -= arm_i * wrench
                             backward_rows[3 + motion, 3 + line, place] = -arm_j * wrench
+        # each entry of all contacts of the chunk goes through memory in order
         for line in range(6):
             for motion in range(6):
                 forward[line, motion, start:stop] = forward_rows[line, motion, : stop - start]

@@ -75,6 +75,7 @@ def collect_forces(force: Array, torque: Array, axes: Array, fields: NDArray[Any
     """
     p = len(axes)
     cells = fields.shape[2]
+    # rotations are about all axes, or about the third alone
     first = p if fields.shape[1] - p == 3 else p - 2
     for ball in range(len(fields)):
         place = ball * cells
@@ -125,11 +126,13 @@ def measure_straight(
         x = displacement[j, 0] - displacement[i, 0]
         y = displacement[j, 1] - displacement[i, 1]
         z = displacement[j, 2] - displacement[i, 2]
+        # what rotations carry the surfaces at the contact by: r x n
         arm_i = 0.5 - contacts.uneven[c]
         arm_j = 0.5 + contacts.uneven[c]
         rx = arm_i * rotation[i, 0] + arm_j * rotation[j, 0]
         ry = arm_i * rotation[i, 1] + arm_j * rotation[j, 1]
         rz = arm_i * rotation[i, 2] + arm_j * rotation[j, 2]
+        # the second tangent b = n x t
         bx = ny * tz - nz * ty
         by = nz * tx - nx * tz
         bz = nx * ty - ny * tx
@@ -161,6 +164,7 @@ def measure_turned(
         ex = contacts.normal[c, 0]
         ey = contacts.normal[c, 1]
         ez = contacts.normal[c, 2]
+        # w = e + eps v joins the centres, in d
         x = displacement[j, 0] - displacement[i, 0] - overlap * ex
         y = displacement[j, 1] - displacement[i, 1] - overlap * ey
         z = displacement[j, 2] - displacement[i, 2] - overlap * ez
@@ -168,7 +172,7 @@ def measure_turned(
         wy = ey + eps * y
         wz = ez + eps * z
         size = math.sqrt(wx * wx + wy * wy + wz * wz)
-        # no two numbers that are nearly equal are subtracted
+        # |w| - 1, over eps: no two numbers that are nearly equal are subtracted
         grown = 2.0 * (ex * x + ey * y + ez * z) + eps * (x * x + y * y + z * z)
         overlaps[c] = contacts.offset[c] - grown / (1.0 + size)
         nx = wx / size
@@ -183,6 +187,7 @@ def measure_turned(
             tangent[c, 1] = nx
             tangent[c, 2] = 0.0
             continue
+        # the tangent goes along by the smallest rotation from e to n
         tx = contacts.tangent[c, 0]
         ty = contacts.tangent[c, 1]
         tz = contacts.tangent[c, 2]
@@ -191,6 +196,7 @@ def measure_turned(
         tx -= factor * (ex + nx)
         ty -= factor * (ey + ny)
         tz -= factor * (ez + nz)
+        # and turns about n by the mean of the spins of both balls
         spin = (rotation[i, 0] + rotation[j, 0]) * ex
         spin += (rotation[i, 1] + rotation[j, 1]) * ey
         spin += (rotation[i, 2] + rotation[j, 2]) * ez
@@ -339,6 +345,7 @@ def add_forces(
         bx = ny * tz - nz * ty
         by = nz * tx - nx * tz
         bz = nx * ty - ny * tx
+        # the force f n - T on ball j
         x = size * nx - along_t * tx - along_b * bx
         y = size * ny - along_t * ty - along_b * by
         z = size * nz - along_t * tz - along_b * bz
@@ -350,6 +357,7 @@ def add_forces(
         force[j, 2] += z
         arm_i = 0.5 * at.distance[c] - contacts.uneven[c]
         arm_j = 0.5 * at.distance[c] + contacts.uneven[c]
+        # n x T, times the arm the torque on either ball
         x = along_t * bx - along_b * tx
         y = along_t * by - along_b * ty
         z = along_t * bz - along_b * tz

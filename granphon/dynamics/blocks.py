@@ -658,12 +658,15 @@ class _Slopes:
 
     def compute_gradients(self, vectors: NDArray[Any]) -> Array:
         """Return the gradients (n_q, n, p) of omega^2 of each of the ``vectors`` (n_q, n, n)."""
+        # omega^2 is the square of the deformations: its gradient is twice the real part of their
+        # product with their own gradients
         if self.point.basis is not None:
             deformations, changes = self._tilt(slice(None), vectors, self.frequencies[:, None, :])
             return np.asarray(2.0 * np.einsum("qxb,qaxb->qba", deformations.conj(), changes).real)
         total: Any = 0.0
         for rows, slope, half in self.kinds:
-            total = total + 2.0 * half.T @ ((rows @ vectors).conj() * (slope @ vectors)).real
+            products = ((rows @ vectors).conj() * (slope @ vectors)).real
+            total = total + 2.0 * half.T @ products
         return np.asarray(total.swapaxes(1, 2))
 
     def _tilt(

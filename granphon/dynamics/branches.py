@@ -283,7 +283,15 @@ class AcousticBranches:
             last_vectors = modes.vectors[go_on, -1]
             if not followed.size:
                 break
-        return cls(lattice, directions, grid, frequencies, rising, falls, vectors)
+        return cls(
+            lattice=lattice,
+            directions=directions,
+            wavenumbers=grid,
+            frequencies=frequencies,
+            rising=rising,
+            falls=falls,
+            vectors=vectors,
+        )
 
     def take_branch(self, which: int, direction: int) -> AcousticBranch:
         """Return the branch of index ``which`` in the lattice's ``wave_names``, in the direction of

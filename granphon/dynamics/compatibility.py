@@ -345,15 +345,20 @@ class Compatibility:
         is_flat = not np.any(self.contacts.normal[:, self.periods :])
         moves_across = energy[is_across].sum() > energy[~is_across].sum()
         if is_flat and moves_across:
-            arrangement, place, inner = "flat layer", "plane", "in_plane"
             if self.periods == 1:
-                arrangement, place, inner = "straight chain", "line", "longitudinal"
+                arrangement = "straight chain"
+                place = "line"
+                motions = "longitudinal"
+            else:
+                arrangement = "flat layer"
+                place = "plane"
+                motions = "in_plane"
             why = (
                 f"Under pressure a {arrangement} of balls does so at any load: each contact pushes"
                 f" balls that leave the {place} farther out, with the stiffness -f/a, and nothing"
                 " else acts on long waves"
             )
-            mend = f"Use the motions {inner}, or leave finite_overlap off"
+            mend = f"Use the motions {motions}, or leave finite_overlap off"
         return InstabilityError(f"the lattice {self.name} buckles: {where}", why, mend)
 
     # -- the compatibility matrix ------------------------------------------------------------------
@@ -801,16 +806,14 @@ class Compatibility:
         rows = self.compatibility(wavevectors)
         adjoint = rows.conj().swapaxes(1, 2)
         n_springs = len(self.contacts) - self.n_between
-        viscous, lossy = (
-            adjoint
-            @ (
-                weigh_rows(self.rows, np.pad(numbers, ((0, 0), (0, n_springs)))).reshape(-1, 1)
-                * rows
-            )
-            for numbers in (times, factors)
-        )
-        viscous = viscous + np.diag(np.tile(drags, self.n_balls))
-        return self._compute_frame_matrix(wavevectors) + 1j * lossy, viscous
+
+        def weigh(numbers: Array) -> NDArray[Any]:
+            """Return C^H W C, with the weights W of ``numbers`` (2, n_c), zero for springs."""
+            weights = weigh_rows(self.rows, np.pad(numbers, ((0, 0), (0, n_springs))))
+            return np.asarray(adjoint @ (weights.reshape(-1, 1) * rows))
+
+        viscous = weigh(times) + np.diag(np.tile(drags, self.n_balls))
+        return self._compute_frame_matrix(wavevectors) + 1j * weigh(factors), viscous
 
     @cached_property
     def _to_balls(self) -> NDArray[np.complex128]:

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import Lattice, as_direction, find_lattice, one_direction
 from granphon.balls.layers import find_axes
-from granphon.balls.motions import Motions, allowed_motions
+from granphon.balls.motions import Motions, allowed_motions, default_motions
 from granphon.balls.neighbours import ContactTable, freeze_contacts
 from granphon.balls.on_site import turn_on_site
 from granphon.base.arrays import Array, Complex, Index
@@ -145,7 +145,7 @@ class ContactLattice(LongWaves):
         structure = find_lattice(lattice)
         chosen_motions = motions
         if chosen_motions is None:
-            chosen_motions = next(iter(allowed_motions(structure.dimension).values()))
+            chosen_motions = default_motions(structure.dimension)
         twist = not_negative("torsion", torsion)
         roll = not_negative("bending", bending)
         return cls._make_of_equal_balls(
@@ -292,11 +292,13 @@ class ContactLattice(LongWaves):
         q, _ = self._fold(wavevectors)
         self._require_room(len(q), 1)
         omega = np.concatenate(self._share_out(lambda part: self._solve(q[part]), len(q)))
-        faint = _is_faint(q)
-        if np.any(faint):
-            near = _NEAR_GAMMA * as_direction(q[faint], self.periods)
+        # next to Gamma rounding hides what little contacts deform: frequencies are those a little
+        # farther out, followed back by their powers of q
+        is_faint = _is_faint(q)
+        if np.any(is_faint):
+            near = _NEAR_GAMMA * as_direction(q[is_faint], self.periods)
             modes = self._solve_with_velocities(near, near / _NEAR_GAMMA)
-            omega[faint] = _follow_powers(q[faint], near, *modes)[0]
+            omega[is_faint] = _follow_powers(q[is_faint], near, *modes)[0]
         return omega
 
     @cached_property
@@ -577,7 +579,8 @@ class ContactLattice(LongWaves):
         if self._large is not None and len(q) == 1:
             modes = self._large.solve_with_velocities(q[0])
             if modes is not None:
-                return modes[0][None], modes[1][None], modes[2][None]
+                omega, motions, slopes = modes
+                return omega[None], motions[None], slopes[None]
         try:
             by_block = [block.solve_with_velocities(q, along) for block in self._blocks]
         except InstabilityError:
@@ -585,9 +588,9 @@ class ContactLattice(LongWaves):
         if len(by_block) == 1:
             frequencies, vectors, velocities = by_block[0]
             return frequencies, self._to_balls @ vectors, velocities
-        frequencies = np.concatenate([modes_of_block[0] for modes_of_block in by_block], axis=1)
-        velocities = np.concatenate([modes_of_block[2] for modes_of_block in by_block], axis=1)
-        dtype = np.result_type(*(modes_of_block[1] for modes_of_block in by_block))
+        frequencies = np.concatenate([omega for omega, _, _ in by_block], axis=1)
+        velocities = np.concatenate([slopes for _, _, slopes in by_block], axis=1)
+        dtype = np.result_type(*(block_vectors for _, block_vectors, _ in by_block))
         vectors = np.zeros((len(frequencies), self.n_branches, self.n_branches), dtype)
         first = 0
         for block, (_, block_vectors, _) in zip(self._blocks, by_block, strict=True):

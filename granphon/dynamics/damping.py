@@ -51,8 +51,8 @@ LARGEST_LOSSES = {"damping": 1e30, "loss_factor": 1e6, "drag": 1e30, "dashpot": 
 LEAST_RESTITUTION = 1e-6
 #: alpha of the dashpot of Tsuji over ln(1/e), for a restitution e near one
 SMALL_LOSS = math.sqrt(10.0 / 3.0) / math.pi
-#: relative difference of times, or loss factors, that are the same but for rounding
-_ALIKE = 1e-12
+#: relative difference of numbers that are the same but for rounding
+ALIKE = 1e-12
 #: damping, over the square root of the largest stiffness, above which slow rates are less than the
 #: rounding of fast ones
 _STRONGEST = 3e4
@@ -202,7 +202,7 @@ class Losses:
         times = self.times[resisted]
         drags = self.drag_of(network.ball_motions)
         is_even = all(
-            np.ptp(numbers) <= _ALIKE * np.max(numbers) for numbers in (factors, times, drags)
+            np.ptp(numbers) <= ALIKE * np.max(numbers) for numbers in (factors, times, drags)
         )
         is_of_contacts = np.any(factors) or np.any(times)
         has_lossless = network.prestress or network.on_site is not None

@@ -896,7 +896,7 @@ def _find_minima(evaluate: Callable[[Array], Array], start: Array, reach: float)
     golden = 0.5 * (math.sqrt(5.0) - 1.0)
     low = start - reach
     high = start + reach
-    least = evaluate(start)
+    minimum = evaluate(start)
     # two points (2, n) within each bracket, and the values there
     x = np.stack([high - golden * (high - low), low + golden * (high - low)])
     f = [evaluate(points) for points in x]
@@ -909,8 +909,8 @@ def _find_minima(evaluate: Callable[[Array], Array], start: Array, reach: float)
         new_f = evaluate(new_x)
         x = np.where(is_lower, [new_x, x[0]], [x[1], new_x])
         f = [np.where(is_lower, new_f, f[1]), np.where(is_lower, f[0], new_f)]
-        least = np.minimum(least, new_f)
-    return least
+        minimum = np.minimum(minimum, new_f)
+    return minimum
 
 
 def _find_roots(evaluate: Callable[[Index, Array], Array], ends: Array, values: Array) -> Array:

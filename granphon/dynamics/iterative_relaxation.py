@@ -100,7 +100,7 @@ class IterativeRelaxation:
 
     def _solve(self, apply: Callable[[Array], Array], right: Array) -> Array:
         """Return the motions (n_branches, m) at which ``apply`` leaves the forces ``right``
-        (n_branches, m).
+        (n_branches, m), by conjugate gradients, all columns at once.
 
         Raises :class:`~granphon.base.errors.InstabilityError` for a direction in which the energy
         falls, and :class:`~granphon.base.errors.ConvergenceError` after 20,000 iterations.

@@ -116,7 +116,9 @@ class LargeCell:
         return None if modes is None else (modes[0], self.frame @ modes[1])
 
     def solve_with_velocities(self, q: Array) -> tuple[Array, NDArray[Any], Array] | None:
-        """Return what :meth:`solve_modes` does, and group velocities (n, p), d (k/M)^1/2."""
+        """Return frequencies and eigenvectors as :meth:`solve_modes` does, and group velocities (n,
+        p), d (k/M)^1/2; None where it returns None.
+        """
         modes = self._solve_apart(q)
         if modes is None:
             return None

@@ -90,8 +90,8 @@ def graded_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     if m <= n:
         # contacts that are just enough to hold the balls leave soft motions at most wave vectors
         return _decompose(matrices)
-    _, nearly = np.linalg.eigh(matrices.conj().swapaxes(1, 2) @ matrices)
-    values, right, is_exact = _straighten(matrices @ nearly, nearly)
+    _, vectors = np.linalg.eigh(matrices.conj().swapaxes(1, 2) @ matrices)
+    values, right, is_exact = _straighten(matrices @ vectors, vectors)
     inexact = np.flatnonzero(~is_exact)
     if inexact.size:
         values[inexact], right[inexact] = _decompose(matrices[inexact])

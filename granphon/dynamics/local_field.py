@@ -208,7 +208,15 @@ def _compute_local_field(
         on_top, bridge = second_neighbours
         alpha = 1.0 + on_top / star
         beta = float((1.0 + 2.0 * bridge / star) / np.sqrt(3.0))
-    return LocalField(alpha, beta, xi, eta, structure.name, bending, torsion)
+    return LocalField(
+        alpha=alpha,
+        beta=beta,
+        xi=xi,
+        mindlin_ratio=eta,
+        lattice=structure.name,
+        bending=bending,
+        torsion=torsion,
+    )
 
 
 def _integrate_response(medium: ContactLattice) -> Array | None:

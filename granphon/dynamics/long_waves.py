@@ -22,7 +22,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property, lru_cache
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -73,6 +73,22 @@ _ISOTROPIC = 1e-10
 MOST_RELAXED_BY_FACTORS = 120_000
 #: numbers of directions up to which their long waves are kept
 _FEW_NUMBERS = 12
+
+
+class _SoundMass(NamedTuple):
+    """What inner motions that cost no energy at Gamma do to sound.
+
+    Attributes
+    ----------
+    couples : whether some of these motions take part in sound.
+    moved : (n_u, n_u) part of the mass that sound moves, 1 of all mass.
+    idle : (k, n_u + n_free) motions, as rows, that stay behind: their shifts of all balls, and
+        their parts of the inner motions that cost no energy.
+    """
+
+    couples: bool
+    moved: Array
+    idle: Array
 
 
 class LongWaves(Compatibility):
@@ -206,11 +222,12 @@ class LongWaves(Compatibility):
         """
         if self._relaxation is not None:
             return self._relaxation.free
-        inner = self._strain_rows[1]
+        _, inner = self._strain_rows
         size = self._inner_sizes
         if is_independent(inner / np.where(size > 0.0, size, 1.0)):
             return np.zeros((inner.shape[1], 0))
-        return np.linalg.qr(self._inner_modes[1])[0]
+        _, free_motions = self._inner_modes
+        return np.linalg.qr(free_motions)[0]
 
     @cached_property
     def _touching(self) -> Self:
@@ -277,10 +294,13 @@ class LongWaves(Compatibility):
         wave.
         """
         if self._touching is self:
-            return self._inner_modes[0]
+            deformations, _ = self._inner_modes
+            return deformations
+        _, inner = self._strain_rows
         relaxing = self._find_relaxing()
         size = np.sqrt(self._inner_sizes**2 @ relaxing**2)
-        return _split_columns(self._strain_rows[1] @ relaxing, size)[0]
+        basis, _, _ = _split_columns(inner @ relaxing, size)
+        return basis
 
     def _relax(self, rows: Array) -> Array:
         """Return the part of deformations (n_rows, ...) that remains once the inner motions have
@@ -300,7 +320,8 @@ class LongWaves(Compatibility):
         A gradient of a displacement across the periods is a rotation of the whole lattice, which
         deforms no contact once the balls turn along: its column is exactly zero.
         """
-        relaxed = self._relax(self._strain_rows[0])
+        affine, _ = self._strain_rows
+        relaxed = self._relax(affine)
         p = self.periods
         return np.where(np.repeat(self._is_across, p), 0.0, relaxed)
 
@@ -337,10 +358,8 @@ class LongWaves(Compatibility):
         return bool(np.max(turning, initial=0.0) > _COUPLED * largest)
 
     @cached_property
-    def _with_sound(self) -> tuple[bool, Array, Array]:
-        """Whether inner motions that cost no energy at Gamma take part in sound; the part
-        (n_u, n_u) of the mass that sound moves, 1 of all mass; and the motions (k, n_u + n_free),
-        as rows, that stay behind: their shifts of all balls, and their parts of :attr:`_free`.
+    def _sound_mass(self) -> _SoundMass:
+        """What inner motions that cost no energy at Gamma, :attr:`_free`, do to sound.
 
         In a wave, the energy of such motions is of second order in q, as that of sound is. Motions
         that do not couple with sound to second order are separate waves; antiphase motions in a
@@ -349,12 +368,13 @@ class LongWaves(Compatibility):
         all balls is missing from the mass.
         """
         if self._touching is not self:
-            return self._touching._with_sound
+            return self._touching._sound_mass
         free = self._free
         count = len(self.motions.translations)
         none_idle = np.zeros((0, count + free.shape[1]))
+        all_moves = _SoundMass(couples=False, moved=np.eye(count), idle=none_idle)
         if not free.size:
-            return False, np.eye(count), none_idle
+            return all_moves
         unrelaxed = self._deform_in_wave(free)
         waves = self._relax(unrelaxed)
         sound = self._relaxed_rows.reshape(-1, count, self.periods)
@@ -369,7 +389,7 @@ class LongWaves(Compatibility):
             return bool(np.max(np.abs(coupling), initial=0.0) > rounding)
 
         if not couple(waves):
-            return False, np.eye(count), none_idle
+            return all_moves
         # sound per root of mass, as inner motions are
         weighted_sound = sound.swapaxes(1, 2) / np.sqrt(self.masses.sum())
         all_waves = np.concatenate([weighted_sound, waves], axis=2)
@@ -381,7 +401,8 @@ class LongWaves(Compatibility):
         # inner motions without a part in idle ones
         deforming = waves @ _find_null(idle_inner, 1.0).T
         mass = np.eye(count) - idle_shifts.T @ idle_shifts
-        return couple(deforming), np.where(np.abs(mass) > _COUPLED, mass, 0.0), idle
+        moved = np.where(np.abs(mass) > _COUPLED, mass, 0.0)
+        return _SoundMass(couples=couple(deforming), moved=moved, idle=idle)
 
     def _deform_in_wave(self, free: Array) -> Array:
         """Return the deformations (n_rows, p, n_free), per component of q and over i, of inner
@@ -432,7 +453,7 @@ class LongWaves(Compatibility):
         if self._touching is not self:
             return self._touching.mechanism
         can_turn = self.motions.rotate
-        if self._with_sound[0]:
+        if self._sound_mass.couples:
             example = " (as gears do, on a lattice without odd rings)" if can_turn else ""
             return (
                 f"The balls of a cell can shift or turn against each other without a cost in"
@@ -699,13 +720,14 @@ class LongWaves(Compatibility):
         """
         count = len(self.motions.translations)
         unit = np.broadcast_to(np.eye(count), (self.n_balls, count, count))
-        idle = self._with_sound[2]
+        idle = self._sound_mass.idle
         if not len(idle):
             return unit
-        total = np.sqrt(self.masses.sum())
+        # the part of a displacement of all balls in the idle motions, which sound does not move:
+        # a shift of all balls, and inner motions, which are mass-weighted
         shifts, inner = np.split(idle.T @ idle[:, :count], [count])
         stays = self._list_in_balls(self._touching._free @ inner)[:, self.motions.translating]
-        return np.asarray(unit - shifts - total * stays)
+        return np.asarray(unit - shifts - np.sqrt(self.masses.sum()) * stays)
 
     def acoustic_tensor(self, direction: ArrayLike, prestress: ArrayLike | None = None) -> Array:
         """Return the acoustic tensor A(q^), (..., n_u, n_u), k d^2/M: the small-q limit of D/q^2
@@ -781,6 +803,9 @@ class LongWaves(Compatibility):
         return read_only(velocities), read_only(polarisations)
 
     def _compute_waves(self, along: Array) -> tuple[Array, Array]:
+        """Return velocities (..., b), ascending, and polarisations of sound in the directions
+        ``along`` (..., p), from the deformations that sound makes over the root of its mass.
+        """
         rows = self._sound_rows.reshape(-1, len(self.motions.translations), self.periods)
         factor = np.einsum("rij,...j->...ri", rows, along) @ self._per_mass
         factor = factor / np.sqrt(self.masses.sum())
@@ -790,7 +815,7 @@ class LongWaves(Compatibility):
     def loose_warnings(self) -> tuple[str, ...]:
         """A sentence about balls that sound leaves behind, or none."""
         count = len(self.motions.translations)
-        missing = count - float(np.trace(self._with_sound[1]))
+        missing = count - float(np.trace(self._sound_mass.moved))
         if missing <= _COUPLED:
             return ()
         return (
@@ -803,7 +828,7 @@ class LongWaves(Compatibility):
         """(n_u, n_u) the root of all mass over that which sound moves; zero along displacements
         that move none of it.
         """
-        mass_parts, vectors = np.linalg.eigh(self._with_sound[1])
+        mass_parts, vectors = np.linalg.eigh(self._sound_mass.moved)
         inverse = np.zeros_like(mass_parts)
         np.divide(1.0, mass_parts, out=inverse, where=mass_parts > _COUPLED)
         return np.asarray((vectors * np.sqrt(inverse)) @ vectors.T)

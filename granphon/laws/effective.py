@@ -163,7 +163,9 @@ class EffectiveLaw(SpreadLaw):
         return float(energy_of_curve - series.value(series.start, ENERGY))
 
     def _evaluate_near(self, y: Array, order: int) -> Array:
-        """As :meth:`SpreadLaw._evaluate_near`; PrecisionError below the start of the curve."""
+        """Return the derivative, of an ``order`` of 0 to 3, of the reduced energy, for y below the
+        start of the series; PrecisionError below the start of the curve.
+        """
         curve = self.curve
         touches = y > -self.shape.bounds[1]  # elsewhere all contacts are open, and the law is zero
         if np.any(touches & (y < curve.start)):
@@ -177,7 +179,9 @@ class EffectiveLaw(SpreadLaw):
         return derivatives
 
     def _find_near_overlap(self, force: Array) -> Array:
-        """As :meth:`SpreadLaw._find_near_overlap`; PrecisionError below the start of the curve."""
+        """Return y for reduced forces f* below that at the start of the series; PrecisionError
+        below the start of the curve.
+        """
         curve = self.curve
         if np.any(force < curve.least_force):
             least_force = float(np.min(force))
@@ -289,7 +293,7 @@ class EffectiveCurve:
         def evaluate(index: Index, overlap: Array) -> Array:
             return self._evaluate(index, np.sqrt(overlap - self.steps[0, index]), order)
 
-        inner_edges = self._edges[0]
+        inner_edges, _ = self._edges
         # a kink belongs to the step below it, where the slope is finite
         step_of_overlap = np.searchsorted(inner_edges, y)
         return self._evaluate_by_step(step_of_overlap, y, evaluate)
@@ -300,7 +304,7 @@ class EffectiveCurve:
         """
 
         rounding = 4.0 * np.finfo(float).eps
-        lower_force, upper_force = self._edges[1]
+        _, (lower_force, upper_force) = self._edges
         # the force rises by at least its rounding on a step, so that no division is by zero
         span = np.maximum(upper_force - lower_force, rounding * lower_force)
 
@@ -702,6 +706,7 @@ class PointBalls:
         return force, by_k, top_force + force[:, 0]
 
     def _average(self, values: Array) -> Array:
+        """Return the mean (...) over the points of values (n, ...)."""
         return np.asarray(np.einsum("n,n...->...", self.weights, values))
 
 
@@ -736,6 +741,7 @@ def _differentiate_curve(curve: EffectiveCurve) -> tuple[Array, Array, Array]:
     start = curve.series.start
 
     def find_stiffness(step: float) -> float:
+        """Return k where the series begins, at Xi (1 + ``step``)."""
         return high_pressure_series(shape, xi * (1.0 + step)).value(start, STIFFNESS)
 
     slope = differentiate(find_stiffness, _STEP_OF_XI) / xi
@@ -802,11 +808,11 @@ def solve_curve(
     xi: float,
     stages: int,
     tolerance: float,
-    most: float = np.inf,
+    longest: float = np.inf,
     order: int = _ORDER,
 ) -> EffectiveCurve:
     """Return the curve of a shape and Xi: equation (36), solved with s = ``stages``; no step is
-    longer than ``most`` in the square root u.
+    longer than ``longest`` in the square root u.
 
     ``tolerance`` is the largest value of the last two Chebyshev coefficients of k, relative to the
     least k on the step; ``order`` is that of the quadrature over the balls of a density. The curve
@@ -817,13 +823,13 @@ def solve_curve(
     points, derivative, coefficients = radau(stages)
     far = high_pressure_series(shape, xi)
     # steps to be solved, in ascending order; the solution goes on from the last of them
-    pending = _divide_range([*shape.openings.tolist(), far.start], most)
+    pending = _divide_range([*shape.openings.tolist(), far.start], longest)
     first_opening = pending[0][0]
     stiffness = far.value(far.start, STIFFNESS)
     force = far.value(far.start, FORCE)
     solved_steps = []
     solved_tables = []
-    count = 1  # of steps that are solved at once
+    count = 1  # number of steps that are solved at once
     guess = None  # overlaps and k/<K^Q> of the last attempt
     while force > LEAST_SOLVED_FORCE:
         origin, low, high = pending[-1]
@@ -861,18 +867,13 @@ def solve_curve(
         if is_hopeless and force < VALID_FORCE:
             break
         if is_hopeless:
-            overlap = float(block.y[0, -1])
-            raise PrecisionError(
-                f"the effective medium does not converge below an overlap of {overlap:.6g} widths",
-                mend="Raise the load",
-            )
+            raise _explain_divergence(block)
         if np.any(is_rough):
             finer = _halve_rough(steps, is_rough)
             pending[-len(steps) :] = finer
             count = len(finer)
             if solution is not None:
-                ascending = np.argsort(block.y, axis=None)
-                guess = block.y.ravel()[ascending], (k / balls.mean).ravel()[ascending]
+                guess = _sort_by_overlap(block.y, k / balls.mean)
             continue
         # the last step that counts is the first that reaches below the least force
         solved_count = min(len(steps), 1 + int(np.count_nonzero(forces > LEAST_SOLVED_FORCE)))
@@ -887,9 +888,24 @@ def solve_curve(
     return _make_curve(shape, xi, far, solved_steps, solved_tables, force)
 
 
-def _divide_range(ends: list[float], most: float) -> list[Step]:
+def _explain_divergence(block: Block) -> PrecisionError:
+    """Return the error of a step that is not resolved however short it is."""
+    overlap = float(block.y[0, -1])
+    return PrecisionError(
+        f"the effective medium does not converge below an overlap of {overlap:.6g} widths",
+        mend="Raise the load",
+    )
+
+
+def _sort_by_overlap(y: Array, ratio: Array) -> tuple[Array, Array]:
+    """Return overlaps y and the ratios at them, both flat, in ascending order of the overlap."""
+    ascending = np.argsort(y, axis=None)
+    return y.ravel()[ascending], ratio.ravel()[ascending]
+
+
+def _divide_range(ends: list[float], longest: float) -> list[Step]:
     """Return the initial steps between the reduced overlaps ``ends``, the openings and the start of
-    the series, in ascending order; no step is longer than ``most`` in the square root u.
+    the series, in ascending order; no step is longer than ``longest`` in the square root u.
     """
     steps: list[Step] = []
     next_below = -np.inf
@@ -898,7 +914,7 @@ def _divide_range(ends: list[float], most: float) -> list[Step]:
         while origin - next_below < _NEAR * cuts[-1] ** 2:
             cuts.append(0.5 * cuts[-1])
         for low, high in pairwise([0.0, *reversed(cuts)]):
-            pieces = 2 ** math.ceil(math.log2(max(1.0, (high - low) / most)))
+            pieces = 2 ** math.ceil(math.log2(max(1.0, (high - low) / longest)))
             roots = np.linspace(low, high, pieces + 1).tolist()
             steps += [(origin, *step_roots) for step_roots in pairwise(roots)]
         next_below = origin

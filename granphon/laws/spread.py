@@ -329,8 +329,8 @@ class SpreadLaw(EnergyLaw):
         return float(self.force(high_pressure_overlap(width)))
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
-        """As :meth:`EnergyLaw._evaluate`: by the series at large overlaps, and in reduced units
-        below.
+        """Return the energy, J, or its derivative of an ``order`` of 1 to 3, J/m^order, at each
+        ``overlap``, m: by the series at large overlaps, and in reduced units below.
         """
         delta = np.asarray(overlap, float)
         hertz = HertzLaw(self.coefficient)
@@ -406,8 +406,8 @@ class AveragedLaw(SpreadLaw):
         return np.asarray(_HERTZ[order] * self.shape.average(y, 2.5 - order))
 
     def _find_near_overlap(self, force: Array) -> Array:
-        """As :meth:`SpreadLaw._find_near_overlap`, by Newton's method; PrecisionError for a force
-        that is too small.
+        """Return y for reduced forces f* below that at the start of the series, by Newton's method;
+        PrecisionError for a force that is too small.
         """
         log_depths, log_forces = _tabulate_force(self.shape)
         first_contact = -self.shape.bounds[1]  # y up to which all contacts are open

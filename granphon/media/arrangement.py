@@ -579,6 +579,8 @@ class CrystalMedium(Medium[Any]):
         follower = CrystalFollower(state.source, load)
 
         def follow(change: Change) -> Course[Any]:
+            """Return the course of the crystal along a ``change`` of its medium and load."""
+
             def change_crystal(step: float) -> tuple[Crystal, Load]:
                 medium, changed_load = change(step)
                 return medium.packing.crystal, changed_load

@@ -243,6 +243,8 @@ class AutoMedium(Medium[ContactState]):
         choice = self.serving(load.applied.kind, load.applied.array)
 
         def choose(change: Change) -> Change:
+            """Return the ``change`` of a medium as one of the medium that is chosen."""
+
             def change_chosen(step: float) -> tuple[Any, Load]:
                 medium, changed_load = change(step)
                 return choice.of(medium.packing), changed_load

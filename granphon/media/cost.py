@@ -125,15 +125,16 @@ class Cost:
     libraries: float = _PYTHON_BYTES
 
     def __add__(self, other: Cost) -> Cost:
+        """Return the cost of two results in turn: memory that is released counts once."""
         return Cost(
-            max(self.working, other.working),
-            self.kept + other.kept,
-            self.units + other.units,
-            self.work + other.work,
-            max(self.balls, other.balls),
-            self.equilibria + other.equilibria,
-            self.parts + other.parts,
-            max(self.libraries, other.libraries),
+            working=max(self.working, other.working),
+            kept=self.kept + other.kept,
+            units=self.units + other.units,
+            work=self.work + other.work,
+            balls=max(self.balls, other.balls),
+            equilibria=self.equilibria + other.equilibria,
+            parts=self.parts + other.parts,
+            libraries=max(self.libraries, other.libraries),
         )
 
     def times(self, count: float) -> Cost:

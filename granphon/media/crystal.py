@@ -43,7 +43,7 @@ from granphon.balls.contact_model import LAW_KINDS, ContactModel, GivenLaw
 from granphon.balls.hertz import NO_STIFFNESS, NO_TENSION, HertzLaw
 from granphon.balls.lattices import LATTICES, Lattice, find_structure
 from granphon.balls.layers import Layers, find_faces, read_edges
-from granphon.balls.motions import Motions, allowed_motions, select_motions
+from granphon.balls.motions import Motions, allowed_motions, default_motions, select_motions
 from granphon.balls.neighbours import (
     TOUCH,
     ContactTable,
@@ -851,7 +851,7 @@ class Crystal(Result):
         """(n_c,) shear over normal stiffness of each contact, if it resists shear: 4 G*/E*. Where
         a law has a contact radius of its own, as with adhesion, this is the ratio over 2 E* a.
         """
-        return np.asarray(self._constants[2])
+        return self._constants["mindlin_ratio"]
 
     @property
     def is_held(self) -> bool:
@@ -984,7 +984,7 @@ class Crystal(Result):
         starts = np.searchsorted(pair_of_contact[order], np.arange(1, len(pairs)))
         contacts_of_pairs = np.split(order, starts)[: len(pairs)]
         groups = list(zip(laws, contacts_of_pairs, strict=True))
-        return ContactLaws(groups, len(pair_of_contact), self._constants[0])
+        return ContactLaws(groups, len(pair_of_contact), self._constants["modulus"])
 
     def law_of(self, i: int, j: int) -> tuple[PairLaw, float, float]:
         """Return the law of balls i and j, 4 G*/E*, and E*, Pa; numbers behind those of the balls
@@ -1011,15 +1011,15 @@ class Crystal(Result):
         d = self.dimension
         p = self.periods
         return CrystalState(
-            self,
-            laws.force(overlap),
-            overlap,
-            laws.stiffness(overlap),
-            assembly.normal[: self.n_contacts, :d],
-            np.zeros((self.n_balls, d)),
-            np.zeros((p, p)),
-            np.zeros((p, p)),
-            np.zeros(assembly.n_walls),
+            crystal=self,
+            normal_force=laws.force(overlap),
+            overlap=overlap,
+            normal_stiffness=laws.stiffness(overlap),
+            normal=assembly.normal[: self.n_contacts, :d],
+            displacements=np.zeros((self.n_balls, d)),
+            stress=np.zeros((p, p)),
+            strain=np.zeros((p, p)),
+            ways=np.zeros(assembly.n_walls),
         )
 
     @property
@@ -1042,11 +1042,12 @@ class Crystal(Result):
         )
 
     @cached_property
-    def _constants(self) -> Array:
-        """(4, n_c) E*, R, kappa/k and the modulus of twist of each contact."""
+    def _constants(self) -> dict[str, Array]:
+        """The constants (n_c,) of all contacts by their names in :class:`ContactConstants`."""
         pairs, pair_of_contact = self._pairs
         constants = [ContactConstants.of(first, second) for first, second, _, _ in pairs]
-        return np.reshape(constants, (-1, 4))[pair_of_contact].T
+        columns = np.reshape(constants, (-1, len(ContactConstants._fields)))[pair_of_contact].T
+        return dict(zip(ContactConstants._fields, columns, strict=True))
 
     @cached_property
     def ball_motions(self) -> Motions:
@@ -1096,11 +1097,10 @@ class Crystal(Result):
         table = self.contacts
         bulges = self._bulges
         # walls that move follow the balls, and what is held comes last
-        body_of_ball = np.where(
-            bodies.ball_number >= 0,
-            bodies.ball_number,
-            np.where(bodies.wall_of_ball >= 0, bodies.n_balls + bodies.wall_of_ball, bodies.held),
+        wall_or_held = np.where(
+            bodies.wall_of_ball >= 0, bodies.n_balls + bodies.wall_of_ball, bodies.held
         )
+        body_of_ball = np.where(bodies.ball_number >= 0, bodies.ball_number, wall_or_held)
         first = [body_of_ball[table.i]]
         second = [body_of_ball[table.j]]
         vectors = [table.vector]
@@ -1120,6 +1120,10 @@ class Crystal(Result):
         i = np.concatenate(first).astype(np.int64)
         vector = np.zeros((len(i), 3))
         vector[:, :d] = np.concatenate(vectors)
+        spring_laws = [
+            (SpringLaw(constant), np.flatnonzero(constants == constant))
+            for constant in np.unique(constants).tolist()
+        ]
         axes = [face.axis for face in bodies.walls]
         return Assembly(
             n_balls=bodies.n_balls,
@@ -1128,13 +1132,7 @@ class Crystal(Result):
             vector=vector,
             is_flat=np.arange(len(i)) >= len(table),
             offset=np.concatenate(offsets),
-            laws=self._laws.append(
-                [
-                    (SpringLaw(constant), np.flatnonzero(constants == constant))
-                    for constant in np.unique(constants).tolist()
-                ],
-                len(constants),
-            ),
+            laws=self._laws.append(spring_laws, len(constants)),
             cell=self.cell[:, : self.periods],
             dimension=d,
             directions=np.eye(d)[axes].reshape(len(axes), d),
@@ -1642,10 +1640,10 @@ class Crystal(Result):
             f"contacts of crystal {self.name!r} do not have a mean {kind} of {goal:g} at any"
             f" pressure"
         )
-        mean_found = f"At a pressure of {pressure:.4g} it is {mean:.4g}"
+        mean_at_last = f"At a pressure of {pressure:.4g} it is {mean:.4g}"
         if acceleration is None:
-            raise InputError(problem, mean_found)
-        raise InputError(problem, f"{mean_found}, as gravity presses more", "Give a larger one")
+            raise InputError(problem, mean_at_last)
+        raise InputError(problem, f"{mean_at_last}, as gravity presses more", "Give a larger one")
 
     def _estimate_pressure(self, kind: str, goal: float) -> float:
         """Return the pressure at which contacts of equal forces have the mean force (N) or overlap
@@ -1735,8 +1733,9 @@ class Crystal(Result):
                 displacements[:, riders, side.axis] = wall_motions[:, side.wall, None]
         # a motion of the whole crystal means nothing where no wall is in its way
         if not any("clamped" in face.edges for face in self.faces):
-            anchored = self._springs[1].tolist()
-            loose = np.setdiff1d(np.arange(d), [*(side.axis for side in self._floors), *anchored])
+            _, anchored_axes, _ = self._springs
+            held_axes = [*(side.axis for side in self._floors), *anchored_axes.tolist()]
+            loose = np.setdiff1d(np.arange(d), held_axes)
             displacements[..., loose] -= np.mean(displacements[..., loose], axis=1, keepdims=True)
         return displacements, wall_motions
 
@@ -1841,7 +1840,8 @@ class CrystalState(Result):
     @property
     def shear_stiffness(self) -> Array:
         """(..., n_c) kappa = 8 G* a of the :attr:`contact_radius` a, N/m; zero without friction."""
-        return self._punch * (self.crystal._constants[2] if self.crystal.friction else 0.0)
+        crystal = self.crystal
+        return self._punch * (crystal._constants["mindlin_ratio"] if crystal.friction else 0.0)
 
     @cached_property
     def _punch(self) -> Array:
@@ -1857,7 +1857,7 @@ class CrystalState(Result):
     @property
     def torsion_stiffness(self) -> Array:
         """(..., n_c) stiffness against twist, N m."""
-        twist_modulus = self.crystal._constants[3]
+        twist_modulus = self.crystal._constants["twist_modulus"]
         distance = self.crystal._distance
         return self.crystal.contact_model.find_torsion(
             self.normal_stiffness, distance, self.contact_radius, twist_modulus
@@ -1875,7 +1875,7 @@ class CrystalState(Result):
         """(..., n_c) radius of the contact, m: that of the law, or k/2E* if the law does not know
         the radius.
         """
-        return np.asarray(self._punch / (2.0 * self.crystal._constants[0]))
+        return np.asarray(self._punch / (2.0 * self.crystal._constants["modulus"]))
 
     @property
     def exponent(self) -> Any:
@@ -2013,7 +2013,7 @@ class CrystalState(Result):
         d = crystal.dimension
         return ContactNetwork(
             pbc=(p > 0, p > 1, p > 2),
-            motions=crystal.motions or next(iter(allowed_motions(d))),
+            motions=crystal.motions or default_motions(d).name,
             dimension=d,
             prestress=self.finite_overlap,
             adhesive=crystal._laws.adhere,

@@ -160,6 +160,8 @@ class Medium(ABC, Generic[StateT]):
         state = self.at(load, finite_overlap=finite_overlap)
 
         def find_anew(change: Change) -> Course[Any]:
+            """Return the course along a ``change`` whose states are computed anew at each step."""
+
             def find(step: float) -> Any:
                 medium, changed_load = change(step)
                 return medium.at(changed_load, finite_overlap=finite_overlap)
@@ -373,6 +375,7 @@ class LawMedium(Medium[ContactState]):
         overlap = state.overlap
 
         def prepare(step: float) -> tuple[LawMedium, Law, Load]:
+            """Return the medium at a ``step``, its law near this one, and the load."""
             medium, changed_load = change(step)
             return medium, medium._law_near(self), changed_load.applied
 
@@ -390,6 +393,7 @@ class LawMedium(Medium[ContactState]):
             rise = differentiate(find_lack, _STEP_OF_LAW) / resistance
 
         def find(step: float) -> ContactState:
+            """Return the state at a ``step``, whose overlap moves in proportion to the step."""
             medium, law, _ = prepare(step)
             moved = overlap + step * rise
             return replace(

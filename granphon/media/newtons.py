@@ -61,6 +61,7 @@ def in_newtons(
     def call(
         medium: _MediumT, /, *arguments: _Arguments.args, **options: _Arguments.kwargs
     ) -> _Returned:
+        """Return what the method returns; an error that it raises is written in newtons."""
         try:
             return method(medium, *arguments, **options)
         except GranphonError as error:

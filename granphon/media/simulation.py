@@ -33,7 +33,7 @@ from granphon.balls.diameters import Measured
 from granphon.balls.hertz import EnergyLaw, HertzLaw
 from granphon.balls.lattices import Lattice, as_direction
 from granphon.balls.loads import Load
-from granphon.balls.motions import Motions, allowed_motions
+from granphon.balls.motions import Motions, default_motions
 from granphon.balls.packing import Packing, given_packing
 from granphon.base.arrays import Array
 from granphon.base.differences import Course
@@ -868,16 +868,16 @@ class DirectSimulation(Medium[SimulatedState]):
         packing = self.packing
         structure = packing.structure
         periods = structure.periods
-        default_motions = next(iter(allowed_motions(periods).values()))
+        motions_of_lattice = default_motions(periods)
         why = "Simulated balls move along the periods of their lattice"
         if structure.dimension > periods:
             problem = f"balls with a lattice of {periods} periods in space are not simulated"
             raise InputError(problem, why, "Use another medium")
-        if packing.motions not in (None, default_motions.name):
+        if packing.motions not in (None, motions_of_lattice.name):
             problem = f"balls with the motions {packing.motions!r} are not simulated"
-            mend = f"Use another medium, or the motions {default_motions.name!r}"
+            mend = f"Use another medium, or the motions {motions_of_lattice.name!r}"
             raise InputError(problem, why, mend)
-        return default_motions
+        return motions_of_lattice
 
     def _suggest_support(self) -> str:
         """Return the sentence of a message that says what holds a lattice which does not stand
@@ -1203,6 +1203,8 @@ class DirectSimulation(Medium[SimulatedState]):
         followers = [EquilibriumFollower(sample.equilibrium, reduced) for sample in samples]
 
         def follow(change: Change) -> Course[Any]:
+            """Return the course of all samples along a ``change`` of the simulation and load."""
+
             def change_simulation(step: float) -> tuple[DirectSimulation, Load]:
                 medium, changed_load = change(step)
                 return replace(medium, geometry=simulation.geometry), changed_load.applied
@@ -1214,6 +1216,7 @@ class DirectSimulation(Medium[SimulatedState]):
             courses = [follower.follow(reduce) for follower in followers]
 
             def find(step: float) -> SimulatedState:
+                """Return the state of all samples at a ``step`` of the change."""
                 changed, changed_load = change_simulation(step)
                 moved = [
                     Sample(changed.packing, sample.seed, course.at(step))

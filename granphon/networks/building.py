@@ -20,7 +20,7 @@ from granphon.balls.ball import BALL_LIMITS, WRONG_UNIT, Ball
 from granphon.balls.contact_model import ContactModel
 from granphon.balls.hertz import HertzLaw, harmonic_diameter
 from granphon.balls.material import Material
-from granphon.balls.motions import allowed_motions
+from granphon.balls.motions import allowed_motions, default_motions
 from granphon.balls.on_site import name_springs
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InconsistencyWarning, InputError, message, warn_caller
@@ -173,7 +173,7 @@ class Source:
         if source.prestress and lacks_tangential and "tangential_force" not in contact_fields:
             _warn_of_missing_forces(self.contacts[0])
         if motions is None:
-            motions = next(iter(allowed_motions(dimension)))
+            motions = default_motions(dimension).name
         return {
             "cell": self.cell,
             "pbc": tuple(pbc.tolist()),

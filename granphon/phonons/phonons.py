@@ -479,13 +479,13 @@ class Phonons:
         modes = self.lattice.modes(q, direction)
         scales = self.scales
         return PhononModes(
-            modes.wavevectors / scales.length,
-            modes.frequencies * scales.frequency,
-            modes.eigenvectors,
-            modes.group_velocities * scales.velocity,
-            modes.rotational_fraction,
-            modes.longitudinal_fraction,
-            modes.out_of_plane_fraction,
+            wavevectors=modes.wavevectors / scales.length,
+            frequencies=modes.frequencies * scales.frequency,
+            eigenvectors=modes.eigenvectors,
+            group_velocities=modes.group_velocities * scales.velocity,
+            rotational_fraction=modes.rotational_fraction,
+            longitudinal_fraction=modes.longitudinal_fraction,
+            out_of_plane_fraction=modes.out_of_plane_fraction,
         )
 
     def sensitivities(

@@ -498,22 +498,30 @@ def observe_surface(
     surfaces = [state.cached(Surface, axis, edge) for state in different]
     q = surfaces[0].path(points)[0]
     branches = [surface.along_path(points) for surface in surfaces]
-    counts = [int(np.bincount(waves.place, minlength=1).max()) for waves in branches]
-    table = np.full((len(surfaces), len(q), max(1, *counts)), np.nan)
-    for frequencies, waves in zip(table, branches, strict=True):
-        # the rank of each wave among those of its wave vector
-        rank = np.arange(len(waves.place)) - np.searchsorted(waves.place, waves.place)
-        frequencies[waves.place, rank] = waves.frequencies
     # from the units of the surfaces to those of the states
     of_states = np.array([[state.scales.frequency, state.scales.velocity] for state in states])
     of_surfaces = [[state.scales.frequency, state.scales.velocity] for state in different]
     frequency_ratio, velocity_ratio = (of_states / of_surfaces).T
+    table = _tabulate_waves(branches, len(q))
     observed = {"surface_frequency": frequency_ratio[:, None, None] * table}
+    leg = None
+    if len(q) > 1:
+        p = len(surfaces[0].cell)
+        leg = q[1, :p] @ np.linalg.inv(surfaces[0].cell[:, :p]).T
     with suppress(GranphonError):  # not every edge has a long wave
-        leg = None
-        if len(q) > 1:
-            p = len(surfaces[0].cell)
-            leg = q[1, :p] @ np.linalg.inv(surfaces[0].cell[:, :p]).T
         velocities = [surface.velocity(leg) for surface in surfaces]
         observed["surface_velocity"] = velocity_ratio * velocities
     return observed
+
+
+def _tabulate_waves(branches: Sequence[SurfaceBranches], n_q: int) -> Array:
+    """Return the frequencies (surfaces, n_q, n_w), Hz, of waves of several surfaces at the same
+    wave vectors; nan where a wave vector has fewer waves than another.
+    """
+    counts = [int(np.bincount(waves.place, minlength=1).max()) for waves in branches]
+    table = np.full((len(branches), n_q, max(1, *counts)), np.nan)
+    for frequencies, waves in zip(table, branches, strict=True):
+        # the rank of each wave among those of its wave vector
+        rank = np.arange(len(waves.place)) - np.searchsorted(waves.place, waves.place)
+        frequencies[waves.place, rank] = waves.frequencies
+    return table

@@ -29,7 +29,7 @@ from granphon.balls.lattices import (
 )
 from granphon.balls.loads import balls_on_side
 from granphon.balls.material import Material
-from granphon.balls.motions import allowed_motions
+from granphon.balls.motions import allowed_motions, default_motions
 from granphon.balls.on_site import DISPLACEMENTS, ROTATION, ROTATIONS, SPRING_PARAMETERS
 from granphon.balls.packing import (
     LOSSES,
@@ -359,7 +359,7 @@ def _unless_zero(kind: Kind) -> Kind:
 
 def _write_motions(motions: str, context: Context) -> str | None:
     """Return the motions of a packing; None for those that its lattice has by default."""
-    default = next(iter(allowed_motions(context.lattice.dimension)))
+    default = default_motions(context.lattice.dimension).name
     return None if motions == default else motions
 
 

@@ -367,7 +367,7 @@ class Configuration:
         )
 
     def list_columns(self, stiffness: Array, side_stiffness: Array) -> Columns:
-        """Return what loops read of the contacts, with these stiffnesses (n_c,) along normals and
+        """Return the contacts as loops read them, with these stiffnesses (n_c,) along normals and
         across them; bodies do not turn.
         """
         assembly = self.problem.assembly

@@ -130,7 +130,9 @@ class GridIteration:
     def _solve_together(
         self, forces: Array, reduction: float, most: int, noise: float
     ) -> GridSolution:
-        """Return what :meth:`solve` does, of right sides that share each transform."""
+        """Return the motions under ``forces`` (n, m, k), whose k right sides share each transform;
+        the arguments are those of :meth:`solve`.
+        """
         remaining = self._lay(forces)
         motions = np.zeros_like(remaining)
         way = np.zeros_like(remaining)
@@ -344,25 +346,26 @@ def _multiply_columns(one: Array, another: Values) -> Array:
 def _turn(
     product: GridProduct,
     factors: Array,
-    better: Values,
-    way: Array,
+    preconditioned: Values,
+    direction: Array,
     change: Array,
     curvatures: Array,
 ) -> None:
-    """Set the ``way`` (f, k, cells) to its ``factors`` (k,) times itself and what is ``better``,
-    ``change`` to the forces against it, and ``curvatures`` (k,) to their work.
+    """Set the search ``direction`` (f, k, cells) to ``factors`` (k,) times itself and the
+    ``preconditioned`` residual, ``change`` to the forces against the direction, and ``curvatures``
+    (k,) to their work on it.
     """
-    for field in range(len(way)):
-        for k in range(way.shape[1]):
+    for field in range(len(direction)):
+        for k in range(direction.shape[1]):
             factor = factors[k]
-            along = way[field, k]
-            more = better[field, k]
+            along = direction[field, k]
+            added = preconditioned[field, k]
             for cell in range(len(along)):
-                along[cell] = factor * along[cell] + more[cell]
+                along[cell] = factor * along[cell] + added[cell]
     change[:] = 0.0
-    add_alone(product.diagonal, way, change)
-    add_across(product, way, change)
-    curvatures[:] = _multiply_columns(way, change)
+    add_alone(product.diagonal, direction, change)
+    add_across(product, direction, change)
+    curvatures[:] = _multiply_columns(direction, change)
 
 
 @compiled

@@ -71,6 +71,7 @@ class LatticeEquations:
         del blocks
 
         def apply(force: Values) -> Values:
+            """Return the motion that the preconditioner makes of a ``force``, both (f, cells)."""
             motion = np.empty_like(force)
             remaining = np.empty_like(force)
             grid_loops.move_alone(runs, stiffness, alone, force, motion, remaining)
@@ -179,12 +180,16 @@ class Preconditioners:
         options = self._options
         cost = options.cost_of_solution
         self._spent += iterations * (cost if self._factors else 1)
-        if self._factors:
-            self._first = iterations if self._first is None else self._first
-            more = iterations - self._first
-            if more >= options.stale:
-                self._changing |= cost * more >= options.patience_of_green
-                self._spent = max(self._spent, options.patience_of_green)
+        if not self._factors:
+            return
+        if self._first is None:
+            self._first = iterations
+        additional = iterations - self._first
+        if additional >= options.stale:
+            # the factors no longer fit the stiffnesses: new ones are due
+            self._spent = max(self._spent, options.patience_of_green)
+            if cost * additional >= options.patience_of_green:
+                self._changing = True
 
 
 def _factorise(problem: GridProblem, stiffness: Values, options: RestOptions) -> Inverse:

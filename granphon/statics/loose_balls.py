@@ -48,8 +48,11 @@ def lead_loose_balls(
 def _lead_clusters(
     configuration: Configuration, loose: Flags, least: float, options: RestOptions
 ) -> tuple[Configuration, Flags]:
-    """Return what :func:`lead_loose_balls` does, until three quarters of the balls are at rest or
-    the steps are over, and the balls (n,) that are not.
+    """Return the configuration in which three quarters of the ``loose`` balls have come to rest, or
+    in which the steps have ended, and the balls (n,) that have not.
+
+    The other balls are held. A ball is at rest if no more force than ``least`` of the mean is left
+    on any ball of its cluster. Springs to the ground, weaker as forces fall, shorten the steps.
     """
     from granphon.contacts.clusters import join_balls  # averages need no Numba
 
@@ -63,25 +66,23 @@ def _lead_clusters(
     of_loose = np.concatenate([unknowns, np.zeros(problem.size - len(unknowns), bool)])
     cluster = np.empty(held.n_balls, np.int64)
     count = join_balls(held.i, held.j, np.ones(held.n_contacts, bool), cluster)
-    place = _Cages(held, configuration.load_force[of_loose].reshape(-1, d), np.zeros(0))
-    most = least * configuration.mean
-    level = float(np.mean(configuration.stiffness))
+    cages = _Cages(held, configuration.load_force[of_loose].reshape(-1, d), np.zeros(0))
+    force_at_rest = least * configuration.mean
+    mean_stiffness = float(np.mean(configuration.stiffness))
     moves = np.ones(held.n_balls, bool)
     for _ in range(options.loose_steps):
-        size = place.size_of_pull
-        left = np.zeros(count)
-        np.maximum.at(left, cluster, size)
-        moves = (left > most)[cluster]
+        largest = np.zeros(count)
+        np.maximum.at(largest, cluster, cages.size_of_pull)
+        moves = (largest > force_at_rest)[cluster]
         if 4 * int(np.count_nonzero(moves)) < held.n_balls:
             break
-        springs = options.hold_loose + options.added * np.minimum(
-            1.0, left[cluster] / configuration.mean
-        )
-        place = place.advance(level * springs, moves, most, options)
+        relative_force = np.minimum(1.0, largest[cluster] / configuration.mean)
+        springs = options.hold_loose + options.added * relative_force
+        cages = cages.advance(mean_stiffness * springs, moves, force_at_rest, options)
     else:
         moves = np.zeros(held.n_balls, bool)
     x = configuration.x.copy()
-    x[of_loose] += place.displacement[:-1, :d].ravel()
+    x[of_loose] += cages.displacement[:-1, :d].ravel()
     moving = loose.copy()
     moving[loose] = moves
     return configuration.move(x), moving
@@ -159,11 +160,17 @@ class _Cages:
         group = np.empty(n, np.int64)
         touches = (self.stiffness > 0.0) | (ahead.stiffness > 0.0)
         count = join_balls(*ends, touches, group)
-        works = [np.einsum("na,na->n", forces, steps) for forces in (self.pull, self.load)]
-        first, of_load = (np.asarray(np.bincount(group, work, count), float) for work in works)
-        left = np.zeros(count)
-        np.maximum.at(left, group, self.size_of_pull)
-        is_done = (left <= most) | (first <= 0.0)
+
+        def sum_work(forces: Array) -> Array:
+            """Return the work of forces (n, d) on the balls of each group along the whole step."""
+            work = np.einsum("na,na->n", forces, steps)
+            return np.asarray(np.bincount(group, work, count), float)
+
+        first = sum_work(self.pull)
+        of_load = sum_work(self.load)
+        largest = np.zeros(count)
+        np.maximum.at(largest, group, self.size_of_pull)
+        is_done = (largest <= most) | (first <= 0.0)
         length = np.where(is_done, 0.0, 1.0)
         low = np.zeros(count)
         high = np.full(count, np.inf)
@@ -183,7 +190,11 @@ class _Cages:
 
 
 def find_way_down(configuration: Configuration, equations: Equations) -> Configuration | None:
-    """Return where to go on from a saddle of the energy; None at a minimum."""
+    """Return where to go on from a saddle of the energy; None at a minimum.
+
+    No curvature of the energy is below minus the strongest push. So the lowest curvature is that
+    nearest to this bound, and is found by factors with the bound as a shift.
+    """
     options = equations.options
     problem = configuration.problem
     linear = equations.linearise(configuration, configuration.stiffness)
@@ -191,21 +202,20 @@ def find_way_down(configuration: Configuration, equations: Equations) -> Configu
     if linear.factorise(options.curvature * strongest).n_below == 0:
         return None
     n = problem.n_ball_unknowns
-    scaled = linear.matrix / linear.level
-    most = strongest / linear.level
-    solve = linear.factorise(strongest)
-    value, vector = find_nearest(
-        scaled,
-        1,
-        -most,
-        lambda right: solve.solve(right) * linear.level,
-        np.cos(np.arange(n) ** 2.0),
-    )
-    if value[0] > -options.curvature * most:
+    bound = strongest / linear.level
+    factors = linear.factorise(strongest)
+
+    def solve(right: Array) -> Array:
+        """Return the solution with the shifted matrix, over its level."""
+        return np.asarray(factors.solve(right) * linear.level)
+
+    start = np.cos(np.arange(n) ** 2.0)  # the same at each call, and with a part of every motion
+    curvatures, vectors = find_nearest(linear.matrix / linear.level, 1, -bound, solve, start)
+    if curvatures[0] > -options.curvature * bound:
         return None
-    way = np.zeros(problem.size)
-    way[:n] = vector[:, 0]
-    return go_down(configuration, way, options)
+    direction = np.zeros(problem.size)
+    direction[:n] = vectors[:, 0]
+    return go_down(configuration, direction, options)
 
 
 def go_down(configuration: Configuration, way: Array, options: RestOptions) -> Configuration:

@@ -404,8 +404,9 @@ class GridEquations:
 
 
 def find_strongest_push(configuration: Configuration) -> float:
-    """Return a stiffness, N/m, with which forces push no ball aside more: twice all that act on
-    one.
+    """Return a stiffness, N/m, with which forces push no ball aside more: four times the largest
+    sum, over the contacts of a ball, of |n_a| f/r, f/r being the stiffness by which the force of a
+    contact pushes its balls aside, and n_a its direction along any axis.
     """
     assembly = configuration.problem.assembly
     aside = np.where(assembly.is_flat, 0.0, configuration.force / configuration.distance)

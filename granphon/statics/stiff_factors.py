@@ -41,6 +41,7 @@ def factorise_stiff(
     factors = factorise(matrix, approximate=True)
 
     def solve(force: Array) -> Array:
+        """Return the motion under a ``force``, with the digits of single precision."""
         scaled = scale * force
         # single precision has no numbers below 1e-38
         largest = float(np.max(np.abs(scaled))) or 1.0
@@ -51,7 +52,7 @@ def factorise_stiff(
 
 
 def _choose(columns: Columns, chosen: Flags) -> Columns:
-    """Return what loops read of some of the contacts."""
+    """Return the columns, as loops read them, of the ``chosen`` contacts (n_c,)."""
     return columns._replace(
         **{name: values[chosen] for name, values in columns._asdict().items() if len(values)}
     )

@@ -46,8 +46,9 @@ _ROUNDING = 1e-12
 #: bytes of vectors that a result keeps, so that more moments go on from these vectors; a result
 #: whose vectors would take more begins again
 _KEPT = 2**28
-#: share by which a moment may exceed that of order zero: rounding
-_GROWTH = 1e-6
+#: share by which a moment may exceed that of order zero, and the norm of a polynomial that of its
+#: start: rounding
+GROWTH = 1e-6
 
 
 @dataclass(frozen=True)
@@ -274,7 +275,7 @@ class _Recursion:
         moments.append(2.0 * _multiply(vectors, vectors) - moments[0])
         self._last = vectors
         # written so that nan is unstable, too
-        is_bounded = np.abs(moments[-1]) <= (1.0 + _GROWTH) * moments[0]
+        is_bounded = np.abs(moments[-1]) <= (1.0 + GROWTH) * moments[0]
         if not np.all(is_bounded):
             raise explain_instability(self._operator.network)
 

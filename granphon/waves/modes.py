@@ -227,7 +227,8 @@ class Problem:
     @cached_property
     def _elimination(self) -> Elimination:
         """The order of elimination of D less any value."""
-        return Elimination(self._entries[0])
+        places, _, _ = self._entries
+        return Elimination(places)
 
     def factors(self, value: float) -> Factors:
         """Return the factors of D - ``value``, (rad/s)^2; where that is exactly singular, those of
@@ -437,10 +438,13 @@ class _Density:
 
     def __init__(self, problem: Problem, random: np.random.Generator) -> None:
         operator = problem.operator
+        # the mean over vectors of random signs is an estimate of the trace
         signs = np.zeros((_VECTORS, operator.size))
         signs[:, problem.live] = random.choice([-1.0, 1.0], (_VECTORS, problem.live.size))
-        with operator.progress.step("density of states", _VECTORS * _MOMENTS // 2) as step:
-            moments = Moments(operator, [start.copy for start in signs]).first(_MOMENTS, step)
+        starts = [vector.copy for vector in signs]
+        n_products = _VECTORS * _MOMENTS // 2
+        with operator.progress.step("density of states", n_products) as step:
+            moments = Moments(operator, starts).first(_MOMENTS, step)
         self._moments = Kernel(operator.top, _MOMENTS).weights * np.mean(moments, axis=0)
 
     @property
@@ -682,8 +686,8 @@ class ModesWork(NamedTuple):
 
 
 def estimate_modes(operator: WaveOperator, count: int, nearest: float | None) -> ModesWork:
-    """Return what the search for ``count`` modes takes. Where they are filtered, the density of
-    states is found, which is a small part of the search.
+    """Return the method and the memory of the search for ``count`` modes. Where modes are filtered,
+    the density of states is found, which is a small part of the search.
 
     Raises :class:`~granphon.base.errors.InputError` for modes that take too much.
     """
@@ -1220,7 +1224,7 @@ def _follow_damped(
         return np.concatenate([z[n:], -(stiffness @ z[:n]) - viscous @ z[n:]])
 
     def solve(z: Any) -> Any:
-        """Return the inverse of that matrix less the shift, times z (2 n,)."""
+        """Return the inverse of the matrix of first order less the shift, times z (2 n,)."""
         x = -factors.solve(z[n:] + viscous @ z[:n] + shift * z[:n])
         return free(np.concatenate([x, z[:n] + shift * x]))
 

@@ -91,6 +91,12 @@ _STEPS = 60.0
 _LEAST_STEPS = 4.0
 #: least number of the steps that a run chooses, in the shortest period at any time
 _FEWEST_STEPS = 30.0
+#: depths among which the one is sought to which a ball presses a contact: the least, over the mean
+#: radius; the ratio of two that follow each other, by which the stiffness of Hertz's law rises by
+#: an eighth; and their number, up to far above any
+_LEAST_DEPTH = 1e-12
+_DEPTH_RATIO = 1.25
+_N_DEPTHS = 201
 #: stiffnesses, N/m, among which the greatest is sought that a step allows
 _STIFFNESSES = np.geomspace(1e-30, 1e30, 14_001)
 #: share of a step that counts for rounding, where a given step divides the time from frame to frame
@@ -336,6 +342,9 @@ class NonlinearWaves:
         per_root = powers.coefficient / _root_radius(self._sizes, network.i, network.j)
 
         def find_alike(*pair: str) -> tuple[Any, Any, Any]:
+            """Return the coefficient over the root of the radius, kappa/2E*a, and 1 in place of E*,
+            of the contacts of a ``pair`` of kinds; InputError if their coefficients differ.
+            """
             alike = pairs.get(pair, slice(None))
             if np.ptp(per_root[alike]) > _ALIKE * np.mean(per_root[alike]):
                 raise InputError(
@@ -388,15 +397,16 @@ class NonlinearWaves:
 
     def _group(self, i: Index, j: Index) -> dict[tuple[str, ...], Index]:
         """Return the numbers of the contacts (i, j) of each pair of kinds of balls."""
-        kinds = self.network.kinds or np.where(
-            np.isinf(self.network.radii), RIGID_PLANE.name, _BALL
-        )
+        is_plane = np.isinf(self.network.radii)
+        kinds = self.network.kinds or np.where(is_plane, RIGID_PLANE.name, _BALL)
         names, code = np.unique(kinds, return_inverse=True)
-        keys = np.min(code[[i, j]], axis=0) * len(names) + np.max(code[[i, j]], axis=0)
+        codes = np.sort(code[[i, j]], axis=0)
+        # one whole number for each pair: its codes are the digits
+        keys = codes[0] * len(names) + codes[1]
         pairs = {key: divmod(key, len(names)) for key in np.unique(keys).tolist()}
         return {
-            (str(names[one]), str(names[two])): np.flatnonzero(keys == key)
-            for key, (one, two) in pairs.items()
+            (str(names[first]), str(names[second])): np.flatnonzero(keys == key)
+            for key, (first, second) in pairs.items()
         }
 
     def run(
@@ -461,18 +471,13 @@ class NonlinearWaves:
         length = positive("duration", duration, "s")
         count = whole_number("frames", frames, 2, _MOST_STEPS)
         one_of("scheme", scheme, SCHEMES)
-        n_held = 2 if file is not None else count  # frames of a file are not held in memory
-        memory = motion_memory(self.network.n_balls, self.network.n_contacts, n_held)
-        frames_text = f"{count:,} frames of a motion of {self.network.n_balls:,} balls"
-        require_memory(frames_text, memory, "Give fewer frames")
+        self._require_frames_memory(count, to_file=file is not None)
         if UNCOMPILED:
             warnings.warn(UNCOMPILED, stacklevel=2)
         if positions is not None:
             if displacements is not None:
                 raise InputError("positions and displacements are given", mend="Give one of both")
-            places = real_array("positions", positions)
-            self._require_shape("positions", places)
-            displacements = places - self.network.positions[:, : places.shape[1]]
+            displacements = self._find_displacements(positions)
         drives = list(drive) if isinstance(drive, list | tuple) else [drive]
         system = _System(self, [] if drive is None else drives)
         moved = system.read("displacements", displacements)
@@ -482,21 +487,21 @@ class NonlinearWaves:
         chosen_step, top = self._choose_step(system, x, v, step)
         require_steps(length / chosen_step)  # which may be infinite
         trial_step = min(chosen_step, length / (count - 1))
-        least = trial_step * 2.0**-_HALVINGS
+        least_step = trial_step * 2.0**-_HALVINGS
         least_per_period = _FEWEST_STEPS if step is None else _LEAST_STEPS
         # no motion of the run is slower than the run is long, or faster than contacts are
         for sentence in self.losses.find_warnings(min(1.0 / length, top / (2.0 * math.pi))):
             warnings.warn(f"in the motion {sentence.rstrip('.')}", LimitWarning, stacklevel=2)
         while True:
-            each = _count_steps(length, trial_step, count)
-            schedule = _Schedule(each, count, least_per_period)
-            kept = Frames(self.network, length / (count - 1) / each, file)
+            steps_per_frame = _count_steps(length, trial_step, count)
+            schedule = _Schedule(steps_per_frame, count, least_per_period)
+            kept = Frames(self.network, length / (count - 1) / steps_per_frame, file)
             # what leaves the floating range ends the run
             floating = np.errstate(over="ignore", invalid="ignore")
             with kept, single_products(), floating, progress.step("motion", count - 1) as told:
                 stopped = _record(system, x, v, schedule, scheme, kept, told)
             is_unstable = stopped in (_TOO_LONG, _UNSOLVED, _RATTLED)
-            if is_unstable and step is None and trial_step > least:
+            if is_unstable and step is None and trial_step > least_step:
                 trial_step *= 0.5
                 continue
             wide = check_limit("contact_radius", system.widest).warning
@@ -555,7 +560,23 @@ class NonlinearWaves:
         with np.errstate(over="ignore", invalid="ignore"):
             return system.choose_step(system.press(at_rest, energy, force, displacement))
 
+    def _require_frames_memory(self, count: int, *, to_file: bool) -> None:
+        """Raise InputError if ``count`` frames of a motion are more than memory holds; frames that
+        go ``to_file`` are not held in memory.
+        """
+        n_held = 2 if to_file else count
+        memory = motion_memory(self.network.n_balls, self.network.n_contacts, n_held)
+        frames = f"{count:,} frames of a motion of {self.network.n_balls:,} balls"
+        require_memory(frames, memory, "Give fewer frames")
+
+    def _find_displacements(self, positions: ArrayLike) -> Array:
+        """Return the displacements of balls at ``positions``, (n, 3) or (n, d), m."""
+        places = real_array("positions", positions)
+        self._require_shape("positions", places)
+        return np.asarray(places - self.network.positions[:, : places.shape[1]])
+
     def _require_shape(self, name: str, values: Array) -> None:
+        """Raise InputError unless ``values`` are finite, (n, 3) or (n, d)."""
         n = self.network.n_balls
         d = self.network.dimension
         mend = f"Give ({n}, 3) finite numbers, one row for each ball"
@@ -695,6 +716,24 @@ class _Trial(NamedTuple):
     resist: Any = None
 
 
+@dataclass
+class _Energies:
+    """Energies of a motion since its start, J.
+
+    Attributes
+    ----------
+    friction : what slip, twist and roll have taken up, stored or lost.
+    damping : what dashpots and drag have taken up.
+    work : of drives.
+    jumps : what was lost where contacts join and part.
+    """
+
+    friction: float = 0.0
+    damping: float = 0.0
+    work: float = 0.0
+    jumps: float = 0.0
+
+
 def _find_stiffest(normal: Powers | PairLaws, e: Array) -> Array:
     """Return the largest stiffnesses on the way to elongations: normal, and of flat punches as wide
     as the contacts, N/m.
@@ -811,7 +850,7 @@ class _System:
     joined: Any
     strokes: Array
     lifts: Array
-    worked: Array
+    energies: _Energies
     #: where balls were when those that may meet were listed, and how far one may have gone since, m
     _listed: Array
     _travelled: float
@@ -825,7 +864,8 @@ class _System:
         for balls, _ in self.moved:
             masses[balls] = np.inf
         self.network = replace(network, masses=masses) if self.moved else network
-        self.operator = operator = WaveOperator(self.network)
+        operator = WaveOperator(self.network)
+        self.operator = operator
         axes = list(operator.motions.translations)
         self._along = [(balls, along[axes]) for balls, along in self.moved]
         self.bound = _RateBound(operator, waves.punch)
@@ -960,21 +1000,18 @@ class _System:
                 mend="Compare the units",
             )
         # the first of these depths that takes the energy and bears the force, by bisection
-        depths = (
-            1e-12
-            * float(np.mean(self.network.radii[self.network.moving]))
-            * 1.25 ** np.arange(201.0)
-        )
+        mean_radius = float(np.mean(self.network.radii[self.network.moving]))
+        depths = _LEAST_DEPTH * mean_radius * _DEPTH_RATIO ** np.arange(float(_N_DEPTHS))
         low = np.zeros(len(e), np.int16)
         is_pressed = energy > 0.0 or force > 0.0
-        high = np.full(len(e), 200 if is_pressed else 0, np.int16)
+        high = np.full(len(e), _N_DEPTHS - 1 if is_pressed else 0, np.int16)
         while np.any(low < high):
             middle = (low + high) // 2
-            deep = depths[middle]
-            short = normal.store(-deep) + normal.rest * deep < energy
-            short |= normal.press(-deep)[0] < force
-            low = np.where(short, middle + 1, low)
-            high = np.where(short, high, middle)
+            depth = depths[middle]
+            is_shallow = normal.store(-depth) + normal.rest * depth < energy
+            is_shallow |= normal.press(-depth)[0] < force
+            low = np.where(is_shallow, middle + 1, low)
+            high = np.where(is_shallow, high, middle)
         depth = np.maximum(depths[low], displacement)
         stiffness = _find_stiffest(normal, np.minimum(-depth, e))
         if np.any(self.waves.gravity):  # what a ball of this network falls by its own size presses
@@ -1077,9 +1114,7 @@ class _System:
         if self.waves.geometry == "exact":
             self._list()
         self._shear_energy_at_start = self.contacts.shear_energy(self.at)
-        # energies, J, that slip, twist and roll, and that dashpots and drag take up, the work of
-        # drives, and energies lost where contacts join and part
-        self.worked = np.zeros(4)
+        self.energies = _Energies()
         # the speeds of drives follow from their displacements in the last step: there is none yet
         self._start(np.zeros_like(self.strokes))
 
@@ -1134,7 +1169,7 @@ class _System:
             if len(trial.lifts):
                 mean_lifts = 0.5 * (self.lifts + trial.lifts)
                 moved = trial.step * (self._push @ trial.drift)
-                self.worked[2] += float(mean_lifts @ moved)
+                self.energies.work += float(mean_lifts @ moved)
             if explicit:
                 self._leap(trial, speeds)
             else:
@@ -1145,7 +1180,7 @@ class _System:
             remaining -= trial.step
             if has_jumps and self._find_overshoot(self.at) > 0.0:
                 self.joined, switched, loss = self.contacts.switch(self.at, self.joined)
-                self.worked[3] += loss
+                self.energies.jumps += loss
                 self._start(speeds)
                 often[switched] += 1
                 if np.max(often) > _RATTLES:
@@ -1230,15 +1265,16 @@ class _System:
             contacts.press(end, self.joined)
         spent, damped = contacts.follow(start, end, self._knows_law, self._speeds)
         self.at = end
-        self.worked[0] += spent
-        self.worked[1] += damped
+        self.energies.friction += spent
+        self.energies.damping += damped
         steady = self._steady_push(trial.lifts)
         gather(contacts.on_balls, self._places, self._scale, steady, self.acceleration)
         if self._has_drag:
-            self.worked[1] += trial.step * float(self._drag @ self.v**2)
+            self.energies.damping += trial.step * float(self._drag @ self.v**2)
             self._slow_down(self.acceleration, self.v, half)
         resist = self._find_resistance()
-        self.worked[2] += 0.5 * (self.resist + resist) @ (trial.strokes - self.strokes)
+        mean_resistance = 0.5 * (self.resist + resist)
+        self.energies.work += float(mean_resistance @ (trial.strokes - self.strokes))
         self.resist = resist
         kick(self.v, self.acceleration, half)
 
@@ -1262,11 +1298,21 @@ class _System:
             last = change
             change = float(np.max(np.abs(acceleration - guess)))
             size = max(float(np.max(np.abs(acceleration))), float(np.max(np.abs(self.v))) / step)
-            if change <= _SOLVED * size or last <= change <= _ROUNDED * size:
+            only_rounds = last <= change <= _ROUNDED * size  # it no longer gets nearer
+            if change <= _SOLVED * size or only_rounds:
                 resist = self._find_resistance()
                 x = self._spare_x
                 return _Trial(
-                    step, strokes, lifts, x, self._spare_v, moment, guess, spent, damped, resist
+                    step=step,
+                    strokes=strokes,
+                    lifts=lifts,
+                    x=x,
+                    drift=self._spare_v,
+                    after=moment,
+                    acceleration=guess,
+                    spent=spent,
+                    damped=damped,
+                    resist=resist,
                 )
             guess = acceleration
         raise _Stop(_UNSOLVED)
@@ -1284,9 +1330,9 @@ class _System:
         self.at = trial.after
         self.x, self._spare_x = trial.x, self.x
         kick(self.v, trial.acceleration, trial.step)
-        self.worked[0] += trial.spent
-        self.worked[1] += trial.damped
-        self.worked[2] += trial.resist @ (trial.strokes - self.strokes)
+        self.energies.friction += trial.spent
+        self.energies.damping += trial.damped
+        self.energies.work += float(trial.resist @ (trial.strokes - self.strokes))
 
     def _keep(self, number: int, kept: Frames) -> None:
         """Keep the frame after this ``number`` of steps, and how wide the widest contact has become
@@ -1308,11 +1354,13 @@ class _System:
             - self._shear_energy_at_rest
             - float(self._weight @ self.x)
         )
+        # of what slip takes up, contacts still store a part
+        friction_loss = self.energies.friction - (shear_energy - self._shear_energy_at_start)
         wide = self._wide * np.sqrt(np.maximum(normal.overlap - moment.e, 0.0))
         self.widest = max(self.widest, float(np.max(wide, initial=0.0)))
         time = number * step
-        motions = (self._displace(), operator.to_balls(self.v))
-        (places, turns), (speeds, spins) = (np.split(columns, 2, axis=1) for columns in motions)
+        displacements, rotations = np.split(self._displace(), 2, axis=1)
+        speeds, spins = np.split(operator.to_balls(self.v), 2, axis=1)
         if self._strokes:
             drive_speeds = self._find_drive_speeds(number)
             for (balls, along), speed in zip(self.moved, drive_speeds, strict=True):
@@ -1320,18 +1368,15 @@ class _System:
         kept.keep(
             {
                 "times": time,
-                "displacements": places,
+                "displacements": displacements,
                 "velocities": speeds,
-                "rotations": turns,
+                "rotations": rotations,
                 "spins": spins,
                 "translation": 0.5 * float(np.sum(square[~operator.is_rotation])),
                 "rotation": 0.5 * float(np.sum(square[operator.is_rotation])),
                 "stored": stored + contacts.rest_energy(moment),
-                "lost": self.worked[0]
-                - (shear_energy - self._shear_energy_at_start)
-                + self.worked[1]
-                + self.worked[3],
-                "work": self.worked[2],
+                "lost": friction_loss + self.energies.damping + self.energies.jumps,
+                "work": self.energies.work,
             },
             np.where(normal.is_closed(moment.e, joined), moment.pull[0] + normal.rest, 0.0),
             contacts.shears(moment),

@@ -39,7 +39,7 @@ from granphon.balls.lattices import Lattice
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError, InstabilityError, message
 from granphon.base.progress import Progress, silent
-from granphon.dynamics.damping import Losses
+from granphon.dynamics.damping import ALIKE, Losses
 from granphon.dynamics.deformation_rows import (
     Row,
     carry_rows,
@@ -57,8 +57,6 @@ if TYPE_CHECKING:
 
 #: margin of the bound of all frequencies: the kernel of a spectrum has no width at the bound itself
 _MARGIN = 1.01
-#: relative difference of numbers that are equal but for rounding
-_ALIKE = 1e-12
 #: number of balls below which a sparse matrix is faster
 _LEAST_BALLS = 2500
 
@@ -589,7 +587,7 @@ def _have_geometry(network: ContactNetwork, lattice: Lattice, kinds: NDArray[np.
     table = lattice.contacts
     normals = np.zeros((len(table), 3))
     normals[:, : table.normal.shape[1]] = table.normal
-    if np.max(np.abs(network.normal - normals[kinds]), initial=0.0) > _ALIKE:
+    if np.max(np.abs(network.normal - normals[kinds]), initial=0.0) > ALIKE:
         return False
     if not _are_equal(network.arm_i / table.arm_i[kinds]):
         return False
@@ -621,7 +619,7 @@ def _are_equal(values: Array) -> bool:
     """Whether all values are the same, but for rounding, and finite."""
     if not np.all(np.isfinite(values)):
         return False
-    return bool(np.ptp(values) <= _ALIKE * np.max(np.abs(values), initial=0.0))
+    return bool(np.ptp(values) <= ALIKE * np.max(np.abs(values), initial=0.0))
 
 
 class ArrayOperator(WaveOperator):
@@ -738,6 +736,7 @@ class ArrayOperator(WaveOperator):
         return following
 
     def _matvec(self, x: NDArray[Any]) -> NDArray[Any]:
+        """Return the product with a vector ``x`` of either kind of numbers."""
         x = np.ravel(x)
         if np.iscomplexobj(x):
             return np.asarray(self._matvec(x.real) + 1j * self._matvec(x.imag))

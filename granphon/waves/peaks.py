@@ -343,7 +343,11 @@ def _refine_peaks(
     starts: _PeakFits, windows: _Windows, is_peak: NDArray[np.bool_], solve: Solve
 ) -> tuple[_PeakFits, NDArray[np.bool_]]:
     """Return the peaks, (n, n_r), of the response that is solved in their ``windows``, round by
-    round, and which of them stand; ``starts`` are nearest to them.
+    round, and which of them stand; ``starts`` are about where they are.
+
+    In each round the response is solved at the nodes of Chebyshev of each window whose peaks do not
+    yet stand. Through these values goes a quotient of polynomials, whose peak says where the next,
+    narrower window is.
     """
     fits = starts._replace(
         squares=starts.squares.copy(), heights=starts.heights.copy(), quality=starts.quality.copy()
@@ -361,16 +365,14 @@ def _refine_peaks(
         samples = solve(frequencies)[index.reshape(nodes.size, active.size)]
         for place, number in enumerate(active.tolist()):
             window = middle[place], half[place]
-            is_within = windows.find_room(number)
+            has_room = windows.find_room(number)
             ends = []
             for receiver in np.flatnonzero(is_peak[number]).tolist():
-                index_of_peak = number, receiver
+                peak = number, receiver
                 quotient = _Quotient.through(nodes, samples[:, place, receiver])
-                change = _set_peak(
-                    fits, index_of_peak, window, quotient, is_within & may_widen[index_of_peak]
-                )
-                stands[index_of_peak] = change.stands
-                may_widen[index_of_peak] &= change.may_widen
+                change = _set_peak(fits, peak, window, quotient, has_room & may_widen[peak])
+                stands[peak] = change.stands
+                may_widen[peak] &= change.may_widen
                 ends.append(change.ends)
             windows.replace(number, np.transpose(ends))
     return fits, stands & is_peak
@@ -403,7 +405,7 @@ def _set_peak(
     last_height = fits.heights[index]
     peak = quotient.find_peak((last_frequency - middle) / half, may_widen)
     if peak is None:
-        return _Change(False, (middle - half, middle + half), False)
+        return _Change(stands=False, ends=(middle - half, middle + half), may_widen=False)
     frequency = middle + half * peak.place
     quality = frequency / (half * (peak.high - peak.low))
     fits.squares[index] = frequency**2
@@ -471,12 +473,14 @@ class _Quotient(NamedTuple):
         return np.abs(value) ** 2
 
     def _find_slope(self, place: float) -> float:
-        """Return half of the slope of the logarithm of that square."""
-        slopes = [
-            polynomial.polyval(place, polynomial.polyder(part)) / polynomial.polyval(place, part)
-            for part in (self.top, self.bottom)
-        ]
-        return float((slopes[0] - slopes[1]).real)
+        """Return the slope of the logarithm of the magnitude, which is zero at a peak."""
+
+        def find_rate(coefficients: Complex) -> Any:
+            """Return p'/p of a polynomial p at the place."""
+            slope = polynomial.polyval(place, polynomial.polyder(coefficients))
+            return slope / polynomial.polyval(place, coefficients)
+
+        return float((find_rate(self.top) - find_rate(self.bottom)).real)
 
     def find_peak(self, expected: float, may_widen: NDArray[np.bool_]) -> _PeakShape | None:
         """Return the peak nearest to the ``expected`` place; None if there is none. Its next window
@@ -504,7 +508,7 @@ class _Quotient(NamedTuple):
             if steps:
                 bracket = mesh[top + side * (steps - 1)], mesh[top + side * steps]
                 ends[number] = brentq(
-                    lambda at: float(self.find_square(at)) - half, *bracket, xtol=_PLACE
+                    lambda end: float(self.find_square(end)) - half, *bracket, xtol=_PLACE
                 )
         has_end = np.isfinite(ends)
         is_wider = bool(np.any(is_open) and np.all(has_end | is_open))

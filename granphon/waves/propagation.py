@@ -35,7 +35,7 @@ from scipy.special import jv
 
 from granphon.base.arrays import Array, Complex
 from granphon.dynamics.damping import Losses
-from granphon.waves.chebyshev import polynomials
+from granphon.waves.chebyshev import GROWTH, polynomials
 from granphon.waves.operator import WaveOperator, explain_instability
 
 #: greatest sum of the coefficients that are left out, over the largest response
@@ -50,8 +50,6 @@ _CRITICAL = 1e-10
 #: distance of a rate from that of a wave, times the length of the burst, below which the two are
 #: near
 _NEAR = 1e-2
-#: relative growth of a polynomial's norm, which is never above that of its start, beyond rounding
-_GROWTH = 1e-6
 #: the longest span of a record with uneven damping, in units of 2/c
 _DECAY = 6.0
 #: the same in units of 1/R
@@ -308,7 +306,7 @@ class Propagation:
         order = self.order
         states = np.zeros((len(coefficients), size))
         moments = []
-        largest_norm = np.linalg.norm(self.push) * (1.0 + _GROWTH)
+        largest_norm = np.linalg.norm(self.push) * (1.0 + GROWTH)
         # polynomials are kept for one product of a block of them
         block = np.empty((max(1, min(order, _BLOCK // size)), size))
         vectors = zip(range(order), polynomials(self.operator, self.push), strict=False)

@@ -214,11 +214,11 @@ class Course:
         """Return lengths less whole periods."""
         return lengths if math.isinf(self.period) else np.mod(lengths, self.period)
 
-    def require_period(self, least: float, why: str) -> None:
+    def require_period(self, shortest: float, why: str) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if planes across the direction meet
-        themselves before ``least``, m; ``why`` says why that length is needed.
+        themselves before ``shortest``, m; ``why`` says why that length is needed.
         """
-        if self.period >= least * (1.0 - _FLAT):
+        if self.period >= shortest * (1.0 - _FLAT):
             return
         direction = _write_direction(self.direction[: self.network.dimension])
         closes = "do not close"
@@ -227,13 +227,13 @@ class Course:
         cell, longer_array = self._describe_cell()
         offers = [
             f"{_write_direction(vector)}, with {period:.6g} m"
-            for vector, period in self._find_directions(least)
+            for vector, period in self._find_directions(shortest)
         ]
         fault = f"planes across {direction} {closes} in this periodic network"
         remedy = f"or {longer_array}"
         if offers:
             remedy = f"{longer_array}, or the direction {' or '.join(offers)}"
-        reason = f"{why}: {least:.6g} m are needed{cell}"
+        reason = f"{why}: {shortest:.6g} m are needed{cell}"
         raise InputError(fault, reason, f"Take a shorter distance, {remedy}")
 
     def _describe_cell(self) -> tuple[str, str]:
@@ -252,9 +252,9 @@ class Course:
         # lengths of the cell that are equal along the direction are the period
         return cell, "an array whose numbers of cells make these lengths equal"
 
-    def _find_directions(self, least: float) -> list[tuple[Array, float]]:
+    def _find_directions(self, shortest: float) -> list[tuple[Array, float]]:
         """Return the two directions (d,) nearest to this one whose planes have a period of
-        ``least``, m, or more; with the periods, m.
+        ``shortest``, m, or more; with the periods, m.
 
         The candidates are the normals of planes whose Miller indices in the periodic cell have no
         common divisor; the period of a plane is one over the length of its reciprocal vector.
@@ -262,7 +262,7 @@ class Course:
         periods = self.network.cell[list(self.network.pbc)]
         reciprocal = np.linalg.pinv(periods).T  # rows b with b_i . a_j = delta_ij
         # higher indices have shorter periods; all indices are (2 n + 1)^p, at most _MANY
-        highest = np.floor(np.linalg.norm(periods, axis=1) / least).astype(int)
+        highest = np.floor(np.linalg.norm(periods, axis=1) / shortest).astype(int)
         affordable = int(0.5 * (_MANY ** (1.0 / len(periods)) - 1.0))
         ranges = [range(-n, n + 1) for n in np.minimum(highest, affordable)]
         candidates = []
@@ -270,7 +270,7 @@ class Course:
             if math.gcd(*indices) == 1:
                 vector = np.array(indices) @ reciprocal
                 period = 1.0 / float(np.linalg.norm(vector))
-                if period >= least:
+                if period >= shortest:
                     cosine = float(vector @ self.direction) * period
                     candidates.append((cosine, period * vector, period))
         # by rounded cosines, so that directions that are equally near keep their order
@@ -407,8 +407,8 @@ class Course:
         detour_by_first = 2.0 * (start - first)
         detour_by_last = 2.0 * (last - self.find_place(balls))
         # a shorter detour is not heard by itself
-        least = 2.0 * self.spacing
-        detours = [detour for detour in (detour_by_first, detour_by_last) if detour > least]
+        shortest = 2.0 * self.spacing
+        detours = [detour for detour in (detour_by_first, detour_by_last) if detour > shortest]
         return min(detours, default=2.0 * (last - first))
 
 
@@ -1221,7 +1221,17 @@ class Route:
                 other_way = course.period - flight_length
                 duration = min(duration, other_way / float(fastest[0]))
         times = _list_readings(burst, duration)
-        return cls(course, burst, push, start, sources, groups, fastest, times, frames)
+        return cls(
+            course=course,
+            burst=burst,
+            push=push,
+            start=start,
+            sources=sources,
+            groups=groups,
+            fastest=fastest,
+            times=times,
+            frames=frames,
+        )
 
     @property
     def last(self) -> float:
@@ -1685,7 +1695,8 @@ def _require_short(operator: WaveOperator, duration: float, losses: Losses | Non
     """Raise :class:`~granphon.base.errors.InputError` for a record of a ``duration``, s, that takes
     more than :data:`_MOST` products with D, and for ``losses`` with which nothing moves.
     """
-    damping = drag = 0.0
+    damping = 0.0
+    drag = 0.0
     uneven = False
     if losses is not None:
         damping = float(np.max(losses.times))
@@ -1695,10 +1706,10 @@ def _require_short(operator: WaveOperator, duration: float, losses: Losses | Non
     top = write_quantity(operator.top / (2.0 * math.pi), "Hz", 3)
     ratio = operator.top * damping
     if ratio > _MOST_DAMPED:
-        most = write_quantity(_MOST_DAMPED / operator.top, "s", 3)
+        longest_damping = write_quantity(_MOST_DAMPED / operator.top, "s", 3)
         raise InputError(
             f"with a damping of {tau} nothing moves at frequencies up to {top}",
-            mend=f"Give {most} at most",
+            mend=f"Give {longest_damping} at most",
         )
     viscous_products = (ratio * operator.top + drag) * duration
     if uneven and viscous_products > _MOST:

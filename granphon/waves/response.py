@@ -470,7 +470,7 @@ class Places:
         if quantity != "force":
             return quantity
         moving = self.network.moving
-        balls = [self._read_item("source", item, False)[0] for item in _list_items(source)]
+        balls = [self._read_item("source", item, held=False)[0] for item in _list_items(source)]
         is_held = bool(balls) and not np.any(moving[np.concatenate(balls)])
         return "stiffness" if is_held else "force"
 
@@ -486,7 +486,7 @@ class Places:
             if is_contact(item):
                 sensors.append(self._sensor_places.at_contact(*item))
                 continue
-            bodies, direction = self._read_item("receiver", item, False)
+            bodies, direction = self._read_item("receiver", item, held=False)
             sensors += [self._sensor_places.in_body(body, direction) for body in bodies.tolist()]
         if not sensors:
             raise InputError(
@@ -513,7 +513,7 @@ class Places:
         balls = [np.zeros(0, int)]
         vectors = [np.zeros((0, 3))]
         for item in items:
-            item_balls, vector = self._read_item(name, item, held)
+            item_balls, vector = self._read_item(name, item, held=held)
             require_moves(name, vector, self.network)
             balls.append(item_balls)
             vectors.append(np.tile(vector, (len(item_balls), 1)))
@@ -525,7 +525,7 @@ class Places:
         self._require_mobility(name, all_balls, held)
         return all_balls, np.concatenate(vectors)
 
-    def _read_item(self, name: str, item: Any, held: bool) -> tuple[Index, Array]:
+    def _read_item(self, name: str, item: Any, *, held: bool) -> tuple[Index, Array]:
         """Return the balls (n,) and the unit vector (3,) of one ``item`` of a source or receiver:
         "plane", "floor", or (ball, direction).
         """

@@ -154,18 +154,15 @@ def transmission(
     waves_of_last = last.find_waves(omega)
     find_stiffness = _make_stiffness_function(operator, losses, first.q)
     # at each frequency the amplitudes of waves that run back, and that pass
-    reflected_amplitudes = []
-    transmitted_amplitudes = []
-    for w, first_waves, last_waves in zip(omega, waves_of_first, waves_of_last, strict=True):
-        waves = (first_waves, last_waves)
-        back, through = _scatter(w**2, find_stiffness(w), leads, ends, waves)
-        reflected_amplitudes.append(back)
-        transmitted_amplitudes.append(through)
+    scattered = [
+        _scatter(w**2, find_stiffness(w), leads, ends, waves)
+        for w, *waves in zip(omega, waves_of_first, waves_of_last, strict=True)
+    ]
     # numbers of waves that run in, and that run out behind the strip
-    modes = np.array([through.shape[::-1] for through in transmitted_amplitudes])
+    modes = np.array([passing.shape[::-1] for _, passing in scattered])
     most_modes = int(modes.max(initial=0))
-    amplitudes = _stack_matrices(transmitted_amplitudes, most_modes)
-    back_amplitudes = _stack_matrices(reflected_amplitudes, most_modes)
+    amplitudes = _stack_matrices([passing for _, passing in scattered], most_modes)
+    back_amplitudes = _stack_matrices([returning for returning, _ in scattered], most_modes)
     transmitted = np.sum(np.abs(amplitudes) ** 2, axis=1)
     reflected = np.sum(np.abs(back_amplitudes) ** 2, axis=1)
     wavenumbers = first.list_wavenumbers([incoming for incoming, _ in waves_of_first], most_modes)
@@ -500,11 +497,11 @@ class _Lead(NamedTuple):
         motions_of_layer = self.space.size // self.space.reach
         return find_bloch_waves(self.blocks, omega**2, motions_of_layer)
 
-    def list_wavenumbers(self, waves: Sequence[BlochWaves], most: int) -> Array:
+    def list_wavenumbers(self, waves: Sequence[BlochWaves], n_columns: int) -> Array:
         """Return the wavenumbers (n_f, most) across the layers, 1/m, of the ``waves`` that run at
         each frequency; zeros behind them.
         """
-        wavenumbers = np.zeros((len(waves), most))
+        wavenumbers = np.zeros((len(waves), n_columns))
         for row, waves_of_row in enumerate(waves):
             n = waves_of_row.running
             factors = waves_of_row.factors[:n]

@@ -130,6 +130,7 @@ def _of_both_motions(kind: Kind, parts: str = "of normal motion, and of all othe
     pair = listed(kind)
 
     def read(value: Any, context: ValueContext) -> Any:
+        """Return one value, or the two of a list."""
         if not isinstance(value, list | tuple):
             return kind.read(value, context)
         if len(value) != 2:

@@ -707,7 +707,11 @@ class SpectralFunction(Refinable):
 class PlaneWaves:
     """Moments of plane waves: of the cosine and the sine of each polarisation, which add up.
 
-    The arguments are those of :meth:`granphon.waves.waves.Waves.spectral_function`.
+    Parameters
+    ----------
+    operator : D of the network.
+    q, polarisation, direction : as for :meth:`granphon.waves.waves.Waves.spectral_function`, which
+        says what raises InputError.
     """
 
     def __init__(

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -41,6 +42,12 @@ TABLES = {
     "motion": tuple(bench_motion.PARTS),
 }
 _HEAD = "| what | measured | | bound |\n|---|---|---|---|\n"
+#: parts of many arrays at the same loads, of which each load is a column
+_BY_LOAD = ("rests", "tensors", "doors")
+#: what such a row says: the array, its load, perhaps its directions, and what was measured
+_AT_LOAD = re.compile(
+    r"(?P<array>.+), a\* = (?P<load>[\d.]+)(?:, (?P<directions>\w+) directions)?: (?P<what>.+)"
+)
 
 
 def rows(found: list[Mapping[str, Any]]) -> list[Row]:
@@ -52,10 +59,38 @@ def rows(found: list[Mapping[str, Any]]) -> list[Row]:
 
 def table(parts: tuple[str, ...], numbers: Mapping[str, Any]) -> str:
     """A table of the page; the verdict is left out, as a bound that is missed ends the run with an
-    error.
+    error. Parts of many arrays at the same loads have tables of their own behind it.
     """
-    lines = [line(*row.cells) for part in parts for row in rows(numbers[part])]
-    return _HEAD + "".join(one.replace("a*", r"a\*").replace("f*", r"f\*") + "\n" for one in lines)
+    lines = [
+        line(*row.cells) + "\n"
+        for part in parts
+        if part not in _BY_LOAD
+        for row in rows(numbers[part])
+    ]
+    by_load = [by_loads(rows(numbers[part])) for part in parts if part in _BY_LOAD]
+    return (_HEAD + "".join([*lines, *by_load])).replace("a*", r"a\*").replace("f*", r"f\*")
+
+
+def by_loads(found: list[Row]) -> str:
+    """Tables with a row for each array and a column for each load: ratios, with their bounds."""
+    tables: dict[str, dict[str, dict[str, str]]] = {}
+    for row in found:
+        parts = _AT_LOAD.fullmatch(row.what)
+        assert parts is not None
+        array = parts["array"]
+        if parts["directions"]:
+            array += f", {parts['directions']}"
+        _, ratio, _, bound = row.cells
+        ratios = tables.setdefault(parts["what"], {}).setdefault(array, {})
+        ratios[parts["load"]] = f"{ratio} ({bound})"
+    text = ""
+    for what, arrays in tables.items():
+        loads = next(iter(arrays.values()))
+        heads = [f"{what}, at a* =", *loads]
+        lines = [line(*heads), "|" + "---|" * len(heads)]
+        lines += [line(array, *ratios.values()) for array, ratios in arrays.items()]
+        text += "\n" + "\n".join(lines) + "\n"
+    return text
 
 
 def costs(found: Mapping[str, Any]) -> str:

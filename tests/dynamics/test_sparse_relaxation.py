@@ -141,7 +141,7 @@ def find_all(network):
     return {
         "mechanism": lattice.mechanism,
         "warnings": lattice.loose_warnings,
-        "part": lattice._with_sound[1],
+        "part": lattice._sound_mass.moved,
         "tensor": find(lattice.elastic_tensor),
         "sound": find(lambda: lattice.sound_velocities(np.eye(lattice.periods)[0])[0]),
     }
