@@ -508,7 +508,7 @@ def measure_tradeoff(
     with (
         tell_interruption(describe_folder),
         opened_files as locked,
-        open_store(work_file, force) as store,
+        open_store(work_file, force=force) as store,
     ):
         with open_executor(workers, scheduler) as executor:
             measured = tradeoff(

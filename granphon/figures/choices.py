@@ -328,6 +328,7 @@ def arrange(
     x: str | None = None,
     rows: str | None = None,
     columns: str | None = None,
+    *,
     alone: bool = False,
 ) -> Layout:
     """Return the panels for the curves of a ``variable`` of a sweep over ``x``, a load, or a

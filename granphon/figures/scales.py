@@ -469,7 +469,7 @@ class _PlainTicks(Locator):
         """
         low, high = sorted((vmin, vmax))
         major = minor = np.empty(0)
-        for ticks, finer_ticks in _list_round_numbers(low, high, self._least < _LEAST_TICKS):
+        for ticks, finer_ticks in _list_round_numbers(low, high, few=self._least < _LEAST_TICKS):
             major = _keep_inside(ticks, low, high)
             minor = _keep_inside(finer_ticks, low, high)
             if major.size >= self._least:
@@ -477,7 +477,7 @@ class _PlainTicks(Locator):
         return minor if self._minor else major
 
 
-def _list_round_numbers(low: float, high: float, few: bool) -> Iterator[tuple[Array, Array]]:
+def _list_round_numbers(low: float, high: float, *, few: bool) -> Iterator[tuple[Array, Array]]:
     """Yield sets of round numbers from about ``low`` to ``high``, few first, each with a finer set
     for minor ticks; with ``few`` the first set may have a number in each decade alone, or three.
 

@@ -169,12 +169,12 @@ def find_warnings(
             f" known; give sigma"
         )
     if "width" in names and dof:
-        warnings += _judge_excess(problem, logs, sigma_given)
+        warnings += _judge_excess(problem, logs, sigma_given=sigma_given)
     warnings += _judge_waves(problem)
     if dof:
         warnings += _judge_leverage(problem, leverages)
     if errors_known and dof > 1:
-        warnings += _judge_farthest(problem, residuals, leverages, chi2, sigma_given)
+        warnings += _judge_farthest(problem, residuals, leverages, chi2, sigma_given=sigma_given)
     if errors_known:
         warnings += [
             f"the standard error of {name} is {error:.2g} of its value: it can hardly be told from"
@@ -214,7 +214,7 @@ def _judge_leverage(problem: FitProblem, leverages: Array) -> list[str]:
     ]
 
 
-def _judge_excess(problem: FitProblem, logs: Array, sigma_given: bool) -> list[str]:
+def _judge_excess(problem: FitProblem, logs: Array, *, sigma_given: bool) -> list[str]:
     """Return a warning if data are above the velocity of equal balls by more than their noise,
     which no width explains; ``logs`` are the logarithms (p,) of the fitted parameters.
     """
@@ -269,7 +269,7 @@ def _find_noise(force: Array, velocity: Array) -> float:
 
 
 def _judge_farthest(
-    problem: FitProblem, residuals: Array, leverages: Array, chi2: float, sigma_given: bool
+    problem: FitProblem, residuals: Array, leverages: Array, chi2: float, *, sigma_given: bool
 ) -> list[str]:
     """Return a warning if one datum is off the fit of the others: by the given sigma where the
     others agree with theirs, else by the scatter of the others.
@@ -324,7 +324,7 @@ class FitProblem:
         _require_units(model, data.velocity)
         relative_error = np.ones(1) if data.sigma is None else np.ravel(data.sigma / data.velocity)
         _require_plausible_errors(relative_error)
-        _require_enough(model.names, len(data.force), data.sigma is not None)
+        _require_enough(model.names, len(data.force), sigma_given=data.sigma is not None)
         sigma = 1.0 if data.sigma is None else data.sigma
         return cls(model, data.velocity, np.ones(data.force.shape) * sigma)
 
@@ -642,7 +642,7 @@ def _require_plausible_errors(relative_error: Array) -> None:
         raise InputError(fault, "No measurement has such an error", "Check its units")
 
 
-def _require_enough(names: Sequence[str], count: int, sigma_given: bool) -> None:
+def _require_enough(names: Sequence[str], count: int, *, sigma_given: bool) -> None:
     """Raise InputError if there are fewer measurements, by their ``count``, than parameters with
     these ``names``, or as many unless ``sigma_given``, as the scatter then takes one.
     """

@@ -155,7 +155,7 @@ class Measurements(Result):
         error = source.choose("sigma", "time_sigma", "cutoff_sigma")
         pulse = source.choose("frequency")
         if measured == "cutoff":
-            _require_long_waves(path, carried is not None, pulse is not None)
+            _require_long_waves(path, can_convert=carried is not None, has_pulses=pulse is not None)
         required = [load, measured]
         if measured == "time" and distance is None:
             required.append("distance")
@@ -319,7 +319,7 @@ def _require_conversion(
         raise InputError(f"{path} gives pressures", why, mend)
 
 
-def _require_long_waves(path: Any, can_convert: bool, has_pulses: bool) -> None:
+def _require_long_waves(path: Any, *, can_convert: bool, has_pulses: bool) -> None:
     """Raise InputError for cut-off frequencies that cannot be converted to velocities, or that
     stand beside frequencies of pulses.
     """

@@ -764,7 +764,7 @@ def fit_damping(
     comparison = _Comparison(model, measured)
     sigma_given = measured.sigma is not None
     dof = comparison.dof
-    _require_data(dof, len(names), sigma_given)
+    _require_data(dof, len(names), sigma_given=sigma_given)
     best = comparison.find_best()
     chi2 = 2.0 * float(best.cost)  # scipy's cost is half the sum of squares
     scatter = 1.0 if sigma_given else max(math.sqrt(chi2 / dof), float(np.finfo(float).eps))
@@ -1002,7 +1002,7 @@ def _average_contacts(pair: tuple[Any, Any]) -> Array:
     return np.array([float(np.mean(losses)) for losses in pair])
 
 
-def _require_data(dof: int, parameters: int, sigma_given: bool) -> None:
+def _require_data(dof: int, parameters: int, *, sigma_given: bool) -> None:
     """Raise InputError if the degrees of freedom ``dof``, numbers less ``parameters``, are below
     zero, or below one unless ``sigma_given``, as the scatter then takes one.
     """

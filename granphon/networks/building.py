@@ -164,7 +164,7 @@ class Source:
             inertias = 0.4 * masses * balls.radii**2
         if balls.still is not None:
             inertias = np.where(balls.still, np.inf, inertias)
-        joined = self._join_balls(positions, pbc, completion.bad == "drop")
+        joined = self._join_balls(positions, pbc, drops=completion.bad == "drop")
         contact_fields = _concatenate([part.complete(balls, completion) for part in joined])
         if all(part.is_normal or part.tangential_force is None for part in joined):
             contact_fields.pop("tangential_force", None)
@@ -189,7 +189,7 @@ class Source:
             "labels": balls.labels,
             "kinds": balls.kinds,
             "adhesive": self.adhesive,
-            "contact_model": self._find_model(material, resists_slip),
+            "contact_model": self._find_model(material, resists_slip=resists_slip),
             "on_site": self._list_on_site(motions, dimension),
             "tangential_law": source.tangential_law,
         }
@@ -226,7 +226,7 @@ class Source:
         columns = [springs.get(name, zeros) for name in names]
         return np.stack(columns, axis=1) if np.any(columns) else None
 
-    def _find_model(self, material: Material | None, resists_slip: bool) -> ContactModel | None:
+    def _find_model(self, material: Material | None, *, resists_slip: bool) -> ContactModel | None:
         """Return the contact model of balls of the ``material``; without one that of the source."""
         if material is None:
             return self.contact_model
@@ -248,7 +248,7 @@ class Source:
                 masses = material.density * (4.0 / 3.0 * math.pi) * balls.radii**3
         return np.where(balls.fixed, np.inf, masses)
 
-    def _join_balls(self, positions: Array, pbc: Flags, drops: bool) -> list[_Joined]:
+    def _join_balls(self, positions: Array, pbc: Flags, *, drops: bool) -> list[_Joined]:
         """Return the lists of contacts with the balls that they join, without contacts that have
         faults.
 
@@ -339,7 +339,7 @@ class _Joining:
         contacts = self.contacts
         faults = self.faults
         i, j = self._find_ends()
-        contacts.note_numbers(faults, self.adhesive)
+        contacts.note_numbers(faults, adhesive=self.adhesive)
         # what follows needs contacts of balls that are where they are
         is_bad_ball = self.places.bad
         is_fine = faults.narrow(~(is_bad_ball[i] | is_bad_ball[j]) if is_bad_ball.size else None)

@@ -250,7 +250,7 @@ def _read_restart(
             break
     else:
         raise InputError(f"{lines.name} ends before its particles", "The file is not whole")
-    balls = _read_particles(lines, int(_read_word(lines, words, "Particles")[0]), plane)
+    balls = _read_particles(lines, int(_read_word(lines, words, "Particles")[0]), plane=plane)
     words = lines.read().split()
     interactions = None
     if words[:1] == ["Interactions"]:
@@ -259,7 +259,7 @@ def _read_restart(
     return _State(lines.name, time, balls, cell, pbc_of_network, tuple(notes), interactions)
 
 
-def _read_particles(lines: Lines, count: int, plane: bool) -> Balls:
+def _read_particles(lines: Lines, count: int, *, plane: bool) -> Balls:
     """Read the next ``count`` lines of a file .restart as balls, in a ``plane`` as discs."""
     if count > len(lines) - lines.place:
         fault = f"{lines.name} ends before its {count} particles do: {len(lines) - lines.place} are"

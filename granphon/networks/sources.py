@@ -234,7 +234,7 @@ class Contacts:
         """Return an empty list of the faults of these contacts."""
         return Faults(self.name, "contacts", len(self), self.describe)
 
-    def note_numbers(self, faults: Faults, adhesive: bool) -> None:
+    def note_numbers(self, faults: Faults, *, adhesive: bool) -> None:
         """Note the contacts with numbers that are not finite or out of range, that pull where
         contacts are not ``adhesive``, and with normals that are no unit vectors.
         """

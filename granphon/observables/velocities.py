@@ -272,7 +272,7 @@ def warn_of_free_branches(state: State, velocities: Array) -> tuple[str, ...]:
 
 
 def choose_direction(
-    state: State, direction: ArrayLike | None, quantity: str, isotropic: bool
+    state: State, direction: ArrayLike | None, quantity: str, *, isotropic: bool
 ) -> Array:
     """Return the direction as unit vectors (p,) or (n, p): x if it is None.
 

@@ -167,5 +167,5 @@ def _write_cells(cells: Sequence[str], tag: str) -> str:
     return "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in cells)
 
 
-def _write_row(cells: Sequence[str], is_plain: bool = False) -> str:
+def _write_row(cells: Sequence[str], *, is_plain: bool = False) -> str:
     return f"| {' | '.join(cells if is_plain else map(_mark, cells))} |"

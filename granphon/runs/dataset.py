@@ -559,7 +559,7 @@ def _label_sensitivities(frame: Dataset, grid: Grid, variables: dict[str, Any]) 
     """
     from granphon.runs.sensitivities import NAME, list_axes
 
-    names = list_axes(grid.cases[0].packing, grid.load, grid.request.cutoffs)
+    names = list_axes(grid.cases[0].packing, grid.load, has_cutoffs=grid.request.cutoffs)
     dims, values, attributes = variables[NAME]
     for axis, labels in zip((-2, -1), names, strict=True):
         others = tuple(number for number in range(values.ndim) if number != values.ndim + axis)
@@ -852,7 +852,7 @@ def _digest_numbers(dataset: Dataset) -> str:
 
 
 def write_waves(
-    dataset: Dataset, path: Path, wave_dims: Sequence[str], numbered: bool = False
+    dataset: Dataset, path: Path, wave_dims: Sequence[str], *, numbered: bool = False
 ) -> None:
     """Write the table ``path`` of the variables that have the dimensions ``wave_dims`` besides
     those of the states, with a row for each of their points in every state.
@@ -994,7 +994,7 @@ def _is_quantity(name: str, values: Array) -> bool:
     return has_unit and values.dtype.kind != "b"
 
 
-def _find_fault(name: str, values: Array, may_lack: bool) -> str:
+def _find_fault(name: str, values: Array, *, may_lack: bool) -> str:
     """Return words for the first of the ``values`` of a variable that cannot be of a sweep; empty
     if all can be. Standard errors, waves and registered observables may be nan, and with
     ``may_lack`` velocities, moduli and pressures too; those of :data:`_MAY_BE_INFINITE` may be

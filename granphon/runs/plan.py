@@ -635,7 +635,7 @@ class Plan:
                 return earlier_sweep
         incomplete_names = _incomplete_files(target.name)
         files = ResultFiles(target.parent, file_names(target), overwrite, earlier=incomplete_names)
-        store_beside = open_store(target.with_name(f".{target.name}.partial"), overwrite)
+        store_beside = open_store(target.with_name(f".{target.name}.partial"), force=overwrite)
         opened_store = store_beside if store is None else nullcontext(store)
         with files.open() as locked, opened_store as task_store:
             try:

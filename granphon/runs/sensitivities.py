@@ -25,7 +25,7 @@ NAME = "sensitivity"
 _ROUNDING = 1e-8
 
 
-def list_axes(balls: Balls, load: Load, has_cutoffs: bool) -> tuple[list[str], list[str]]:
+def list_axes(balls: Balls, load: Load, *, has_cutoffs: bool) -> tuple[list[str], list[str]]:
     """Return the names of the quantities of which derivatives are found, and of the parameters:
     velocities and moduli, and with ``has_cutoffs`` the ends of the branches in the zone.
     """
@@ -57,7 +57,7 @@ def observe_sensitivities(
     parameters that cannot change. Of many directions of sound the first counts.
     """
     balls = serving.packing
-    quantities, parameters = list_axes(balls, load, has_cutoffs)
+    quantities, parameters = list_axes(balls, load, has_cutoffs=has_cutoffs)
 
     derivatives = np.full((load.size, len(quantities), len(parameters)), np.nan)
     for index in range(load.size):

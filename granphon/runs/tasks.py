@@ -1019,7 +1019,7 @@ class SampleRecord(SimpleNamespace):
             # imported here: a sweep without waves does not need them
             from granphon.runs.wave_records import record_waves
 
-            of_waves = record_waves(sample, waves, whole)
+            of_waves = record_waves(sample, waves, whole=whole)
         names = [*_AVERAGED]
         if exponents and sample.packing.spread_matters:
             names.append("elastic_tensors_beside")

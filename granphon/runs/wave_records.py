@@ -245,7 +245,7 @@ def _choose_plane(settings: ResponseSettings) -> dict[str, Any]:
     return {name: getattr(settings, name) for name in ("direction", "polarisation", "distance")}
 
 
-def record_waves(x: Any, settings: WaveSettings, whole: bool = False) -> dict[str, Array]:
+def record_waves(x: Any, settings: WaveSettings, *, whole: bool = False) -> dict[str, Array]:
     """Find the waves of the ``settings`` in ``x``, a sample or a state, and return the numbers that
     :func:`average_waves` averages, arrays in SI units by name.
 
@@ -259,7 +259,7 @@ def record_waves(x: Any, settings: WaveSettings, whole: bool = False) -> dict[st
         if whole:
             for key, result in results.items():
                 numbers[_WHOLE + key] = np.array(json.dumps(result.to_dict()).encode())
-    return numbers | _record_networks(x, settings, whole)
+    return numbers | _record_networks(x, settings, whole=whole)
 
 
 def _record_dos(
@@ -334,7 +334,7 @@ def _record_pulse(
     return arrays | notes, pulses
 
 
-def _record_networks(x: Any, settings: WaveSettings, whole: bool = False) -> dict[str, Array]:
+def _record_networks(x: Any, settings: WaveSettings, *, whole: bool = False) -> dict[str, Array]:
     """Find the waves of the ``settings`` in the network of ``x``, a state or a sample, and return
     the numbers that :func:`average_waves` averages, arrays in SI units by name.
 

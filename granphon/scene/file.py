@@ -407,7 +407,7 @@ def _has_measured_spread(packing: Any) -> bool:
     return isinstance(spread, Mapping) and "measured" in spread
 
 
-def _require_one_load(value: Mapping[str, Any], of_crystal: bool) -> None:
+def _require_one_load(value: Mapping[str, Any], *, of_crystal: bool) -> None:
     """Raise Refused unless a block "load" has one kind of load, or of a crystal gravity alone, with
     the keys that belong to it.
     """
@@ -528,7 +528,7 @@ def _find_key_of_values(block: Mapping[str, Any], kind: str) -> str:
     return kind if kind in block else "gravity"  # gravity is then the only load
 
 
-def _find_place_of_value(values: Any, index: int, is_list: bool) -> tuple[str, tuple[Any, ...]]:
+def _find_place_of_value(values: Any, index: int, *, is_list: bool) -> tuple[str, tuple[Any, ...]]:
     """Return the value number ``index``, from 0, of ``values`` as they are written, and the last
     keys of its place: one value, or a tensor, is at the key itself, that of a list at its index.
     ``is_list`` says whether there is a list of values.
@@ -791,7 +791,7 @@ class SceneSource(Places):
             written_key = _find_key_of_values(self.document.data[block], key)
         values = self.document.data[block][written_key]
         is_list = isinstance(values, list) and written_key not in TENSORS
-        words, place = _find_place_of_value(values, index, is_list)
+        words, place = _find_place_of_value(values, index, is_list=is_list)
         prefix_of_value = f"found {words}; allowed: {allowed}; {prefix}"
         return self.at(block, written_key, *place, prefix=prefix_of_value)
 

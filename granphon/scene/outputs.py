@@ -410,7 +410,7 @@ def _write_table(
     """
     from granphon.runs.dataset import write_waves
 
-    write_waves(run.dataset, folder / name, dims, numbered)
+    write_waves(run.dataset, folder / name, dims, numbered=numbered)
 
 
 def _write_motion(run: Any, folder: Path) -> None:
@@ -1105,7 +1105,7 @@ def list_figures(folder: Path) -> list[Export]:
     ]
 
 
-def list_files(rows: Sequence[Export], figures: bool = True) -> tuple[str, ...]:
+def list_files(rows: Sequence[Export], *, figures: bool = True) -> tuple[str, ...]:
     """Return the names of the files of the ``rows``, those of numbers first, then the ``figures``
     if they are drawn.
     """
@@ -1115,11 +1115,11 @@ def list_files(rows: Sequence[Export], figures: bool = True) -> tuple[str, ...]:
     return tuple(names)
 
 
-def expected_files(scene: Any, figures: bool = True) -> tuple[str, ...]:
+def expected_files(scene: Any, *, figures: bool = True) -> tuple[str, ...]:
     """Return the names of the files that a run of a ``scene`` writes, with its ``figures`` or
     without.
     """
-    return list_files(list_outputs(scene), figures)
+    return list_files(list_outputs(scene), figures=figures)
 
 
 def every_file() -> tuple[str, ...]:

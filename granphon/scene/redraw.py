@@ -47,6 +47,7 @@ WHOLE = View()
 def redraw(
     folder: str | os.PathLike[str],
     out: str | os.PathLike[str] | None = None,
+    *,
     force: bool = False,
     asymptotes: bool = False,
     variable: str | None = None,
@@ -83,7 +84,9 @@ def redraw(
     """
     source = Path(folder)
     asks_for_sweep = variable is not None or view != WHOLE
-    row = _choose_output(source, None if out is None else Path(out).stem, asks_for_sweep)
+    row = _choose_output(
+        source, None if out is None else Path(out).stem, asks_for_sweep=asks_for_sweep
+    )
     if asymptotes and "asymptotes" not in row.options:
         problem = f"{source} holds a {row.label}"
         raise InputError(problem, "Long waves are drawn beside bands only", "Leave asymptotes out")
@@ -120,7 +123,7 @@ def _choose_of_run(run: Run, view: View) -> Run:
     return replace(run, dataset=choose_states(run.dataset, view.where, run.name))
 
 
-def _choose_output(source: Path, stem: str | None, asks_for_sweep: bool) -> Export:
+def _choose_output(source: Path, stem: str | None, *, asks_for_sweep: bool) -> Export:
     """Return the output in the folder ``source`` whose figure is drawn, by the ``stem`` of the
     figure's file, None if the user names no file, and whether an option of sweeps is given;
     InputError if the folder has no result, or not that of the name.
@@ -165,8 +168,8 @@ def _explain_no_result(source: Path) -> InputError:
 def draw_together(
     sources: Sequence[str | os.PathLike[str]],
     out: str | os.PathLike[str] | None = None,
-    force: bool = False,
     *,
+    force: bool = False,
     x: str | None = None,
     y: str | None = None,
     data: Sequence[str | os.PathLike[str]] = (),
