@@ -117,13 +117,14 @@ def choose_held(counts: Mapping[str, int], most: int) -> list[str]:
     free = {name: count for name, count in counts.items() if count > 1}
 
     def count_drawn(name: str) -> int:
-        """Return the number of states that are drawn if a dimension is held too; 0 if there are
-        still too many.
+        """Return the number of states that are drawn if the free dimension ``name`` is held too; 0
+        if so many remain along several dimensions that others must be held as well.
         """
-        remaining = math.prod(free.values()) // free[name]
-        if remaining <= most:
-            return remaining
-        return most if len(free) == 2 else 0
+        n_remaining = math.prod(free.values()) // free[name]
+        if n_remaining <= most:
+            return n_remaining
+        has_single_dimension = len(free) == 2
+        return most if has_single_dimension else 0
 
     while len(free) > 1 and math.prod(free.values()) > most:
         name = max(reversed(free), key=count_drawn)
@@ -349,39 +350,44 @@ def arrange(
     _require_swept(rows, columns, allowed)
     if alone:  # media are told apart as parameters are
         counts = {name: all_counts[name] for name in allowed}
+    _require_few_panels(all_counts.get(str(rows), 1) * all_counts.get(str(columns), 1))
+    # parameters that shades of a colour tell apart within a panel, with their numbers of values
     shaded = {name: count for name, count in counts.items() if name not in (rows, columns)}
-    if rows is not None or columns is not None:
-        n_panels = all_counts.get(str(rows), 1) * all_counts.get(str(columns), 1)
-        if n_panels > _MOST_PANELS:
-            problem = f"--rows and --columns ask for {n_panels} panels"
-            why = f"A figure has at most {_MOST_PANELS}"
-            raise InputError(problem, why, "Choose some of the values by --where")
     # parameters whose values may not all have a place, with the greatest number that has one
-    most: dict[str, int] = {}
-    is_chosen = False
+    limits: dict[str, int] = {}
     load = find_load(dataset)
     if shaded.get(load, 0) > MOST_SHADES:  # a curve for each load over a parameter
-        most[load] = _MOST_LOADS
+        limits[load] = _MOST_LOADS
         shaded[load] = _MOST_LOADS
-        is_chosen = True
     most_curves = 1 if alone else MOST_SHADES
     while math.prod(shaded.values()) > most_curves and (alone or len(shaded) > 1):
         # the fewest values, and of several such parameters the last in the order of the scene
         name = min(reversed(shaded), key=shaded.__getitem__)
         del shaded[name]
-        is_chosen = True
         if columns is None:
             columns = name
-            most[name] = _MOST_ALONE if rows is None else MOST_COLUMNS
+            limits[name] = _MOST_ALONE if rows is None else MOST_COLUMNS
         elif rows is None:
             rows = name
-            most[name] = _MOST_ROWS
-            if columns in most:
-                most[columns] = MOST_COLUMNS
+            limits[name] = _MOST_ROWS
+            if columns in limits:
+                limits[columns] = MOST_COLUMNS
         else:
-            most[name] = 1  # held at the first value
-    shown = {name: pick_evenly(counts[name], n) for name, n in most.items() if counts[name] > n}
-    return Layout(rows, columns, shown, is_chosen)
+            limits[name] = 1  # held at the first value
+    shown = {
+        name: pick_evenly(counts[name], limit)
+        for name, limit in limits.items()
+        if counts[name] > limit
+    }
+    return Layout(rows, columns, shown, is_chosen=bool(limits))
+
+
+def _require_few_panels(n_panels: int) -> None:
+    """Raise InputError if the user asks for more panels than a figure can have."""
+    if n_panels > _MOST_PANELS:
+        problem = f"--rows and --columns ask for {n_panels} panels"
+        why = f"A figure has at most {_MOST_PANELS}"
+        raise InputError(problem, why, "Choose some of the values by --where")
 
 
 def _require_swept(rows: str | None, columns: str | None, allowed: Sequence[str]) -> None:

@@ -136,23 +136,30 @@ def plot_spectrum(
     if bands:
         _draw_mean_bands(ax, spectra, unit)
     if peaks:
-        half_width = np.where(spectrum.resolved, 0.5 * spectrum.width, 0.0)[order] / unit.hertz
-        dots, *_ = ax.errorbar(
-            x,
-            spectrum.peak[order] / unit.hertz,
-            half_width,
-            fmt="o",
-            markersize=2.2,
-            color=ORANGE,
-            elinewidth=0.8,
-            label="peak and width",
-            markeredgecolor="black",
-            markeredgewidth=0.3,
-        )
-        dots.set_clip_on(False)  # dots at the ends of the path are drawn whole
+        _draw_peaks(ax, spectra.distances, spectrum, unit)
     name_corners(ax, corners, spectra.labels)
     ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(0.0, top / unit.hertz))
     return ax
+
+
+def _draw_peaks(ax: Axes, x: Array, spectrum: SpectralFunction, unit: HertzPrefix) -> None:
+    """Draw the peak of a spectral function at each ``x`` (n,) as a dot, with a bar as long as the
+    full width at half maximum where the width is resolved, in this ``unit`` of frequency.
+    """
+    half_widths = np.where(spectrum.resolved, 0.5 * spectrum.width, 0.0)
+    dots, *_bars = ax.errorbar(
+        x,
+        spectrum.peak / unit.hertz,
+        half_widths / unit.hertz,
+        fmt="o",
+        markersize=2.2,
+        color=ORANGE,
+        elinewidth=0.8,
+        label="peak and width",
+        markeredgecolor="black",
+        markeredgewidth=0.3,
+    )
+    dots.set_clip_on(False)  # dots at the ends of the path are drawn whole
 
 
 def _group_rows(frequencies: Array, values: Array) -> tuple[Array, Array]:
@@ -606,14 +613,27 @@ def choose_states(
         handles.append(Line2D([], [], color=tuple(shade), label=labels[number]))
     n_states = math.prod(counts.values())
     if n_states > len(chosen):
-        facts, _ = describe_lines(states_of_held, name)[0]
-        facts["load"] = describe_value(dataset, find_load(dataset), 0)[1]
-        values = [
-            facts[dim if dim == "load" else describe_value(dataset, dim, 0)[0]] for dim in held
-        ]
+        values = _describe_held(states_of_held, name, held)
         note = ", ".join([*values, f"{len(chosen)} of {n_states} are drawn"])
         handles.append(Line2D([], [], linestyle="none", label=note))
     return states, handles
+
+
+def _describe_held(dataset: Dataset, name: str, held: Sequence[str]) -> list[str]:
+    """Return in words the only value that each of the dimensions ``held`` has in a data set with
+    the variable ``name``.
+    """
+    facts, _index = describe_lines(dataset, name)[0]
+    texts = []
+    for dimension in held:
+        if dimension == "load":
+            _kind, text = describe_value(dataset, find_load(dataset), 0)
+        else:
+            # the fact of a medium or a parameter has the words of the legend
+            kind, _text = describe_value(dataset, dimension, 0)
+            text = facts[kind]
+        texts.append(text)
+    return texts
 
 
 def _list_states(dataset: Dataset, name: str) -> tuple[list[str], list[dict[str, int]]]:
@@ -859,12 +879,13 @@ def responses_figure(dataset: Dataset) -> Figure:
             above, below = panels[2 * number_of_group : 2 * number_of_group + 2]
             above.sharex(below)
             above.tick_params(labelbottom=False)
-            curves = []
-            for colour, read_variable in states:
-                for row, receiver in enumerate(group):
-                    # of one state the receivers have colours, of several states the states
-                    colour_of_curve = COLOURS[row] if is_single else colour
-                    curves.append((read_variable, receiver, colour_of_curve))
+            if is_single:
+                _colour, read_variable = states[0]
+                colours = zip(group, COLOURS, strict=False)
+                curves = [(read_variable, receiver, colour) for receiver, colour in colours]
+            else:
+                (receiver,) = group
+                curves = [(read_variable, receiver, colour) for colour, read_variable in states]
             _draw_states(above, below, dataset, name, curves)
             if not is_single and len(receivers) > 1:
                 above.set_title(receivers[group[0]])
