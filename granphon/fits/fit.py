@@ -992,23 +992,18 @@ def _take_scatter(problem: FitProblem, logs: Array) -> FitProblem:
     return replace(problem, sigma=np.full(residuals.shape, scatter))
 
 
-def _find_covariance(problem: FitProblem, logs: Array) -> Array:
-    """Return the covariance (p, p) of the logarithms of the parameters, at their minimum ``logs``;
-    InputError if the data do not determine them or tell them apart, or if ``logs`` is no minimum.
-
-    The problem must have the sigma of the data, given or from the scatter.
+def _require_effects(
+    problem: FitProblem, logs: Array, norms: Array, *, have_same_effect: bool
+) -> None:
+    """Raise InputError if the data do not determine a parameter at the minimum ``logs``, from the
+    ``norms`` (p,) of the derivatives of residuals by the logarithms of the parameters, or if
+    parameters ``have_same_effect``.
     """
     names = problem.model.names
-    residuals, matrix = problem(logs)
-    norms = np.linalg.norm(matrix, axis=0)
-    directions, singular, right = np.linalg.svd(
-        matrix / np.maximum(norms, 1e-300), full_matrices=False
-    )
-    have_same_effect = bool(np.all(norms > 0.0)) and singular[-1] < SAME_EFFECT * singular[0]
     are_all_fitted = len(names) == len(VARIABLE)  # no data can tell all three apart
-    # if the other parameters were known, the standard error of a parameter would be 1/norm
     index = problem.model.width_index
     width_vanishes = index is not None and logs[index] < math.log(problem.widths[0])
+    # if the other parameters were known, the standard error of a parameter would be 1/norm
     is_undetermined = np.any(norms < 1.0) or width_vanishes
     if is_undetermined and not (have_same_effect and are_all_fitted):
         raise explain_undetermined(problem, logs, 1.0 / np.maximum(norms, 1e-300))
@@ -1018,6 +1013,21 @@ def _find_covariance(problem: FitProblem, logs: Array) -> Array:
             why = "The velocities of long waves depend on E/d and E d^(1/2) W^(3/2) only"
         mend = "Measure over a wider range of force, or fit fewer parameters"
         raise InputError(f"the data cannot tell {' and '.join(names)} apart", why, mend)
+
+
+def _find_covariance(problem: FitProblem, logs: Array) -> Array:
+    """Return the covariance (p, p) of the logarithms of the parameters, at their minimum ``logs``;
+    InputError if the data do not determine them or tell them apart, or if ``logs`` is no minimum.
+
+    The problem must have the sigma of the data, given or from the scatter.
+    """
+    residuals, matrix = problem(logs)
+    norms = np.linalg.norm(matrix, axis=0)
+    directions, singular, right = np.linalg.svd(
+        matrix / np.maximum(norms, 1e-300), full_matrices=False
+    )
+    have_same_effect = bool(np.all(norms > 0.0)) and singular[-1] < SAME_EFFECT * singular[0]
+    _require_effects(problem, logs, norms, have_same_effect=have_same_effect)
     # (A^T A)^-1 of the derivatives A from their singular values: (p, p) root times its transpose
     root = (right / singular[:, None]).T / norms[:, None]
     covariance = root @ root.T
