@@ -63,11 +63,11 @@ def find_longest_parameter(dataset: Dataset) -> str | None:
     parameter in numbers has several values.
     """
     longest = None
-    most = 1
+    largest_size = 1
     for name in list_parameters(dataset):
-        if dataset[name].dtype.kind in "fiu" and dataset.sizes[name] > most:
+        if dataset[name].dtype.kind in "fiu" and dataset.sizes[name] > largest_size:
             longest = name
-            most = dataset.sizes[name]
+            largest_size = dataset.sizes[name]
     return longest
 
 
@@ -143,11 +143,11 @@ def read_wishes(text: str) -> dict[str, list[str]]:
     :class:`~granphon.base.errors.InputError` for a text of another form.
     """
     wishes: dict[str, list[str]] = {}
-    for part in _COMMA.split(text) if text else ():
-        name, equals, value = part.partition("=")
+    for wish in _COMMA.split(text) if text else ():
+        name, equals, value = wish.partition("=")
         if not (equals and name.strip() and value.strip()):
             mend = "Write it as 'width=2 um, medium=ema'"
-            raise InputError(f"--where has {part.strip()!r}, which is no NAME=VALUE", mend=mend)
+            raise InputError(f"--where has {wish.strip()!r}, which is no NAME=VALUE", mend=mend)
         wishes.setdefault(name.strip(), []).append(value.strip())
     return wishes
 
@@ -166,10 +166,10 @@ def choose_states(dataset: Dataset, wishes: Mapping[str, Sequence[str]], run: st
             names = [find_load(dataset), "medium", *list_parameters(dataset)]
             problem = f"{run} is not swept over {name!r}, by which --where chooses"
             raise InputError(problem, f"It has {', '.join(names)}", suggest(name, names))
-        kept = np.zeros(dataset.sizes[dimension], bool)
+        is_kept = np.zeros(dataset.sizes[dimension], bool)
         for text in texts:
-            kept |= _match(dataset, name, text, run)
-        dataset = dataset.isel({dimension: np.flatnonzero(kept)})
+            is_kept |= _match(dataset, name, text, run)
+        dataset = dataset.isel({dimension: np.flatnonzero(is_kept)})
     return dataset
 
 
@@ -206,7 +206,7 @@ def _match_numbers(dataset: Dataset, name: str, text: str) -> Flags:
     names, or are nearest to its number; nowhere if the nearest is not near.
     """
     values = np.asarray(dataset[name].values, float)
-    ends = [_read_number(dataset, name, part.strip()) for part in text.split(" to ")]
+    ends = [_read_number(dataset, name, end.strip()) for end in text.split(" to ")]
     if len(ends) == 2:
         low, high = sorted(ends)
         is_above = values >= low - _NEAR * abs(low)
@@ -282,15 +282,15 @@ class Layout:
         """Return the states of a panel, with all dimensions, from the indices of its row and of its
         column.
         """
-        chosen: dict[Any, list[int]] = {}
+        indices: dict[Any, list[int]] = {}
         panel = {self.rows: row, self.columns: column}
         for name, numbers in self.shown.items():
             if name not in panel:
-                chosen[find_dimension(dataset, name)] = numbers
+                indices[find_dimension(dataset, name)] = numbers
         for dimension, number in panel.items():
             if dimension is not None and number is not None:
-                chosen[find_dimension(dataset, dimension)] = [number]
-        return dataset.isel(chosen)
+                indices[find_dimension(dataset, dimension)] = [number]
+        return dataset.isel(indices)
 
     def describe(self, dataset: Dataset) -> str:
         """Return in words which dimension has which panels, and the options that change it."""

@@ -392,6 +392,7 @@ def animate_mode(
         ax = figure.subplots()
 
     def draw(frame: int) -> None:
+        """Draw the picture of the number ``frame``, in place of the one before."""
         phase = -2.0 * np.pi * frame / n_frames
         ax.clear()
         with matplotlib.rc_context(STYLE):

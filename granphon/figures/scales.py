@@ -142,17 +142,17 @@ def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
     Raises :class:`~granphon.base.errors.InputError` for values that no logarithmic axis reaches.
     """
     finite = values[np.isfinite(values)]
-    least = finite.min()
+    lowest = finite.min()
     largest = finite.max()
-    if least <= 0.0:
+    if lowest <= 0.0:
         return
-    if least < _LEAST or largest > _LARGEST:
-        problem = f"the {which} axis cannot reach from {least:.4g} to {largest:.4g}"
+    if lowest < _LEAST or largest > _LARGEST:
+        problem = f"the {which} axis cannot reach from {lowest:.4g} to {largest:.4g}"
         why = f"An axis goes from {_LEAST:g} to {_LARGEST:g} at most"
         raise InputError(problem, why, "Look at the units of the data, and leave out what is wrong")
     ax.set(**{f"{which}scale": "log"})
     axis = find_axis(ax, which)
-    if largest / least < plain:
+    if largest / lowest < plain:
         axis.set_major_locator(_PlainTicks())
         axis.set_major_formatter(lambda value, _: f"{value:g}")
         axis.set_minor_locator(_PlainTicks(minor=True))
@@ -173,12 +173,12 @@ def widen_axis(ax: Axes, which: str, values: Array) -> None:
 
     The ticks of an axis as narrow as rounding would have no meaning.
     """
-    least = float(values.min())
+    lowest = float(values.min())
     largest = float(values.max())
-    differ_by_rounding = largest < least * (1.0 + _ROUNDING)
+    differ_by_rounding = largest < lowest * (1.0 + _ROUNDING)
     if differ_by_rounding:
         low, high = find_axis(ax, which).get_view_interval()
-        wide_low = min(low, 0.95 * least)
+        wide_low = min(low, 0.95 * lowest)
         wide_high = max(high, 1.05 * largest)
         ax.set(**{f"{which}lim": (wide_low, wide_high)})
 

@@ -27,7 +27,7 @@ from granphon.base.results import Result, held, result_class
 from granphon.base.scales import write_quantity
 from granphon.base.staging import write_text
 from granphon.base.tables import table_text
-from granphon.base.text import dump_yaml, versions
+from granphon.base.text import counted, dump_yaml, versions
 from granphon.base.validation import real_array, require, texts, truth
 from granphon.fits.measurements import Measurements
 from granphon.fits.velocity_model import VARIABLE, VelocityModel, Waves, require_fitted
@@ -422,10 +422,10 @@ def _find_best_of_samples(problem: FitProblem) -> tuple[FitProblem, Array]:
     problem = replace(problem, model=model.settle_geometry(best)).simulate_at(best)
     for _ in range(_MOST_SIMULATED):
         best = _descend(problem, best)
-        renewed = problem.simulate_at(best)
-        if renewed is problem:
+        renewed_problem = problem.simulate_at(best)
+        if renewed_problem is problem:  # its samples serve for the minimum too
             return problem, best
-        problem = renewed
+        problem = renewed_problem
     names = " and ".join(model.names)
     fault = f"{names} still changed after {_MOST_SIMULATED} simulations"
     mend = "Take more balls or samples, and with a history a lower step_tolerance"
@@ -579,9 +579,9 @@ def _explain_no_width(problem: FitProblem, width: float, error: float) -> InputE
             f": the best is {write_quantity(width, 'm', 3)}, its standard error"
             f" {write_quantity(error * width, 'm', 3)}"
         )
-    least = float(np.min(problem.model.force))
+    lowest_force = float(np.min(problem.model.force))
     why = (
-        f"Down to {least:.3g} N the data show no slowing of sound at low forces that exceeds"
+        f"Down to {lowest_force:.3g} N the data show no slowing of sound at low forces that exceeds"
         f" their errors"
     )
     return InputError(fault, why, "Measure at lower forces, or more precisely")
@@ -643,14 +643,15 @@ def _require_plausible_errors(relative_error: Array) -> None:
 
 
 def _require_enough(names: Sequence[str], count: int, *, sigma_given: bool) -> None:
-    """Raise InputError if there are fewer measurements, by their ``count``, than parameters with
-    these ``names``, or as many unless ``sigma_given``, as the scatter then takes one.
+    """Raise InputError if the ``count`` of measurements is too small for the parameters ``names``.
+
+    Each parameter takes one measurement; without a given sigma the scatter takes one more.
     """
-    least = len(names) if sigma_given else len(names) + 1
-    if count >= least:
+    n_needed = len(names) if sigma_given else len(names) + 1
+    if count >= n_needed:
         return
-    plural = "s" if count > 1 else ""
-    fault = f"found {count} measurement{plural}, to which {' and '.join(names)} cannot be fitted"
+    measurements = counted(count, "measurement")
+    fault = f"found {measurements}, to which {' and '.join(names)} cannot be fitted"
     why = "" if sigma_given else "Without sigma one more is needed, to find the scatter"
     raise InputError(fault, why, "Measure more, or fit fewer parameters")
 
@@ -986,10 +987,10 @@ def _take_scatter(problem: FitProblem, logs: Array) -> FitProblem:
     about the fit at ``logs``, or from rounding if that is more.
     """
     residuals, _ = problem(logs)  # m/s, as sigma is 1 m/s
+    scatter = math.sqrt(float(residuals @ residuals) / problem.dof)
     # numbers in double precision scatter by their rounding at least
-    least = np.finfo(float).eps * float(np.max(problem.velocity))
-    scatter = max(math.sqrt(float(residuals @ residuals) / problem.dof), least)
-    return replace(problem, sigma=np.full(residuals.shape, scatter))
+    rounding = np.finfo(float).eps * float(np.max(problem.velocity))
+    return replace(problem, sigma=np.full(residuals.shape, max(scatter, rounding)))
 
 
 def _require_effects(

@@ -90,6 +90,7 @@ class Measurements(Result):
     frequency: Any = held(Any, unit="Hz", default=None)
 
     def __post_init__(self) -> None:
+        """Check the data, and put the arrays in place of the arguments."""
         counts = {}  # how many numbers each field has
         for name in self.units:
             values = getattr(self, name)

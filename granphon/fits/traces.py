@@ -116,6 +116,9 @@ class Traces(Result, array="signals"):
     names: tuple[str, ...] = held((str, ...), default=())
 
     def __post_init__(self) -> None:
+        """Check the traces, and put them in place as they are kept: with times that are evenly
+        spaced, in the order of their distances.
+        """
         times = _require_even(finite_array("times", self.times, "s"))
         signals = np.atleast_2d(_read_signals(self.signals))
         distances = np.atleast_1d(finite_array("distances", self.distances, "m"))

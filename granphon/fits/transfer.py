@@ -128,6 +128,7 @@ class TransferFunction(Result):
     calibrated: bool = held(bool, default=True)
 
     def __post_init__(self) -> None:
+        """Check the data, and put the arrays in place of the arguments."""
         for name in self._shapes:
             values: Any = getattr(self, name)
             if values is None:
@@ -309,11 +310,11 @@ def _require_pair(drive: Traces, response: Traces) -> float:
     """Return the step of time, s, of two traces of one sensor each at the same times; InputError
     for others.
     """
-    given: Any
-    for name, given in (("drive", drive), ("response", response)):
-        if not isinstance(given, Traces):
+    trace: Any
+    for name, trace in (("drive", drive), ("response", response)):
+        if not isinstance(trace, Traces):
             mend = "Give gp.Traces(times, signal, 0.0)"
-            raise InputError(f"{name} is {brief(given)}", mend=mend)
+            raise InputError(f"{name} is {brief(trace)}", mend=mend)
     for name, traces in (("drive", drive), ("response", response)):
         if len(traces.signals) != 1:
             raise InputError(
@@ -374,8 +375,8 @@ class _SourceColumns:
             raise InputError(fault, mend=suggest(unknown[0], _COLUMNS))
         headings = {kind: names.get(kind, kind) for kind in _COLUMNS}
         if headings["magnitude"] not in table and "magnitude" not in names:
-            others = [name for name in _list_magnitudes(quantity) if name in table]
-            headings["magnitude"] = others[0] if others else "magnitude"
+            names_in_table = [name for name in _list_magnitudes(quantity) if name in table]
+            headings["magnitude"] = names_in_table[0] if names_in_table else "magnitude"
         return cls(table, headings, quantity)
 
     @property
@@ -753,14 +754,14 @@ def fit_damping(
     network = given_network(x)
     _require_fittable(names, network, measured)
     # wrong values are refused before the fit
-    given = {
+    fixed_losses = {
         "damping": damping,
         "loss_factor": loss_factor,
         "drag": drag,
         "dashpot": dashpot,
         _RESTITUTION: restitution,
     }
-    given_losses = Losses.of(network, **given)
+    given_losses = Losses.of(network, **fixed_losses)
     places = {
         "source": source,
         "receiver": receiver,
@@ -769,7 +770,7 @@ def fit_damping(
         "polarisation": polarisation,
         "distance": distance,
     }
-    model = _Model(network, names, given, measured.frequencies, places)
+    model = _Model(network, names, fixed_losses, measured.frequencies, places)
     comparison = _Comparison(model, measured)
     sigma_given = measured.sigma is not None
     dof = comparison.dof
@@ -846,6 +847,7 @@ class _Comparison:
     """
 
     def __init__(self, model: _Model, measured: TransferFunction) -> None:
+        """Set up the comparison of a ``model`` with the ``measured`` transfer function."""
         self.model = model
         self.measured = measured
         self.names = model.names
@@ -1041,11 +1043,11 @@ def _average_contacts(pair: tuple[Any, Any]) -> Array:
 
 
 def _require_data(dof: int, parameters: int, *, sigma_given: bool) -> None:
-    """Raise InputError if the degrees of freedom ``dof``, numbers less ``parameters``, are below
-    zero, or below one unless ``sigma_given``, as the scatter then takes one.
+    """Raise InputError if the degrees of freedom ``dof``, measured numbers less ``parameters``, are
+    below zero; without a given sigma below one, as the scatter takes one.
     """
-    least = 0 if sigma_given else 1
-    if dof >= least:
+    n_needed = 0 if sigma_given else 1
+    if dof >= n_needed:
         return
     fault = (
         f"there are {dof + parameters} numbers, to which {parameters} parameters cannot be fitted"

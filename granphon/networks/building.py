@@ -811,5 +811,5 @@ def _concatenate(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """
     if len(parts) == 1:
         return dict(parts[0])
-    names = [name for name in parts[0] if all(name in part for part in parts)]
-    return {name: np.concatenate([part[name] for part in parts]) for name in names}
+    names = [name for name in parts[0] if all(name in fields for fields in parts)]
+    return {name: np.concatenate([fields[name] for fields in parts]) for name in names}

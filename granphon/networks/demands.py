@@ -77,13 +77,13 @@ def _list_demands_on_forces(network: Any) -> Iterator[_Demand]:
     # squares of larger numbers might overflow
     length = np.linalg.norm(np.clip(network.normal, -2.0, 2.0), axis=1)
     yield "normal", np.abs(length - 1.0) <= UNIT, "has a normal whose length is not one", ""
-    for name, least in _SPRINGS.items():
+    for name, lower_limit in _SPRINGS.items():
         values = getattr(network, name)
-        fault = f"has a {name} that is not {least}"
+        fault = f"has a {name} that is not {lower_limit}"
         if name == "normal_force":
             fault += "; forces that pull are not of elastic balls"
         is_in_range = np.isfinite(values)
-        if least == "above zero":
+        if lower_limit == "above zero":
             is_in_range &= values > 0.0
         elif name != "normal_force" or not network.adhesive:
             is_in_range &= values >= 0.0

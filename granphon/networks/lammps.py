@@ -102,6 +102,7 @@ class Springs:
     twisting: float | str | None = None
 
     def __post_init__(self) -> None:
+        """Check the stiffnesses that are given; the names in messages are those of the reader."""
         if self.normal is not None:
             positive("normal_stiffness", self.normal, "N/m")
         if self.shear is not None:

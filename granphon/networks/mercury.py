@@ -72,18 +72,20 @@ class _Data(_Times):
     def split(self, lines: Lines, kind: str) -> Iterator[Frame]:
         """Yield the balls at each time."""
         while not lines.at_end:
-            number, *rest = _read_numbers(lines)
-            n_bounds = len(rest) - 1
+            number, *further_numbers = _read_numbers(lines)
+            n_bounds = len(further_numbers) - 1
             if n_bounds not in _OF_BALLS or not 0.0 <= number < 1e12 or number % 1.0:
-                fault = f"{lines.where}: found {1 + len(rest)} numbers"
+                fault = f"{lines.where}: found {1 + len(further_numbers)} numbers"
                 why = "A time begins with the number of balls, the time and the bounds of the box"
                 raise InputError(
                     f"{fault}, where a heading is needed", why, "Is this a file .data?"
                 )
-            frame = Frame(lines.name, rest[0], kind)
+            frame = Frame(lines.name, further_numbers[0], kind)
             lines.read_list(frame, _OF_BALLS[n_bounds], int(number), kind)
             p = n_bounds // 2
-            frame.cell[:p, :p] = np.diag(np.subtract(rest[1 + p :], rest[1 : 1 + p]))
+            frame.cell[:p, :p] = np.diag(
+                np.subtract(further_numbers[1 + p :], further_numbers[1 : 1 + p])
+            )
             yield frame
 
 

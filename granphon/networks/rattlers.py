@@ -69,6 +69,9 @@ class _Hold:
     """
 
     def __init__(self, network: Any, held_by: int | None) -> None:
+        """Count the contacts of the network that carry load, at each ball; ``held_by`` is the
+        number of contacts that hold a ball, None for that of its motions.
+        """
         n = network.n_balls
         slips = not np.any(network.shear_stiffness)
         self.is_held = ~network.moving | network.is_anchored

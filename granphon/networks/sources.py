@@ -164,6 +164,7 @@ class Completion:
     bad: str = "refuse"
 
     def __post_init__(self) -> None:
+        """Check the arguments of the reader that are not checked where they are used."""
         material: Any = self.material
         if not isinstance(material, Material | None):
             raise InputError(f"the material is {brief(material)}", mend="Give a gp.Material")

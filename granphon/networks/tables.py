@@ -132,6 +132,10 @@ class _Columns:
         known: Mapping[str, Quantity | None],
         columns: Mapping[str, str],
     ) -> None:
+        """Read the table ``source``, the path of a file or a mapping of arrays, of the ``subject``
+        "balls" or "contacts"; ``known`` are the quantities of columns by name, None for whole
+        numbers and words, and ``columns`` the headings of columns that go by other names.
+        """
         self.remark: dict[str, Any] = {}
         self.sealed: bool | None = None
         self.lines: Index | None = None
@@ -556,15 +560,13 @@ def _read_balls(columns: _Columns) -> Balls:
 def _read_contacts(columns: _Columns) -> Contacts:
     """Return the contacts of a table; InputError if the table does not name their balls."""
     columns.require("i", "j")
-    i = columns.whole("i")
-    j = columns.whole("j")
     steps = columns.vectors("shift_1", "shift_2", "shift_3", wide=True)
     shift = None if steps is None else read_whole_numbers(f"shift of {columns.name}", steps)
     springs: dict[str, Any] = {name: columns.find(name) for name in _OF_SPRINGS}
     return Contacts(
         columns.name,
-        i,
-        j,
+        columns.whole("i"),
+        columns.whole("j"),
         shift=shift,
         normal=columns.vectors("nx", "ny", "nz", wide=True),
         tangential_force=columns.vectors(*_TANGENTIAL, wide=True),

@@ -100,8 +100,8 @@ def find_moduli_sensitivities(
     """Return the derivatives of the elastic tensors of ``networks``, which belong to loads of this
     ``shape``.
     """
-    parts = [_find_tensor_slopes(network) for network in networks]
-    return ModuliSensitivities(**_stack(parts, shape), mass=None, inertia=None, on_site=None)
+    slopes = [_find_tensor_slopes(network) for network in networks]
+    return ModuliSensitivities(**_stack(slopes, shape), mass=None, inertia=None, on_site=None)
 
 
 def find_velocity_sensitivities(
@@ -110,8 +110,8 @@ def find_velocity_sensitivities(
     """Return the derivatives of the velocities along a ``direction`` (p,), or (n, p), in
     ``networks``, which belong to loads of this ``shape``.
     """
-    parts = [_find_velocity_slopes(network, direction) for network in networks]
-    return VelocitySensitivities(**_stack(parts, shape), inertia=None)
+    slopes = [_find_velocity_slopes(network, direction) for network in networks]
+    return VelocitySensitivities(**_stack(slopes, shape), inertia=None)
 
 
 def _stack(parts: list[dict[str, Any]], shape: tuple[int, ...]) -> dict[str, Any]:
@@ -152,9 +152,9 @@ def _make_slopes(network: ContactNetwork, products: dict[str, Array]) -> dict[st
     network does not have, from sums of ``products`` (n_c, ...) of deformations in reduced units.
     """
     fields: dict[str, Any] = dict.fromkeys(STIFFNESSES.values())
-    some = next(iter(products.values()))
+    example = next(iter(products.values()))
     for name, unit in _list_contact_units(network).items():
-        values = products.get(name, np.zeros_like(some))
+        values = products.get(name, np.zeros_like(example))
         sign = -1.0 if name == "normal_force" else 1.0
         fields[name] = sign * np.moveaxis(values, 0, -1) / unit
     by_growth = fields.pop("tangential_growth")

@@ -562,8 +562,8 @@ def _label_sensitivities(frame: Dataset, grid: Grid, variables: dict[str, Any]) 
     names = list_axes(grid.cases[0].packing, grid.load, has_cutoffs=grid.request.cutoffs)
     dims, values, attributes = variables[NAME]
     for axis, labels in zip((-2, -1), names, strict=True):
-        others = tuple(number for number in range(values.ndim) if number != values.ndim + axis)
-        is_known = np.any(np.isfinite(values), axis=others)
+        other_axes = tuple(number for number in range(values.ndim) if number != values.ndim + axis)
+        is_known = np.any(np.isfinite(values), axis=other_axes)
         values = np.compress(is_known, values, axis=axis)
         frame = frame.assign_coords({dims[axis]: np.array(labels)[is_known]})
     variables[NAME] = dims, values, attributes
@@ -685,8 +685,8 @@ def _fill_gaps(results: Sequence[TaskResult], periods: int) -> tuple[list[TaskRe
             for name, example in examples.items()
             if name not in result and name not in left_out
         }
-        kept = {name: value for name, value in result.items() if name not in left_out}
-        filled.append(kept | nans)
+        remaining = {name: value for name, value in result.items() if name not in left_out}
+        filled.append(remaining | nans)
         sentences.append(_explain_gaps(result, list(nans)))
     return filled, sentences
 

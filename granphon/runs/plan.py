@@ -181,9 +181,9 @@ class PlannedCase:
         The property is cached, so that a case is checked once. No simulation and no effective
         medium of a long list of diameters is solved for the check.
         """
-        least = int(np.argmin(self.case.load.array))
+        smallest_load = int(np.argmin(self.case.load.array))
         greatest = int(np.argmax(self.case.load.array))
-        for index in dict.fromkeys((least, greatest)):
+        for index in dict.fromkeys((smallest_load, greatest)):
             serving = next(serving for serving in self.serving_media if index in serving.loads)
             with self.at_load(index, f"{self.case.label}: "):
                 serving.medium.of(self.case.packing).require(self.case.load[index])
@@ -374,7 +374,7 @@ class Plan:
         """
         for axis in self.axes:
             try:
-                # between values that a packing can have are no others
+                # if a packing can have both ends of an axis, it can have all values between
                 for value in axis.ends.values:
                     self.grid.change({axis.name: value})
             except (GranphonError, ArithmeticError):
@@ -617,15 +617,17 @@ class Plan:
         overwrite: bool,
         store: Store | None,
     ) -> Dataset:
-        """Carry out :meth:`sweep`."""
+        """Carry out :meth:`sweep`, which has the same arguments: compute what is not finished, and
+        write the file at ``path``, if one is given, whole.
+        """
         run = SweepRun.of(self.grid)
-        target = None if path is None else Path(path)
-        if target is None and resume:
-            problem = "a sweep without a path cannot be resumed"
-            why = "Its finished parts are kept beside its file"
-            raise InputError(problem, why, "Give path")
-        if target is None:
+        if path is None:
+            if resume:
+                problem = "a sweep without a path cannot be resumed"
+                why = "Its finished parts are kept beside its file"
+                raise InputError(problem, why, "Give path")
             return run.join(run.do(executor, progress, store))
+        target = Path(path)
         if target.suffix != ".nc":
             why = "It is a netCDF file, with a .csv beside it"
             raise InputError(f"{target} does not end in .nc", why)
@@ -659,21 +661,21 @@ class Plan:
         :class:`~granphon.base.errors.InputError` if more memory is needed than is available on this
         machine now, or more than 10,000 days on one processor.
         """
-        parts = [(path, mend, cost) for path, mend, cost in self.parts if cost.tells]
-        total = sum((cost for _, _, cost in parts), Cost())
+        told_parts = [(path, mend, cost) for path, mend, cost in self.parts if cost.tells]
+        total = sum((cost for _, _, cost in told_parts), Cost())
         free_memory = memory.available_memory()  # bytes
         most_seconds = costs.MOST_SECONDS
         if total.memory > free_memory:
             limit = f"this machine has {free_memory / 1e9:.3g} GB of memory available"
-            sizes = [cost.memory for _, _, cost in parts]
+            sizes = [cost.memory for _, _, cost in told_parts]
         elif total.takes_longer(most_seconds):
             duration = costs.write_duration(most_seconds)
             limit = f"no run may take more than {duration} on one processor"
-            sizes = [cost.seconds for _, _, cost in parts]
+            sizes = [cost.seconds for _, _, cost in told_parts]
         else:
-            return total if parts else None
+            return total if told_parts else None
         # the error stands at the key of the largest part
-        path, mend, _ = parts[sizes.index(max(sizes))]
+        path, mend, _ = told_parts[sizes.index(max(sizes))]
         with self.places.at(*path):
             raise InputError(f"{total.text}, and {limit}", mend=mend)
 

@@ -64,11 +64,11 @@ def observe_sensitivities(
         single = load.flat[index]
         find = _Finder(quantities, direction, has_cutoffs).find
         names = list_parameters(balls, single)
-        found = find_parameter_sensitivities(
+        sensitivities = find_parameter_sensitivities(
             serving.medium, balls, single, find, names, finite_overlap or None
         )
         columns = [parameters.index(name) for name in names]
-        derivatives[index][:, columns] = found.slopes.T
+        derivatives[index][:, columns] = sensitivities.slopes.T
     return np.where(np.abs(derivatives) <= _ROUNDING, 0.0, derivatives)
 
 

@@ -125,6 +125,7 @@ class Store:
     """
 
     def __init__(self, path: Path | None = None, force: bool = False) -> None:
+        """Set up a store, which opens no file yet."""
         self.path = path
         self.force = force
         self._base: sqlite3.Connection | None = None
@@ -235,6 +236,7 @@ class Store:
         waits_for_disk = now - self._synced > _SYNC_SECONDS
         entries = {name: entry}
         if self._pending is not None:
+            # the first result of new work brings the identity of the work with it
             entries = {_IDENTITY: _seal(_IDENTITY, self._pending.encode()), name: entry}
         try:
             base.execute(f"PRAGMA synchronous = {'FULL' if waits_for_disk else 'OFF'}")

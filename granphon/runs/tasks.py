@@ -265,8 +265,8 @@ class Case:
         try:
             serving_media = [
                 serving
-                for chosen in self.serving_media
-                for serving in chosen.by_geometry(self.request.finite_overlap)
+                for serving_all in self.serving_media
+                for serving in serving_all.by_geometry(self.request.finite_overlap)
             ]
         except InputError as error:
             periods = self.packing.structure.periods

@@ -489,6 +489,7 @@ class PreparedMotion:
     """
 
     def __init__(self, x: Any, settings: MotionSettings) -> None:
+        """Prepare the motion of the network of ``x``, repeated and cut as the ``settings`` say."""
         # imported here: other tasks do not need nonlinear waves
         from granphon.waves.nonlinear import Drive
 
@@ -972,12 +973,7 @@ def _average_spectra(
         observables["attenuation_error"] = standard_error(attenuations, axis=0)
     assert settings.spectrum is not None
     for number, name in enumerate(settings.spectrum.polarisation):
-        why = "their mean free path is longer than 1/|q| all along the path"
-        crossing = None
-        try:
-            crossing = find_ioffe_regel(q, peak[number], width[number])
-        except InputError as error:
-            why = str(error)
+        crossing, why = _find_crossing(q, peak[number], width[number])
         if crossing is None:
             notes.append(f"no Ioffe-Regel frequency of {name} waves: {why}")
             continue
@@ -986,6 +982,17 @@ def _average_spectra(
             crossing_error = _jackknife(q, lines[:, number])
             observables[f"ioffe_regel_{name}_error"] = np.array(crossing_error)
     return observables, notes
+
+
+def _find_crossing(q: Array, peak: Array, width: Array) -> tuple[float | None, str]:
+    """Return the Ioffe-Regel frequency, Hz, of waves with these peaks and widths (n,), Hz, at wave
+    vectors of the length ``q`` (n,), 1/m; or None and the reason why there is none.
+    """
+    try:
+        crossing = find_ioffe_regel(q, peak, width)
+    except InputError as error:
+        return None, str(error)
+    return crossing, "their mean free path is longer than 1/|q| all along the path"
 
 
 def _average_pulses(

@@ -612,6 +612,7 @@ class SceneSource(Places):
     fits: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
+        """Take the standard errors out of the document, which then holds the values alone."""
         entries = {} if self.document is None else _find_uncertain(self.document.data)
         if not entries or self.document is None:
             return

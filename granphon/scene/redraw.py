@@ -103,6 +103,7 @@ def redraw(
     target = source / row.figure if out is None else Path(out)
 
     def draw() -> Any:
+        """Return the figure of the output ``row``, from results that are read when needed."""
         results = Results(source)
         options: dict[str, Any] = dict(wishes)
         if variable is not None:
@@ -206,6 +207,7 @@ def draw_together(
             raise InputError(f"{name} is given twice", mend="Give each run once")
 
     def draw() -> Any:
+        """Return the figure that compares the runs, read when it is needed."""
         from granphon.figures.curves import comparison_figure
 
         runs = _choose_of_runs([read_run(name) for name in names], view)
@@ -237,17 +239,22 @@ def _choose_of_runs(runs: Sequence[Run], view: View) -> list[Run]:
     """
     from granphon.figures.choices import find_dimension
 
-    chosen = []
+    chosen_runs = []
+    is_any_chosen = False
     for run in runs:
         is_swept = run.dataset is not None and any(
             find_dimension(run.dataset, name) is not None and run.dataset[name].size > 1
             for name in view.where
         )
-        chosen.append(_choose_of_run(run, view) if is_swept or len(runs) == 1 else run)
-    if view.where and all(run is earlier for run, earlier in zip(chosen, runs, strict=True)):
+        chosen_run = run
+        if is_swept or len(runs) == 1:  # the only run is refused by name, if it is not swept
+            chosen_run = _choose_of_run(run, view)
+        chosen_runs.append(chosen_run)
+        is_any_chosen |= chosen_run is not run
+    if view.where and not is_any_chosen:
         names = ", ".join(view.where)
         raise InputError(f"none of the runs is swept over {names}", mend="Leave --where out")
-    return chosen
+    return chosen_runs
 
 
 def _find_balls_per_side(names: Sequence[str]) -> int | None:
@@ -317,15 +324,15 @@ def read_run(source: str | os.PathLike[str]) -> Run:
     else:
         _require_results(path)
         rows = {row.joined: row for row in _list_joined() if row.find_source(path)}
-        paths = {part: path / str(row.source) for part, row in rows.items()}
+        paths = {field: path / str(row.source) for field, row in rows.items()}
     if not rows:
         mend = "Give the folder of a run or of a fit, or one of its files, such as sweep.nc"
         raise InputError(f"{name} holds no results to draw with others", mend=mend)
     if "fit" in rows and "dataset" not in rows:
         # a fit is read alone, unless it stands beside a sweep
         return Run.of(name, rows["fit"].read_value(paths["fit"]))
-    parts = {part: row.read_value(paths[part]) for part, row in rows.items() if part != "fit"}
-    return Run(name, **parts)
+    fields = {field: row.read_value(paths[field]) for field, row in rows.items() if field != "fit"}
+    return Run(name, **fields)
 
 
 def _list_joined() -> list[Export]:

@@ -878,8 +878,8 @@ def _thin_out(loads: Array, most: int) -> Array:
     if loads.size <= most:
         return loads
     even_steps = np.linspace(0, loads.size - 1, most)
-    chosen = np.unique(np.rint(even_steps).astype(int))
-    return np.asarray(loads[chosen])
+    indices = np.unique(np.rint(even_steps).astype(int))
+    return np.asarray(loads[indices])
 
 
 def _require_comparable(packing: Packing, finite_overlap: bool, against: FrictionHistory) -> None:
