@@ -245,7 +245,7 @@ def _choose_plane(settings: ResponseSettings) -> dict[str, Any]:
     return {name: getattr(settings, name) for name in ("direction", "polarisation", "distance")}
 
 
-def record_waves(x: Any, settings: WaveSettings, *, whole: bool = False) -> dict[str, Array]:
+def record_waves(x: Any, settings: WaveSettings, whole: bool = False) -> dict[str, Array]:
     """Find the waves of the ``settings`` in ``x``, a sample or a state, and return the numbers that
     :func:`average_waves` averages, arrays in SI units by name.
 
