@@ -96,7 +96,15 @@ def draw_mode(
         save_figure(mode_figure(*mode, **options), file)
 
     _write_picture(
-        scene_file, point, branch, cells, direction, out, (".png", ".pdf", ".svg"), force, draw
+        scene_file,
+        out,
+        draw,
+        point=point,
+        branch=branch,
+        cells=cells,
+        direction=direction,
+        endings=(".png", ".pdf", ".svg"),
+        force=force,
     )
 
 
@@ -140,24 +148,35 @@ def animate_scene(
 
         save_animation(animate_mode(*mode, **options, frames=frames), file)
 
-    _write_picture(scene_file, point, branch, cells, direction, out, (".gif",), force, draw)
+    _write_picture(
+        scene_file,
+        out,
+        draw,
+        point=point,
+        branch=branch,
+        cells=cells,
+        direction=direction,
+        endings=(".gif",),
+        force=force,
+    )
 
 
 def _write_picture(
     scene_file: str,
+    out: str,
+    draw: Callable[..., None],
+    *,
     point: str,
     branch: int,
     cells: str | None,
     direction: str | None,
-    out: str,
     endings: Sequence[str],
     force: bool,
-    draw: Callable[..., None],
 ) -> None:
-    """Read the scene and the mode, and have ``draw`` draw the mode into the file ``out``, which
-    arrives whole or not at all.
+    """Read the scene and the mode, and have ``draw`` draw the mode into the file ``out``, whose
+    name has one of the ``endings``, and which arrives whole or not at all.
 
-    The texts are those of the options of the same names. ``draw`` takes the path of a file, the
+    The other arguments are the options of the same names. ``draw`` takes the path of a file, the
     phonons, the wave vector (3,) in fractions of the reciprocal cell, the branch, and the keywords
     ``direction`` and ``cells``.
     """

@@ -158,7 +158,15 @@ def fit_measurements(
         measured = _read_traces(scene_file, data, scene, packing, medium, parameters)
     else:
         measured = _read_velocities(
-            data, columns, distance, scene, packing, medium, parameters, branch, sound_direction
+            data,
+            columns,
+            distance,
+            scene,
+            packing,
+            medium,
+            parameters,
+            branch=branch,
+            direction=sound_direction,
         )
     velocity_sigma, pulse_frequency = _choose_sigma_and_frequency(measured, sigma, frequency)
     fitted_names = ("width", *parameters) if width else parameters
@@ -269,11 +277,12 @@ def _read_velocities(
     packing: Packing,
     medium: Any,
     parameters: tuple[str, ...],
+    *,
     branch: str,
     direction: Sequence[float] | None,
 ) -> Measurements:
     """Return the measured velocities in the table ``data``, m/s, with the contact forces of their
-    loads, N.
+    loads, N; ``columns`` are the headings of columns that go by other names.
 
     ``distance`` is the option of that name, with its unit. Pressures and cutoff frequencies are
     converted for the ``packing`` in the ``medium``, whose ``parameters`` are fitted; ``branch`` and
@@ -346,8 +355,9 @@ def _read_traces(
 def _choose_sigma_and_frequency(
     measured: Measurements, sigma: str | None, frequency: str | None
 ) -> tuple[Any, Any]:
-    """Return the standard errors of the velocities, m/s, and the frequencies of the pulses, Hz: of
-    the options, else of the measurements; each (n,), one number, or None.
+    """Return the standard errors of the velocities, m/s, and the frequencies of the pulses, Hz;
+    each (n,), one number, or None. The options ``sigma`` and ``frequency``, texts with units, come
+    before what the table of the ``measured`` velocities holds.
     """
     from granphon.base.quantities import FREQUENCY
     from granphon.base.validation import require
@@ -566,8 +576,9 @@ def _choose_reference(scene_file: str, scene: Scene) -> dict[str, Any]:
 
 
 def _stage_study(locked: ResultFiles, name: str, value: Any) -> dict[str, str]:
-    """Write the ``locked`` files of the output ``name``, whose value is a study, into their folder,
-    and return the reasons for which its figure could not be drawn, by the name of the file.
+    """Write the ``locked`` files of the output ``name``, whose ``value`` is a study, into their
+    folder. Return the reason for which its figure could not be drawn, by the name of the file;
+    nothing if it could.
     """
     from granphon.figures.style import draw
     from granphon.scene.outputs import OUTPUTS, Results

@@ -300,9 +300,9 @@ def _name_sources(result: RunResult, parameters: dict[str, str]) -> dict[str, st
 
 
 def _write_number(value: Any, error: Any, unit: str, digits: int) -> str:
-    """Return the text of a value, or of the least and the greatest of several, with the standard
-    ``error``, or the least and the greatest error, if the error is not None, else with so many
-    ``digits``; all in the SI ``unit``.
+    """Return the text of a value, or of the least and the greatest of several, in the SI ``unit``.
+    With a standard ``error`` that is not None the error is written too, or the least and the
+    greatest; without one the value has so many ``digits``.
     """
     import numpy as np
 
@@ -316,8 +316,8 @@ def _write_number(value: Any, error: Any, unit: str, digits: int) -> str:
 
 
 def _describe_gaps(gaps: list[list[float]], errors: list[list[float]] | None) -> str:
-    """Return the three widest ``gaps``, (n, 2) Hz, in ascending order, with the standard ``errors``
-    of their edges if these are known, and the number of the other gaps.
+    """Return in words the three widest ``gaps``, (n, 2) Hz, in ascending order, and the number of
+    the others. If the standard ``errors`` of the edges are known, they are written too.
     """
     widest = sorted(range(len(gaps)), key=lambda number: gaps[number][0] - gaps[number][1])[:3]
     texts = []

@@ -237,8 +237,8 @@ def _find_name_direction(corner: Array, ends: Array, middle: Array, periods: int
 def _name_corners_of_zone(
     ax: Axes, labels: Sequence[str], ends: Array, outline: Array, periods: int
 ) -> None:
-    """Draw a dot and a name at each corner of a path, whose segments have the ``ends`` (n, 2, 2),
-    and the zone an ``outline`` with the corners (m, 2), on the paper.
+    """Draw a dot and a name at each corner of a path. On the paper the segments of the path have
+    the ``ends`` (n, 2, 2), and the zone has an ``outline`` with the corners (m, 2).
     """
     corners = {}  # places (2,) by the printed names
     for segment, (start, end) in enumerate(ends):
@@ -268,8 +268,8 @@ def _name_corners_of_zone(
 
 
 def _find_free_direction(corner: Array, ends: Array) -> Array:
-    """Return the direction (2,) from a ``corner`` (2,) on the paper in which the lines of the path,
-    whose segments have the ``ends`` (n, 2, 2), are farthest from a label beside the corner.
+    """Return the direction (2,) from a ``corner`` (2,) on the paper in which a label is farthest
+    from the lines of the path. The segments of the path have the ``ends`` (n, 2, 2).
     """
     steps = np.linspace(0.0, 1.0, 41)[:, None, None]
     points = (ends[:, 0] + steps * (ends[:, 1] - ends[:, 0])).reshape(-1, 2)  # along all segments
@@ -283,8 +283,8 @@ def _find_free_direction(corner: Array, ends: Array) -> Array:
 
 
 def _choose_view(corners: Array, faces: list[Array]) -> View:
-    """Return the view in which the corners (n, 3) of a path lie far apart on the paper, on the near
-    side, and no face, each with its corners (m, 3), is seen along its plane.
+    """Return the view in which the corners (n, 3) of a path are seen best: far apart on the paper,
+    and on the near side. No face, each with its corners (m, 3), is seen along its plane.
     """
     distinct_corners = np.unique(np.round(corners, 9), axis=0)
     middles = np.array([face.mean(axis=0) for face in faces])

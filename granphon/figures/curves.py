@@ -934,8 +934,9 @@ def _name_single_values(figure: Figure, dataset: Dataset, curve: Curve, x: str) 
 
 
 def _name_velocities(velocities: Sequence[str], *, are_points: bool) -> list[Line2D]:
-    """Return the entries of a legend for the dashes of the slow transverse wave, the marks of both
-    transverse waves, and those of pulses, if they are among the drawn ``velocities``.
+    """Return the entries of a legend for those of the drawn ``velocities`` that look unlike the
+    others: the dashes of the slow transverse wave, the marks of both transverse waves, and those of
+    pulses.
     """
     handles = []
     for name, marker in _VELOCITY_MARKERS.items():

@@ -545,8 +545,8 @@ def _number_ends(
     contacts: NDArray[np.intp],
     shape: tuple[int, int],
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the numbers (m,) of the first and the second ball of each contact in a periodic array
-    of ``shape`` (L1, L2) cells, contact by contact in each cell.
+    """Return the numbers (m,) of the first and of the second ball of each contact in a periodic
+    array of ``shape`` (L1, L2) cells. Contacts come cell by cell.
 
     ``balls`` and ``contacts`` are the indices in a cell of those that are drawn; the drawn balls
     are numbered cell by cell.

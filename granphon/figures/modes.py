@@ -492,8 +492,9 @@ def _write_fraction(x: float) -> str:
 def _place_balls(
     lattice: ContactLattice, cells: tuple[int, ...] | None
 ) -> tuple[Array, NDArray[np.intp], NDArray[np.intp]]:
-    """Return the places (m, 3) of the balls that are drawn, in diameters, the indices (m,) of these
-    balls in the cell, and their contacts (m_c, 2), by the places of both balls in the arrays.
+    """Return the balls of a lattice that are drawn: their places (m, 3) in diameters, their indices
+    (m,) in the cell, and their contacts (m_c, 2). A contact has the positions of its two balls in
+    these arrays.
     """
     p, d = lattice.cell.shape
     cell = np.zeros((p, 3))

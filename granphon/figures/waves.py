@@ -143,8 +143,8 @@ def plot_spectrum(
 
 
 def _draw_peaks(ax: Axes, x: Array, spectrum: SpectralFunction, unit: HertzPrefix) -> None:
-    """Draw the peak of a spectral function at each ``x`` (n,) as a dot, with a bar as long as the
-    full width at half maximum where the width is resolved, in this ``unit`` of frequency.
+    """Draw the peak of a spectral function at each ``x`` (n,) as a dot, in this ``unit`` of
+    frequency. Where the width is resolved, a bar is as long as the full width at half maximum.
     """
     half_widths = np.where(spectrum.resolved, 0.5 * spectrum.width, 0.0)
     dots, *_bars = ax.errorbar(
@@ -163,8 +163,9 @@ def _draw_peaks(ax: Axes, x: Array, spectrum: SpectralFunction, unit: HertzPrefi
 
 
 def _group_rows(frequencies: Array, values: Array) -> tuple[Array, Array]:
-    """Return the edges (r + 1,), Hz, of rows of a map, each of several ``frequencies`` (n_f,), Hz,
-    if there are many, and the greatest of the ``values`` (n, n_f) in each row, (n, r).
+    """Return the rows of a map over ``frequencies`` (n_f,), Hz: their edges (r + 1,), Hz, and the
+    greatest of the ``values`` (n, n_f) in each row, (n, r). If there are many frequencies, a row
+    has several.
 
     The highest frequencies, fewer than those of a row, are left out.
     """
@@ -296,8 +297,8 @@ def plot_surface(
 def _draw_surface_curves(
     ax: Axes, spectrum: SurfaceSpectrum, branches: SurfaceBranches | None, unit: HertzPrefix
 ) -> None:
-    """Draw the spectrum of each motion of the outer layer at the only wave vector over the
-    frequency, in this ``unit``, with bands in grey and the waves of ``branches`` dotted.
+    """Draw the spectrum of each motion of the outer layer over the frequency, in this ``unit``, at
+    the only wave vector. Bands are grey, and the waves of ``branches`` are dotted.
     """
     frequencies = spectrum.frequencies / unit.hertz
     curves = spectrum.by_motion[0].T  # (motions, n_f), 1/Hz
@@ -519,7 +520,7 @@ def _draw_line_frequencies(
     ax: Axes, read_variable: Callable[..., Array], number: int, colour: Any, unit: HertzPrefix
 ) -> None:
     """Draw the frequencies of the lines of one polarisation in a state over the path, whose length
-    is 1, with bars as long as the width where the width is resolved.
+    is 1. Where the width of a line is resolved, a bar is as long.
 
     ``read_variable`` returns the values of a variable in the state; ``number`` is that of the
     polarisation.

@@ -96,8 +96,9 @@ def compute_probability(chi2: float, dof: int) -> float:
 
 
 def judge_residuals(chi2: float, dof: int, parameters: int) -> list[str]:
-    """Return a warning where errors of the given sigma hardly make ``chi2``, too large or too small
-    a sum of (residual/sigma)^2, or where no degrees of freedom, ``dof``, are left to judge the fit.
+    """Return a warning where errors of the given sigma hardly make ``chi2``, the sum of
+    (residual/sigma)^2: it is too large or too small. There is another if no degrees of freedom,
+    ``dof``, are left to judge the fit.
 
     ``parameters`` is the number of fitted parameters.
     """
@@ -983,8 +984,8 @@ def fit_width(
 
 
 def _take_scatter(problem: FitProblem, logs: Array) -> FitProblem:
-    """Return the problem, of a sigma of 1 m/s until now, with sigma, (n,), m/s, from the scatter
-    about the fit at ``logs``, or from rounding if that is more.
+    """Return the problem, of a sigma of 1 m/s until now, with the sigma, (n,), m/s, that the
+    scatter about the fit at ``logs`` shows; rounding is the least.
     """
     residuals, _ = problem(logs)  # m/s, as sigma is 1 m/s
     scatter = math.sqrt(float(residuals @ residuals) / problem.dof)
@@ -996,9 +997,9 @@ def _take_scatter(problem: FitProblem, logs: Array) -> FitProblem:
 def _require_effects(
     problem: FitProblem, logs: Array, norms: Array, *, have_same_effect: bool
 ) -> None:
-    """Raise InputError if the data do not determine a parameter at the minimum ``logs``, from the
-    ``norms`` (p,) of the derivatives of residuals by the logarithms of the parameters, or if
-    parameters ``have_same_effect``.
+    """Raise InputError if the data do not determine a parameter at the minimum ``logs``, or if
+    parameters ``have_same_effect``. ``norms`` (p,) are those of the derivatives of residuals by the
+    logarithms of the parameters.
     """
     names = problem.model.names
     are_all_fitted = len(names) == len(VARIABLE)  # no data can tell all three apart

@@ -307,8 +307,8 @@ def _require_conversion(
     frame: Callable[[float], float] | None,
     pressed: Callable[[float], float] | None,
 ) -> None:
-    """Raise InputError if the table at ``path`` has a ``load`` of side forces or pressures, and the
-    function that converts these to contact forces, ``frame`` or ``pressed``, is None.
+    """Raise InputError if the table at ``path`` has a ``load`` of side forces or pressures, and
+    nothing converts these to contact forces: the function ``frame`` or ``pressed`` is None.
     """
     if load == "side_force" and frame is None:
         why = "The contact forces depend on the number of balls on a side too"

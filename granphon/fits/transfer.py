@@ -558,13 +558,14 @@ class _Model:
             material = replace(network.wall.solid, young_modulus=values["wall_modulus"])
             network = network.with_wall(material)
         load = values.get("load", 1.0)
-        under_load = hertz.stiffness_under(load)
-        stiffer = values.get("stiffness", 1.0) * under_load / hertz.stiffness_under(1.0)
+        # Hertz's stiffness goes as the cubic root of the force
+        stiffening = hertz.stiffness_under(load) / hertz.stiffness_under(1.0)
+        factor = values.get("stiffness", 1.0) * stiffening
         scaled: dict[str, Any] = {
-            "normal_stiffness": stiffer * network.normal_stiffness,
-            "shear_stiffness": stiffer * network.shear_stiffness,
-            "torsion_stiffness": stiffer * network.torsion_stiffness,
-            "bending_stiffness": stiffer * network.bending_stiffness,
+            "normal_stiffness": factor * network.normal_stiffness,
+            "shear_stiffness": factor * network.shear_stiffness,
+            "torsion_stiffness": factor * network.torsion_stiffness,
+            "bending_stiffness": factor * network.bending_stiffness,
             "normal_force": load * network.normal_force,
         }
         if "on_site" in values:

@@ -106,14 +106,13 @@ class _Parameters:
         value, _ = _read_goal(find(self.make_network(values)))
         columns = []
         for number, step in enumerate((_STEP * (self.high - self.low)).tolist()):
-            ends = []
-            for sign in (1.0, -1.0):
-                shifted = values.copy()
-                shifted[number] += sign * step
-                shifted = np.clip(shifted, self.low, self.high)
-                ends.append((shifted[number], _read_goal(find(self.make_network(shifted)))[0]))
-            (high, above), (low, below) = ends
-            columns.append((above - below) / (high - low))
+            upper = values.copy()
+            upper[number] = min(values[number] + step, self.high[number])
+            lower = values.copy()
+            lower[number] = max(values[number] - step, self.low[number])
+            above, _ = _read_goal(find(self.make_network(upper)))
+            below, _ = _read_goal(find(self.make_network(lower)))
+            columns.append((above - below) / (upper[number] - lower[number]))
         return value, np.stack(columns, axis=-1)
 
 

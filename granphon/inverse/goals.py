@@ -412,8 +412,8 @@ class ResponseAt:
 
 
 def _smooth_largest(values: Array, t: float) -> tuple[float, Array]:
-    """Return t log sum exp(f/t) of the ``values`` f, an array, which is smooth and above the
-    largest of them by t log n at most, and its derivatives by the values, which add up to one.
+    """Return a smooth largest of the ``values`` f (n,), t log sum exp(f/t), and its derivatives by
+    the values, which add up to one. It is above the largest value by t log n at most.
     """
     highest = float(np.max(values))
     exponentials = np.exp((values - highest) / t)

@@ -532,9 +532,9 @@ def _compare_hold(network: Any) -> Iterator[Comparison]:
 
 
 def _compare_coordination(network: Any, is_held: Array) -> Comparison:
-    """Return the comparison of the contacts per ball against the isostatic number, at which as many
-    deformations are resisted as there are motions (Maxwell's count), of balls that are held (n,),
-    or of all that move where there is no contact. A contact that resists nothing counts as one that
+    """Return the comparison of the number of contacts per ball with the isostatic number, at which
+    as many deformations are resisted as there are motions (Maxwell's count). It is that of the
+    balls for which ``is_held`` (n,) is true. A contact that resists nothing counts as one that
     resists one deformation.
     """
     motions = network.ball_motions

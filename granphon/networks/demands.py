@@ -105,9 +105,9 @@ def _list_demands_on_forces(network: Any) -> Iterator[_Demand]:
 
 
 def _list_demands_on_geometry(network: Any) -> Iterator[_Demand]:
-    """Yield the demands that normals lie in the line or plane of the balls; and that contacts of
-    two balls that move lie there, lead from ball i to ball j, and are as long as the two arms, to a
-    quarter of these. A body that does not move may have any place.
+    """Yield the demands on directions and lengths. Normals lie in the line or plane of the balls.
+    So do contacts of two balls that move; these lead from ball i to ball j, and are as long as the
+    two arms, to a quarter of these. A body that does not move may have any place.
     """
     d = network.dimension
     where = "the line along x" if d == 1 else "the plane"

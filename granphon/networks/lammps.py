@@ -271,8 +271,8 @@ def _name_places(atoms: Frame) -> tuple[str, ...]:
 def _place(
     atoms: Frame, names: tuple[str, ...], columns: Mapping[str, Array]
 ) -> tuple[Array, Array]:
-    """Return the positions (n, 3) of balls from the origin of the box, and their greatest errors by
-    rounding, (n, 3), in units of the dump, from the columns of these ``names``.
+    """Return the positions (n, 3) of balls from the origin of the box, in units of the dump, from
+    the columns of these ``names``; and the greatest errors (n, 3) that rounding leaves in them.
     """
     coordinates = join_vectors(columns, names)
     rounding = find_rounding(coordinates)

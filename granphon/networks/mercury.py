@@ -407,8 +407,8 @@ def _warn_of_half_contacts(contacts: Contacts, is_half: Flags) -> None:
 def _find_vectors(
     columns: Mapping[str, Array], balls: Balls, i: Index, j: Index, normal: Array
 ) -> Array:
-    """Return the vectors (n_c, 3) from the centres of balls i to those of balls j, m, or to walls,
-    along the normals and as long as radii and overlaps say.
+    """Return the vectors (n_c, 3), m, from the centres of balls i to those of balls j, or to walls.
+    They lie along the normals, and are as long as radii and overlaps say.
     """
     last = len(balls.radii) - 1
     radii_j = np.where(j < 0, 0.0, balls.radii[np.clip(j, 0, last)])

@@ -371,8 +371,9 @@ class _Columns:
         return np.pad(values, ((0, 0), (0, n_lacking)))
 
     def rounding(self, *names: str) -> Array:
-        """Return half a unit of the last digit of each number, (rows, m), in SI units, of the m of
-        the columns ``names`` that are present, one at least, all in one unit.
+        """Return half a unit of the last digit of each number, (rows, m), in SI units, of m
+        columns: those of ``names`` that are present. There is one of them at least, and all have
+        one unit.
         """
         present = [name for name in names if name in self]
         quantity = BALLS[present[0]]

@@ -115,9 +115,9 @@ def find_parameter_sensitivities(
     names: Sequence[str] | None,
     finite_overlap: bool | None = None,
 ) -> ParameterSensitivities:
-    """Return the logarithmic derivatives of what ``find`` returns of the state of ``balls`` under a
-    single ``load``, in the medium of a ``choice``, by the parameters of these ``names``;
-    None for all.
+    """Return the logarithmic derivatives of what ``find`` returns of a state, by the parameters of
+    these ``names``; None for all. The state is that of ``balls`` under a single ``load``, in the
+    medium of a ``choice``.
     """
     flat = replace(load, array=np.ravel(load.array)[0])
     all_names = list_parameters(balls, flat) if names is None else names

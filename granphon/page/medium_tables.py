@@ -332,8 +332,8 @@ def _tabulate(
 def _refine_nodes(
     curves: list[_Curve], low: float, high: float
 ) -> tuple[Array, list[Array], float]:
-    """Return nodes (n,) of ln f* from ``low`` to ``high``, the values (3, n) of each curve there,
-    and the largest relative error of k in the middle between two nodes.
+    """Return nodes (n,) of ln f* from ``low`` to ``high``, and the values (3, n) of each curve
+    there. The third result is the largest relative error of k in the middle between two nodes.
 
     A law has a kink at loads where contacts open: nodes are closer at a kink.
     """

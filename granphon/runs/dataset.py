@@ -635,8 +635,8 @@ def _pad_uneven(results: Sequence[TaskResult]) -> None:
 
 def _fill_choices(grid: Grid, results: Sequence[TaskResult]) -> None:
     """Add to each result, in place, the label of the medium that serves each load (loads,), and the
-    expected relative error of that medium (loads,), +inf where none is known; only if a medium of
-    the sweep was chosen automatically.
+    expected relative error of that medium (loads,), +inf where none is known. Nothing is added
+    unless a medium of the sweep was chosen automatically.
     """
     serving_media = [serving for case in grid.cases for serving in case.serving_media]
     if not any(serving.chosen_automatically for serving in serving_media):

@@ -108,8 +108,9 @@ def _tell_case(entry: CaseNotes) -> list[str]:
 
 
 def _find_place(entry: CaseNotes, check: Check) -> str:
-    """Return in words the loads of the only case of a sweep, or of a medium, at which a condition
-    fails, if these are some of the loads and the text of the condition does not tell them.
+    """Return in words the loads at which a condition fails, of the only case of a sweep, or of a
+    medium. The text is empty if these are none or all of the loads, and if the condition tells them
+    itself.
     """
     failing = entry.find_failing(check)
     # the text about a medium has the contact forces

@@ -560,8 +560,9 @@ class Plan:
         return entries, " and ".join(left_out)
 
     def foresee_warnings(self) -> tuple[list[str], str]:
-        """Return the warnings that are known before a run, those of states that are quick to find
-        and those of simulations, and words for the states that are left out, as :meth:`survey`.
+        """Return the warnings that are known before a run, and words for the states that are left
+        out, as :meth:`survey` gives them. Known are those of simulations, and of states that are
+        quick to find.
         """
         entries, left_out = self.survey()
         with self.places.where_it_buckles():
@@ -906,9 +907,9 @@ def _count_spectrum_products(
 
 
 def _measure_product(network: ContactNetwork, balls: int) -> float:
-    """Return the measured time per ball, s, of a product of the dynamical matrix with a vector, for
-    a repetition of ``network`` to about ``balls`` balls, or to :data:`_PRODUCT_BALLS` if these are
-    fewer.
+    """Return the measured time per ball, s, of a product of the dynamical matrix with a vector. The
+    matrix is that of ``network``, repeated to about ``balls`` balls, or to :data:`_PRODUCT_BALLS`
+    if these are fewer.
     """
     # imported here: other scenes do not need it
     from granphon.waves.operator import make_operator

@@ -180,8 +180,8 @@ def _require_pulse(
 def _require_spectrum(
     network: ContactNetwork, packing: Packing, spectrum: SpectrumSettings, path: Any
 ) -> None:
-    """Raise GranphonError if a network of equal balls, which stands for the array of a ``packing``,
-    lacks the wave vectors of a ``path`` or the polarisations of a ``spectrum``, or if the
+    """Raise GranphonError if the array of a ``packing``, for which a network of equal balls stands,
+    lacks the wave vectors of a ``path`` or the polarisations of a ``spectrum``; also if the
     resolution of the spectrum takes too many moments.
     """
     points = find_path_points(
@@ -646,8 +646,9 @@ def _find_distances(motion: Motion, source: Index) -> Array:
 
 def _find_velocity(distances: Array, times: Array) -> float:
     """Return the velocity, m/s, of a wave that passes contacts at ``distances``, m, and ``times``,
-    s, nan where a time is not known, fitted between a quarter and three quarters of the greatest
-    distance with a known time; nan for fewer than three contacts, and without a straight line.
+    s; a time that is not known is nan. The line is fitted between a quarter and three quarters of
+    the greatest distance with a known time. nan for fewer than three contacts, and without a
+    straight line.
     """
     is_fitted = np.isfinite(times)
     greatest = float(np.max(distances, initial=0.0, where=is_fitted))

@@ -111,14 +111,14 @@ class Export:
     stem: str = field(init=False)
 
     def __post_init__(self) -> None:
-        """Put in place what follows from the arguments: which files are figures and which numbers,
-        and words for what is left out.
+        """Put in place what follows from the arguments, as the dataclass is frozen: which files are
+        figures and which numbers, and words for what is left out.
         """
-        # the dataclass is frozen: what follows from the arguments is put in place here
         assign = partial(object.__setattr__, self)
         figures = [name for name in self.files if name.endswith(_FIGURE)]
-        occasion = [f"`{self.observed}`" if self.observed else "", _NUMBERS[self.states]]
-        assign("occasion", self.occasion or ", ".join(filter(None, occasion)) or "every run")
+        if not self.occasion:
+            conditions = [f"`{self.observed}`" if self.observed else "", _NUMBERS[self.states]]
+            assign("occasion", ", ".join(filter(None, conditions)) or "every run")
         assign("caption", self.caption or self.words)
         assign("label", self.label or self.name.replace("_", " "))
         assign("numbers", tuple(name for name in self.files if name not in figures))

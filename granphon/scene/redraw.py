@@ -125,9 +125,9 @@ def _choose_of_run(run: Run, view: View) -> Run:
 
 
 def _choose_output(source: Path, stem: str | None, *, asks_for_sweep: bool) -> Export:
-    """Return the output in the folder ``source`` whose figure is drawn, by the ``stem`` of the
-    figure's file, None if the user names no file, and whether an option of sweeps is given;
-    InputError if the folder has no result, or not that of the name.
+    """Return the output in the folder ``source`` whose figure is drawn. ``stem`` is that of the
+    figure's file, None if the user names no file; ``asks_for_sweep`` says whether an option of
+    sweeps is given. InputError if the folder has no result, or not that of the name.
     """
     _require_results(source)
     rows = list_figures(source)

@@ -764,9 +764,9 @@ def _make_number_kind(entry: Any) -> Kind:
 
 
 def _read_balls(value: Any, context: Context) -> tuple[tuple[str, Ball], ...]:
-    """Return the kinds of balls, each as its name and a ball, of a block of names, each with a
-    material, a diameter, a mass and inertia if these are not those of a solid ball, and a spread if
-    the diameters differ.
+    """Return the kinds of balls, each as its name and a ball, of a block of names. A kind has a
+    material and a diameter; a mass and an inertia if these are not those of a solid ball; and a
+    spread if the diameters differ.
     """
     if not isinstance(value, dict) or not value:
         allowed = "a block of kinds of balls by name, each with its material and diameter"
@@ -1086,8 +1086,9 @@ def _tensor_kind(name: str) -> Kind:
 
 
 def _read_tensor(value: Any, name: str, periods: int) -> tuple[float, ...]:
-    """Return the components, in Voigt order, of a "stress", N, N/m or Pa, or a "strain", along the
-    ``periods``, from a list in Voigt order or a symmetric matrix; Refused for a tensor of zeros.
+    """Return the components of a "stress", N, N/m or Pa, or of a "strain", in Voigt order along the
+    ``periods``. The ``value`` is a list in this order or a symmetric matrix; Refused for a tensor
+    of zeros.
     """
     unit = tensor_quantities(periods)[name]
 

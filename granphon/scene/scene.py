@@ -438,8 +438,8 @@ def _write_result(
     progress: Progress,
 ) -> RunResult:
     """Write the files of the outputs of the ``rows`` of a result, with their ``figures`` or
-    without, and return the result with the paths of those that are written: not of outputs without
-    a value, nor of figures that cannot be drawn, whose ``failures`` it has.
+    without. Return the result with the paths of the files that are written: outputs without a value
+    have none, nor have figures that cannot be drawn, which are in ``failures``.
     """
     written_rows = [row for row in rows if row.find is None or result[row.name] is not None]
     names = list_files(written_rows, figures=figures)

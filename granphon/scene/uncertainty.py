@@ -328,8 +328,8 @@ def _as_numbers(value: Any) -> Array | None:
 
 
 def _write(scene: Any) -> dict[str, Any]:
-    """Return the blocks of a scene as plain data in SI, without correlations, and without masses
-    and moments of inertia that follow from the density and the diameter of a ball, as these may
+    """Return the blocks of a scene as plain data in SI, without correlations. Masses and moments of
+    inertia that follow from the density and the diameter of a ball are left out too, as these may
     change.
     """
     blocks = write_blocks(scene, Context(scene.packing.structure))

@@ -581,8 +581,8 @@ class MediaStudy:
         return f"of one of {_write_shape(shape)}, {words} differ", differences
 
     def _compare_steps(self, shape: tuple[int, ...]) -> Array:
-        """Return the largest relative differences (n_loads,) of the observed quantities of a sample
-        that is loaded in steps of the tolerance, and in steps of a tenth of it.
+        """Return the largest relative differences (n_loads,) of the observed quantities between two
+        ways of loading a sample: in steps of the tolerance, and in steps of a tenth of it.
         """
         simulation = DirectSimulation(self.packing, shape, _REFERENCE_SEED, **self.truth.options)
         finer = replace(simulation, step_tolerance=0.1 * simulation.step_tolerance)
