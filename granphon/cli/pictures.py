@@ -59,7 +59,7 @@ Along = Annotated[
 
 @command("mode", rich_help_panel=PICTURES)
 def draw_mode(
-    scene: SceneFile,
+    scene_file: SceneFile,
     point: Point,
     out: Annotated[
         str,
@@ -96,13 +96,21 @@ def draw_mode(
         save_figure(mode_figure(*mode, **options), file)
 
     _write_picture(
-        scene, point, branch, cells, direction, out, (".png", ".pdf", ".svg"), force, draw
+        scene_file,
+        out,
+        draw,
+        point=point,
+        branch=branch,
+        cells=cells,
+        direction=direction,
+        endings=(".png", ".pdf", ".svg"),
+        force=force,
     )
 
 
 @command("animate", rich_help_panel=PICTURES)
 def animate_scene(
-    scene: SceneFile,
+    scene_file: SceneFile,
     point: Point,
     out: Annotated[
         str,
@@ -140,24 +148,35 @@ def animate_scene(
 
         save_animation(animate_mode(*mode, **options, frames=frames), file)
 
-    _write_picture(scene, point, branch, cells, direction, out, (".gif",), force, draw)
+    _write_picture(
+        scene_file,
+        out,
+        draw,
+        point=point,
+        branch=branch,
+        cells=cells,
+        direction=direction,
+        endings=(".gif",),
+        force=force,
+    )
 
 
 def _write_picture(
-    scene: str,
+    scene_file: str,
+    out: str,
+    draw: Callable[..., None],
+    *,
     point: str,
     branch: int,
     cells: str | None,
     direction: str | None,
-    out: str,
     endings: Sequence[str],
     force: bool,
-    draw: Callable[..., None],
 ) -> None:
-    """Read the scene and the mode, and have ``draw`` draw the mode into the file ``out``, which
-    arrives whole or not at all.
+    """Read the scene and the mode, and have ``draw`` draw the mode into the file ``out``, whose
+    name has one of the ``endings``, and which arrives whole or not at all.
 
-    The texts are those of the options of the same names. ``draw`` takes the path of a file, the
+    The other arguments are the options of the same names. ``draw`` takes the path of a file, the
     phonons, the wave vector (3,) in fractions of the reciprocal cell, the branch, and the keywords
     ``direction`` and ``cells``.
     """
@@ -166,31 +185,31 @@ def _write_picture(
     from granphon.scene.rules import read_directions
 
     why = "A mode is drawn of one state"
-    with write_of_scene(scene, out, endings, force, why) as (plan, staged_file):
-        lattice = plan.packing.structure
+    with write_of_scene(scene_file, out, endings, force, why) as (scene, staged_file):
+        lattice = scene.packing.structure
         q = require("--at", partial(read_point, structure=lattice), point)
         x_axis = (1.0, 0.0, 0.0)[: lattice.periods]
-        options: dict[str, Any] = {"direction": next(iter(plan.directions), x_axis)}
+        options: dict[str, Any] = {"direction": next(iter(scene.directions), x_axis)}
         if direction is not None:
             read_direction = partial(read_directions, lattice=lattice)
             options["direction"] = require("--direction", read_direction, direction)
         if cells is not None:
             read_cells = partial(lengths, low=1, high=_MOST_CELLS, periods=lattice.periods)
             options["cells"] = require("--cells", read_cells, cells)
-        n_branches = lattice.n_balls * plan.packing.ball_motions.count
+        n_branches = lattice.n_balls * scene.packing.ball_motions.count
         if branch >= n_branches:  # refused here too, before a state is solved
             mend = f"Count from 0 to {n_branches - 1}"
             raise InputError(f"there is no branch {branch}", mend=mend)
         # imported after all that can be refused, as phonopy takes long to load
         from granphon.phonons.phonons import Phonons
 
-        with plan.origin.where_it_buckles():
-            draw(staged_file, Phonons(plan.state()), q, branch, **options)
+        with scene.origin.where_it_buckles():
+            draw(staged_file, Phonons(scene.state()), q, branch, **options)
 
 
 @command("page", rich_help_panel=PICTURES)
 def make_scene_page(
-    scene: SceneFile,
+    scene_file: SceneFile,
     out: Annotated[
         str,
         typer.Option(
@@ -215,43 +234,43 @@ def make_scene_page(
       granphon page scene.yaml -o page.html
     """
 
-    with write_of_scene(scene, out, (".html", ".htm"), force) as (plan, staged_file):
-        packing = plan.plan.cases[0].case.packing
+    with write_of_scene(scene_file, out, (".html", ".htm"), force) as (scene, staged_file):
+        packing = scene.plan.cases[0].case.packing
         options: dict[str, Any] = {
-            "direction": next(iter(plan.directions), None),
-            "title": f"{packing.structure.name} lattice, {Path(scene).name}",
-            "losses": plan.bands,
+            "direction": next(iter(scene.directions), None),
+            "title": f"{packing.structure.name} lattice, {Path(scene_file).name}",
+            "losses": scene.bands,
         }
-        with plan.origin.at():
+        with scene.origin.at():
             if packing.kind_names:
-                text = _make_crystal_page(plan, options)
+                text = _make_crystal_page(scene, options)
             else:
-                text = _make_packing_page(plan, options)
+                text = _make_packing_page(scene, options)
         staged_file.write_text(text, encoding="utf-8")
 
 
-def _make_crystal_page(plan: Scene, options: dict[str, Any]) -> str:
+def _make_crystal_page(scene: Scene, options: dict[str, Any]) -> str:
     """Return the HTML text of the page of a crystal, in the first state of its scene; ``options``
     are keywords of :func:`granphon.page.page.make_page`.
     """
     from granphon.page.page import make_page
 
     remarks: list[str] = []
-    if not plan.is_single:
+    if not scene.is_single:
         remarks.append("The scene has several states; this page is that of the first.")
-    case = plan.plan.cases[0].case
+    case = scene.plan.cases[0].case
     medium = case.medium.of(case.packing)
-    state: Any = medium.at(case.load[0], finite_overlap=plan.finite_overlap)
+    state: Any = medium.at(case.load[0], finite_overlap=scene.finite_overlap)
     return make_page(state.source, **options, remarks=remarks)
 
 
-def _make_packing_page(plan: Scene, options: dict[str, Any]) -> str:
+def _make_packing_page(scene: Scene, options: dict[str, Any]) -> str:
     """Return the HTML text of the page of the first packing of a scene, with all its media and
     loads; ``options`` are keywords of :func:`granphon.page.page.make_page`.
     """
     from granphon.page.page import make_page
 
-    case = plan.plan.cases[0].case
+    case = scene.plan.cases[0].case
     remarks: list[str] = []
     if case.where:
         remarks.append(
@@ -259,18 +278,18 @@ def _make_packing_page(plan: Scene, options: dict[str, Any]) -> str:
         )
     return make_page(
         case.packing,
-        plan.media,
-        plan.load,
+        scene.media,
+        scene.load,
         **options,
-        finite_overlap=plan.finite_overlap,
-        path=plan.band,
+        finite_overlap=scene.finite_overlap,
+        path=scene.band,
         remarks=remarks,
     )
 
 
 @command("export", rich_help_panel=PICTURES)
 def export_scene(
-    scene: SceneFile,
+    scene_file: SceneFile,
     out: Annotated[
         str,
         typer.Option(
@@ -303,13 +322,13 @@ def export_scene(
         raise InputError(f"--format is {format}", mend=f"Use {' or '.join(_FORMATS)}")
 
     why = "Modes are those of one state"
-    with write_of_scene(scene, out, (".json",), force, why) as (plan, staged_file):
+    with write_of_scene(scene_file, out, (".json",), force, why) as (scene, staged_file):
         from granphon.page.phononwebsite import write_phononwebsite
         from granphon.phonons.phonons import Phonons
 
-        path = plan.path
-        with plan.origin.where_it_buckles():
-            phonons = Phonons(plan.state())
-            bands = phonons.bands(path.arrays, npoints=plan.band_points, labels=path.labels)
-        text = write_phononwebsite(bands, plan.packing.structure.name)
+        path = scene.path
+        with scene.origin.where_it_buckles():
+            phonons = Phonons(scene.state())
+            bands = phonons.bands(path.arrays, npoints=scene.band_points, labels=path.labels)
+        text = write_phononwebsite(bands, scene.packing.structure.name)
         staged_file.write_text(text, encoding="utf-8")

@@ -9,7 +9,7 @@ import sys
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -37,6 +37,10 @@ from granphon.cli.terminal import (
     tell_interruption,
     warn,
 )
+
+if TYPE_CHECKING:
+    from granphon.media.cost import Cost
+    from granphon.scene.scene import RunResult
 
 #: the scenes that ``init`` writes; the first is the default
 PRESETS = (
@@ -88,7 +92,7 @@ def write_preset(
 
 
 @command("check", rich_help_panel=SCENES)
-def check_scene(scene: SceneFile, values: Values = None) -> None:
+def check_scene(scene_file: SceneFile, values: Values = None) -> None:
     """Check a scene, and show its values.
 
     Shows the values in readable units, the files that a run would write, the time and memory of a
@@ -103,14 +107,14 @@ def check_scene(scene: SceneFile, values: Values = None) -> None:
     from granphon.scene.outputs import expected_files
     from granphon.scene.scene import Scene
 
-    plan = Scene.from_yaml(scene, _read_values(values))
-    rows = describe_scene(plan)  # first, because it raises if there is too little memory
-    warnings, left_out = plan.plan.foresee_warnings()
-    plan.to_yaml()  # raises now if a run could not write the scene
+    scene = Scene.from_yaml(scene_file, _read_values(values))
+    rows = describe_scene(scene)  # first, because it raises if there is too little memory
+    warnings, left_out = scene.plan.foresee_warnings()
+    scene.to_yaml()  # raises now if a run could not write the scene
     if left_out:
         rows.append(("not checked yet", left_out))
-    rows.append(("will write", ", ".join(expected_files(plan))))
-    say(f"{scene} can be run.")
+    rows.append(("will write", ", ".join(expected_files(scene))))
+    say(f"{scene_file} can be run.")
     say_table(rows)
     warn(warnings)
 
@@ -119,19 +123,24 @@ def _read_values(options: list[str] | None) -> dict[str, str]:
     """Return the values of options such as "load.force=18.4 N", by key."""
     values = {}
     for option in options or ():
-        key, _, value = (part.strip() for part in option.partition("="))
-        is_named = all(key.split("."))
-        if not is_named or not value or key in values:
-            fault = "names no key" if not is_named else "names no value"
-            problem = f"--set {option} " + ("is given twice" if key in values else fault)
-            raise InputError(problem, mend="Write --set 'load.force=18.4 N', once for each key")
+        key, _equals, value = (text.strip() for text in option.partition("="))
+        fault = ""
+        if key in values:
+            fault = "is given twice"
+        elif not all(key.split(".")):
+            fault = "names no key"
+        elif not value:
+            fault = "names no value"
+        if fault:
+            mend = "Write --set 'load.force=18.4 N', once for each key"
+            raise InputError(f"--set {option} {fault}", mend=mend)
         values[key] = value
     return values
 
 
 @command("run", rich_help_panel=SCENES)
 def run_scene(
-    scene: SceneFile,
+    scene_file: SceneFile,
     out: Annotated[
         str,
         typer.Option(
@@ -189,26 +198,25 @@ def run_scene(
 
     def describe_folder() -> str:
         """Return a sentence on what an interruption has left in the folder of the results."""
-        if is_complete(plan, out):
+        if is_complete(scene, out):
             return f"{out} holds the whole result of this scene."
-        has_work = plan.has_tasks and os.path.isfile(os.path.join(out, WORK_FILE))
+        has_work = scene.has_tasks and os.path.isfile(os.path.join(out, WORK_FILE))
         return f"{NOTHING_WRITTEN} {GO_ON}" if has_work else NOTHING_WRITTEN
 
     require_name("--out", out)
     require_workers(workers, scheduler)
-    plan = Scene.from_yaml(scene, _read_values(values))
-    if resume and not force and is_complete(plan, out):
+    scene = Scene.from_yaml(scene_file, _read_values(values))
+    if resume and not force and is_complete(scene, out):
         if not quiet:
             say(f"{out} is complete: it holds the results of this scene. Nothing was computed.")
         return
-    cost = plan.cost()
-    is_long = cost is not None and cost.takes_longer(_LONG_SECONDS)
-    if cost is not None and is_long and not quiet:
-        print(f"granphon: {cost.text} on one processor", file=sys.stderr, flush=True)
+    cost = scene.cost()  # quiet or not, this refuses what does not fit into memory
+    if cost is not None and not quiet:
+        _announce_time(cost)
     with tell_interruption(describe_folder):
-        opened_executor = open_executor(workers, scheduler) if plan.has_tasks else nullcontext()
+        opened_executor = open_executor(workers, scheduler) if scene.has_tasks else nullcontext()
         with opened_executor as executor:
-            result = plan.run(
+            result = scene.run(
                 out,
                 force=force,
                 progress=on_stderr(quiet),
@@ -218,11 +226,24 @@ def run_scene(
             )
         warn(result.warnings)
         if not quiet:
-            say_table(describe_result(result))
-            names = [path.name for path in result.files]
-            say(f"Wrote {', '.join(names)} into {out}")
-            for remark in result.remarks:
-                say(remark)
+            _say_result(result, out)
+
+
+def _announce_time(cost: Cost) -> None:
+    """Print on stderr about how long a run of this ``cost`` takes, if that is long."""
+    if cost.takes_longer(_LONG_SECONDS):
+        print(f"granphon: {cost.text} on one processor", file=sys.stderr, flush=True)
+
+
+def _say_result(result: RunResult, out: str) -> None:
+    """Print the main numbers of a result, the names of the files that it has in the folder ``out``,
+    and the remarks.
+    """
+    say_table(describe_result(result))
+    names = [path.name for path in result.files]
+    say(f"Wrote {', '.join(names)} into {out}")
+    for remark in result.remarks:
+        say(remark)
 
 
 @command("plot", rich_help_panel=PICTURES)

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 @command("fit", rich_help_panel=COMPARISONS)
 def fit_measurements(
-    scene: SceneFile,
+    scene_file: SceneFile,
     data: Annotated[
         str, typer.Argument(metavar="DATA.csv", help="Measured velocities, or a transfer function.")
     ],
@@ -114,26 +114,20 @@ def fit_measurements(
       granphon fit fcc.yaml data.csv --no-width --parameter young_modulus --direction "1 1 0"
       granphon fit chain.yaml transfer.csv --parameter damping --parameter stiffness
     """
-    from granphon.base.staging import ResultFiles
     from granphon.base.tables import Table
     from granphon.fits.fit import fit_width
     from granphon.fits.trace_files import has_traces
     from granphon.fits.transfer import TransferFunction, has_transfer
-    from granphon.scene.outputs import OUTPUTS
     from granphon.scene.scene import Scene
 
     require_name("--out", out)
-    plan = Scene.from_yaml(scene)
-    files = None
-    if out is not None:
-        inputs = (*plan.origin.inputs, Path(data))
-        files = ResultFiles(out, OUTPUTS["fit"].files, force, inputs=inputs)
-        files.require_free()
+    scene = Scene.from_yaml(scene_file)
+    files = _prepare_files("fit", out, force, (*scene.origin.inputs, Path(data)))
     parameters = _read_parameters(parameter)
     columns = _read_columns(column)
     table = Table.read(data)
     has_sound = any(columns.get(kind, kind) in table for kind in ("velocity", "time", "cutoff"))
-    quantity = "" if plan.response is None or has_sound else plan.response.quantity
+    quantity = "" if scene.response is None or has_sound else scene.response.quantity
     if has_transfer(table, columns, quantity):
         options_of_velocities = {
             "--frequency": frequency,
@@ -142,29 +136,37 @@ def fit_measurements(
             "--direction": direction,
         }
         _refuse_options(options_of_velocities, data, "a transfer function")
-        response_fit = _fit_response(scene, plan, data, columns, parameters)
+        response_fit = _fit_response(scene_file, scene, data, columns, parameters)
         rows = describe_response_fit(response_fit)
         _finish_fit(out, files, response_fit, response_fit.warnings, rows)
         return
-    is_of_responses = plan.packing.kind_names or plan.response is not None
+    is_of_responses = scene.packing.kind_names or scene.response is not None
     if is_of_responses and not has_sound:
         TransferFunction.read(data, columns)  # names the column that a transfer function lacks
-    packing = _require_one_packing("A fit", scene, plan)
-    sound_direction = _choose_direction(scene, plan, direction)
-    if len(plan.media) > 1:
-        raise InputError(f"{scene} has several media", mend="Keep only the one to fit with")
+    packing = _require_one_packing("A fit", scene_file, scene)
+    sound_direction = _choose_direction(scene_file, scene, direction)
+    if len(scene.media) > 1:
+        raise InputError(f"{scene_file} has several media", mend="Keep only the one to fit with")
     _require_fitted(width, parameters)
     # "ala" is the default for equal balls, so it does not say how balls that differ are to be
     # averaged
-    takes_ema = width and plan.media[0].name == "ala" and not plan.balls_differ
-    medium: Any = "ema" if takes_ema else plan.media[0]
+    takes_ema = width and scene.media[0].name == "ala" and not scene.balls_differ
+    medium: Any = "ema" if takes_ema else scene.media[0]
     if has_traces(table):
         options_of_tables = {"--distance": distance, "--sigma": sigma}
         _refuse_options(options_of_tables, data, "traces")
-        measured = _read_traces(scene, data, plan, packing, medium, parameters)
+        measured = _read_traces(scene_file, data, scene, packing, medium, parameters)
     else:
         measured = _read_velocities(
-            data, columns, distance, plan, packing, medium, parameters, branch, sound_direction
+            data,
+            columns,
+            distance,
+            scene,
+            packing,
+            medium,
+            parameters,
+            branch=branch,
+            direction=sound_direction,
         )
     velocity_sigma, pulse_frequency = _choose_sigma_and_frequency(measured, sigma, frequency)
     fitted_names = ("width", *parameters) if width else parameters
@@ -178,29 +180,52 @@ def fit_measurements(
         parameters=tuple(dict.fromkeys(fitted_names)),
         branch=branch,
         direction=sound_direction,
-        finite_overlap=plan.finite_overlap,
+        finite_overlap=scene.finite_overlap,
     )
     notes = list[str]()
     if takes_ema:
         notes.append(
-            f"{scene} has the medium ala, which knows no width: the fit takes ema. Name afa or"
+            f"{scene_file} has the medium ala, which knows no width: the fit takes ema. Name afa or"
             " ema in it"
         )
-    n_loads = len(plan.load.values)
-    if n_loads > 1:
-        notes.append(
-            f"the {n_loads} loads of {scene} are not used: a fit takes the loads of {data}"
-        )
-    if plan.errors:
-        notes.append(f"the standard errors in {scene} are not used: a fit takes the values")
-    names_direction = direction is not None or plan.direction is not None
+    notes += _list_unused(scene_file, scene, data)
+    names_direction = direction is not None or scene.direction is not None
     if not names_direction and not fit.is_isotropic:
         notes.append(
             f"sound in the lattice {fit.packing.structure.name} depends on the direction, and none"
             f" is given: the fit takes {write_direction(fit.waves.direction)}. Give --direction,"
-            f" or direction in {scene}"
+            f" or direction in {scene_file}"
         )
     _finish_fit(out, files, fit, (*notes, *fit.warnings), describe_fit(fit))
+
+
+def _prepare_files(
+    name: str, out: str | None, force: bool, inputs: Sequence[Path]
+) -> ResultFiles | None:
+    """Return the files of the output ``name`` in the folder ``out``, none of which is one of the
+    ``inputs``; None without a folder. InputError if a file exists already, unless ``force`` is set.
+    """
+    from granphon.base.staging import ResultFiles
+    from granphon.scene.outputs import OUTPUTS
+
+    if out is None:
+        return None
+    files = ResultFiles(out, OUTPUTS[name].files, force, inputs=inputs)
+    files.require_free()
+    return files
+
+
+def _list_unused(scene_file: str, scene: Scene, data: str) -> list[str]:
+    """Return a note on each thing in the scene that a fit to the table ``data`` does not use."""
+    notes = list[str]()
+    n_loads = len(scene.load.values)
+    if n_loads > 1:
+        notes.append(
+            f"the {n_loads} loads of {scene_file} are not used: a fit takes the loads of {data}"
+        )
+    if scene.errors:
+        notes.append(f"the standard errors in {scene_file} are not used: a fit takes the values")
+    return notes
 
 
 def _read_parameters(names: Sequence[str] | None) -> tuple[str, ...]:
@@ -248,15 +273,16 @@ def _read_velocities(
     data: str,
     columns: Mapping[str, str],
     distance: str | None,
-    plan: Scene,
+    scene: Scene,
     packing: Packing,
     medium: Any,
     parameters: tuple[str, ...],
+    *,
     branch: str,
     direction: Sequence[float] | None,
 ) -> Measurements:
     """Return the measured velocities in the table ``data``, m/s, with the contact forces of their
-    loads, N.
+    loads, N; ``columns`` are the headings of columns that go by other names.
 
     ``distance`` is the option of that name, with its unit. Pressures and cutoff frequencies are
     converted for the ``packing`` in the ``medium``, whose ``parameters`` are fitted; ``branch`` and
@@ -272,9 +298,9 @@ def _read_velocities(
     if distance is not None:
         distance_of_pulses = require("--distance", LENGTH.read, distance)
     convert_side_force = None
-    if plan.load.balls_per_side is not None:
-        convert_side_force = partial(force_of_frame, balls_per_side=plan.load.balls_per_side)
-    finite_overlap = plan.finite_overlap
+    if scene.load.balls_per_side is not None:
+        convert_side_force = partial(force_of_frame, balls_per_side=scene.load.balls_per_side)
+    finite_overlap = scene.finite_overlap
     return Measurements.read(
         data,
         columns,
@@ -287,15 +313,15 @@ def _read_velocities(
 
 
 def _read_traces(
-    scene: str,
+    scene_file: str,
     data: str,
-    plan: Scene,
+    scene: Scene,
     packing: Packing,
     medium: Any,
     parameters: tuple[str, ...],
 ) -> Measurements:
     """Return the velocity that the traces in the file ``data`` show, with its standard error, under
-    the one load of the scene in the file ``scene``.
+    the one load of the scene in the file ``scene_file``.
 
     Pressures are converted for the ``packing`` in the ``medium``, whose ``parameters`` are fitted.
     """
@@ -306,9 +332,9 @@ def _read_traces(
     from granphon.fits.measurements import Measurements
     from granphon.fits.traces import Traces
 
-    load = plan.load
+    load = scene.load
     if load.size != 1:
-        problem = f"{scene} has {load.size} loads, and {data} has traces"
+        problem = f"{scene_file} has {load.size} loads, and {data} has traces"
         raise InputError(problem, "Traces are of one load", "Keep the load of the traces")
     value = load.values[0]
     if load.kind == "force":
@@ -316,9 +342,9 @@ def _read_traces(
     elif load.kind == "side_force" and load.balls_per_side is not None:
         force = force_of_frame(value, balls_per_side=load.balls_per_side)
     elif load.kind == "pressure":
-        force = convert_pressure(packing, plan.finite_overlap, medium, parameters, value)
+        force = convert_pressure(packing, scene.finite_overlap, medium, parameters, value)
     else:
-        problem = f"the load of {scene} is of the kind {load.kind}"
+        problem = f"the load of {scene_file} is of the kind {load.kind}"
         why = "A fit to traces takes a force, pressure or side_force"
         raise InputError(problem, why, "Give the load that the balls had")
     measured = Traces.read(data).velocity()
@@ -329,8 +355,9 @@ def _read_traces(
 def _choose_sigma_and_frequency(
     measured: Measurements, sigma: str | None, frequency: str | None
 ) -> tuple[Any, Any]:
-    """Return the standard errors of the velocities, m/s, and the frequencies of the pulses, Hz: of
-    the options, else of the measurements; each (n,), one number, or None.
+    """Return the standard errors of the velocities, m/s, and the frequencies of the pulses, Hz;
+    each (n,), one number, or None. The options ``sigma`` and ``frequency``, texts with units, come
+    before what the table of the ``measured`` velocities holds.
     """
     from granphon.base.quantities import FREQUENCY
     from granphon.base.validation import require
@@ -362,25 +389,25 @@ def _choose_direction(path: str, scene: Scene, option: str | None) -> Sequence[f
 
 
 def _fit_response(
-    scene: str, plan: Scene, data: str, columns: Mapping[str, str], names: tuple[str, ...]
+    scene_file: str, scene: Scene, data: str, columns: Mapping[str, str], names: tuple[str, ...]
 ) -> DampingFit:
     """Return the fit of the parameters ``names`` of damping, by default "damping", to the transfer
-    function in the table ``data``; InputError unless the scene in the file ``scene`` has one state
-    and a block response.
+    function in the table ``data``; InputError unless the scene, of the file ``scene_file``, has one
+    state and a block response.
     """
     from granphon.fits.transfer import TransferFunction, fit_damping
     from granphon.waves.settings import find_place
 
-    settings = plan.response
+    settings = scene.response
     if settings is None:
-        problem = f"{scene} has no block response, and {data} has a transfer function"
+        problem = f"{scene_file} has no block response, and {data} has a transfer function"
         why = "It says where the network is driven and heard"
         raise InputError(problem, why, "Write it, with observe: [response]")
-    if plan.n_states > 1:
-        problem = f"{scene} has {plan.n_states} states"
+    if scene.n_states > 1:
+        problem = f"{scene_file} has {scene.n_states} states"
         raise InputError(problem, "A transfer function is of one", "Keep one load and medium")
     measured = TransferFunction.read(data, columns, settings.quantity)
-    network = settings.shape(plan.plan.cases[0].case.state.network)
+    network = settings.shape(scene.plan.cases[0].case.state.network)
     sources = [find_place(words) for words in settings.source]
     receivers = [find_place(words) for words in settings.receiver]
     return fit_damping(
@@ -428,7 +455,7 @@ def _read_direction(value: str) -> list[float]:
 
 @command("tradeoff", rich_help_panel=COMPARISONS)
 def measure_tradeoff(
-    scene: SceneFile,
+    scene_file: SceneFile,
     out: Annotated[
         str | None,
         typer.Option("--out", "-o", metavar="DIR", help="Folder for tradeoff.csv and .png."),
@@ -469,35 +496,32 @@ def measure_tradeoff(
     """
     from granphon.base.progress import on_stderr
     from granphon.base.quantities import TIME
-    from granphon.base.staging import ResultFiles
     from granphon.base.validation import require
     from granphon.runs.store import open_store
     from granphon.runs.workers import open_executor, require_workers
-    from granphon.scene.outputs import OUTPUTS
     from granphon.scene.scene import WORK_FILE, Scene
     from granphon.tradeoffs.measure import tradeoff
 
     require_name("--out", out)
     require_workers(workers, scheduler)
     seconds = require("--budget", TIME.read, budget)
-    plan = Scene.from_yaml(scene)
-    files = None
-    if out is not None:
-        files = ResultFiles(out, OUTPUTS["tradeoff"].files, force, inputs=plan.origin.inputs)
-        files.require_free()
-    packing = _require_one_packing("A trade-off", scene, plan)
-    load = plan.load.applied
-    options_of_reference = _choose_reference(scene, plan)
+    scene = Scene.from_yaml(scene_file)
+    files = _prepare_files("tradeoff", out, force, scene.origin.inputs)
+    packing = _require_one_packing("A trade-off", scene_file, scene)
+    load = scene.load.applied
+    options_of_reference = _choose_reference(scene_file, scene)
     loads_of_scene: dict[str, Any] = {load.kind: load.values}
     # Simulations in their exact geometry have finite overlap though the scene has not asked for it,
     # and media are compared in the limit of small overlap.
-    is_exact = all(choice.is_exact for choice in plan.media)
-    finite_overlap = plan.finite_overlap and not is_exact
+    is_exact = all(choice.is_exact for choice in scene.media)
+    finite_overlap = scene.finite_overlap and not is_exact
     work_file = None if out is None else Path(out) / WORK_FILE
     failures: dict[str, str] | None = None  # None until the files are written
 
     def describe_folder() -> str:
-        """Return a sentence on what an interruption has left in the folder of the results."""
+        """Return a sentence on what an interruption has left in the folder of the results: it reads
+        ``failures`` as they are at the time of the interruption.
+        """
         if work_file is None:
             return NOTHING_WRITTEN
         if failures is not None:
@@ -508,14 +532,14 @@ def measure_tradeoff(
     with (
         tell_interruption(describe_folder),
         opened_files as locked,
-        open_store(work_file, force) as store,
+        open_store(work_file, force=force) as store,
     ):
         with open_executor(workers, scheduler) as executor:
             measured = tradeoff(
                 packing,
                 **loads_of_scene,
                 **options_of_reference,
-                observe=plan.observe,
+                observe=scene.observe,
                 finite_overlap=finite_overlap,
                 budget=seconds,
                 most_loads=loads,
@@ -534,24 +558,27 @@ def measure_tradeoff(
             _say_written(out, "tradeoff", failures)
 
 
-def _choose_reference(scene: str, plan: Scene) -> dict[str, Any]:
-    """Return the options of the reference by which the media of a scene are judged: arrays at rest
-    without friction, unless a medium has a history; InputError for several histories.
+def _choose_reference(scene_file: str, scene: Scene) -> dict[str, Any]:
+    """Return the options of the reference by which the media of the scene, of the file
+    ``scene_file``, are judged: arrays at rest without friction, unless a medium has a history.
+
+    Raises InputError for several histories.
     """
     from granphon.media.loading import REFERENCE_OPTIONS, REST
 
-    histories = [choice.history for choice in plan.media if choice.history.is_loaded]
+    histories = [choice.history for choice in scene.media if choice.history.is_loaded]
     references = list(dict.fromkeys(history.reference for history in histories))
     if len(references) > 1:
-        problem = f"the media of {scene} are loaded with friction in {len(references)} ways"
+        problem = f"the media of {scene_file} are loaded with friction in {len(references)} ways"
         raise InputError(problem, "A trade-off judges all by one of them", "Keep one")
     reference = references[0] if references else REST
     return {name: reference.options[name] for name in REFERENCE_OPTIONS}
 
 
 def _stage_study(locked: ResultFiles, name: str, value: Any) -> dict[str, str]:
-    """Write the ``locked`` files of the output ``name``, whose value is a study, into their folder,
-    and return the reasons for which its figure could not be drawn, by the name of the file.
+    """Write the ``locked`` files of the output ``name``, whose ``value`` is a study, into their
+    folder. Return the reason for which its figure could not be drawn, by the name of the file;
+    nothing if it could.
     """
     from granphon.figures.style import draw
     from granphon.scene.outputs import OUTPUTS, Results
@@ -574,15 +601,15 @@ def _say_written(out: str | None, name: str, failures: Mapping[str, str]) -> Non
         say(f"Wrote {', '.join(written_names)} into {out}")
 
 
-def _require_one_packing(study: str, scene: str, plan: Scene) -> Packing:
-    """Return the packing of the scene in the file ``scene``; InputError for a crystal, and for a
-    sweep over parameters, as the ``study`` is for one packing.
+def _require_one_packing(study: str, scene_file: str, scene: Scene) -> Packing:
+    """Return the packing of the scene, of the file ``scene_file``; InputError for a crystal and for
+    a sweep over parameters, as the ``study`` is for one packing.
     """
     why = f"{study} is for one packing"
-    if plan.packing.kind_names:
+    if scene.packing.kind_names:
         mend = "Describe balls of one kind by the blocks material and packing"
-        raise InputError(f"{scene} has balls of several kinds", why, mend)
-    if plan.parameters:
-        swept_names = ", ".join(name for name, _ in plan.parameters)
-        raise InputError(f"{scene} sweeps {swept_names}", why, "Leave the block 'sweep' out")
-    return cast("Packing", plan.packing)
+        raise InputError(f"{scene_file} has balls of several kinds", why, mend)
+    if scene.parameters:
+        swept_names = ", ".join(name for name, _ in scene.parameters)
+        raise InputError(f"{scene_file} sweeps {swept_names}", why, "Leave the block 'sweep' out")
+    return cast("Packing", scene.packing)

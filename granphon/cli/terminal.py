@@ -90,9 +90,9 @@ class Interrupted(Exception):
 
 @contextmanager
 def write_of_scene(
-    scene: str, out: str, endings: Sequence[str], force: bool, why_single: str = ""
+    scene_file: str, out: str, endings: Sequence[str], force: bool, why_single: str = ""
 ) -> Iterator[tuple[Scene, Path]]:
-    """Read the scene in the file ``scene``, and yield it with the path at which the with-block
+    """Read the scene in the file ``scene_file``, and yield it with the path at which the with-block
     writes the file ``out``, which arrives whole or not at all.
 
     Raises :class:`~granphon.base.errors.InputError` if the name has none of the ``endings``, or if
@@ -110,14 +110,14 @@ def write_of_scene(
         if len(endings) == 1:
             mend = f"Give a name that ends in {endings[0]}"
         raise InputError(f"--out is {out}, whose ending is not {allowed}", mend=mend)
-    plan = Scene.from_yaml(scene)
-    files = ResultFiles(target.parent, [target.name], force, inputs=plan.origin.inputs)
+    scene = Scene.from_yaml(scene_file)
+    files = ResultFiles(target.parent, [target.name], force, inputs=scene.origin.inputs)
     with files.open() as locked:
-        if why_single and not plan.is_single:
+        if why_single and not scene.is_single:
             mend = "Keep one load, one medium, and no block 'sweep'"
-            raise InputError(f"{scene} has many states", why_single, mend)
+            raise InputError(f"{scene_file} has many states", why_single, mend)
         with locked.staging() as stage:
-            yield plan, stage / target.name
+            yield scene, stage / target.name
     say(f"Wrote {out}")
 
 
@@ -207,22 +207,30 @@ def _describe_state(scene: Scene) -> list[tuple[str, str]]:
             words = f"expected error {error:.2g} against {serving.truth}"
         rows.append(("chosen", f"{serving.medium.label}, {words}"))
     if serving.is_quick:
-        state = scene.state()
-        errors: dict[str, Any] = {"errors_from": {}}
-        if scene.errors:
-            from granphon.scene.uncertainty import find_state_errors
-
-            errors = find_state_errors(scene, state, [name for name, _ in _OF_CONTACTS])
-        texts = {
-            name: _write_number(getattr(state, name), errors.get(f"{name}_error"), unit, 5)
-            for name, unit in _OF_CONTACTS
-        }
-        rows.append(("contact", "force {force}, overlap {overlap}".format(**texts)))
-        rows.append(
-            ("stiffness", "normal {normal_stiffness}, shear {shear_stiffness}".format(**texts))
-        )
-        rows += _tell_sources({spell(name): of for name, of in errors["errors_from"].items()})
+        rows += _describe_contacts(scene)
     return rows
+
+
+def _describe_contacts(scene: Scene) -> list[tuple[str, str]]:
+    """Return the rows on the contacts of the only state of a scene, with standard errors and their
+    sources if the scene has errors.
+    """
+    state = scene.state()
+    errors: dict[str, Any] = {"errors_from": {}}
+    if scene.errors:
+        from granphon.scene.uncertainty import find_state_errors
+
+        errors = find_state_errors(scene, state, [name for name, _ in _OF_CONTACTS])
+    texts = {
+        name: _write_number(getattr(state, name), errors.get(f"{name}_error"), unit, 5)
+        for name, unit in _OF_CONTACTS
+    }
+    sources = {spell(name): parameter for name, parameter in errors["errors_from"].items()}
+    return [
+        ("contact", "force {force}, overlap {overlap}".format(**texts)),
+        ("stiffness", "normal {normal_stiffness}, shear {shear_stiffness}".format(**texts)),
+        *_tell_sources(sources),
+    ]
 
 
 def _tell_sources(sources: dict[str, str]) -> list[tuple[str, str]]:
@@ -250,7 +258,9 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
     from granphon.observables.catalogue import CATALOGUE
 
     numbers: dict[str, Any] = result.summary()
-    rows = [("states", str(numbers["states"]))] if "states" in numbers else []
+    rows = list[tuple[str, str]]()
+    if "states" in numbers:
+        rows.append(("states", str(numbers["states"])))
     direction = ""
     if "direction" in numbers:
         direction = f" along {write_direction(numbers['direction'])}"
@@ -266,12 +276,7 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
     if gaps is not None:
         text = _describe_gaps(gaps, numbers.get("gaps_error"))
         rows.append(("gaps" if len(gaps) > 1 else "gap", text))
-    sources = {}
-    for name, parameter in numbers.get("errors_from", {}).items():
-        entry = result.entry(name)
-        if name == "gaps" or (entry is not None and entry.told):
-            sources[name if entry is None else entry.label.lower()] = parameter
-    rows += _tell_sources(sources)
+    rows += _tell_sources(_name_sources(result, numbers.get("errors_from", {})))
     strongest = [
         (name.replace("_", " "), parameter)
         for name, parameter in numbers.get("matters_most", {}).items()
@@ -280,10 +285,24 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
     return rows
 
 
+def _name_sources(result: RunResult, parameters: dict[str, str]) -> dict[str, str]:
+    """Return the ``parameters`` that give most of the errors of the numbers of a result, by the
+    label of the number instead of its name; those of numbers that are not told are left out.
+    """
+    sources = {}
+    for name, parameter in parameters.items():
+        entry = result.entry(name)
+        if entry is not None and entry.told:
+            sources[entry.label.lower()] = parameter
+        elif name == "gaps":  # an output, and no entry of the catalogue
+            sources[name] = parameter
+    return sources
+
+
 def _write_number(value: Any, error: Any, unit: str, digits: int) -> str:
-    """Return the text of a value, or of the least and the greatest of several, with the standard
-    ``error``, or the least and the greatest error, if the error is not None, else with so many
-    ``digits``; all in the SI ``unit``.
+    """Return the text of a value, or of the least and the greatest of several, in the SI ``unit``.
+    With a standard ``error`` that is not None the error is written too, or the least and the
+    greatest; without one the value has so many ``digits``.
     """
     import numpy as np
 
@@ -297,8 +316,8 @@ def _write_number(value: Any, error: Any, unit: str, digits: int) -> str:
 
 
 def _describe_gaps(gaps: list[list[float]], errors: list[list[float]] | None) -> str:
-    """Return the three widest ``gaps``, (n, 2) Hz, in ascending order, with the standard ``errors``
-    of their edges if these are known, and the number of the other gaps.
+    """Return in words the three widest ``gaps``, (n, 2) Hz, in ascending order, and the number of
+    the others. If the standard ``errors`` of the edges are known, they are written too.
     """
     widest = sorted(range(len(gaps)), key=lambda number: gaps[number][0] - gaps[number][1])[:3]
     texts = []

@@ -77,22 +77,17 @@ def find_velocity(
       granphon velocity traces.csv --method correlation -o velocity.pdf
       granphon velocity near.csv far.csv --distances "0 mm, 152.4 mm"
     """
-    from granphon.base.quantities import FREQUENCY, TIME, split_error
+    from granphon.base.quantities import FREQUENCY, TIME
     from granphon.base.staging import ResultFiles
     from granphon.base.validation import require
-    from granphon.fits.trace_files import PLACES, TIMES
+    from granphon.fits.trace_files import TIMES
     from granphon.fits.traces import THRESHOLD, Traces
 
     require_name("--out", out)
     target = Path(out)
     if not target.suffix:
         raise InputError(f"--out is {out}, without an ending", mend="Use .png, .pdf or .svg")
-    places: list[float] | None = None
-    errors: Sequence[float] = ()
-    if distances is not None:
-        parts = [split_error(text) or (text.strip(), "0 m") for text in distances.split(",")]
-        places = [require("--distances", PLACES.read, place) for place, _ in parts]
-        errors = [require("--distances", PLACES.read, error) for _, error in parts]
+    places, errors = (None, []) if distances is None else _read_distances(distances)
     step = None if time_step is None else require("--time-step", TIME.read, time_step)
     traces = Traces.read(data, places, step)
     cutoff: float | str | None = lowpass
@@ -121,6 +116,20 @@ def find_velocity(
     warn(velocity.warnings)
     say_table(_describe(traces, velocity))
     say(f"Wrote {out}")
+
+
+def _read_distances(option: str) -> tuple[list[float], list[float]]:
+    """Return the distances of the sensors in the text of the ``option``, such as "0 mm, 40 +- 0.2
+    mm", and their standard errors, both m; an error is zero where none is written.
+    """
+    from granphon.base.quantities import split_error
+    from granphon.base.validation import require
+    from granphon.fits.trace_files import PLACES
+
+    pairs = [split_error(text) or (text.strip(), "0 m") for text in option.split(",")]
+    distances = [require("--distances", PLACES.read, distance) for distance, _ in pairs]
+    errors = [require("--distances", PLACES.read, error) for _, error in pairs]
+    return distances, errors
 
 
 def _find_effects(traces: Traces, errors: Sequence[float], **options: Any) -> list[float]:

@@ -237,8 +237,8 @@ def _find_name_direction(corner: Array, ends: Array, middle: Array, periods: int
 def _name_corners_of_zone(
     ax: Axes, labels: Sequence[str], ends: Array, outline: Array, periods: int
 ) -> None:
-    """Draw a dot and a name at each corner of a path, whose segments have the ``ends`` (n, 2, 2),
-    and the zone an ``outline`` with the corners (m, 2), on the paper.
+    """Draw a dot and a name at each corner of a path. On the paper the segments of the path have
+    the ``ends`` (n, 2, 2), and the zone has an ``outline`` with the corners (m, 2).
     """
     corners = {}  # places (2,) by the printed names
     for segment, (start, end) in enumerate(ends):
@@ -268,8 +268,8 @@ def _name_corners_of_zone(
 
 
 def _find_free_direction(corner: Array, ends: Array) -> Array:
-    """Return the direction (2,) from a ``corner`` (2,) on the paper in which the lines of the path,
-    whose segments have the ``ends`` (n, 2, 2), are farthest from a label beside the corner.
+    """Return the direction (2,) from a ``corner`` (2,) on the paper in which a label is farthest
+    from the lines of the path. The segments of the path have the ``ends`` (n, 2, 2).
     """
     steps = np.linspace(0.0, 1.0, 41)[:, None, None]
     points = (ends[:, 0] + steps * (ends[:, 1] - ends[:, 0])).reshape(-1, 2)  # along all segments
@@ -283,8 +283,8 @@ def _find_free_direction(corner: Array, ends: Array) -> Array:
 
 
 def _choose_view(corners: Array, faces: list[Array]) -> View:
-    """Return the view in which the corners (n, 3) of a path lie far apart on the paper, on the near
-    side, and no face, each with its corners (m, 3), is seen along its plane.
+    """Return the view in which the corners (n, 3) of a path are seen best: far apart on the paper,
+    and on the near side. No face, each with its corners (m, 3), is seen along its plane.
     """
     distinct_corners = np.unique(np.round(corners, 9), axis=0)
     middles = np.array([face.mean(axis=0) for face in faces])
@@ -351,23 +351,18 @@ def plot_bands(
     frequencies = hertz / unit.hertz  # (s, p, b)
     # where balls have a single motion every branch would have the same colour
     has_colours = is_followed and bands.motions.count > 1
+    shades = {}
     if edges:
         shades = _shade_by_edges(bands)
     elif has_colours:
         shades = _shade_by_fraction(bands)
-    else:
-        shades = {}
     if bulk is not None:
         _draw_bulk(bands, ax, real_array("bulk", bulk), unit)
     if errors is not None:
-        of_bands = real_array("errors", errors).reshape(frequencies.shape) / unit.hertz
+        branch_errors = real_array("errors", errors).reshape(frequencies.shape) / unit.hertz
         if is_followed:
-            of_bands = np.take_along_axis(of_bands, bands.connection, 2)
-        for s, b in np.ndindex(len(frequencies), bands.n_branches):
-            branch = frequencies[s, :, b]
-            gid = f"errors-{s}-{b}"
-            draw_error_band(ax, bands.distances[s], branch, of_bands[s, :, b], _ERRORS, gid)
-        ax.add_line(make_error_handle())
+            branch_errors = np.take_along_axis(branch_errors, bands.connection, 2)
+        _draw_errors(bands, ax, frequencies, branch_errors)
     top = frequencies.max()
     least_difference = _ONE_LINE * float(top)
     for s, x in enumerate(bands.distances):
@@ -383,14 +378,37 @@ def plot_bands(
     if asymptotes is not None:
         plot_asymptotes(bands, asymptotes, ax, unit=unit)
     if edges:
-        # lines without points are the entries of the legend
-        for name, colour in zip(("lower edge", "upper edge", "inside"), _EDGES, strict=True):
-            ax.plot([], [], color=colour, label=name)
+        _name_colours_of_edges(ax)
     elif colorbar and has_colours:
-        word = "Rotational" if bands.motions.rotate else "Longitudinal"
-        colours = ROTATION if bands.motions.rotate else POLARISATION
-        add_part_bar(ax, colours, f"{word} part of the kinetic energy")
+        _add_fraction_bar(ax, bands)
     return ax
+
+
+def _draw_errors(bands: Bands, ax: Axes, frequencies: Array, errors: Array) -> None:
+    """Draw the standard ``errors`` of the ``frequencies`` of branches, both (s, p, b) in the unit
+    of the axis, as a grey field about each branch, and name the field in the legend.
+    """
+    for s, b in np.ndindex(len(frequencies), bands.n_branches):
+        branch = frequencies[s, :, b]
+        gid = f"errors-{s}-{b}"
+        draw_error_band(ax, bands.distances[s], branch, errors[s, :, b], _ERRORS, gid)
+    ax.add_line(make_error_handle())
+
+
+def _name_colours_of_edges(ax: Axes) -> None:
+    """Name the colours of the two edges of a cut, and of its inside, in the legend, by lines that
+    have no points.
+    """
+    for name, colour in zip(("lower edge", "upper edge", "inside"), _EDGES, strict=True):
+        ax.plot([], [], color=colour, label=name)
+
+
+def _add_fraction_bar(ax: Axes, bands: Bands) -> None:
+    """Add the colour bar of the fraction by which branches are coloured."""
+    if bands.motions.rotate:
+        add_part_bar(ax, ROTATION, "Rotational part of the kinetic energy")
+    else:
+        add_part_bar(ax, POLARISATION, "Longitudinal part of the kinetic energy")
 
 
 #: options of the line of a branch that say its colours, by the numbers of segment and branch
@@ -655,28 +673,35 @@ def plot_dos(
     return ax
 
 
+def _limit_density(density: Array) -> float:
+    """Return the density at which an axis of the ``density`` (n,) ends, 1/Hz: the greatest, or
+    twice a high quantile where single peaks, as of flat branches, rise far above the rest.
+    """
+    peak = float(density.max())
+    quantile = float(np.quantile(density, _QUANTILE))
+    has_peaks = 0.0 < quantile < peak / _PEAK
+    return 2.0 * quantile if has_peaks else peak
+
+
 def _set_dos_axes(ax: Axes, dos: DensityOfStates, horizontal: bool, unit: HertzPrefix) -> None:
     """Limit and label the axes of a density of states, in this ``unit`` of frequency; the axis of
     the density ends below peaks of flat branches. ``horizontal``: the density is to the right.
     """
+    frequency_letter = "x"
+    density_letter = "y"
+    separator = " "
+    ticks = "labelbottom"
+    most_ticks: Any = 5
     if horizontal:
         frequency_letter = "y"
         density_letter = "x"
         separator = "\n"  # the axis of the density is short
         ticks = "labelleft"
-        most_ticks: Any = "auto"
-    else:
-        frequency_letter = "x"
-        density_letter = "y"
-        separator = " "
-        ticks = "labelbottom"
-        most_ticks = 5
+        most_ticks = "auto"
     unit_name = print_hertz(unit)
     highest_frequency = dos.frequencies[-1] / unit.hertz
     peak = float(dos.total.max()) * unit.hertz
-    quantile = float(np.quantile(dos.total, _QUANTILE)) * unit.hertz
-    has_peaks = 0.0 < quantile < peak / _PEAK
-    top = 2.0 * quantile if has_peaks else peak
+    top = _limit_density(dos.total) * unit.hertz
     height_of_peaks = f"{separator}peaks to {peak:.2g}" if peak > top else ""
     # an axis that is shared with a neighbour has no numbers
     has_numbers = find_axis(ax, frequency_letter).get_tick_params().get(ticks, True)
@@ -742,7 +767,7 @@ def bands_figure(
             )
             if in_space:
                 plot_zone(bands, figure.add_subplot(rows[1]))
-            elif any(bands.pbc):
+            elif any(bands.pbc):  # a cluster has no zone
                 inset = axes[0].inset_axes(_find_free_place(axes[0]))
                 inset.set_in_layout(False)
                 plot_zone(bands, inset)
@@ -778,6 +803,17 @@ def _find_free_place(ax: Axes) -> tuple[float, float, float, float]:
     axes upwards if no square is clear.
     """
     points = _list_points(ax)
+    square = _find_clear_square(points)
+    return _make_room(ax, points) if square is None else square
+
+
+def _find_clear_square(points: Array) -> tuple[float, float, float, float] | None:
+    """Return the largest square among ``_INSETS`` that is clear of the ``points`` (n, 2) of lines:
+    x, y, width, height, all in parts of the axes; None if no square is clear.
+
+    Of clear squares of one size the one farthest from the lines is taken; beyond
+    ``_ENOUGH_CLEARANCE`` the first.
+    """
     steps = np.linspace(0.0, 1.0, 31)
     grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     for size in _INSETS:
@@ -791,8 +827,16 @@ def _find_free_place(ax: Axes) -> tuple[float, float, float, float]:
             best = int(np.argmax(np.minimum(clearances, _ENOUGH_CLEARANCE)))
             x, y = corners[best].tolist()
             return x, y, size, size
-    # the square stands at the top, where the highest line is lowest; the axes are extended by no
-    # more than the square needs
+    return None
+
+
+def _make_room(ax: Axes, points: Array) -> tuple[float, float, float, float]:
+    """Extend the axes upwards by no more than a square at their top needs, and return the square:
+    x, y, width, height in parts of the extended axes.
+
+    The square stands where the highest of the ``points`` (n, 2) of lines, in parts of the axes
+    before, is lowest.
+    """
     size = _TOP_INSET
     bottom_of_square = 1.0 - _MARGIN - size
     starts = np.linspace(_MARGIN, bottom_of_square, 31)

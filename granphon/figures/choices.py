@@ -63,11 +63,11 @@ def find_longest_parameter(dataset: Dataset) -> str | None:
     parameter in numbers has several values.
     """
     longest = None
-    most = 1
+    largest_size = 1
     for name in list_parameters(dataset):
-        if dataset[name].dtype.kind in "fiu" and dataset.sizes[name] > most:
+        if dataset[name].dtype.kind in "fiu" and dataset.sizes[name] > largest_size:
             longest = name
-            most = dataset.sizes[name]
+            largest_size = dataset.sizes[name]
     return longest
 
 
@@ -117,13 +117,14 @@ def choose_held(counts: Mapping[str, int], most: int) -> list[str]:
     free = {name: count for name, count in counts.items() if count > 1}
 
     def count_drawn(name: str) -> int:
-        """Return the number of states that are drawn if a dimension is held too; 0 if there are
-        still too many.
+        """Return the number of states that are drawn if the free dimension ``name`` is held too; 0
+        if so many remain along several dimensions that others must be held as well.
         """
-        remaining = math.prod(free.values()) // free[name]
-        if remaining <= most:
-            return remaining
-        return most if len(free) == 2 else 0
+        n_remaining = math.prod(free.values()) // free[name]
+        if n_remaining <= most:
+            return n_remaining
+        has_single_dimension = len(free) == 2
+        return most if has_single_dimension else 0
 
     while len(free) > 1 and math.prod(free.values()) > most:
         name = max(reversed(free), key=count_drawn)
@@ -142,11 +143,11 @@ def read_wishes(text: str) -> dict[str, list[str]]:
     :class:`~granphon.base.errors.InputError` for a text of another form.
     """
     wishes: dict[str, list[str]] = {}
-    for part in _COMMA.split(text) if text else ():
-        name, equals, value = part.partition("=")
+    for wish in _COMMA.split(text) if text else ():
+        name, equals, value = wish.partition("=")
         if not (equals and name.strip() and value.strip()):
             mend = "Write it as 'width=2 um, medium=ema'"
-            raise InputError(f"--where has {part.strip()!r}, which is no NAME=VALUE", mend=mend)
+            raise InputError(f"--where has {wish.strip()!r}, which is no NAME=VALUE", mend=mend)
         wishes.setdefault(name.strip(), []).append(value.strip())
     return wishes
 
@@ -165,10 +166,10 @@ def choose_states(dataset: Dataset, wishes: Mapping[str, Sequence[str]], run: st
             names = [find_load(dataset), "medium", *list_parameters(dataset)]
             problem = f"{run} is not swept over {name!r}, by which --where chooses"
             raise InputError(problem, f"It has {', '.join(names)}", suggest(name, names))
-        kept = np.zeros(dataset.sizes[dimension], bool)
+        is_kept = np.zeros(dataset.sizes[dimension], bool)
         for text in texts:
-            kept |= _match(dataset, name, text, run)
-        dataset = dataset.isel({dimension: np.flatnonzero(kept)})
+            is_kept |= _match(dataset, name, text, run)
+        dataset = dataset.isel({dimension: np.flatnonzero(is_kept)})
     return dataset
 
 
@@ -205,7 +206,7 @@ def _match_numbers(dataset: Dataset, name: str, text: str) -> Flags:
     names, or are nearest to its number; nowhere if the nearest is not near.
     """
     values = np.asarray(dataset[name].values, float)
-    ends = [_read_number(dataset, name, part.strip()) for part in text.split(" to ")]
+    ends = [_read_number(dataset, name, end.strip()) for end in text.split(" to ")]
     if len(ends) == 2:
         low, high = sorted(ends)
         is_above = values >= low - _NEAR * abs(low)
@@ -281,15 +282,15 @@ class Layout:
         """Return the states of a panel, with all dimensions, from the indices of its row and of its
         column.
         """
-        chosen: dict[Any, list[int]] = {}
+        indices: dict[Any, list[int]] = {}
         panel = {self.rows: row, self.columns: column}
         for name, numbers in self.shown.items():
             if name not in panel:
-                chosen[find_dimension(dataset, name)] = numbers
+                indices[find_dimension(dataset, name)] = numbers
         for dimension, number in panel.items():
             if dimension is not None and number is not None:
-                chosen[find_dimension(dataset, dimension)] = [number]
-        return dataset.isel(chosen)
+                indices[find_dimension(dataset, dimension)] = [number]
+        return dataset.isel(indices)
 
     def describe(self, dataset: Dataset) -> str:
         """Return in words which dimension has which panels, and the options that change it."""
@@ -328,6 +329,7 @@ def arrange(
     x: str | None = None,
     rows: str | None = None,
     columns: str | None = None,
+    *,
     alone: bool = False,
 ) -> Layout:
     """Return the panels for the curves of a ``variable`` of a sweep over ``x``, a load, or a
@@ -348,39 +350,44 @@ def arrange(
     _require_swept(rows, columns, allowed)
     if alone:  # media are told apart as parameters are
         counts = {name: all_counts[name] for name in allowed}
+    _require_few_panels(all_counts.get(str(rows), 1) * all_counts.get(str(columns), 1))
+    # parameters that shades of a colour tell apart within a panel, with their numbers of values
     shaded = {name: count for name, count in counts.items() if name not in (rows, columns)}
-    if rows is not None or columns is not None:
-        n_panels = all_counts.get(str(rows), 1) * all_counts.get(str(columns), 1)
-        if n_panels > _MOST_PANELS:
-            problem = f"--rows and --columns ask for {n_panels} panels"
-            why = f"A figure has at most {_MOST_PANELS}"
-            raise InputError(problem, why, "Choose some of the values by --where")
     # parameters whose values may not all have a place, with the greatest number that has one
-    most: dict[str, int] = {}
-    is_chosen = False
+    limits: dict[str, int] = {}
     load = find_load(dataset)
     if shaded.get(load, 0) > MOST_SHADES:  # a curve for each load over a parameter
-        most[load] = _MOST_LOADS
+        limits[load] = _MOST_LOADS
         shaded[load] = _MOST_LOADS
-        is_chosen = True
     most_curves = 1 if alone else MOST_SHADES
     while math.prod(shaded.values()) > most_curves and (alone or len(shaded) > 1):
         # the fewest values, and of several such parameters the last in the order of the scene
         name = min(reversed(shaded), key=shaded.__getitem__)
         del shaded[name]
-        is_chosen = True
         if columns is None:
             columns = name
-            most[name] = _MOST_ALONE if rows is None else MOST_COLUMNS
+            limits[name] = _MOST_ALONE if rows is None else MOST_COLUMNS
         elif rows is None:
             rows = name
-            most[name] = _MOST_ROWS
-            if columns in most:
-                most[columns] = MOST_COLUMNS
+            limits[name] = _MOST_ROWS
+            if columns in limits:
+                limits[columns] = MOST_COLUMNS
         else:
-            most[name] = 1  # held at the first value
-    shown = {name: pick_evenly(counts[name], n) for name, n in most.items() if counts[name] > n}
-    return Layout(rows, columns, shown, is_chosen)
+            limits[name] = 1  # held at the first value
+    shown = {
+        name: pick_evenly(counts[name], limit)
+        for name, limit in limits.items()
+        if counts[name] > limit
+    }
+    return Layout(rows, columns, shown, is_chosen=bool(limits))
+
+
+def _require_few_panels(n_panels: int) -> None:
+    """Raise InputError if the user asks for more panels than a figure can have."""
+    if n_panels > _MOST_PANELS:
+        problem = f"--rows and --columns ask for {n_panels} panels"
+        why = f"A figure has at most {_MOST_PANELS}"
+        raise InputError(problem, why, "Choose some of the values by --where")
 
 
 def _require_swept(rows: str | None, columns: str | None, allowed: Sequence[str]) -> None:

@@ -426,7 +426,7 @@ def label_axes(ax: Axes, curves: Sequence[Curve], x: str, y: str) -> None:
         name_axis(find_axis(ax, letter), largest, axis_label(name, ""), unit)
 
 
-def _make_handle(look: Look, label: str, is_points: bool) -> Line2D:
+def _make_handle(look: Look, label: str, *, is_points: bool) -> Line2D:
     """Return the entry of a legend for a line of this look or, if ``is_points``, for points."""
     if is_points:
         style: dict[str, Any] = {"marker": look.marker} | _POINTS
@@ -575,7 +575,7 @@ def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str]
     media = [{"medium": describe_medium(label, periods, n_balls)} for label in labels]
     if "overlap" in facts_of_balls:
         for facts_of_medium, is_finite in zip(media, list_finite_overlap(dataset), strict=True):
-            facts_of_medium["overlap"] = describe_overlap(is_finite)
+            facts_of_medium["overlap"] = describe_overlap(finite=is_finite)
     names = list_parameters(dataset)
     if variable in dataset and "direction" not in dataset[variable].dims:
         names = [name for name in names if name != "direction"]
@@ -745,7 +745,7 @@ def _name_colours(groups: Sequence[Sequence[Curve]], coloured: str) -> list[Line
     for number, group in enumerate(groups):
         label = ", ".join(group[0].facts[kind] for kind in kinds)
         look = Look(COLOURS[number % len(COLOURS)], 1.5)
-        handles.append(_make_handle(look, label, _are_points(group)))
+        handles.append(_make_handle(look, label, is_points=_are_points(group)))
     return handles
 
 
@@ -761,7 +761,7 @@ def _name_shades(groups: Sequence[Sequence[Curve]], colour: str) -> list[Line2D]
     handles = []
     for n in named:
         label = ", ".join(curves[n].facts[kind] for kind in kinds)
-        handles.append(_make_handle(Look(shades[n], 1.5), label, are_points))
+        handles.append(_make_handle(Look(shades[n], 1.5), label, is_points=are_points))
     if len(named) < len(curves):
         remark = f"{len(named)} of {len(curves)} are named"
         handles.append(Line2D([], [], linestyle="none", label=remark))
@@ -884,7 +884,7 @@ def sweep_figure(
         # a velocity that is the same in all directions has a shorter legend than the others
         longest = max(shown, key=lambda name: len(legends[name]))
         are_points = _are_points(curves[longest])
-        handles = legends[longest] + _name_velocities(velocities, are_points)
+        handles = legends[longest] + _name_velocities(velocities, are_points=are_points)
         medium = curves[longest][0].facts["medium"]
         # a single medium that no entry names heads the legend
         is_heading = dataset.sizes["medium"] == 1 and handles[0].get_label() != medium
@@ -933,9 +933,10 @@ def _name_single_values(figure: Figure, dataset: Dataset, curve: Curve, x: str) 
         figure.suptitle(title, fontsize=STYLE["axes.titlesize"])
 
 
-def _name_velocities(velocities: Sequence[str], are_points: bool) -> list[Line2D]:
-    """Return the entries of a legend for the dashes of the slow transverse wave, the marks of both
-    transverse waves, and those of pulses, if they are among the drawn ``velocities``.
+def _name_velocities(velocities: Sequence[str], *, are_points: bool) -> list[Line2D]:
+    """Return the entries of a legend for those of the drawn ``velocities`` that look unlike the
+    others: the dashes of the slow transverse wave, the marks of both transverse waves, and those of
+    pulses.
     """
     handles = []
     for name, marker in _VELOCITY_MARKERS.items():
@@ -945,7 +946,7 @@ def _name_velocities(velocities: Sequence[str], are_points: bool) -> list[Line2D
             dashes = _SLOW_DASHES if name == _SLOW else None
             look = Look("0.3", 1.2, dashes, marker)
             is_points = are_points or name == _PULSE
-            handles.append(_make_handle(look, _VELOCITIES[name], is_points))
+            handles.append(_make_handle(look, _VELOCITIES[name], is_points=is_points))
     return handles
 
 
@@ -1312,7 +1313,7 @@ class Run:
         if isinstance(result, Run):
             return result
         if isinstance(result, WidthFit):
-            return _tabulate_fit(name, result, named)
+            return _tabulate_fit(name, result, named=named)
         if isinstance(result, Bands):
             return cls(name, bands=result, named=named)
         if isinstance(result, DensityOfStates):
@@ -1345,7 +1346,7 @@ class Run:
         return () if self.dataset is None else list_quantities(self.dataset)
 
 
-def _tabulate_fit(name: str, fit: WidthFit, named: bool) -> Run:
+def _tabulate_fit(name: str, fit: WidthFit, *, named: bool) -> Run:
     """Return the run of a fit, called ``name``: a data set of its curve, and one of its data."""
     frequency = fit.waves.frequency
     branch = fit.waves.branch
@@ -1371,7 +1372,7 @@ def _tabulate_fit(name: str, fit: WidthFit, named: bool) -> Run:
 
 
 def _tabulate_over_force(
-    fit: WidthFit, force: Array, velocities: Mapping[str, Array], are_points: bool
+    fit: WidthFit, force: Array, velocities: Mapping[str, Array], *, are_points: bool
 ) -> Dataset:
     """Return the data set of ``velocities`` (n,), m/s, by their names, over the contact ``force``
     (n,), N, of a fit, with the other loads that its medium has; ``are_points``: a figure draws no
@@ -1642,7 +1643,7 @@ def _draw_curves(ax: Axes, curves: list[Curve], measured: list[Curve], x: str, y
     for curve, look, (heading, label) in zip(models, looks, labels, strict=True):
         draw_curve(ax, curve, look, y)
         is_points = curve.as_points and not curve.served
-        groups.setdefault(heading, []).append(_make_handle(look, label, is_points))
+        groups.setdefault(heading, []).append(_make_handle(look, label, is_points=is_points))
     handles = groups.pop("")
     is_alone = len(points) == 1
     for number, curve in enumerate(points):
@@ -1669,7 +1670,7 @@ def _drop_doubles(curves: Sequence[Curve]) -> list[Curve]:
     return distinct
 
 
-def _draw_measured(ax: Axes, curve: Curve, number: int, is_alone: bool) -> Line2D:
+def _draw_measured(ax: Axes, curve: Curve, number: int, *, is_alone: bool) -> Line2D:
     """Draw measured points, with bars of their errors if these are known, and return their entry in
     the legend; ``number`` chooses the mark, and points that are not alone have the name of their
     run.

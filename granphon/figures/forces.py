@@ -545,8 +545,8 @@ def _number_ends(
     contacts: NDArray[np.intp],
     shape: tuple[int, int],
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the numbers (m,) of the first and the second ball of each contact in a periodic array
-    of ``shape`` (L1, L2) cells, contact by contact in each cell.
+    """Return the numbers (m,) of the first and of the second ball of each contact in a periodic
+    array of ``shape`` (L1, L2) cells. Contacts come cell by cell.
 
     ``balls`` and ``contacts`` are the indices in a cell of those that are drawn; the drawn balls
     are numbered cell by cell.
@@ -698,9 +698,9 @@ def plot_force_distribution(state: ContactState, ax: Axes) -> Axes:
     state.require_single()
     samples = state.samples
     forces = [sample.equilibrium.forces / sample.equilibrium.force for sample in samples]
-    least = min(float(np.min(forces_of_sample)) for forces_of_sample in forces)
+    smallest = min(float(np.min(forces_of_sample)) for forces_of_sample in forces)
     largest = max(float(np.max(forces_of_sample)) for forces_of_sample in forces)
-    extent = largest - least
+    extent = largest - smallest
     fluctuation = float(np.mean([sample.contact_force_fluctuation for sample in samples]))
     width = max(fluctuation / _BINS_PER_FLUCTUATION, _LEAST_BIN)
     n_bins = int(np.clip(extent / width, _LEAST_BINS, _MOST_BINS))
@@ -708,16 +708,16 @@ def plot_force_distribution(state: ContactState, ax: Axes) -> Axes:
     if extent < _EQUAL_FORCES:
         n_bins = _BINS_OF_EQUAL_FORCES
         margin = _MARGIN_OF_EQUAL_FORCES
-    low = max(least - margin, 0.0)
+    low = max(smallest - margin, 0.0)
     high = largest + margin
     # all samples have the same bins
     histograms = [sample.force_distribution(n_bins, high, low) for sample in samples]
     edges = histograms[0][0]
     density = np.mean([density_of_sample for _, density_of_sample in histograms], axis=0)
     # empty bins at the ends are left out: a log scale has no zero
-    first, last = np.flatnonzero(density)[[0, -1]].tolist()
-    shown_density = density[first : last + 1]
-    shown_edges = edges[first : last + 2]
+    first_bin, last_bin = np.flatnonzero(density)[[0, -1]].tolist()
+    shown_density = density[first_bin : last_bin + 1]
+    shown_edges = edges[first_bin : last_bin + 2]
     ax.stairs(shown_density, shown_edges, baseline=None, color=BLUE, gid="density")
     ax.axvline(1.0, color=GUIDE, linewidth=0.6, zorder=0.5)
     ax.set(yscale="log", xlabel="Contact force over its mean", ylabel="Probability density")
@@ -778,8 +778,8 @@ def forces_figure(state: ContactState) -> Figure:
     with styled_figure(height, PAGE_WIDTH) as figure:
         *panels, distribution = figure.subplots(1, n_panels)
         if is_large:
-            whole, window = panels
-            _draw_whole_and_window(sample, whole, window, _choose_window(layer, None))
+            whole_array, window = panels
+            _draw_whole_and_window(sample, whole_array, window, _choose_window(layer, None))
             figure.suptitle(_write_title(sample), fontsize=STYLE["axes.titlesize"])
         else:
             plot_forces(sample, panels[0], show="all")

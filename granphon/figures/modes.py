@@ -24,6 +24,7 @@ from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.balls.motions import Motions
 from granphon.balls.neighbours import steps_within
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
@@ -267,22 +268,18 @@ def _find_network_motion(modes: NetworkModes, mode: int) -> _Motion:
     is_planar = network.dimension < 3 and stays_in_plane
     balls = _choose_balls(modes, mode, _MOST_BALLS if is_planar else _MOST_POINTS)
     masses = network.masses[balls]
-    # (m, motions) displacements and angles times radii of gyration, in one unit
-    motion = modes.vectors[mode][balls] / np.sqrt(masses)[:, None]
-    displacements = np.zeros((balls.size, 3))
-    spins = np.zeros((balls.size, 3))  # angles times radii of gyration
-    displacements[:, list(motions.translations)] = motion[:, : modes.displacements]
-    spins[:, list(motions.rotations)] = motion[:, modes.displacements :]
+    displacements, spins = _split_motion(
+        motions, modes.vectors[mode][balls] / np.sqrt(masses)[:, None]
+    )
     scale = _LARGEST / max(_find_amplitude(displacements), _find_amplitude(spins))
     is_moving = network.moving[balls]
     inertias = network.inertias[balls][is_moving]
     gyration = np.ones(balls.size)  # of balls that do not move any number will do
     gyration[is_moving] = np.sqrt(inertias / masses[is_moving]) / diameter
     colours_of_kinds, colours = _colour_balls(network)
-    if is_planar:
-        is_seen = np.ones(balls.size, bool)
-    else:
-        amplitudes = scale * np.maximum(_find_amplitudes(displacements), _find_amplitudes(spins))
+    is_seen = np.ones(balls.size, bool)
+    if not is_planar:
+        amplitudes = np.maximum(_find_amplitudes(displacements), _find_amplitudes(spins))
         is_seen = amplitudes > _SEEN * amplitudes.max()
         is_seen &= np.isin(balls, _choose_balls(modes, mode, _MOST_BALLS))
     return _Motion(
@@ -311,6 +308,19 @@ def _choose_balls(modes: NetworkModes, mode: int, most: int) -> NDArray[np.intp]
     n_drawn = min(most, np.count_nonzero(is_ball))
     descending = np.argsort(-ranks, kind="stable")
     return np.sort(descending[:n_drawn])
+
+
+def _split_motion(motions: Motions, motion: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return the displacements and the spins of m balls along x, y and z, each (m, 3), from a
+    ``motion`` (m, motions); zero along axes along or about which no ball moves.
+
+    Spins are angles times radii of gyration, so that both have one unit.
+    """
+    displacements = np.zeros((len(motion), 3), motion.dtype)
+    spins = np.zeros((len(motion), 3), motion.dtype)
+    displacements[:, list(motions.translations)] = motion[:, motions.translating]
+    spins[:, list(motions.rotations)] = motion[:, motions.turning]
+    return displacements, spins
 
 
 def _list_pairs(network: ContactNetwork, balls: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -382,6 +392,7 @@ def animate_mode(
         ax = figure.subplots()
 
     def draw(frame: int) -> None:
+        """Draw the picture of the number ``frame``, in place of the one before."""
         phase = -2.0 * np.pi * frame / n_frames
         ax.clear()
         with matplotlib.rc_context(STYLE):
@@ -411,12 +422,9 @@ def _find_motion(
     n_balls = lattice.n_balls
     motions = lattice.motions
     vectors = modes.eigenvectors[0, :, branch].reshape(n_balls, -1)
-    # (n, motions) displacements and angles times radii of gyration of the balls of a cell
-    motion = _fix_phase(vectors / np.sqrt(lattice.masses)[:, None])
-    displacements = np.zeros((n_balls, 3), complex)
-    spins = np.zeros((n_balls, 3), complex)  # angles times radii of gyration
-    displacements[:, list(motions.translations)] = motion[:, motions.translating]
-    spins[:, list(motions.rotations)] = motion[:, motions.turning]
+    displacements, spins = _split_motion(
+        motions, _fix_phase(vectors / np.sqrt(lattice.masses)[:, None])
+    )
     scale = _LARGEST / max(_find_amplitude(displacements), _find_amplitude(spins))
     places, balls, pairs = _place_balls(lattice, cells)
     q_per_diameter = modes.wavevectors[0] * phonons.scales.length  # rad per diameter
@@ -484,8 +492,9 @@ def _write_fraction(x: float) -> str:
 def _place_balls(
     lattice: ContactLattice, cells: tuple[int, ...] | None
 ) -> tuple[Array, NDArray[np.intp], NDArray[np.intp]]:
-    """Return the places (m, 3) of the balls that are drawn, in diameters, the indices (m,) of these
-    balls in the cell, and their contacts (m_c, 2), by the places of both balls in the arrays.
+    """Return the balls of a lattice that are drawn: their places (m, 3) in diameters, their indices
+    (m,) in the cell, and their contacts (m_c, 2). A contact has the positions of its two balls in
+    these arrays.
     """
     p, d = lattice.cell.shape
     cell = np.zeros((p, 3))

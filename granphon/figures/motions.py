@@ -4,6 +4,7 @@ harmonics.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Literal
 
 from granphon.figures.scales import (
@@ -67,16 +68,15 @@ def plot_motion(
     radius = float(np.mean(network.radii[is_ball]))
     ball_positions, contact_positions = _find_positions(motion, drawn_axis, radius)
     layers = _find_layers(ball_positions, radius)
+    coordinates = ball_positions
+    values = motion.velocities[:, is_ball, drawn_axis]
+    si_unit = "m/s"
+    quantity = f"Velocity along {letter}"
     if show == "forces":
         coordinates = contact_positions
         values = motion.forces - motion.forces[0]
         si_unit = "N"
         quantity = "Change of force"
-    else:
-        coordinates = ball_positions
-        values = motion.velocities[:, is_ball, drawn_axis]
-        si_unit = "m/s"
-        quantity = f"Velocity along {letter}"
     positions, means = _average_layers(layers, coordinates, values)
     greatest = max(float(np.abs(means).max()), _TINY)
     scale, unit = prefixed(greatest, si_unit)
@@ -307,22 +307,40 @@ def motions_figure(dataset: Dataset) -> Figure:
     seconds, unit_of_time = prefixed(float(times[-1]), "s")
     with styled_figure(3.6) as figure:
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.3, 1.0])
-        for ax, variables, label, si_unit in (
-            (above, ("motion_force",), "Greatest force", "N"),
-            (below, ("motion_translation", "motion_rotation"), "Kinetic energy", "J"),
-        ):
-            totals = [np.sum(list(map(select, variables)), axis=0) for _, select in states]
-            scale, unit = prefixed(max(float(np.max(total)) for total in totals), si_unit)
-            for (colour, select), total in zip(states, totals, strict=True):
-                # the errors of a sum do not follow from those of its terms
-                if len(variables) == 1 and f"{variables[0]}_error" in dataset:
-                    errors = select(f"{variables[0]}_error") / scale
-                    draw_error_band(ax, times / seconds, total / scale, errors, colour, "errors")
-                ax.plot(times / seconds, total / scale, color=colour, linewidth=1.0)
-            ax.set(ylabel=f"{label} ({write_unit(unit)})", ylim=(0.0, None))
+        has_errors = "motion_force_error" in dataset
+        force_curves = []
+        energy_curves = []
+        for colour, read_variable in states:
+            force_errors = read_variable("motion_force_error") if has_errors else None
+            force_curves.append((colour, read_variable("motion_force"), force_errors))
+            energy = read_variable("motion_translation") + read_variable("motion_rotation")
+            # the error of a sum does not follow from those of its terms
+            energy_curves.append((colour, energy, None))
+        _draw_courses(above, times / seconds, force_curves, "Greatest force", "N")
+        _draw_courses(below, times / seconds, energy_curves, "Kinetic energy", "J")
         below.set(xlabel=f"Time ({write_unit(unit_of_time)})", xlim=(0.0, None))
-        if "motion_force_error" in dataset:
+        if has_errors:
             handles.append(make_error_handle())
         if len(handles) > 1:
             add_legend(figure, handles, room=1)
     return figure
+
+
+def _draw_courses(
+    ax: Axes,
+    times: Array,
+    curves: Sequence[tuple[Any, Array, Array | None]],
+    label: str,
+    si_unit: str,
+) -> None:
+    """Draw a quantity of several states over the ``times`` (n,), on an axis that has a ``label``,
+    from zero, in a decimal multiple of the SI unit.
+
+    ``curves`` are (colour, values (n,), their standard errors (n,) or None).
+    """
+    scale, unit = prefixed(max(float(np.max(values)) for _, values, _ in curves), si_unit)
+    for colour, values, errors in curves:
+        if errors is not None:
+            draw_error_band(ax, times, values / scale, errors / scale, colour, "errors")
+        ax.plot(times, values / scale, color=colour, linewidth=1.0)
+    ax.set(ylabel=f"{label} ({write_unit(unit)})", ylim=(0.0, None))

@@ -137,8 +137,9 @@ def _name_all(panels: Sequence[Axes], which: str, label: str) -> None:
 def _name_panels(
     drawn: Sequence[tuple[Axes, Panel]], dataset: Dataset, layout: Layout, n_columns: int
 ) -> None:
-    """Write the value of its column above each panel of the first row, or above all panels that
-    stand in lines, and the value of its row at the right of the last panel of each row.
+    """Write the values of columns and rows beside the panels. That of a column stands above the
+    panel of the first row, or above all panels that stand in lines; that of a row stands at the
+    right of the last panel of the row.
     """
     for number, (ax, panel) in enumerate(drawn):
         row, column = divmod(number, n_columns)

@@ -142,17 +142,17 @@ def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
     Raises :class:`~granphon.base.errors.InputError` for values that no logarithmic axis reaches.
     """
     finite = values[np.isfinite(values)]
-    least = finite.min()
+    lowest = finite.min()
     largest = finite.max()
-    if least <= 0.0:
+    if lowest <= 0.0:
         return
-    if least < _LEAST or largest > _LARGEST:
-        problem = f"the {which} axis cannot reach from {least:.4g} to {largest:.4g}"
+    if lowest < _LEAST or largest > _LARGEST:
+        problem = f"the {which} axis cannot reach from {lowest:.4g} to {largest:.4g}"
         why = f"An axis goes from {_LEAST:g} to {_LARGEST:g} at most"
         raise InputError(problem, why, "Look at the units of the data, and leave out what is wrong")
     ax.set(**{f"{which}scale": "log"})
     axis = find_axis(ax, which)
-    if largest / least < plain:
+    if largest / lowest < plain:
         axis.set_major_locator(_PlainTicks())
         axis.set_major_formatter(lambda value, _: f"{value:g}")
         axis.set_minor_locator(_PlainTicks(minor=True))
@@ -173,12 +173,12 @@ def widen_axis(ax: Axes, which: str, values: Array) -> None:
 
     The ticks of an axis as narrow as rounding would have no meaning.
     """
-    least = float(values.min())
+    lowest = float(values.min())
     largest = float(values.max())
-    differ_by_rounding = largest < least * (1.0 + _ROUNDING)
+    differ_by_rounding = largest < lowest * (1.0 + _ROUNDING)
     if differ_by_rounding:
         low, high = find_axis(ax, which).get_view_interval()
-        wide_low = min(low, 0.95 * least)
+        wide_low = min(low, 0.95 * lowest)
         wide_high = max(high, 1.05 * largest)
         ax.set(**{f"{which}lim": (wide_low, wide_high)})
 
@@ -469,7 +469,7 @@ class _PlainTicks(Locator):
         """
         low, high = sorted((vmin, vmax))
         major = minor = np.empty(0)
-        for ticks, finer_ticks in _list_round_numbers(low, high, self._least < _LEAST_TICKS):
+        for ticks, finer_ticks in _list_round_numbers(low, high, few=self._least < _LEAST_TICKS):
             major = _keep_inside(ticks, low, high)
             minor = _keep_inside(finer_ticks, low, high)
             if major.size >= self._least:
@@ -477,7 +477,7 @@ class _PlainTicks(Locator):
         return minor if self._minor else major
 
 
-def _list_round_numbers(low: float, high: float, few: bool) -> Iterator[tuple[Array, Array]]:
+def _list_round_numbers(low: float, high: float, *, few: bool) -> Iterator[tuple[Array, Array]]:
     """Yield sets of round numbers from about ``low`` to ``high``, few first, each with a finer set
     for minor ticks; with ``few`` the first set may have a number in each decade alone, or three.
 

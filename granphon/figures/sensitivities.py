@@ -46,23 +46,23 @@ def sensitivities_figure(dataset: Dataset) -> Figure:
     parameters = dataset["sensitivity_to"].values.tolist()
     table = dataset["sensitivity"].transpose(..., "sensitivity_of", "sensitivity_to").values
     by_state = table.reshape(-1, len(quantities), len(parameters))
-    chosen = pick_evenly(len(quantities), _MOST_PANELS)
-    n_columns = min(_MOST_COLUMNS, len(chosen))
-    n_rows = math.ceil(len(chosen) / n_columns)
+    drawn_numbers = pick_evenly(len(quantities), _MOST_PANELS)
+    n_columns = min(_MOST_COLUMNS, len(drawn_numbers))
+    n_rows = math.ceil(len(drawn_numbers) / n_columns)
     with styled_figure(n_rows * (_MARGINS + _BAR * len(parameters)) + 0.2) as figure:
         axes = figure.subplots(n_rows, n_columns, sharex=True, sharey=True, squeeze=False)
-        for ax, number in zip(axes.flat, chosen, strict=False):
+        for ax, number in zip(axes.flat, drawn_numbers, strict=False):
             _draw_bars(ax, by_state[:, number])
             ax.set_title(fill(_name_quantity(quantities[number]), _LETTERS), pad=3.0)
         axes[0, 0].set_yticks(range(len(parameters)), [axis_label(name, "") for name in parameters])
         axes[0, 0].invert_yaxis()
-        for ax in axes.flat[len(chosen) :]:
+        for ax in axes.flat[len(drawn_numbers) :]:
             ax.set_axis_off()
-        for ax in axes.flat[max(0, len(chosen) - n_columns) : len(chosen)]:
+        for ax in axes.flat[max(0, len(drawn_numbers) - n_columns) : len(drawn_numbers)]:
             ax.tick_params(labelbottom=True)
         figure.supxlabel("Logarithmic derivative", fontsize=STYLE["axes.labelsize"])
-        if len(chosen) < len(quantities):
-            remark = f"{len(chosen)} of {len(quantities)} quantities"
+        if len(drawn_numbers) < len(quantities):
+            remark = f"{len(drawn_numbers)} of {len(quantities)} quantities"
             figure.suptitle(remark, fontsize=STYLE["axes.titlesize"])
     return figure
 
@@ -75,9 +75,9 @@ def _draw_bars(ax: Axes, derivatives: Array) -> None:
     colours = np.where(np.nan_to_num(means) < 0.0, VERMILION, BLUE).tolist()
     ax.barh(places, means, _WIDTH, color=colours, gid="bars")
     if len(derivatives) > 1:
-        least = known.min(axis=0).filled(np.nan)
-        greatest = known.max(axis=0).filled(np.nan)
-        ax.hlines(places, least, greatest, color="black", linewidth=0.8, gid="extents")
+        smallest = known.min(axis=0).filled(np.nan)
+        largest = known.max(axis=0).filled(np.nan)
+        ax.hlines(places, smallest, largest, color="black", linewidth=0.8, gid="extents")
     ax.axvline(0.0, color="black", linewidth=0.6)
 
 

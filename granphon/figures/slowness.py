@@ -290,8 +290,7 @@ def _add_surface(
     """
     view = painter.view
     faces = np.stack(_list_corners(points), axis=2).reshape(-1, 4, 3)
-    first, second, third, fourth = _list_corners(longitudinal)
-    fractions = 0.25 * (first + second + third + fourth).ravel()
+    fractions = np.mean(_list_corners(longitudinal), axis=0).ravel()
     middles = faces.mean(axis=1)
     normals = np.cross(faces[:, 2] - faces[:, 0], faces[:, 3] - faces[:, 1])
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)

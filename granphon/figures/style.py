@@ -97,8 +97,8 @@ def pick_evenly(count: int, most: int) -> list[int]:
     the last.
     """
     numbers = np.linspace(0, count - 1, min(count, most)).round().astype(int)
-    chosen: list[int] = np.unique(numbers).tolist()
-    return chosen
+    indices: list[int] = np.unique(numbers).tolist()
+    return indices
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str], **options: Any) -> None:

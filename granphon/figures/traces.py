@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from granphon.figures.scales import styled_figure
@@ -38,35 +39,39 @@ def plot_traces(traces: Traces, ax: Axes, velocity: TraceVelocity | None = None)
         times, values = _thin(traces.times, distance + height * scaled)
         ax.plot(times / time_unit, values / length_unit, color=BLUE, linewidth=0.7)
     if velocity is not None:
-        arrivals = velocity.arrivals
-        start = velocity.start
-        is_delay = velocity.method == "correlation"
-        label = "delay after the first" if is_delay else "arrival"
-        ends = velocity.distances[[0, -1]]
-        ax.plot(
-            (start + ends / velocity.velocity) / time_unit,
-            ends / length_unit,
-            color=GUIDE,
-            linewidth=1.0,
-            label=write_uncertain(velocity.velocity, velocity.stderr, "m/s").replace("+/-", "±"),
-        )
-        ax.errorbar(
-            arrivals / time_unit,
-            velocity.distances / length_unit,
-            xerr=velocity.arrival_errors / time_unit,
-            color=VERMILION,
-            fmt="o",
-            markersize=3.0,
-            linewidth=0.8,
-            capsize=2.0,
-            label=label,
-        )
-        # above the Axes, as traces may be anywhere in it
-        ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
+        _draw_arrivals(velocity, ax, time_unit, length_unit)
     ax.set_xlabel(f"Time ({time_name.replace('u', 'µ')})")
     ax.set_ylabel(f"Distance of the sensor ({length_name.replace('u', 'µ')})")
     ax.margins(x=0.0)
     return ax
+
+
+def _draw_arrivals(velocity: TraceVelocity, ax: Axes, time_unit: float, length_unit: float) -> None:
+    """Draw the arrivals, with bars of their standard errors, and the straight line of the
+    ``velocity``, with a legend; axes are in units of ``time_unit``, s, and ``length_unit``, m.
+    """
+    ends = velocity.distances[[0, -1]]
+    ax.plot(
+        (velocity.start + ends / velocity.velocity) / time_unit,
+        ends / length_unit,
+        color=GUIDE,
+        linewidth=1.0,
+        label=write_uncertain(velocity.velocity, velocity.stderr, "m/s").replace("+/-", "±"),
+    )
+    is_delay = velocity.method == "correlation"
+    ax.errorbar(
+        velocity.arrivals / time_unit,
+        velocity.distances / length_unit,
+        xerr=velocity.arrival_errors / time_unit,
+        color=VERMILION,
+        fmt="o",
+        markersize=3.0,
+        linewidth=0.8,
+        capsize=2.0,
+        label="delay after the first" if is_delay else "arrival",
+    )
+    # above the Axes, as traces may be anywhere in it
+    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
 
 
 def traces_figure(traces: Traces, velocity: TraceVelocity | None = None) -> Figure:
@@ -77,13 +82,15 @@ def traces_figure(traces: Traces, velocity: TraceVelocity | None = None) -> Figu
 
 
 def _thin(times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the least and the greatest value of each group of samples, at the time of the first,
-    where there are more than can be seen.
+    """Return the ``times`` (n,) and ``values`` (n,) of a trace; if there are more than can be seen,
+    the least and the greatest value of each group of samples, at the time of its first sample.
+
+    The last samples, fewer than those of a group, are left out.
     """
-    size = -(-2 * times.size // _MOST_DRAWN)
     if times.size <= _MOST_DRAWN:
         return times, values
-    count = times.size // size
-    groups = values[: count * size].reshape(count, size)
-    ends = np.stack([groups.min(axis=1), groups.max(axis=1)], axis=1)
-    return np.repeat(times[: count * size : size], 2), ends.ravel()
+    size = math.ceil(2 * times.size / _MOST_DRAWN)  # samples of a group, which leaves two points
+    n_groups = times.size // size
+    groups = values[: n_groups * size].reshape(n_groups, size)
+    extremes = np.stack([groups.min(axis=1), groups.max(axis=1)], axis=1)
+    return np.repeat(times[: n_groups * size : size], 2), extremes.ravel()

@@ -136,28 +136,36 @@ def plot_spectrum(
     if bands:
         _draw_mean_bands(ax, spectra, unit)
     if peaks:
-        half_width = np.where(spectrum.resolved, 0.5 * spectrum.width, 0.0)[order] / unit.hertz
-        dots, *_ = ax.errorbar(
-            x,
-            spectrum.peak[order] / unit.hertz,
-            half_width,
-            fmt="o",
-            markersize=2.2,
-            color=ORANGE,
-            elinewidth=0.8,
-            label="peak and width",
-            markeredgecolor="black",
-            markeredgewidth=0.3,
-        )
-        dots.set_clip_on(False)  # dots at the ends of the path are drawn whole
+        _draw_peaks(ax, spectra.distances, spectrum, unit)
     name_corners(ax, corners, spectra.labels)
     ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(0.0, top / unit.hertz))
     return ax
 
 
+def _draw_peaks(ax: Axes, x: Array, spectrum: SpectralFunction, unit: HertzPrefix) -> None:
+    """Draw the peak of a spectral function at each ``x`` (n,) as a dot, in this ``unit`` of
+    frequency. Where the width is resolved, a bar is as long as the full width at half maximum.
+    """
+    half_widths = np.where(spectrum.resolved, 0.5 * spectrum.width, 0.0)
+    dots, *_bars = ax.errorbar(
+        x,
+        spectrum.peak / unit.hertz,
+        half_widths / unit.hertz,
+        fmt="o",
+        markersize=2.2,
+        color=ORANGE,
+        elinewidth=0.8,
+        label="peak and width",
+        markeredgecolor="black",
+        markeredgewidth=0.3,
+    )
+    dots.set_clip_on(False)  # dots at the ends of the path are drawn whole
+
+
 def _group_rows(frequencies: Array, values: Array) -> tuple[Array, Array]:
-    """Return the edges (r + 1,), Hz, of rows of a map, each of several ``frequencies`` (n_f,), Hz,
-    if there are many, and the greatest of the ``values`` (n, n_f) in each row, (n, r).
+    """Return the rows of a map over ``frequencies`` (n_f,), Hz: their edges (r + 1,), Hz, and the
+    greatest of the ``values`` (n, n_f) in each row, (n, r). If there are many frequencies, a row
+    has several.
 
     The highest frequencies, fewer than those of a row, are left out.
     """
@@ -227,10 +235,16 @@ def _draw_map(
     frequency. ``options`` are those of matplotlib's ``pcolormesh``.
     """
     densities = values.T * unit.hertz
-    least = float(np.nanmax(densities)) / _SHADES
-    norm = LogNorm(least, _SHADES * least)
+    lowest_density = float(np.nanmax(densities)) / _SHADES
+    norm = LogNorm(lowest_density, _SHADES * lowest_density)
     mesh = ax.pcolormesh(
-        x, y, np.maximum(densities, least), norm=norm, cmap=SPECTRUM, rasterized=True, **options
+        x,
+        y,
+        np.maximum(densities, lowest_density),
+        norm=norm,
+        cmap=SPECTRUM,
+        rasterized=True,
+        **options,
     )
     add_bar(ax, mesh, f"{label} (1/{print_hertz(unit)})")
 
@@ -283,8 +297,8 @@ def plot_surface(
 def _draw_surface_curves(
     ax: Axes, spectrum: SurfaceSpectrum, branches: SurfaceBranches | None, unit: HertzPrefix
 ) -> None:
-    """Draw the spectrum of each motion of the outer layer at the only wave vector over the
-    frequency, in this ``unit``, with bands in grey and the waves of ``branches`` dotted.
+    """Draw the spectrum of each motion of the outer layer over the frequency, in this ``unit``, at
+    the only wave vector. Bands are grey, and the waves of ``branches`` are dotted.
     """
     frequencies = spectrum.frequencies / unit.hertz
     curves = spectrum.by_motion[0].T  # (motions, n_f), 1/Hz
@@ -397,12 +411,12 @@ def plot_lines(spectrum: SpectralFunction, ax: Axes) -> Axes:
     The axis of frequency ends above the highest frequency at which a line has a thousandth of the
     highest peak.
     """
-    chosen = pick_evenly(len(spectrum.q), len(COLOURS))
-    values = spectrum.values[chosen]
+    drawn_numbers = pick_evenly(len(spectrum.q), len(COLOURS))
+    values = spectrum.values[drawn_numbers]
     is_seen = values.max(axis=0) > _LEAST_LINE * values.max()  # (n_f,)
     top = float(spectrum.frequencies[np.flatnonzero(is_seen)[-1]])
     unit = HertzPrefix.for_top(top)
-    for colour, wave_vector in zip(COLOURS, chosen, strict=False):
+    for colour, wave_vector in zip(COLOURS, drawn_numbers, strict=False):
         ax.plot(
             spectrum.frequencies / unit.hertz,
             spectrum.values[wave_vector] * unit.hertz,
@@ -506,7 +520,7 @@ def _draw_line_frequencies(
     ax: Axes, read_variable: Callable[..., Array], number: int, colour: Any, unit: HertzPrefix
 ) -> None:
     """Draw the frequencies of the lines of one polarisation in a state over the path, whose length
-    is 1, with bars as long as the width where the width is resolved.
+    is 1. Where the width of a line is resolved, a bar is as long.
 
     ``read_variable`` returns the values of a variable in the state; ``number`` is that of the
     polarisation.
@@ -587,9 +601,9 @@ def choose_states(
     held = choose_held(counts, _STATES)
     states_of_held = dataset.isel({dim: [0] for dim in held})
     labels, indices = _list_states(states_of_held, name)
-    chosen = pick_evenly(len(labels), _STATES)
+    drawn_numbers = pick_evenly(len(labels), _STATES)
     # the light end of the colours is too pale; a single state has a colour of its dark end
-    positions = np.linspace(0.0, 0.85, len(chosen)) if len(chosen) > 1 else [0.3]
+    positions = np.linspace(0.0, 0.85, len(drawn_numbers)) if len(drawn_numbers) > 1 else [0.3]
     shades = colormaps["viridis"](positions)
 
     def read_variable(index: dict[str, int], variable: str, polarisation: int = 0) -> Array:
@@ -601,19 +615,32 @@ def choose_states(
 
     states = list[tuple[Any, Callable[..., Array]]]()
     handles = list[Line2D]()
-    for shade, number in zip(shades.tolist(), chosen, strict=True):
+    for shade, number in zip(shades.tolist(), drawn_numbers, strict=True):
         states.append((tuple(shade), partial(read_variable, indices[number])))
         handles.append(Line2D([], [], color=tuple(shade), label=labels[number]))
     n_states = math.prod(counts.values())
-    if n_states > len(chosen):
-        facts, _ = describe_lines(states_of_held, name)[0]
-        facts["load"] = describe_value(dataset, find_load(dataset), 0)[1]
-        values = [
-            facts[dim if dim == "load" else describe_value(dataset, dim, 0)[0]] for dim in held
-        ]
-        note = ", ".join([*values, f"{len(chosen)} of {n_states} are drawn"])
+    if n_states > len(drawn_numbers):
+        values = _describe_held(states_of_held, name, held)
+        note = ", ".join([*values, f"{len(drawn_numbers)} of {n_states} are drawn"])
         handles.append(Line2D([], [], linestyle="none", label=note))
     return states, handles
+
+
+def _describe_held(dataset: Dataset, name: str, held: Sequence[str]) -> list[str]:
+    """Return in words the only value that each of the dimensions ``held`` has in a data set with
+    the variable ``name``.
+    """
+    facts, _index = describe_lines(dataset, name)[0]
+    texts = []
+    for dimension in held:
+        if dimension == "load":
+            _kind, text = describe_value(dataset, find_load(dataset), 0)
+        else:
+            # the fact of a medium or a parameter has the words of the legend
+            kind, _text = describe_value(dataset, dimension, 0)
+            text = facts[kind]
+        texts.append(text)
+    return texts
 
 
 def _list_states(dataset: Dataset, name: str) -> tuple[list[str], list[dict[str, int]]]:
@@ -650,17 +677,20 @@ def plot_seismogram(pulse: Pulse, ax: Axes, balls: int = 6) -> Axes:
     """
     seconds, unit = prefixed(float(pulse.times[-1]), "s")
     times = pulse.times / seconds
-    most = float(np.max(np.abs(pulse.signals)))
-    chosen = pick_evenly(len(pulse.signals), balls)
+    greatest_signal = float(np.max(np.abs(pulse.signals)))
+    drawn_balls = pick_evenly(len(pulse.signals), balls)
     curves = [
         ("sent", pulse.sent / np.max(np.abs(pulse.sent)), GUIDE),
-        ("mean", pulse.coherent / most, BLUE),
+        ("mean", pulse.coherent / greatest_signal, BLUE),
     ]
     curves += [
-        (f"at {write_unit(write_quantity(distance, 'm', 3))}", trace / most, BLUE)
+        (f"at {write_unit(write_quantity(distance, 'm', 3))}", trace / greatest_signal, BLUE)
         for distance, trace in zip(pulse.plane_distances, pulse.planes, strict=True)
     ]
-    curves += [(f"ball {pulse.receivers[n]}", pulse.signals[n] / most, VERMILION) for n in chosen]
+    curves += [
+        (f"ball {pulse.receivers[n]}", pulse.signals[n] / greatest_signal, VERMILION)
+        for n in drawn_balls
+    ]
     for row, (_, trace, colour) in enumerate(curves):
         # rows are 1 apart: a trace of 0.45 at most leaves a gap to the next row
         ax.plot(times, 0.45 * trace - row, color=colour, linewidth=0.7)
@@ -683,8 +713,8 @@ def pulse_figure(pulse: Pulse) -> Figure:
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.9, 1.0])
         plot_seismogram(pulse, above)
         above.tick_params(axis="x", labelbottom=True)  # a shared axis would hide them
-        most = float(max(pulse.envelope.max(), pulse.speckle_amplitude.max()))
-        size, unit = prefixed(most, "m/s")
+        highest = float(max(pulse.envelope.max(), pulse.speckle_amplitude.max()))
+        size, unit = prefixed(highest, "m/s")
         t = above.lines[0].get_xdata()
         below.plot(t, pulse.envelope / size, color=BLUE, linewidth=1.0, label="coherent, envelope")
         below.plot(
@@ -734,8 +764,10 @@ def animate_pulse(
         figure = new_figure if figure is None else figure
         ax = figure.subplots()
         # half of the greatest velocity has the strongest colour, so that weak waves are seen too
-        most = 0.5 * float(np.max(np.abs(pulse.velocities @ pulse.polarisation), initial=0.0))
-        plot_frame(network, pulse, 0, ax, most)
+        speed_limit = 0.5 * float(
+            np.max(np.abs(pulse.velocities @ pulse.polarisation), initial=0.0)
+        )
+        plot_frame(network, pulse, 0, ax, speed_limit)
     (balls,) = ax.collections
     has_radius = np.isfinite(network.radii)
 
@@ -850,8 +882,8 @@ def responses_figure(dataset: Dataset) -> Figure:
         return _map_figure(dataset, name)
     receivers = dataset["receiver"].values.astype(str).tolist()
     is_single = len(states) == 1
-    chosen = pick_evenly(len(receivers), _FEW if is_single else _PANELS)
-    groups = [chosen] if is_single else [[number] for number in chosen]
+    drawn_receivers = pick_evenly(len(receivers), _FEW if is_single else _PANELS)
+    groups = [drawn_receivers] if is_single else [[number] for number in drawn_receivers]
     with styled_figure(3.6 * len(groups)) as figure:
         ratios = [1.6, 1.0] * len(groups)
         panels = figure.subplots(2 * len(groups), 1, squeeze=False, height_ratios=ratios)[:, 0]
@@ -859,22 +891,23 @@ def responses_figure(dataset: Dataset) -> Figure:
             above, below = panels[2 * number_of_group : 2 * number_of_group + 2]
             above.sharex(below)
             above.tick_params(labelbottom=False)
-            curves = []
-            for colour, read_variable in states:
-                for row, receiver in enumerate(group):
-                    # of one state the receivers have colours, of several states the states
-                    colour_of_curve = COLOURS[row] if is_single else colour
-                    curves.append((read_variable, receiver, colour_of_curve))
+            if is_single:
+                _colour, read_variable = states[0]
+                colours = zip(group, COLOURS, strict=False)
+                curves = [(read_variable, receiver, colour) for receiver, colour in colours]
+            else:
+                (receiver,) = group
+                curves = [(read_variable, receiver, colour) for colour, read_variable in states]
             _draw_states(above, below, dataset, name, curves)
             if not is_single and len(receivers) > 1:
                 above.set_title(receivers[group[0]])
         if is_single:
             handles = [
                 Line2D([], [], color=colour, label=receivers[number])
-                for colour, number in zip(COLOURS, chosen, strict=False)
+                for colour, number in zip(COLOURS, drawn_receivers, strict=False)
             ]
-        if len(chosen) < len(receivers):
-            words = f"{len(chosen)} of {len(receivers)} receivers are drawn"
+        if len(drawn_receivers) < len(receivers):
+            words = f"{len(drawn_receivers)} of {len(receivers)} receivers are drawn"
             handles.append(Line2D([], [], linestyle="none", label=words))
         if f"{name}_error" in dataset:
             handles.append(make_error_handle())
@@ -936,10 +969,10 @@ def _map_figure(dataset: Dataset, name: str) -> Figure:
     kinds, _ = find_differing([facts for facts, _ in lines])
     # (facts in words, index of the line in the data set, number of the receiver) of each map
     panels = [(facts, index, number) for facts, index in lines for number in range(len(receivers))]
-    chosen = pick_evenly(len(panels), _PANELS)
-    with styled_figure(0.3 + 2.7 * len(chosen)) as figure:
-        axes = figure.subplots(len(chosen), 1, squeeze=False, sharex=True)[:, 0]
-        chosen_panels = [panels[number] for number in chosen]
+    drawn_numbers = pick_evenly(len(panels), _PANELS)
+    with styled_figure(0.3 + 2.7 * len(drawn_numbers)) as figure:
+        axes = figure.subplots(len(drawn_numbers), 1, squeeze=False, sharex=True)[:, 0]
+        chosen_panels = [panels[number] for number in drawn_numbers]
         for ax, (facts, index, receiver) in zip(axes, chosen_panels, strict=True):
             responses = dataset[name].isel(index | {"receiver": receiver}, missing_dims="ignore")
             _draw_decibel_map(ax, x, y, _find_decibels(responses.values[order]), name)
@@ -951,8 +984,8 @@ def _map_figure(dataset: Dataset, name: str) -> Figure:
                 ax.text(0.02, 0.97, ", ".join(words), transform=ax.transAxes, va="top")
         scale_axis(axes[-1], "x", x)
         axes[-1].set(xlabel=axis_label(load, dataset[load].attrs.get("units")), xlim=(x[0], x[-1]))
-        if len(chosen) < len(panels):
-            axes[-1].set_title(f"{len(chosen)} of {len(panels)} maps are drawn")
+        if len(drawn_numbers) < len(panels):
+            axes[-1].set_title(f"{len(drawn_numbers)} of {len(panels)} maps are drawn")
     return figure
 
 
@@ -963,8 +996,8 @@ def _draw_decibel_map(ax: Axes, x: Array, y: Array, decibels: Array, name: str) 
     The colours reach from the greatest magnitude down to the least, but no further than
     ``_DECIBELS``.
     """
-    most = float(np.nanmax(decibels))
-    least = max(most - _DECIBELS, float(np.nanmin(decibels)))
+    highest = float(np.nanmax(decibels))
+    lowest = max(highest - _DECIBELS, float(np.nanmin(decibels)))
     mesh = ax.pcolormesh(
         x,
         y,
@@ -972,8 +1005,8 @@ def _draw_decibel_map(ax: Axes, x: Array, y: Array, decibels: Array, name: str) 
         shading="nearest",
         cmap=SPECTRUM,
         rasterized=True,
-        vmin=least,
-        vmax=most,
+        vmin=lowest,
+        vmax=highest,
     )
     add_bar(ax, mesh, _label_decibels(name))
 

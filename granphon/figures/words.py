@@ -178,7 +178,7 @@ def list_facts(packing: Packing) -> dict[str, str]:
     return facts | {"overlap": describe_overlap(finite=False)}
 
 
-def describe_overlap(finite: bool) -> str:
+def describe_overlap(*, finite: bool) -> str:
     """Return in words whether states have the terms of relative order delta/d."""
     return f"{'with' if finite else 'without'} terms of overlap/diameter"
 

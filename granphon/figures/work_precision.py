@@ -117,8 +117,8 @@ def _limit_spread(point: MeasuredPoint) -> float:
 def _draw_method(
     ax: Axes, method: str, points: Sequence[MeasuredPoint], look: dict[str, Any]
 ) -> None:
-    """Draw the curve of a method through its ``points``, with open markers where the reference is
-    not much better than the point, and the points without an error at the bottom.
+    """Draw the curve of a method through its ``points``. Markers are open where the reference is
+    not much better than the point, and points without an error stand at the bottom.
 
     ``look`` has matplotlib's colour and marker of the method.
     """

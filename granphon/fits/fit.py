@@ -27,7 +27,7 @@ from granphon.base.results import Result, held, result_class
 from granphon.base.scales import write_quantity
 from granphon.base.staging import write_text
 from granphon.base.tables import table_text
-from granphon.base.text import dump_yaml, versions
+from granphon.base.text import counted, dump_yaml, versions
 from granphon.base.validation import real_array, require, texts, truth
 from granphon.fits.measurements import Measurements
 from granphon.fits.velocity_model import VARIABLE, VelocityModel, Waves, require_fitted
@@ -96,8 +96,9 @@ def compute_probability(chi2: float, dof: int) -> float:
 
 
 def judge_residuals(chi2: float, dof: int, parameters: int) -> list[str]:
-    """Return a warning where errors of the given sigma hardly make ``chi2``, too large or too small
-    a sum of (residual/sigma)^2, or where no degrees of freedom, ``dof``, are left to judge the fit.
+    """Return a warning where errors of the given sigma hardly make ``chi2``, the sum of
+    (residual/sigma)^2: it is too large or too small. There is another if no degrees of freedom,
+    ``dof``, are left to judge the fit.
 
     ``parameters`` is the number of fitted parameters.
     """
@@ -169,12 +170,12 @@ def find_warnings(
             f" known; give sigma"
         )
     if "width" in names and dof:
-        warnings += _judge_excess(problem, logs, sigma_given)
+        warnings += _judge_excess(problem, logs, sigma_given=sigma_given)
     warnings += _judge_waves(problem)
     if dof:
         warnings += _judge_leverage(problem, leverages)
     if errors_known and dof > 1:
-        warnings += _judge_farthest(problem, residuals, leverages, chi2, sigma_given)
+        warnings += _judge_farthest(problem, residuals, leverages, chi2, sigma_given=sigma_given)
     if errors_known:
         warnings += [
             f"the standard error of {name} is {error:.2g} of its value: it can hardly be told from"
@@ -214,7 +215,7 @@ def _judge_leverage(problem: FitProblem, leverages: Array) -> list[str]:
     ]
 
 
-def _judge_excess(problem: FitProblem, logs: Array, sigma_given: bool) -> list[str]:
+def _judge_excess(problem: FitProblem, logs: Array, *, sigma_given: bool) -> list[str]:
     """Return a warning if data are above the velocity of equal balls by more than their noise,
     which no width explains; ``logs`` are the logarithms (p,) of the fitted parameters.
     """
@@ -269,7 +270,7 @@ def _find_noise(force: Array, velocity: Array) -> float:
 
 
 def _judge_farthest(
-    problem: FitProblem, residuals: Array, leverages: Array, chi2: float, sigma_given: bool
+    problem: FitProblem, residuals: Array, leverages: Array, chi2: float, *, sigma_given: bool
 ) -> list[str]:
     """Return a warning if one datum is off the fit of the others: by the given sigma where the
     others agree with theirs, else by the scatter of the others.
@@ -324,7 +325,7 @@ class FitProblem:
         _require_units(model, data.velocity)
         relative_error = np.ones(1) if data.sigma is None else np.ravel(data.sigma / data.velocity)
         _require_plausible_errors(relative_error)
-        _require_enough(model.names, len(data.force), data.sigma is not None)
+        _require_enough(model.names, len(data.force), sigma_given=data.sigma is not None)
         sigma = 1.0 if data.sigma is None else data.sigma
         return cls(model, data.velocity, np.ones(data.force.shape) * sigma)
 
@@ -422,10 +423,10 @@ def _find_best_of_samples(problem: FitProblem) -> tuple[FitProblem, Array]:
     problem = replace(problem, model=model.settle_geometry(best)).simulate_at(best)
     for _ in range(_MOST_SIMULATED):
         best = _descend(problem, best)
-        renewed = problem.simulate_at(best)
-        if renewed is problem:
+        renewed_problem = problem.simulate_at(best)
+        if renewed_problem is problem:  # its samples serve for the minimum too
             return problem, best
-        problem = renewed
+        problem = renewed_problem
     names = " and ".join(model.names)
     fault = f"{names} still changed after {_MOST_SIMULATED} simulations"
     mend = "Take more balls or samples, and with a history a lower step_tolerance"
@@ -579,9 +580,9 @@ def _explain_no_width(problem: FitProblem, width: float, error: float) -> InputE
             f": the best is {write_quantity(width, 'm', 3)}, its standard error"
             f" {write_quantity(error * width, 'm', 3)}"
         )
-    least = float(np.min(problem.model.force))
+    lowest_force = float(np.min(problem.model.force))
     why = (
-        f"Down to {least:.3g} N the data show no slowing of sound at low forces that exceeds"
+        f"Down to {lowest_force:.3g} N the data show no slowing of sound at low forces that exceeds"
         f" their errors"
     )
     return InputError(fault, why, "Measure at lower forces, or more precisely")
@@ -642,15 +643,16 @@ def _require_plausible_errors(relative_error: Array) -> None:
         raise InputError(fault, "No measurement has such an error", "Check its units")
 
 
-def _require_enough(names: Sequence[str], count: int, sigma_given: bool) -> None:
-    """Raise InputError if there are fewer measurements, by their ``count``, than parameters with
-    these ``names``, or as many unless ``sigma_given``, as the scatter then takes one.
+def _require_enough(names: Sequence[str], count: int, *, sigma_given: bool) -> None:
+    """Raise InputError if the ``count`` of measurements is too small for the parameters ``names``.
+
+    Each parameter takes one measurement; without a given sigma the scatter takes one more.
     """
-    least = len(names) if sigma_given else len(names) + 1
-    if count >= least:
+    n_needed = len(names) if sigma_given else len(names) + 1
+    if count >= n_needed:
         return
-    plural = "s" if count > 1 else ""
-    fault = f"found {count} measurement{plural}, to which {' and '.join(names)} cannot be fitted"
+    measurements = counted(count, "measurement")
+    fault = f"found {measurements}, to which {' and '.join(names)} cannot be fitted"
     why = "" if sigma_given else "Without sigma one more is needed, to find the scatter"
     raise InputError(fault, why, "Measure more, or fit fewer parameters")
 
@@ -982,33 +984,28 @@ def fit_width(
 
 
 def _take_scatter(problem: FitProblem, logs: Array) -> FitProblem:
-    """Return the problem, of a sigma of 1 m/s until now, with sigma, (n,), m/s, from the scatter
-    about the fit at ``logs``, or from rounding if that is more.
+    """Return the problem, of a sigma of 1 m/s until now, with the sigma, (n,), m/s, that the
+    scatter about the fit at ``logs`` shows; rounding is the least.
     """
     residuals, _ = problem(logs)  # m/s, as sigma is 1 m/s
+    scatter = math.sqrt(float(residuals @ residuals) / problem.dof)
     # numbers in double precision scatter by their rounding at least
-    least = np.finfo(float).eps * float(np.max(problem.velocity))
-    scatter = max(math.sqrt(float(residuals @ residuals) / problem.dof), least)
-    return replace(problem, sigma=np.full(residuals.shape, scatter))
+    rounding = np.finfo(float).eps * float(np.max(problem.velocity))
+    return replace(problem, sigma=np.full(residuals.shape, max(scatter, rounding)))
 
 
-def _find_covariance(problem: FitProblem, logs: Array) -> Array:
-    """Return the covariance (p, p) of the logarithms of the parameters, at their minimum ``logs``;
-    InputError if the data do not determine them or tell them apart, or if ``logs`` is no minimum.
-
-    The problem must have the sigma of the data, given or from the scatter.
+def _require_effects(
+    problem: FitProblem, logs: Array, norms: Array, *, have_same_effect: bool
+) -> None:
+    """Raise InputError if the data do not determine a parameter at the minimum ``logs``, or if
+    parameters ``have_same_effect``. ``norms`` (p,) are those of the derivatives of residuals by the
+    logarithms of the parameters.
     """
     names = problem.model.names
-    residuals, matrix = problem(logs)
-    norms = np.linalg.norm(matrix, axis=0)
-    directions, singular, right = np.linalg.svd(
-        matrix / np.maximum(norms, 1e-300), full_matrices=False
-    )
-    have_same_effect = bool(np.all(norms > 0.0)) and singular[-1] < SAME_EFFECT * singular[0]
     are_all_fitted = len(names) == len(VARIABLE)  # no data can tell all three apart
-    # if the other parameters were known, the standard error of a parameter would be 1/norm
     index = problem.model.width_index
     width_vanishes = index is not None and logs[index] < math.log(problem.widths[0])
+    # if the other parameters were known, the standard error of a parameter would be 1/norm
     is_undetermined = np.any(norms < 1.0) or width_vanishes
     if is_undetermined and not (have_same_effect and are_all_fitted):
         raise explain_undetermined(problem, logs, 1.0 / np.maximum(norms, 1e-300))
@@ -1018,6 +1015,21 @@ def _find_covariance(problem: FitProblem, logs: Array) -> Array:
             why = "The velocities of long waves depend on E/d and E d^(1/2) W^(3/2) only"
         mend = "Measure over a wider range of force, or fit fewer parameters"
         raise InputError(f"the data cannot tell {' and '.join(names)} apart", why, mend)
+
+
+def _find_covariance(problem: FitProblem, logs: Array) -> Array:
+    """Return the covariance (p, p) of the logarithms of the parameters, at their minimum ``logs``;
+    InputError if the data do not determine them or tell them apart, or if ``logs`` is no minimum.
+
+    The problem must have the sigma of the data, given or from the scatter.
+    """
+    residuals, matrix = problem(logs)
+    norms = np.linalg.norm(matrix, axis=0)
+    directions, singular, right = np.linalg.svd(
+        matrix / np.maximum(norms, 1e-300), full_matrices=False
+    )
+    have_same_effect = bool(np.all(norms > 0.0)) and singular[-1] < SAME_EFFECT * singular[0]
+    _require_effects(problem, logs, norms, have_same_effect=have_same_effect)
     # (A^T A)^-1 of the derivatives A from their singular values: (p, p) root times its transpose
     root = (right / singular[:, None]).T / norms[:, None]
     covariance = root @ root.T

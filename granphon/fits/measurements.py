@@ -90,6 +90,7 @@ class Measurements(Result):
     frequency: Any = held(Any, unit="Hz", default=None)
 
     def __post_init__(self) -> None:
+        """Check the data, and put the arrays in place of the arguments."""
         counts = {}  # how many numbers each field has
         for name in self.units:
             values = getattr(self, name)
@@ -155,7 +156,7 @@ class Measurements(Result):
         error = source.choose("sigma", "time_sigma", "cutoff_sigma")
         pulse = source.choose("frequency")
         if measured == "cutoff":
-            _require_long_waves(path, carried is not None, pulse is not None)
+            _require_long_waves(path, can_convert=carried is not None, has_pulses=pulse is not None)
         required = [load, measured]
         if measured == "time" and distance is None:
             required.append("distance")
@@ -306,8 +307,8 @@ def _require_conversion(
     frame: Callable[[float], float] | None,
     pressed: Callable[[float], float] | None,
 ) -> None:
-    """Raise InputError if the table at ``path`` has a ``load`` of side forces or pressures, and the
-    function that converts these to contact forces, ``frame`` or ``pressed``, is None.
+    """Raise InputError if the table at ``path`` has a ``load`` of side forces or pressures, and
+    nothing converts these to contact forces: the function ``frame`` or ``pressed`` is None.
     """
     if load == "side_force" and frame is None:
         why = "The contact forces depend on the number of balls on a side too"
@@ -319,7 +320,7 @@ def _require_conversion(
         raise InputError(f"{path} gives pressures", why, mend)
 
 
-def _require_long_waves(path: Any, can_convert: bool, has_pulses: bool) -> None:
+def _require_long_waves(path: Any, *, can_convert: bool, has_pulses: bool) -> None:
     """Raise InputError for cut-off frequencies that cannot be converted to velocities, or that
     stand beside frequencies of pulses.
     """

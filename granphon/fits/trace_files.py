@@ -184,23 +184,31 @@ def _find_distances(
     return finite_array("distances", distances, "m")
 
 
-def _read_table(path: str | os.PathLike[str]) -> _FileTraces:
-    """Read a table; the lines above its headings may give the step of time."""
-    raw = read_bytes(path)
-    lines = decode(str(path), raw).splitlines()
+def _take_step(
+    path: str | os.PathLike[str], lines: Sequence[str]
+) -> tuple[list[str], float | None]:
+    """Return the ``lines`` of a table, with a comment in place of the line that gives the step of
+    time, so that lines keep their numbers; and the step, s, None if no line gives it.
+    """
     step = None
-    kept = []
+    lines_of_table = []
     for number, line in enumerate(lines, 1):
         match = _STEP_LINE.fullmatch(line)
         if match is None:
-            kept.append(line)
+            lines_of_table.append(line)
             continue
         try:
             step = TIME.read(f"{match[1]} {match[2] or 's'}")
         except Refused as refused:
             raise InputError(f"{path}:{number}: time step: {refused}") from None
-        kept.append("#")  # lines keep their numbers
-    table = Table.parse(str(path), "\n".join(kept).encode())
+        lines_of_table.append("#")
+    return lines_of_table, step
+
+
+def _read_table(path: str | os.PathLike[str]) -> _FileTraces:
+    """Read a table; the lines above its headings may give the step of time."""
+    lines, step = _take_step(path, decode(str(path), read_bytes(path)).splitlines())
+    table = Table.parse(str(path), "\n".join(lines).encode())
     if not table.lines:
         raise InputError(f"{path} has no samples", mend="Write numbers below its headings")
     has_times = "time" in table

@@ -20,7 +20,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from granphon.base.arrays import ROUNDED, Array
+from granphon.base.arrays import ROUNDED, Array, Flags
 from granphon.base.errors import InputError
 from granphon.base.results import Result, held, result_class
 from granphon.base.text import list_names, suggest
@@ -116,6 +116,9 @@ class Traces(Result, array="signals"):
     names: tuple[str, ...] = held((str, ...), default=())
 
     def __post_init__(self) -> None:
+        """Check the traces, and put them in place as they are kept: with times that are evenly
+        spaced, in the order of their distances.
+        """
         times = _require_even(finite_array("times", self.times, "s"))
         signals = np.atleast_2d(_read_signals(self.signals))
         distances = np.atleast_1d(finite_array("distances", self.distances, "m"))
@@ -250,19 +253,22 @@ class Traces(Result, array="signals"):
     def _fit_line(self, method: str, pulses: _Pulses, arrivals: _Arrivals) -> TraceVelocity:
         """Return the velocity of the straight line through the ``arrivals``, each weighted by the
         inverse of its error.
+
+        The line has two parameters: the time at which the pulse passes the mean distance, and its
+        time of flight over the span of the distances.
         """
         distances = self.distances
         # distances from their mean, over their span: the two columns are then of one magnitude
         span = distances[-1] - distances[0]
-        middle = float(np.mean(distances))
-        columns = np.stack([np.ones(distances.size), (distances - middle) / span], axis=1)
+        mean_distance = float(np.mean(distances))
+        columns = np.stack([np.ones(distances.size), (distances - mean_distance) / span], axis=1)
         errors = np.sqrt(arrivals.variances)
         weighted_columns = columns / errors[:, None]
         weighted_times = arrivals.times / errors
         inverse = np.linalg.pinv(weighted_columns)
-        centre, flight = inverse @ weighted_times
+        mean_time, flight_time = inverse @ weighted_times
         flight_error = float(np.linalg.norm(inverse[1]))
-        if not flight > 0.0:
+        if not flight_time > 0.0:
             why = ""
             if method == "phase":
                 why = "Of a tone without a beginning phases are known but for whole periods"
@@ -271,29 +277,22 @@ class Traces(Result, array="signals"):
                 why,
                 "Look at the order of the distances, and at the traces by gp.plot",
             )
-        residuals = weighted_times - weighted_columns @ np.array([centre, flight])
-        velocity = float(span / flight)
+        residuals = weighted_times - weighted_columns @ np.array([mean_time, flight_time])
+        velocity = float(span / flight_time)
         chi2 = float(residuals @ residuals)
         dof = distances.size - 2
-        warnings = []
-        if dof and compute_probability(chi2, dof) < LEAST_CHANCE:
-            warnings.append(
-                f"the arrivals scatter {math.sqrt(chi2 / dof):.3g} times as much about a straight"
-                " line as noise alone makes them: the velocity changes with the distance, or the"
-                " pulse with its way; the standard error does not hold that"
-            )
         return TraceVelocity(
             velocity=velocity,
-            stderr=velocity * flight_error / float(flight),
+            stderr=velocity * flight_error / float(flight_time),
             method=method,
             filter=pulses.filter.name,
             arrivals=arrivals.times,
             arrival_errors=errors,
             distances=distances,
-            start=float(centre - flight * middle / span),
+            start=float(mean_time - flight_time * mean_distance / span),
             chi2=chi2 if dof else 0.0,
             dof=dof,
-            warnings=tuple(warnings),
+            warnings=_judge_scatter(chi2, dof),
         )
 
 
@@ -422,12 +421,12 @@ class _Pulses:
             top = self._find_top(sensor)
             level = share * sizes[top]
             name = self.traces.names[sensor]
-            if level <= _ABOVE_NOISE * self.filtered_noise[sensor]:
-                least = _ABOVE_NOISE * self.filtered_noise[sensor] / sizes[top]
+            level_of_noise = _ABOVE_NOISE * self.filtered_noise[sensor]
+            if level <= level_of_noise:
                 raise InputError(
                     f"the threshold {share:g} is in the noise of sensor {name}",
-                    mend=f"Give a threshold above {least:.2g}, a lower cut-off of the filter, or"
-                    " the method 'correlation'",
+                    mend=f"Give a threshold above {level_of_noise / sizes[top]:.2g}, a lower"
+                    " cut-off of the filter, or the method 'correlation'",
                 )
             above = int(np.argmax(sizes >= level))
             if above == 0:
@@ -492,10 +491,11 @@ class _Pulses:
                     f" {self.traces.names[sensor]} share no pulse",
                     mend="Use another method, or look at the traces by gp.plot",
                 )
+            # the parabola through the greatest value and its neighbours
             previous, at_top, following = correlation[top - 1 : top + 2]
             curvature = previous - 2.0 * at_top + following
-            places[sensor] = top - (n - 1) + 0.5 * (previous - following) / curvature
-            whole_shift = top - (n - 1)
+            whole_shift = top - (n - 1)  # samples; the middle of the correlation is no shift
+            places[sensor] = whole_shift + 0.5 * (previous - following) / curvature
             slope_of_reference = np.gradient(_shift(reference, whole_shift))
             slope_of_signal = np.gradient(_shift(signal, -whole_shift))
             weights[sensor] = slope_of_reference / curvature
@@ -610,31 +610,51 @@ def _require_even(times: Array) -> Array:
     return times
 
 
+def _judge_scatter(chi2: float, dof: int) -> tuple[str, ...]:
+    """Return a warning if the arrivals lie farther from a straight line than their errors explain,
+    from ``chi2`` of ``dof`` degrees of freedom; none without a degree of freedom.
+    """
+    if not dof or compute_probability(chi2, dof) >= LEAST_CHANCE:
+        return ()
+    return (
+        f"the arrivals scatter {math.sqrt(chi2 / dof):.3g} times as much about a straight line as"
+        " noise alone makes them: the velocity changes with the distance, or the pulse with its"
+        " way; the standard error does not hold that",
+    )
+
+
 def _require_unclipped(name: str, times: Array, signal: Array) -> None:
     """Raise InputError if the top or bottom of a trace is cut off: flat, and steep beside it."""
     levels = np.unique(signal)
     if levels.size < 2:
         return
     digit = float(np.min(np.diff(levels)))
-    for end in (levels[0], levels[-1]):
-        is_at_end = np.concatenate([[False], signal == end, [False]])
-        edges = np.flatnonzero(np.diff(is_at_end.astype(np.int8)))
-        starts = edges[::2]
-        lengths = edges[1::2] - starts
-        longest = int(np.argmax(lengths))
-        length = int(lengths[longest])
-        first = int(starts[longest])
-        sample_before = first - length
-        sample_after = first + 2 * length - 1
+    for extreme in (levels[0], levels[-1]):
+        start, length = _find_longest_run(signal == extreme)
+        # as far before and behind the flat piece as this is long
+        sample_before = start - length
+        sample_after = start + 2 * length - 1
         if length < _CLIPPED or sample_before < 0 or sample_after >= signal.size:
             continue
-        drop = min(abs(signal[sample_before] - end), abs(signal[sample_after] - end))
+        drop = min(abs(signal[sample_before] - extreme), abs(signal[sample_after] - extreme))
         if drop > _STEEP * digit:
             raise InputError(
-                f"the trace of sensor {name} is cut off at {end:.6g} for {length} samples from"
-                f" {times[first]:.6g} s",
+                f"the trace of sensor {name} is cut off at {extreme:.6g} for {length} samples from"
+                f" {times[start]:.6g} s",
                 mend="Record with a larger range",
             )
+
+
+def _find_longest_run(flags: Flags) -> tuple[int, int]:
+    """Return the start and the length of the longest run of true ``flags`` (n,), of which one is
+    true at least.
+    """
+    padded = np.concatenate([[False], flags, [False]])
+    edges = np.flatnonzero(np.diff(padded.astype(np.int8)))  # a start and an end in turn
+    starts = edges[::2]
+    lengths = edges[1::2] - starts
+    longest = int(np.argmax(lengths))
+    return int(starts[longest]), int(lengths[longest])
 
 
 def _find_quiet(traces: Traces, name: str, signal: Array, quiet: float | None) -> int:
@@ -677,8 +697,8 @@ def _still_rises(sizes: Array, noise: float) -> bool:
     quarter = max(rise // 4, 2)
     if sizes.size - top > quarter or sizes.size < 2 * quarter:
         return False
-    last = np.mean(sizes[-quarter:]) - np.mean(sizes[-2 * quarter : -quarter])
-    return bool(last > _ABOVE_NOISE * noise)
+    late_rise = np.mean(sizes[-quarter:]) - np.mean(sizes[-2 * quarter : -quarter])
+    return bool(late_rise > _ABOVE_NOISE * noise)
 
 
 def _choose_filter(

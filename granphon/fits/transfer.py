@@ -128,6 +128,7 @@ class TransferFunction(Result):
     calibrated: bool = held(bool, default=True)
 
     def __post_init__(self) -> None:
+        """Check the data, and put the arrays in place of the arguments."""
         for name in self._shapes:
             values: Any = getattr(self, name)
             if values is None:
@@ -226,13 +227,7 @@ class TransferFunction(Result):
         """
         step = _require_pair(drive, response)
         n = drive.times.size
-        n_segment = n // 8 if segment is None else round(positive("segment", segment, "s") / step)
-        if n_segment < _LEAST_SEGMENT or 3 * n_segment > 2 * n:
-            raise InputError(
-                f"a segment of {n_segment} samples, in a record of {n}",
-                f"It needs {_LEAST_SEGMENT} samples or more, and two must fit in",
-                "Record for longer, or give segment",
-            )
+        n_segment = _choose_segment(n, step, segment)
         from scipy.signal import coherence, csd, welch
 
         options: dict[str, Any] = {"fs": 1.0 / step, "nperseg": n_segment}
@@ -241,29 +236,26 @@ class TransferFunction(Result):
         frequencies, spectrum = welch(force, **options)
         _, cross_spectrum = csd(force, motion, **options)
         _, coherences = coherence(force, motion, **options)
-        n_segments = (n - n_segment) // (n_segment - n_segment // 2) + 1
-        # neighbours that overlap by half under Hann's window have a correlation of a sixth
-        independent = n_segments / (1.0 + 2.0 / 36.0 * (n_segments - 1) / n_segments)
-        # coherence that noise alone exceeds with the probability of a hundredth
-        least = 1.0 - _BY_CHANCE ** (1.0 / max(independent - 1.0, 1.0))
+        n_independent = _count_independent(n, n_segment)
         low, high = (0.0, math.inf) if band is None else _read_band(band)
-        kept = (coherences > least) & (frequencies > low) & (frequencies <= high)
         # segments have lost their means, and with these the frequencies of one window about zero
-        kept &= frequencies > 2.0 / (n_segment * step)
-        # and that noise alone exceeds at any of all frequencies with this probability
-        least_of_all = 1.0 - (_BY_CHANCE / frequencies.size) ** (1.0 / max(independent - 1.0, 1.0))
-        if not np.any(coherences[kept] > least_of_all):
+        low = max(low, 2.0 / (n_segment * step))
+        is_coherent = coherences > _limit_noise(_BY_CHANCE, n_independent)
+        is_kept = is_coherent & (frequencies > low) & (frequencies <= high)
+        # of many frequencies some are above that by chance: one must be above what none of them is
+        least_coherence = _limit_noise(_BY_CHANCE / frequencies.size, n_independent)
+        if not np.any(coherences[is_kept] > least_coherence):
             raise InputError(
                 "nothing connects drive and response: no coherence is above"
-                f" {least_of_all:.2g} in the band",
+                f" {least_coherence:.2g} in the band",
                 mend="Look at the band, drive harder, or record for longer",
             )
-        transfer = cross_spectrum[kept] / spectrum[kept]
-        shares = np.minimum(coherences[kept], 1.0 - ROUNDED)
-        relative_error = np.sqrt((1.0 - shares) / (2.0 * independent * shares))
+        transfer = cross_spectrum[is_kept] / spectrum[is_kept]
+        coherences = np.minimum(coherences[is_kept], 1.0 - ROUNDED)
+        relative_error = np.sqrt((1.0 - coherences) / (2.0 * n_independent * coherences))
         magnitude = np.abs(transfer)
         return cls(
-            frequencies[kept],
+            frequencies[is_kept],
             magnitude,
             np.unwrap(np.angle(transfer)),
             magnitude * relative_error,
@@ -279,15 +271,50 @@ def _read_band(band: Any) -> tuple[float, float]:
     return edges[0], edges[1]
 
 
+def _choose_segment(n: int, step: float, segment: float | None) -> int:
+    """Return the number of samples of a segment of the length ``segment``, s, by default an eighth
+    of a record of ``n`` samples, ``step`` s apart; InputError if it is too short, or if two
+    segments that overlap by a half and more do not fit into the record.
+    """
+    n_segment = n // 8 if segment is None else round(positive("segment", segment, "s") / step)
+    if n_segment < _LEAST_SEGMENT or 3 * n_segment > 2 * n:
+        raise InputError(
+            f"a segment of {n_segment} samples, in a record of {n}",
+            f"It needs {_LEAST_SEGMENT} samples or more, and two must fit in",
+            "Record for longer, or give segment",
+        )
+    return n_segment
+
+
+def _count_independent(n: int, n_segment: int) -> float:
+    """Return the number of independent segments to which those of ``n_segment`` samples, which
+    overlap by half in a record of ``n``, amount: the variance of their mean spectrum says so.
+
+    Under Hann's window the signals of neighbours have a correlation of a sixth, and their spectra
+    of its square.
+    """
+    n_segments = (n - n_segment) // (n_segment - n_segment // 2) + 1
+    relative_variance = (1.0 + 2.0 / 36.0 * (n_segments - 1) / n_segments) / n_segments
+    return 1.0 / relative_variance
+
+
+def _limit_noise(chance: float, n_independent: float) -> float:
+    """Return the coherence that noise alone exceeds with the probability ``chance``, in a mean over
+    ``n_independent`` segments.
+    """
+    exponent = 1.0 / max(n_independent - 1.0, 1.0)
+    return float(1.0 - chance**exponent)
+
+
 def _require_pair(drive: Traces, response: Traces) -> float:
     """Return the step of time, s, of two traces of one sensor each at the same times; InputError
     for others.
     """
-    given: Any
-    for name, given in (("drive", drive), ("response", response)):
-        if not isinstance(given, Traces):
+    trace: Any
+    for name, trace in (("drive", drive), ("response", response)):
+        if not isinstance(trace, Traces):
             mend = "Give gp.Traces(times, signal, 0.0)"
-            raise InputError(f"{name} is {brief(given)}", mend=mend)
+            raise InputError(f"{name} is {brief(trace)}", mend=mend)
     for name, traces in (("drive", drive), ("response", response)):
         if len(traces.signals) != 1:
             raise InputError(
@@ -348,8 +375,8 @@ class _SourceColumns:
             raise InputError(fault, mend=suggest(unknown[0], _COLUMNS))
         headings = {kind: names.get(kind, kind) for kind in _COLUMNS}
         if headings["magnitude"] not in table and "magnitude" not in names:
-            others = [name for name in _list_magnitudes(quantity) if name in table]
-            headings["magnitude"] = others[0] if others else "magnitude"
+            names_in_table = [name for name in _list_magnitudes(quantity) if name in table]
+            headings["magnitude"] = names_in_table[0] if names_in_table else "magnitude"
         return cls(table, headings, quantity)
 
     @property
@@ -495,11 +522,11 @@ class _Model:
         losses: dict[str, Any] = {_RESTITUTION: self.given[_RESTITUTION]}
         if _RESTITUTION in values:
             losses[_RESTITUTION] = max(math.exp(-values[_RESTITUTION]), LEAST_RESTITUTION)
-        for name, other in _OTHERS.items():
-            first, second = _make_pair(self.given[name])
-            first = values.get(name, first)
-            second = values.get(other, first if name in values else second)
-            losses[name] = (first, second)
+        for name, name_of_others in _OTHERS.items():
+            given_loss, given_loss_of_others = _make_pair(self.given[name])
+            loss = values.get(name, given_loss)
+            default_of_others = loss if name in values else given_loss_of_others
+            losses[name] = (loss, values.get(name_of_others, default_of_others))
         return losses
 
     def find_scale(self, name: str) -> float:
@@ -531,13 +558,14 @@ class _Model:
             material = replace(network.wall.solid, young_modulus=values["wall_modulus"])
             network = network.with_wall(material)
         load = values.get("load", 1.0)
-        under_load = hertz.stiffness_under(load)
-        stiffer = values.get("stiffness", 1.0) * under_load / hertz.stiffness_under(1.0)
+        # Hertz's stiffness goes as the cubic root of the force
+        stiffening = hertz.stiffness_under(load) / hertz.stiffness_under(1.0)
+        factor = values.get("stiffness", 1.0) * stiffening
         scaled: dict[str, Any] = {
-            "normal_stiffness": stiffer * network.normal_stiffness,
-            "shear_stiffness": stiffer * network.shear_stiffness,
-            "torsion_stiffness": stiffer * network.torsion_stiffness,
-            "bending_stiffness": stiffer * network.bending_stiffness,
+            "normal_stiffness": factor * network.normal_stiffness,
+            "shear_stiffness": factor * network.shear_stiffness,
+            "torsion_stiffness": factor * network.torsion_stiffness,
+            "bending_stiffness": factor * network.bending_stiffness,
             "normal_force": load * network.normal_force,
         }
         if "on_site" in values:
@@ -723,35 +751,18 @@ def fit_damping(
     apart, too few data, losses of which the data say nothing, and what
     :meth:`granphon.Waves.response` refuses.
     """
-    if not isinstance(measured, TransferFunction):
-        raise InputError(
-            "the data are no transfer function",
-            mend="Give a gp.TransferFunction(frequencies, magnitude)",
-        )
     names = texts("parameters", parameters)
-    require_fitted(names, PARAMETERS)
     network = given_network(x)
-    if {"stiffness", "load"} <= set(names) and not network.prestress:
-        why = "Without prestress a load does no more than scale stiffnesses"
-        raise InputError("the data cannot tell stiffness and load apart", why, "Fit one of them")
-    if "on_site" in names and network.on_site is None:
-        mend = "Give them to the crystal: gp.Crystal(..., on_site=...), crystal.on_site"
-        raise InputError("there are no springs to the ground to fit", mend=mend)
-    if not measured.calibrated and "gain" not in names:
-        raise InputError(
-            "the sensors are not calibrated",
-            "The data have the unit of a sensor, and not of a response",
-            'Fit the gain too: parameters=("damping", "gain"), --parameter gain',
-        )
+    _require_fittable(names, network, measured)
     # wrong values are refused before the fit
-    given = {
+    fixed_losses = {
         "damping": damping,
         "loss_factor": loss_factor,
         "drag": drag,
         "dashpot": dashpot,
         _RESTITUTION: restitution,
     }
-    given_losses = Losses.of(network, **given)
+    given_losses = Losses.of(network, **fixed_losses)
     places = {
         "source": source,
         "receiver": receiver,
@@ -760,11 +771,11 @@ def fit_damping(
         "polarisation": polarisation,
         "distance": distance,
     }
-    model = _Model(network, names, given, measured.frequencies, places)
+    model = _Model(network, names, fixed_losses, measured.frequencies, places)
     comparison = _Comparison(model, measured)
     sigma_given = measured.sigma is not None
     dof = comparison.dof
-    _require_data(dof, len(names), sigma_given)
+    _require_data(dof, len(names), sigma_given=sigma_given)
     best = comparison.find_best()
     chi2 = 2.0 * float(best.cost)  # scipy's cost is half the sum of squares
     scatter = 1.0 if sigma_given else max(math.sqrt(chi2 / dof), float(np.finfo(float).eps))
@@ -799,6 +810,30 @@ def fit_damping(
     )
 
 
+def _require_fittable(names: Sequence[str], network: ContactNetwork, measured: Any) -> None:
+    """Raise InputError unless ``measured`` is a transfer function to which the parameters ``names``
+    of the network can be fitted.
+    """
+    if not isinstance(measured, TransferFunction):
+        raise InputError(
+            "the data are no transfer function",
+            mend="Give a gp.TransferFunction(frequencies, magnitude)",
+        )
+    require_fitted(names, PARAMETERS)
+    if {"stiffness", "load"} <= set(names) and not network.prestress:
+        why = "Without prestress a load does no more than scale stiffnesses"
+        raise InputError("the data cannot tell stiffness and load apart", why, "Fit one of them")
+    if "on_site" in names and network.on_site is None:
+        mend = "Give them to the crystal: gp.Crystal(..., on_site=...), crystal.on_site"
+        raise InputError("there are no springs to the ground to fit", mend=mend)
+    if not measured.calibrated and "gain" not in names:
+        raise InputError(
+            "the sensors are not calibrated",
+            "The data have the unit of a sensor, and not of a response",
+            'Fit the gain too: parameters=("damping", "gain"), --parameter gain',
+        )
+
+
 class _Comparison:
     """A measured transfer function beside that of a model, whose parameters are scaled.
 
@@ -813,6 +848,7 @@ class _Comparison:
     """
 
     def __init__(self, model: _Model, measured: TransferFunction) -> None:
+        """Set up the comparison of a ``model`` with the ``measured`` transfer function."""
         self.model = model
         self.measured = measured
         self.names = model.names
@@ -836,6 +872,9 @@ class _Comparison:
         return numbers - len(self.names)
 
     def _find_response(self, parameters: tuple[float, ...]) -> NDArray[np.complex128]:
+        """Return the transfer function (n,) of the model; a tuple of ``parameters``, SI, can be the
+        key of a cache.
+        """
         return self.model(np.array(parameters))
 
     def respond(self, scaled: Array) -> NDArray[np.complex128]:
@@ -883,8 +922,10 @@ class _Comparison:
         scaled = np.where(self.is_loss, loss / max(int(np.sum(self.is_loss)), 1), ratios)
         differences = self.compare_logarithms(scaled)
         if "gain" in self.names:
-            of_magnitudes = differences[: self.measured.magnitude.size]
-            scaled[self.names.index("gain")] = math.exp(float(np.mean(of_magnitudes)))
+            # the gain that fits best is the mean ratio of magnitudes, in logarithms
+            differences_of_magnitudes = differences[: self.measured.magnitude.size]
+            gain = math.exp(float(np.mean(differences_of_magnitudes)))
+            scaled[self.names.index("gain")] = gain
             differences = self.compare_logarithms(scaled)
         return float(differences @ differences), scaled
 
@@ -1002,12 +1043,12 @@ def _average_contacts(pair: tuple[Any, Any]) -> Array:
     return np.array([float(np.mean(losses)) for losses in pair])
 
 
-def _require_data(dof: int, parameters: int, sigma_given: bool) -> None:
-    """Raise InputError if the degrees of freedom ``dof``, numbers less ``parameters``, are below
-    zero, or below one unless ``sigma_given``, as the scatter then takes one.
+def _require_data(dof: int, parameters: int, *, sigma_given: bool) -> None:
+    """Raise InputError if the degrees of freedom ``dof``, measured numbers less ``parameters``, are
+    below zero; without a given sigma below one, as the scatter takes one.
     """
-    least = 0 if sigma_given else 1
-    if dof >= least:
+    n_needed = 0 if sigma_given else 1
+    if dof >= n_needed:
         return
     fault = (
         f"there are {dof + parameters} numbers, to which {parameters} parameters cannot be fitted"

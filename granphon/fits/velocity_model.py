@@ -249,6 +249,9 @@ class VelocityModel:
     curve_at: Array | None = None
 
     def __post_init__(self) -> None:
+        """Check that the parameters can be fitted, and that the medium and the lattice have what
+        the fit asks of them.
+        """
         require_fitted(self.names, VARIABLE)
         if self.waves.finite_overlap:
             require_finite_overlap([self.choice])

@@ -106,14 +106,13 @@ class _Parameters:
         value, _ = _read_goal(find(self.make_network(values)))
         columns = []
         for number, step in enumerate((_STEP * (self.high - self.low)).tolist()):
-            ends = []
-            for sign in (1.0, -1.0):
-                shifted = values.copy()
-                shifted[number] += sign * step
-                shifted = np.clip(shifted, self.low, self.high)
-                ends.append((shifted[number], _read_goal(find(self.make_network(shifted)))[0]))
-            (high, above), (low, below) = ends
-            columns.append((above - below) / (high - low))
+            upper = values.copy()
+            upper[number] = min(values[number] + step, self.high[number])
+            lower = values.copy()
+            lower[number] = max(values[number] - step, self.low[number])
+            above, _ = _read_goal(find(self.make_network(upper)))
+            below, _ = _read_goal(find(self.make_network(lower)))
+            columns.append((above - below) / (upper[number] - lower[number]))
         return value, np.stack(columns, axis=-1)
 
 
@@ -184,7 +183,7 @@ def design(
         sums = numbers.read_sums(constraints)
         space = numbers
     count = 1 + whole_number("restarts", restarts, 0)
-    most = whole_number("steps", steps, 1)
+    n_steps = whole_number("steps", steps, 1)
     random = np.random.default_rng(whole_number("seed", seed, 0))
     has_value = callable(getattr(goal, "evaluate", None)) and hasattr(goal, "largest")
     if isinstance(goal, type) or not has_value:
@@ -198,7 +197,7 @@ def design(
         for number in range(count):
             start = space.start if number == 0 else random.uniform(space.low, space.high)
             search = _Search(space, goals[number % len(goals)], sums)
-            search.run(start, most, must_start=number == 0)
+            search.run(start, n_steps, must_start=number == 0)
             searches.append(search)
             step.advance()
     best = min((search for search in searches if search.history), key=lambda one: one.least)
@@ -259,6 +258,9 @@ class _Search:
     """
 
     def __init__(self, space: _Space, goal: Any, sums: list[tuple[Array, float]]) -> None:
+        """Set up a search in a ``space`` of variables for a ``goal``; ``sums`` are weights (n,) of
+        variables, each with the sum that the weighted variables keep.
+        """
         self.space = space
         self.goal = goal
         self.sums = sums
@@ -303,14 +305,20 @@ class _Search:
             self.best = np.clip(u * self.space.high, self.space.low, self.space.high)
 
     def _evaluate(self, u: Array) -> tuple[float, Array]:
-        """Return what is made least, of the size of one, and its derivatives (n,)."""
+        """Return the number that is made least, at the variables u (n,), and its derivatives (n,):
+        the goal or its negative, over its size at the start, so that it is of the order of one.
+        """
         value, slope = self._differentiate(self.goal.evaluate, u)
         self._record(float(value), u)
         if not self._size:
             self._size = max(abs(float(value)), float(np.max(np.abs(slope)))) or 1.0
-        return self.sign * value / self._size, self.sign * slope / self._size
+        factor = self.sign / self._size
+        return factor * value, factor * slope
 
     def _descend(self, start: Array, steps: int) -> None:
+        """Search for the least value of the goal from a ``start`` (n,), SI, with at most so many
+        ``steps``, within the bounds and at the given sums of variables.
+        """
         from scipy.optimize import LinearConstraint, minimize
 
         scale = self.space.high
@@ -332,23 +340,29 @@ class _Search:
             )
 
     def _match(self, start: Array, steps: int) -> None:
+        """Search for least squares of the residuals of the goal from a ``start`` (n,), SI, with at
+        most so many evaluations, ``steps``.
+        """
         from scipy.optimize import least_squares
 
         low = self.space.low / self.space.high
         margin = _INSIDE * (1.0 - low)
-        jacobian: dict[bytes, Array] = {}
+        # the derivatives, which are found with the residuals, by the bytes of the variables
+        jacobians: dict[bytes, Array] = {}
 
-        def find(u: Array) -> Array:
-            residuals, slope = self._differentiate(self.goal.find_residuals, u)
-            jacobian[u.tobytes()] = slope
+        def find_residuals(u: Array) -> Array:
+            """Return the residuals at the variables u (n,), and keep their derivatives."""
+            residuals, jacobian = self._differentiate(self.goal.find_residuals, u)
+            jacobians[u.tobytes()] = jacobian
             self._record(float(residuals @ residuals), u)
             return np.asarray(residuals)
 
         def find_jacobian(u: Array) -> Array:
-            return jacobian[u.tobytes()]
+            """Return the derivatives that were kept with the residuals at u (n,)."""
+            return jacobians[u.tobytes()]
 
         least_squares(
-            find,
+            find_residuals,
             np.clip(start / self.space.high, low + margin, 1.0 - margin),
             jac=find_jacobian,
             bounds=(low, np.ones(len(low))),
@@ -360,17 +374,24 @@ class _Search:
 
 
 def _finish(space: _Space, best: _Search, evaluations: int, warnings: list[str]) -> Design:
-    """Return the design of the best search."""
+    """Return the design of the ``best`` of several searches in a ``space``, with the number of
+    their ``evaluations``, and with the ``warnings`` so far and its own.
+
+    A goal that can ``certify`` finds its value anew, without what made it smooth in the search; one
+    that can ``judge`` says in a sentence what is wrong with a value, if anything is.
+    """
     goal = best.goal
     network = space.make_network(best.best)
     value = best.sign * best.least
     if hasattr(goal, "certify"):
         value = float(goal.certify(network))
+    all_warnings = list(warnings)
     if best.stopped:
-        warnings = [*warnings, f"the search ended early, and its best is kept: {best.stopped}"]
+        all_warnings.append(f"the search ended early, and its best is kept: {best.stopped}")
     if hasattr(goal, "judge"):
         verdict = goal.judge(network, value)
-        warnings = [*warnings, *([verdict] if verdict else [])]
+        if verdict:
+            all_warnings.append(verdict)
     return Design(
         network=network,
         value=value,
@@ -379,5 +400,5 @@ def _finish(space: _Space, best: _Search, evaluations: int, warnings: list[str])
         variables=best.best,
         labels=tuple(space.labels),
         evaluations=evaluations,
-        warnings=tuple(warnings),
+        warnings=tuple(all_warnings),
     )

@@ -99,6 +99,7 @@ class WidestGap:
     largest = True
 
     def __post_init__(self) -> None:
+        """Check the arguments that are given."""
         for name in ("near", "smoothing"):
             if getattr(self, name) is not None:
                 positive(name, getattr(self, name), "Hz")
@@ -112,28 +113,31 @@ class WidestGap:
         frequencies = self._find_frequencies(Phonons(network))[1]
         tops = frequencies.max(axis=0)
         smoothing = self.smoothing or _SMOOTH * float(tops[-1])
-        chosen = replace(self, near=None, smoothing=smoothing)
+        goal = replace(self, near=None, smoothing=smoothing)
         n_gaps = len(tops) - 1
         if not n_gaps:
             raise InputError("the network has one branch alone, and no gap between branches")
         if self.branches is not None:
             whole_number("branches", self.branches, 1, n_gaps)
-            return [chosen]
+            return [goal]
         bottoms = frequencies.min(axis=0)
         if self.near is not None:
-            below = int(np.count_nonzero(np.mean(frequencies, axis=0) < self.near))
-            if below in (0, len(tops)):
+            n_below = int(np.count_nonzero(np.mean(frequencies, axis=0) < self.near))
+            if n_below in (0, len(tops)):
                 raise InputError(
                     f"no gap can be near {self.near:g} Hz",
                     f"The branches lie from {bottoms[0]:.6g} to {tops[-1]:.6g} Hz",
                     "Choose a frequency between two branches",
                 )
-            return [replace(chosen, branches=below)]
-        widths = bottoms[1:] - tops[:-1]
-        order = np.argsort(-widths, kind="stable")[:most]
-        return [replace(chosen, branches=1 + int(number)) for number in order]
+            return [replace(goal, branches=n_below)]
+        widths = bottoms[1:] - tops[:-1]  # of the gap above each branch, below zero where none is
+        widest = np.argsort(-widths, kind="stable")[:most]
+        return [replace(goal, branches=1 + int(number)) for number in widest]
 
     def _list_numbers(self, periods: int) -> tuple[int, ...]:
+        """Return the numbers of wave vectors along the ``periods`` reciprocal vectors, given or by
+        default.
+        """
         default = (_MESHES[periods - 1],) * periods
         if self.mesh is None:
             return default
@@ -212,6 +216,9 @@ class MatchFrequencies:
     largest = False
 
     def __post_init__(self) -> None:
+        """Check that the shapes of the arguments agree: frequencies of modes, or a row of
+        frequencies for each wave vector.
+        """
         measured = finite_array("measured", self.measured, "Hz", "above zero")
         if self.sigma is not None:
             sigma = finite_array("sigma", self.sigma, "Hz", "above zero")
@@ -381,6 +388,7 @@ class ResponseAt:
     def __init__(
         self, frequency: float, source: Any, receiver: Any, *, largest: bool = False, **options: Any
     ) -> None:
+        """Set up the goal; ``options`` are those of :meth:`granphon.Waves.response`."""
         not_negative("frequency", frequency, "Hz")
         values = (frequency, source, receiver, largest, options)
         for name, value in zip(self.__dataclass_fields__, values, strict=True):
@@ -391,28 +399,34 @@ class ResponseAt:
         waves = Waves(network)
         response = waves.response([self.frequency], self.source, self.receiver, **self.options)
         sensitivities = response.sensitivities
-        mean = complex(response.coherent[0])
-        size = abs(mean)
+        mean = complex(response.coherent[0])  # over the receivers
+        magnitude = abs(mean)
         slopes = {}
         for name in NAMES:
-            values = getattr(sensitivities, name)
-            if values is not None and size > 0.0:
-                slopes[name] = (np.conj(mean) * np.mean(values[0], axis=0)).real / size
-        return size, slopes
+            derivatives = getattr(sensitivities, name)
+            if derivatives is not None and magnitude > 0.0:
+                # d|z| = Re(z* dz)/|z|
+                of_mean = np.mean(derivatives[0], axis=0)
+                slopes[name] = (np.conj(mean) * of_mean).real / magnitude
+        return magnitude, slopes
 
 
 def _smooth_largest(values: Array, t: float) -> tuple[float, Array]:
-    """Return a smooth largest of ``values``, and its derivatives by them, which add up to one."""
+    """Return a smooth largest of the ``values`` f (n,), t log sum exp(f/t), and its derivatives by
+    the values, which add up to one. It is above the largest value by t log n at most.
+    """
     highest = float(np.max(values))
     exponentials = np.exp((values - highest) / t)
     total = float(np.sum(exponentials))
     return highest + t * float(np.log(total)), exponentials / total
 
 
-def _add(slopes: dict[str, Any], found: Any, weights: Array) -> None:
-    """Add to ``slopes`` the derivatives of results times their ``weights`` (b,)."""
+def _add(slopes: dict[str, Any], sensitivities: Any, weights: Array) -> None:
+    """Add to ``slopes``, in place, the derivatives of b results in the fields of their
+    ``sensitivities``, (b, ...), times the ``weights`` (b,) of the results.
+    """
     for name in NAMES:
-        values = getattr(found, name)
-        if values is not None:
-            rows = np.nan_to_num(values.reshape(len(weights), -1))
+        derivatives = getattr(sensitivities, name)
+        if derivatives is not None:
+            rows = np.nan_to_num(derivatives.reshape(len(weights), -1))
             slopes[name] = slopes.get(name, 0.0) + weights @ rows

@@ -101,14 +101,14 @@ class Variables:
         high = []
         start = []
         for group in groups:
-            least, largest = read_bounds(group.name, bounds, names)
-            if least == 0.0 and group.name not in _MAY_BE_ZERO:
+            smallest, largest = read_bounds(group.name, bounds, names)
+            if smallest == 0.0 and group.name not in _MAY_BE_ZERO:
                 fault = f"the bounds of {group.name} begin at zero"
                 raise InputError(fault, "In a network it is above zero", "Begin above zero")
             values = getattr(network, next(iter(group.fields)))[group.members]
             sums = np.bincount(group.numbers, values, group.count)
             start.append(sums / np.bincount(group.numbers, minlength=group.count))
-            low.append(np.full(group.count, least))
+            low.append(np.full(group.count, smallest))
             high.append(np.full(group.count, largest))
         variables = cls(network, groups, *map(np.concatenate, (low, high, start)))
         variables._require_inside()
@@ -183,25 +183,26 @@ class Variables:
         """Return weights (n,) and totals of the sums over all balls or contacts that constraints,
         {name: total}, keep; InputError for names that do not vary, and totals out of reach.
         """
-        given: Any = constraints or {}
-        if not isinstance(given, Mapping):
+        total_of_name: Any = constraints or {}
+        if not isinstance(total_of_name, Mapping):
             mend = 'Give a mapping of a varied name to a sum, as {"mass": 0.1}'
-            raise InputError(f"constraints is {brief(given)}", mend=mend)
+            raise InputError(f"constraints is {brief(total_of_name)}", mend=mend)
         sums = []
         names = [group.name for group in self.groups]
-        for name, total in given.items():
+        for name, given_total in total_of_name.items():
             one_of("constraints", name, tuple(names))
             weights = np.zeros(len(self.start))
-            parts = self.split(weights)
-            group = self.groups[names.index(name)]
-            parts[names.index(name)][:] = np.bincount(group.numbers, minlength=group.count)
-            value = not_negative("constraints", total)
-            if not weights @ self.low <= value <= weights @ self.high:
+            number = names.index(name)
+            group = self.groups[number]
+            # a view: a variable weighs as many balls or contacts as have it
+            self.split(weights)[number][:] = np.bincount(group.numbers, minlength=group.count)
+            total = not_negative("constraints", given_total)
+            if not weights @ self.low <= total <= weights @ self.high:
                 raise InputError(
-                    f"the sum of the {name}, {value:.6g}, is out of reach",
+                    f"the sum of the {name}, {total:.6g}, is out of reach",
                     f"The bounds allow {weights @ self.low:.6g} to {weights @ self.high:.6g}",
                 )
-            sums.append((weights, value))
+            sums.append((weights, total))
         return sums
 
 

@@ -147,11 +147,10 @@ class Source:
         balls = self.balls
         material = completion.material
         source = replace(self, **completion.of_network)
-        dimension = source.dimension
-        motions = source.motions
         n_axes = balls.positions.shape[1]
         positions = np.zeros((len(balls.positions), 3))
         positions[:, :n_axes] = balls.positions
+        dimension = source.dimension
         if dimension is None:
             dimension = 2 if n_axes == 3 and self._is_level() else n_axes
         dimension = whole_number("dimension", dimension, 1, 3)
@@ -159,19 +158,12 @@ class Source:
         if material is not None:
             self._judge_material(material)
         masses = self._find_masses(material)
-        inertias = balls.inertias
-        if inertias is None:
-            inertias = 0.4 * masses * balls.radii**2
-        if balls.still is not None:
-            inertias = np.where(balls.still, np.inf, inertias)
-        joined = self._join_balls(positions, pbc, completion.bad == "drop")
-        contact_fields = _concatenate([part.complete(balls, completion) for part in joined])
-        if all(part.is_normal or part.tangential_force is None for part in joined):
-            contact_fields.pop("tangential_force", None)
+        contact_fields = self._find_contacts(positions, pbc, completion)
         resists_slip = bool(np.any(contact_fields["shear_stiffness"]))
         lacks_tangential = dimension > 1 and resists_slip
         if source.prestress and lacks_tangential and "tangential_force" not in contact_fields:
             _warn_of_missing_forces(self.contacts[0])
+        motions = source.motions
         if motions is None:
             motions = default_motions(dimension).name
         return {
@@ -180,7 +172,7 @@ class Source:
             "positions": positions,
             "radii": balls.radii,
             "masses": masses,
-            "inertias": inertias,
+            "inertias": self._find_inertias(masses),
             **contact_fields,
             "motions": motions,
             "dimension": dimension,
@@ -189,10 +181,35 @@ class Source:
             "labels": balls.labels,
             "kinds": balls.kinds,
             "adhesive": self.adhesive,
-            "contact_model": self._find_model(material, resists_slip),
+            "contact_model": self._find_model(material, resists_slip=resists_slip),
             "on_site": self._list_on_site(motions, dimension),
             "tangential_law": source.tangential_law,
         }
+
+    def _find_inertias(self, masses: Array) -> Array:
+        """Return the moments of inertia (n,), kg m^2: of the source, or of solid balls with these
+        ``masses`` (n,), kg, and infinite of balls that do not move.
+        """
+        balls = self.balls
+        inertias = balls.inertias
+        if inertias is None:
+            inertias = 0.4 * masses * balls.radii**2
+        return inertias if balls.still is None else np.where(balls.still, np.inf, inertias)
+
+    def _find_contacts(
+        self, positions: Array, pbc: Flags, completion: Completion
+    ) -> dict[str, Any]:
+        """Return the fields of the contacts of all lists, by name, each (n_c,) or (n_c, 3); no
+        tangential forces if no list has any but the rounding of normal forces.
+
+        ``positions`` are (n, 3), m; ``pbc`` (3,) says along which vectors the network repeats.
+        """
+        joined_lists = self._join_balls(positions, pbc, drops=completion.bad == "drop")
+        fields_of_lists = [joined.complete(self.balls, completion) for joined in joined_lists]
+        contact_fields = _concatenate(fields_of_lists)
+        if all(joined.is_normal or joined.tangential_force is None for joined in joined_lists):
+            contact_fields.pop("tangential_force", None)
+        return contact_fields
 
     def describe(self, is_kept: Any) -> Reading:
         """Return what is known of a network of this source beside its numbers; ``is_kept`` says
@@ -226,7 +243,7 @@ class Source:
         columns = [springs.get(name, zeros) for name in names]
         return np.stack(columns, axis=1) if np.any(columns) else None
 
-    def _find_model(self, material: Material | None, resists_slip: bool) -> ContactModel | None:
+    def _find_model(self, material: Material | None, *, resists_slip: bool) -> ContactModel | None:
         """Return the contact model of balls of the ``material``; without one that of the source."""
         if material is None:
             return self.contact_model
@@ -248,7 +265,7 @@ class Source:
                 masses = material.density * (4.0 / 3.0 * math.pi) * balls.radii**3
         return np.where(balls.fixed, np.inf, masses)
 
-    def _join_balls(self, positions: Array, pbc: Flags, drops: bool) -> list[_Joined]:
+    def _join_balls(self, positions: Array, pbc: Flags, *, drops: bool) -> list[_Joined]:
         """Return the lists of contacts with the balls that they join, without contacts that have
         faults.
 
@@ -266,10 +283,10 @@ class Source:
             raise InputError(problem, mend="Give other vectors, or name fewer as periodic")
         ball_faults = self.balls.find_faults()
         places = _Places(self.balls, positions, self.cell, pbc, ball_faults.is_bad)
-        lists = [_Joining(places, part, self.adhesive) for part in self.contacts]
-        joined = [part.join() for part in lists]
-        settle([ball_faults, *(part.faults for part in lists)], drops)
-        return joined
+        joinings = [_Joining(places, contacts, self.adhesive) for contacts in self.contacts]
+        joined_lists = [joining.join() for joining in joinings]
+        settle([ball_faults, *(joining.faults for joining in joinings)], drops)
+        return joined_lists
 
     def _is_level(self) -> bool:
         """Whether all balls are at one height z, and no contact leads up or down. A flat wall may
@@ -280,8 +297,10 @@ class Source:
         heights = balls.positions[is_ball, 2]
         if heights.size == 0 or np.ptp(heights) > _LEVEL * np.max(balls.radii[is_ball]):
             return False
-        normals = [part.normal for part in self.contacts if part.normal is not None]
-        return all(bool(np.all(np.abs(normal[:, 2]) <= _LEVEL)) for normal in normals)
+        for contacts in self.contacts:
+            if contacts.normal is not None and np.any(np.abs(contacts.normal[:, 2]) > _LEVEL):
+                return False
+        return True
 
     def _judge_material(self, material: Material) -> None:
         """Warn of a density or a Young modulus that was probably given in another unit, where the
@@ -339,7 +358,7 @@ class _Joining:
         contacts = self.contacts
         faults = self.faults
         i, j = self._find_ends()
-        contacts.note_numbers(faults, self.adhesive)
+        contacts.note_numbers(faults, adhesive=self.adhesive)
         # what follows needs contacts of balls that are where they are
         is_bad_ball = self.places.bad
         is_fine = faults.narrow(~(is_bad_ball[i] | is_bad_ball[j]) if is_bad_ball.size else None)
@@ -406,25 +425,24 @@ class _Joining:
         distance = np.linalg.norm(vector, axis=1)
         is_near = np.abs(touch - distance) <= _REACH * touch
         normal = contacts.normal
+        has_overlap = np.isfinite(touch)
         if normal is None:
             # a normal of balls in one place is nan, and is refused by the network
             with np.errstate(invalid="ignore", divide="ignore"):
                 normal = vector / distance[:, None]
-            is_ball = np.isfinite(touch)
         else:
             # a body that does not move may have any place: it need not be a ball
             is_along = np.einsum("ca,ca->c", normal, vector) >= _ALIGNED * distance
-            is_ball = ~is_still | (np.isfinite(touch) & is_near & is_along)
-        excess = np.where(is_ball, distance - touch, 0.0)
+            has_overlap = ~is_still | (has_overlap & is_near & is_along)
         self.faults.note(
-            is_ball & ~is_near,
+            has_overlap & ~is_near,
             "balls that are not near each other, by the distance between their surfaces",
-            values=excess,
+            values=np.where(has_overlap, distance - touch, 0.0),
             unit="m",
             mend="Compare the cell and the units",
         )
-        overlap = np.where(is_ball, touch - distance, 0.0)
-        pairs = _Pairs(i, j, radii_i, radii_j, shift, normal, overlap, is_ball)
+        overlap = np.where(has_overlap, touch - distance, 0.0)
+        pairs = _Pairs(i, j, radii_i, radii_j, shift, normal, overlap, has_overlap)
         self._note_repeated(pairs)
         return pairs
 
@@ -535,28 +553,29 @@ class _Joining:
         # (3^p, p): in a tilted cell the nearest image may be beside the one that rounding finds
         axis_steps = [[-1, 0, 1]] * n_periods
         steps = np.stack(np.meshgrid(*axis_steps, indexing="ij"), axis=-1).reshape(-1, n_periods)
+        # the distances of the nearest, second and third nearest image so far
         nearest = np.full(len(between), np.inf)
-        second = np.full(len(between), np.inf)
-        third = np.full(len(between), np.inf)
-        chosen = rounded.copy()
+        second_nearest = np.full(len(between), np.inf)
+        third_nearest = np.full(len(between), np.inf)
+        nearest_steps = rounded.copy()
         for step in steps:
             candidate = rounded + step
             distance = np.linalg.norm(between + candidate @ periods, axis=1)
             distance[with_itself & np.all(candidate == 0, axis=1)] = np.inf
             is_nearer = distance < nearest
-            chosen[is_nearer] = candidate[is_nearer]
-            third = np.minimum(third, np.maximum(second, distance))
-            second = np.minimum(second, np.maximum(nearest, distance))
+            nearest_steps[is_nearer] = candidate[is_nearer]
+            third_nearest = np.minimum(third_nearest, np.maximum(second_nearest, distance))
+            second_nearest = np.minimum(second_nearest, np.maximum(nearest, distance))
             nearest = np.minimum(nearest, distance)
         # a ball has two equally near images of itself, which are one contact
-        next_nearest = np.where(with_itself, third, second)
+        next_nearest = np.where(with_itself, third_nearest, second_nearest)
         self.faults.note(
             ~is_anywhere & (next_nearest < touch),
             "balls that touch at more than one place",
             why="The cell is so small that one contact is not the only one of its balls",
             mend="Give the shift of each contact",
         )
-        return chosen
+        return nearest_steps
 
     def _round_steps(self, steps: Array) -> Index:
         """Return the nearest whole numbers of cells (m, p); note balls that are too many cells
@@ -792,5 +811,5 @@ def _concatenate(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """
     if len(parts) == 1:
         return dict(parts[0])
-    names = [name for name in parts[0] if all(name in part for part in parts)]
-    return {name: np.concatenate([part[name] for part in parts]) for name in names}
+    names = [name for name in parts[0] if all(name in fields for fields in parts)]
+    return {name: np.concatenate([fields[name] for fields in parts]) for name in names}

@@ -339,11 +339,12 @@ def _compare_forces_of_overlaps(
         reason="Frequencies are of contacts whose forces are of another step, in another order, or"
         " of other materials",
     )
-    least = overlaps.find_ratios(power, -overlaps.greatest_errors) / median
-    greatest = overlaps.find_ratios(power, overlaps.greatest_errors) / median
+    # the ratios that rounding of the places allows
+    lowest_ratios = overlaps.find_ratios(power, -overlaps.greatest_errors) / median
+    highest_ratios = overlaps.find_ratios(power, overlaps.greatest_errors) / median
     force = network.normal_force[overlaps.contacts]
-    is_odd = (greatest < 1.0 / _MOST_FACTOR) | (least > _MOST_FACTOR)
-    is_odd &= np.maximum(1.0, least) * force > _LEAST_COMPARED * np.mean(force)
+    is_odd = (highest_ratios < 1.0 / _MOST_FACTOR) | (lowest_ratios > _MOST_FACTOR)
+    is_odd &= np.maximum(1.0, lowest_ratios) * force > _LEAST_COMPARED * np.mean(force)
     yield _compare_single_forces(network, overlaps.contacts[is_odd], ratios[is_odd])
     if np.max(deviations) >= _FOLLOWS:  # forces of their own lose what directions of contacts lose
         i = network.i[overlaps.contacts]
@@ -531,9 +532,9 @@ def _compare_hold(network: Any) -> Iterator[Comparison]:
 
 
 def _compare_coordination(network: Any, is_held: Array) -> Comparison:
-    """Return the comparison of the contacts per ball against the isostatic number, at which as many
-    deformations are resisted as there are motions (Maxwell's count), of balls that are held (n,),
-    or of all that move where there is no contact. A contact that resists nothing counts as one that
+    """Return the comparison of the number of contacts per ball with the isostatic number, at which
+    as many deformations are resisted as there are motions (Maxwell's count). It is that of the
+    balls for which ``is_held`` (n,) is true. A contact that resists nothing counts as one that
     resists one deformation.
     """
     motions = network.ball_motions

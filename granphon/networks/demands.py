@@ -77,13 +77,13 @@ def _list_demands_on_forces(network: Any) -> Iterator[_Demand]:
     # squares of larger numbers might overflow
     length = np.linalg.norm(np.clip(network.normal, -2.0, 2.0), axis=1)
     yield "normal", np.abs(length - 1.0) <= UNIT, "has a normal whose length is not one", ""
-    for name, least in _SPRINGS.items():
+    for name, lower_limit in _SPRINGS.items():
         values = getattr(network, name)
-        fault = f"has a {name} that is not {least}"
+        fault = f"has a {name} that is not {lower_limit}"
         if name == "normal_force":
             fault += "; forces that pull are not of elastic balls"
         is_in_range = np.isfinite(values)
-        if least == "above zero":
+        if lower_limit == "above zero":
             is_in_range &= values > 0.0
         elif name != "normal_force" or not network.adhesive:
             is_in_range &= values >= 0.0
@@ -105,9 +105,9 @@ def _list_demands_on_forces(network: Any) -> Iterator[_Demand]:
 
 
 def _list_demands_on_geometry(network: Any) -> Iterator[_Demand]:
-    """Yield the demands that normals lie in the line or plane of the balls; and that contacts of
-    two balls that move lie there, lead from ball i to ball j, and are as long as the two arms, to a
-    quarter of these. A body that does not move may have any place.
+    """Yield the demands on directions and lengths. Normals lie in the line or plane of the balls.
+    So do contacts of two balls that move; these lead from ball i to ball j, and are as long as the
+    two arms, to a quarter of these. A body that does not move may have any place.
     """
     d = network.dimension
     where = "the line along x" if d == 1 else "the plane"

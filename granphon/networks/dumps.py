@@ -107,6 +107,7 @@ class Dump:
     mend: ClassVar[str] = _IS_DUMP
 
     def __init__(self, path: str | os.PathLike[str], kind: str) -> None:
+        """Read the frames of the file at ``path``, up to the first that cannot be read."""
         self.name = str(path)
         self.frames: list[Frame] = []
         self.fault: InputError | None = None
@@ -147,19 +148,19 @@ class Dump:
         A program that is killed leaves its last frame cut: an earlier frame that is requested is
         read, with a warning; without a requested step an error names the last one that can be read.
         """
-        chosen = [frame for frame in self.frames if step is None or self.is_at(frame, step)]
+        frames = [frame for frame in self.frames if step is None or self.is_at(frame, step)]
         if self.fault is not None:
-            if step is None or not chosen:
+            if step is None or not frames:
                 last = self.frames[-1].step
                 why = f"The last {self.word} that can be read is {last:.12g}"
                 raise InputError(str(self.fault), why, f"Give {self.argument}={last:.12g}")
             fault = f"{self.name} is read at the {self.word} {step:.12g}, and cannot be read to its"
             text = message(f"{fault} end: {self.fault}")
             warn_caller(text, StoppedEarlyWarning)
-        if not chosen:
+        if not frames:
             why = f"It has {_describe_steps(self.steps)}"
             raise InputError(f"{self.name} has no {self.word} {step:.12g}", why)
-        return chosen[-1]
+        return frames[-1]
 
 
 def open_series(dump: Any, pairs: Any) -> tuple[list[float], Dump, Dump]:
@@ -201,6 +202,9 @@ class Lines:
     """
 
     def __init__(self, name: str, raw: bytes, is_whole: bool) -> None:
+        """Split ``raw``, the unpacked bytes of the file ``name``, into lines; ``is_whole`` is false
+        for a packed file whose end lacks.
+        """
         decode(name, raw)  # for the error of what is no text
         raw = raw.removeprefix(b"\xef\xbb\xbf")
         if b"\r" in raw:

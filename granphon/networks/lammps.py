@@ -102,6 +102,7 @@ class Springs:
     twisting: float | str | None = None
 
     def __post_init__(self) -> None:
+        """Check the stiffnesses that are given; the names in messages are those of the reader."""
         if self.normal is not None:
             positive("normal_stiffness", self.normal, "N/m")
         if self.shear is not None:
@@ -270,8 +271,8 @@ def _name_places(atoms: Frame) -> tuple[str, ...]:
 def _place(
     atoms: Frame, names: tuple[str, ...], columns: Mapping[str, Array]
 ) -> tuple[Array, Array]:
-    """Return the positions (n, 3) of balls from the origin of the box, and their greatest errors by
-    rounding, (n, 3), in units of the dump, from the columns of these ``names``.
+    """Return the positions (n, 3) of balls from the origin of the box, in units of the dump, from
+    the columns of these ``names``; and the greatest errors (n, 3) that rounding leaves in them.
     """
     coordinates = join_vectors(columns, names)
     rounding = find_rounding(coordinates)
@@ -357,8 +358,9 @@ def add_wall(balls: Balls, label: int, kind: str) -> Balls:
     n_axes = balls.positions.shape[1]
     still = np.zeros(len(balls.radii), bool) if balls.still is None else balls.still
 
-    def extend(values: Any, last: float) -> Any:
-        return None if values is None else np.append(values, last)
+    def extend(values: Any, value_of_wall: float) -> Any:
+        """Return the values (n,) of balls with that of the wall at their end; None stays None."""
+        return None if values is None else np.append(values, value_of_wall)
 
     return Balls(
         balls.name,
@@ -468,31 +470,35 @@ def write_dumps(network: Any, atoms: str | os.PathLike[str], pairs: str | os.Pat
 
 
 def _write_box(network: Any) -> str:
-    """Return the lines of the box of a network; InputError for vectors that a dump has not."""
+    """Return the lines of the box of a network, which reaches around all balls along axes that do
+    not repeat.
+
+    Raises InputError for a cell that no box of a dump can be: its first vector must lie along x,
+    and its second in the xy plane.
+    """
     cell = network.cell.copy()
-    is_still = ~np.asarray(network.pbc)
+    is_open = ~np.asarray(network.pbc)
     is_ball = np.isfinite(network.radii)
     places = network.positions[is_ball]
     radii = network.radii[is_ball, None]
-    low = np.where(is_still, np.min(places - radii, axis=0), 0.0)
+    low = np.where(is_open, np.min(places - radii, axis=0), 0.0)
     sides = np.max(places + radii, axis=0) - low
-    cell[is_still] = np.diag(sides)[is_still]
+    cell[is_open] = np.diag(sides)[is_open]
     lengths = np.diag(cell)
     if np.any(np.triu(cell, 1)) or not np.all(lengths > 0.0):
         fault = f"the cell of the network is {network.cell.tolist()} m"
         why = "In a dump the first vector lies along x, and the second in the xy plane"
         raise InputError(fault, why, "Turn the network, or write tables: network.write_tables")
     xy, xz, yz = cell[1, 0], cell[2, 0], cell[2, 1]
-    bounds = np.stack([low, low + lengths], axis=1)
-    bounds[0] += min(0.0, xy, xz, xy + xz), max(0.0, xy, xz, xy + xz)
-    bounds[1] += min(0.0, yz), max(0.0, yz)
-    tilts = np.array([[xy], [xz], [yz]])
-    is_tilted = bool(np.any(tilts))
-    heading = "xy xz yz " * is_tilted + " ".join("pp" if flag else "ff" for flag in network.pbc)
-    rows = np.hstack([bounds, tilts]) if is_tilted else bounds
-    return "\n".join(
-        [f"ITEM: BOX BOUNDS {heading}", *(_join_numbers(row) for row in rows.tolist())]
-    )
+    # the bounds of a tilted box are those of the orthogonal box around it
+    rows = np.stack([low, low + lengths], axis=1)
+    rows[0] += min(0.0, xy, xz, xy + xz), max(0.0, xy, xz, xy + xz)
+    rows[1] += min(0.0, yz), max(0.0, yz)
+    heading = " ".join("pp" if repeats else "ff" for repeats in network.pbc)
+    if xy or xz or yz:
+        heading = f"xy xz yz {heading}"
+        rows = np.hstack([rows, [[xy], [xz], [yz]]])
+    return "\n".join([f"ITEM: BOX BOUNDS {heading}", *map(_join_numbers, rows.tolist())])
 
 
 def _write_frame(

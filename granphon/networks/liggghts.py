@@ -108,24 +108,27 @@ def _name_columns(frame: Frame, keywords: str | Sequence[str] | None) -> Frame:
     if keywords is None and not are_numbered:
         return frame
     words = keywords.split() if isinstance(keywords, str) else keywords
-    chosen = _DEFAULT if words is None else texts("keywords", words)
-    unknown = [word for word in chosen if word not in _KEYWORDS]
-    if unknown or not chosen:
+    keywords_of_dump = _DEFAULT if words is None else texts("keywords", words)
+    unknown = [word for word in keywords_of_dump if word not in _KEYWORDS]
+    if unknown or not keywords_of_dump:
         mend = f"Give those of the compute: {', '.join(_KEYWORDS)}"
         raise InputError(f"keywords are {brief(keywords)}", mend=mend)
-    n_known = sum(len(_KEYWORDS[word]) for word in chosen)
-    n_history = len(frame.names) - n_known if "history" in chosen else 0
+    n_known = sum(len(_KEYWORDS[word]) for word in keywords_of_dump)
+    has_history = "history" in keywords_of_dump
+    # the history of a contact has as many columns as the contact model of the program needs
+    n_history = len(frame.names) - n_known if has_history else 0
     if n_history < 0 or n_known + n_history != len(frame.names):
         fault = (
-            f"{frame.name} has {len(frame.names)} columns, and {' '.join(chosen)} of"
-            f" compute pair/gran/local gives {n_known}{' or more' if 'history' in chosen else ''}"
+            f"{frame.name} has {len(frame.names)} columns, and {' '.join(keywords_of_dump)} of"
+            f" compute pair/gran/local gives {n_known}{' or more' if has_history else ''}"
         )
         raise InputError(fault, mend="Give the keywords of the compute: keywords='pos id force'")
     names = list[str]()
+    # the program writes columns in its own order, whatever that of the keywords
     for keyword, columns in _KEYWORDS.items():
-        if keyword == "history" and keyword in chosen:
+        if keyword == "history" and has_history:
             names += [f"history{number}" for number in range(1, n_history + 1)]
-        elif keyword in chosen:
+        elif keyword in keywords_of_dump:
             names += columns
     return replace(frame, names=tuple(names))
 

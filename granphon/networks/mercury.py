@@ -72,18 +72,20 @@ class _Data(_Times):
     def split(self, lines: Lines, kind: str) -> Iterator[Frame]:
         """Yield the balls at each time."""
         while not lines.at_end:
-            number, *rest = _read_numbers(lines)
-            n_bounds = len(rest) - 1
+            number, *further_numbers = _read_numbers(lines)
+            n_bounds = len(further_numbers) - 1
             if n_bounds not in _OF_BALLS or not 0.0 <= number < 1e12 or number % 1.0:
-                fault = f"{lines.where}: found {1 + len(rest)} numbers"
+                fault = f"{lines.where}: found {1 + len(further_numbers)} numbers"
                 why = "A time begins with the number of balls, the time and the bounds of the box"
                 raise InputError(
                     f"{fault}, where a heading is needed", why, "Is this a file .data?"
                 )
-            frame = Frame(lines.name, rest[0], kind)
+            frame = Frame(lines.name, further_numbers[0], kind)
             lines.read_list(frame, _OF_BALLS[n_bounds], int(number), kind)
             p = n_bounds // 2
-            frame.cell[:p, :p] = np.diag(np.subtract(rest[1 + p :], rest[1 : 1 + p]))
+            frame.cell[:p, :p] = np.diag(
+                np.subtract(further_numbers[1 + p :], further_numbers[1 : 1 + p])
+            )
             yield frame
 
 
@@ -250,7 +252,7 @@ def _read_restart(
             break
     else:
         raise InputError(f"{lines.name} ends before its particles", "The file is not whole")
-    balls = _read_particles(lines, int(_read_word(lines, words, "Particles")[0]), plane)
+    balls = _read_particles(lines, int(_read_word(lines, words, "Particles")[0]), plane=plane)
     words = lines.read().split()
     interactions = None
     if words[:1] == ["Interactions"]:
@@ -259,7 +261,7 @@ def _read_restart(
     return _State(lines.name, time, balls, cell, pbc_of_network, tuple(notes), interactions)
 
 
-def _read_particles(lines: Lines, count: int, plane: bool) -> Balls:
+def _read_particles(lines: Lines, count: int, *, plane: bool) -> Balls:
     """Read the next ``count`` lines of a file .restart as balls, in a ``plane`` as discs."""
     if count > len(lines) - lines.place:
         fault = f"{lines.name} ends before its {count} particles do: {len(lines) - lines.place} are"
@@ -323,15 +325,17 @@ def _compare_number(contacts: Contacts, state: _State) -> None:
 
     A contact across a periodic boundary may count twice there, once for each image.
     """
-    last = len(state.balls.radii) - 1
-    i, j = (np.clip(ends, 0, last) for ends in (contacts.i, contacts.j))
+    last_ball = len(state.balls.radii) - 1
+    i = np.clip(contacts.i, 0, last_ball)  # walls, below zero, are left out by is_across
+    j = np.clip(contacts.j, 0, last_ball)
     assert contacts.vector is not None
-    gaps = state.balls.positions[j] - state.balls.positions[i]
-    gaps -= contacts.vector[:, : gaps.shape[1]]
+    # what the way between the listed places has more than the contact: periods, where it is across
+    detours = state.balls.positions[j] - state.balls.positions[i]
+    detours -= contacts.vector[:, : detours.shape[1]]
     reach = state.balls.radii[i] + state.balls.radii[j]
-    is_across = (contacts.j >= 0) & (np.linalg.norm(gaps, axis=1) > reach)
-    most = len(contacts) + int(np.count_nonzero(is_across))
-    if state.interactions is not None and state.interactions > most:
+    is_across = (contacts.j >= 0) & (np.linalg.norm(detours, axis=1) > reach)
+    n_most = len(contacts) + int(np.count_nonzero(is_across))
+    if state.interactions is not None and state.interactions > n_most:
         fault = (
             f"{contacts.name} has {counted(len(contacts), 'contact')}, and {state.name} says that"
             f" there are {state.interactions}"
@@ -350,14 +354,18 @@ def _read_contacts(frame: Frame, balls: Balls, springs: Springs) -> tuple[Contac
     j = read_ids(frame, "j", columns)
     n_balls = len(balls.radii)
     is_wall = j < 0
-    key = np.minimum(i, j) * n_balls + np.maximum(i, j)
-    is_first = ~is_wall & (i < j)
-    is_back = ~is_wall & (i > j)
-    is_alone = (is_back & ~np.isin(key, key[is_first])) | (is_first & ~np.isin(key, key[is_back]))
+    pair = np.minimum(i, j) * n_balls + np.maximum(i, j)  # a number of the two balls
+    # a contact of two balls is listed from both, or from one of them alone
+    is_from_lower = ~is_wall & (i < j)
+    is_from_higher = ~is_wall & (i > j)
+    lacks_higher = is_from_lower & ~np.isin(pair, pair[is_from_higher])
+    lacks_lower = is_from_higher & ~np.isin(pair, pair[is_from_lower])
+    is_alone = lacks_lower | lacks_higher
     along = join_vectors(columns, ("nx", "ny", "nz"))
-    # a ball that touches its own image is listed from both sides
+    # a ball that touches its own image is listed from both sides: the one that looks ahead is kept
     is_ahead = along[np.arange(len(i)), np.argmax(np.abs(along), axis=1)] > 0.0
-    is_kept = is_wall | is_first | (is_back & is_alone) | (~is_wall & (i == j) & is_ahead)
+    is_own_image = ~is_wall & (i == j) & is_ahead
+    is_kept = is_wall | is_from_lower | lacks_lower | is_own_image
     # normals lead from ball j to ball i, and from a ball to a wall; forces act on ball i, and on a
     # wall
     sign = np.where(is_wall, 1.0, -1.0)[:, None]
@@ -376,25 +384,31 @@ def _read_contacts(frame: Frame, balls: Balls, springs: Springs) -> tuple[Contac
     )
     is_fixed = balls.fixed.copy()
     if balls.masses is None and balls.still is None:
-        is_owner = np.isin(np.arange(n_balls), i)
-        is_fixed = np.isin(np.arange(n_balls), j[is_alone]) & ~is_owner
-    lacks_other = is_alone & ~is_fixed[np.clip(j, 0, n_balls - 1)]
-    if np.any(lacks_other):
-        n_lacking = int(np.count_nonzero(lacks_other))
-        first = contacts.describe(int(np.argmax(lacks_other)))
+        lists_contacts = np.isin(np.arange(n_balls), i)
+        is_fixed = np.isin(np.arange(n_balls), j[is_alone]) & ~lists_contacts
+    _warn_of_half_contacts(contacts, is_alone & ~is_fixed[np.clip(j, 0, n_balls - 1)])
+    return contacts.select(is_kept), is_fixed
+
+
+def _warn_of_half_contacts(contacts: Contacts, is_half: Flags) -> None:
+    """Warn of the contacts that ``is_half`` (n,) marks: the file has them from one of their balls
+    alone, though the other ball moves.
+    """
+    n_half = int(np.count_nonzero(is_half))
+    if n_half:
+        example = contacts.describe(int(np.argmax(is_half)))
         fault = (
-            f"{frame.name} has {counted(n_lacking, 'contact')} from one of two balls alone, though"
-            f" the other one moves, as that of {first}"
+            f"{contacts.name} has {counted(n_half, 'contact')} from one of two balls alone, though"
+            f" the other one moves, as that of {example}"
         )
         warn_caller(message(fault, mend="Is the file whole?"), InconsistencyWarning)
-    return contacts.select(is_kept), is_fixed
 
 
 def _find_vectors(
     columns: Mapping[str, Array], balls: Balls, i: Index, j: Index, normal: Array
 ) -> Array:
-    """Return the vectors (n_c, 3) from the centres of balls i to those of balls j, m, or to walls,
-    along the normals and as long as radii and overlaps say.
+    """Return the vectors (n_c, 3), m, from the centres of balls i to those of balls j, or to walls.
+    They lie along the normals, and are as long as radii and overlaps say.
     """
     last = len(balls.radii) - 1
     radii_j = np.where(j < 0, 0.0, balls.radii[np.clip(j, 0, last)])

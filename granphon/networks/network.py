@@ -182,6 +182,9 @@ class ContactNetwork(Result):
     tangential_law: str = held(str, default="mindlin/force")
 
     def __post_init__(self) -> None:
+        """Check every field, and put it in place as it is kept: arrays are read-only, and flat
+        walls are the second of the two ends of their contacts.
+        """
         checked: dict[str, Any] = {
             "pbc": _read_periods(self.pbc),
             "prestress": require("prestress", truth, self.prestress),
@@ -650,8 +653,8 @@ class ContactNetwork(Result):
         """
         from granphon.networks.rattlers import find_holding, find_rattlers
 
-        least = None if held_by is None else whole_number("held_by", held_by, 0)
-        rattlers = self.rattlers if least is None else find_rattlers(self, least)
+        n_holding = None if held_by is None else whole_number("held_by", held_by, 0)
+        rattlers = self.rattlers if n_holding is None else find_rattlers(self, n_holding)
         if not rattlers.size:
             return self
         is_kept = np.ones(self.n_balls, bool)
@@ -660,7 +663,8 @@ class ContactNetwork(Result):
             fault = "all balls of the network are rattlers, which carry no load"
             why = "Each has fewer contacts than can hold it, or is left so by others"
             mend = ""
-            holding = find_holding(self, self.dimension + 1 if least is None else least - 1)
+            n_most = self.dimension + 1 if n_holding is None else n_holding - 1
+            holding = find_holding(self, n_most)
             if holding:
                 mend = f"If something else holds them too, give held_by={holding}"
             raise InputError(fault, why, mend)
@@ -679,29 +683,29 @@ class ContactNetwork(Result):
         is_for_each_ball = isinstance(plain, list | tuple) and len(plain) == self.n_balls
         are_flags = is_for_each_ball and all(isinstance(value, bool | np.bool_) for value in plain)
         indices = np.flatnonzero(plain) if are_flags else balls
-        chosen = index_array("balls", indices, self.n_balls)
-        new_index = np.full(self.n_balls, -1)  # -1 of balls that are not chosen
-        new_index[chosen] = np.arange(chosen.size)
+        kept_balls = index_array("balls", indices, self.n_balls)
+        new_index = np.full(self.n_balls, -1)  # -1 of balls that are left out
+        new_index[kept_balls] = np.arange(kept_balls.size)
         i = new_index[self.i]
         j = new_index[self.j]
         is_kept = (i >= 0) & (j >= 0)
         labels = np.arange(self.n_balls) if self.labels is None else self.labels
         fields: dict[str, Any] = {}
         for name in ("positions", *NUMBERS_OF_BALLS):
-            fields[name] = getattr(self, name)[chosen]
+            fields[name] = getattr(self, name)[kept_balls]
         for name in self.contact_fields:
             fields[name] = getattr(self, name)[is_kept]
         fields |= {
             "i": i[is_kept],
             "j": j[is_kept],
-            "labels": labels[chosen],
+            "labels": labels[kept_balls],
             "lattice": None,
             "shape": None,
         }
         if self.kinds is not None:
-            fields["kinds"] = tuple(self.kinds[ball] for ball in chosen.tolist())
+            fields["kinds"] = tuple(self.kinds[ball] for ball in kept_balls.tolist())
         if self.on_site is not None:
-            fields["on_site"] = self.on_site[chosen]
+            fields["on_site"] = self.on_site[kept_balls]
         return replace(self, **fields)
 
     @cached_property
@@ -1237,14 +1241,16 @@ class ContactNetwork(Result):
         """Return the network of what a program has left, with or without its rattlers; warn of what
         its numbers contradict (:func:`~granphon.networks.consistency.compare_numbers`).
         """
-        whole = cls(**source.complete(completion))
-        network = whole
+        whole_network = cls(**source.complete(completion))
+        network = whole_network
         if not completion.keep_rattlers:
-            network = whole.without_rattlers(completion.held_by)
+            network = whole_network.without_rattlers(completion.held_by)
         is_kept: Any = slice(None)
-        if network is not whole and network.labels is not None:
-            labels = np.arange(whole.n_balls) if whole.labels is None else whole.labels
-            is_kept = np.isin(labels, network.labels)
+        if network is not whole_network and network.labels is not None:
+            all_labels = whole_network.labels
+            if all_labels is None:
+                all_labels = np.arange(whole_network.n_balls)
+            is_kept = np.isin(all_labels, network.labels)
         network._cache[_READING] = source.describe(is_kept)
         warn_of_faults(network)
         return network

@@ -69,19 +69,20 @@ class _Hold:
     """
 
     def __init__(self, network: Any, held_by: int | None) -> None:
+        """Count the contacts of the network that carry load, at each ball; ``held_by`` is the
+        number of contacts that hold a ball, None for that of its motions.
+        """
         n = network.n_balls
         slips = not np.any(network.shear_stiffness)
         self.is_held = ~network.moving | network.is_anchored
         self.rows_hold = slips and held_by is None
-        if held_by is None:
-            self.least = network.dimension + 1 if slips else 2
-        else:
-            self.least = held_by
+        n_needed = network.dimension + 1 if slips else 2
+        self.least = n_needed if held_by is None else held_by
         sizes = network.normal_force
         if not np.any(sizes > 0.0):
             sizes = np.ones(network.n_contacts)
         is_loaded = np.zeros(0, bool)
-        if len(sizes):
+        if len(sizes):  # the mean of none is nan
             is_loaded = sizes > HOLDING_FORCE * np.mean(sizes, where=sizes > 0.0)
         self.i = network.i[is_loaded]
         self.j = network.j[is_loaded]

@@ -164,6 +164,7 @@ class Completion:
     bad: str = "refuse"
 
     def __post_init__(self) -> None:
+        """Check the arguments of the reader that are not checked where they are used."""
         material: Any = self.material
         if not isinstance(material, Material | None):
             raise InputError(f"the material is {brief(material)}", mend="Give a gp.Material")
@@ -234,7 +235,7 @@ class Contacts:
         """Return an empty list of the faults of these contacts."""
         return Faults(self.name, "contacts", len(self), self.describe)
 
-    def note_numbers(self, faults: Faults, adhesive: bool) -> None:
+    def note_numbers(self, faults: Faults, *, adhesive: bool) -> None:
         """Note the contacts with numbers that are not finite or out of range, that pull where
         contacts are not ``adhesive``, and with normals that are no unit vectors.
         """

@@ -132,18 +132,22 @@ class _Columns:
         known: Mapping[str, Quantity | None],
         columns: Mapping[str, str],
     ) -> None:
+        """Read the table ``source``, the path of a file or a mapping of arrays, of the ``subject``
+        "balls" or "contacts"; ``known`` are the quantities of columns by name, None for whole
+        numbers and words, and ``columns`` the headings of columns that go by other names.
+        """
         self.remark: dict[str, Any] = {}
         self.sealed: bool | None = None
         self.lines: Index | None = None
         self._arrays: dict[str, Any] = {}
-        parts: Iterator[Table] = iter(())
+        tables: Iterator[Table] = iter(())  # the pieces of a file, which is read piece by piece
         if isinstance(source, str | os.PathLike):
             self.name = str(source)
-            parts = self._open_file(source)
-            first = next(parts)
-            parts = chain([first], parts)
-            names = [heading.name for heading in first.headings]
-            self._headings = [str(heading) for heading in first.headings]
+            tables = self._open_file(source)
+            first_table = next(tables)
+            tables = chain([first_table], tables)
+            names = [heading.name for heading in first_table.headings]
+            self._headings = [str(heading) for heading in first_table.headings]
         else:
             self.name = f"the table of {subject}"
             self._arrays = self._read_arrays(source)
@@ -155,17 +159,21 @@ class _Columns:
         self._values: dict[str, Array] = {}
         self._units: dict[str, str] = {}
         self.kinds: tuple[str, ...] | None = None
-        self._read_parts(parts, known, columns)
+        self._read_tables(tables, known, columns)
         for name, quantity in known.items():
             heading = columns.get(name, name)
             if heading in self._arrays and name == "kind":
                 self._read_kinds(heading)
             elif heading in self._arrays:
                 self._values[name] = self._read_array(name, heading, quantity)
+        self._require_one_length()
+
+    def _require_one_length(self) -> None:
+        """Raise InputError, which tells the length of each column, unless all have the same."""
         sizes = {name: len(values) for name, values in self._values.items()}
         if len(set(sizes.values())) > 1:
-            shown = ", ".join(f"{size} of {name}" for name, size in sizes.items())
-            raise InputError(f"{self.name} has columns of different lengths: {shown}")
+            listed = ", ".join(f"{size} of {name}" for name, size in sizes.items())
+            raise InputError(f"{self.name} has columns of different lengths: {listed}")
 
     def _open_file(self, path: str | os.PathLike[str]) -> Iterator[Table]:
         """Return the parts of the table in a file, and set ``remark`` and ``sealed`` from the
@@ -179,36 +187,37 @@ class _Columns:
             self.remark = self._read_remark(remark[0])
         return Table.parse_parts(self.name, raw, _MOST_ROWS)
 
-    def _read_parts(
+    def _read_tables(
         self,
-        parts: Iterator[Table],
+        tables: Iterator[Table],
         known: Mapping[str, Quantity | None],
         columns: Mapping[str, str],
     ) -> None:
-        """Read the columns of the parts of a table from a file, which go by the names ``known``, or
-        by the headings ``columns``.
+        """Read the columns of the ``tables`` that are the pieces of a file, one behind the other;
+        columns go by the names ``known``, or by the headings ``columns``.
         """
-        pieces: dict[str, list[Any]] = {}
+        arrays_of_columns: dict[str, list[Any]] = {}
         lines = list[Index]()
         kinds = list[str]()
-        for part in parts:
-            lines.append(np.array(part.lines, np.intp))
+        for table in tables:
+            lines.append(np.array(table.lines, np.intp))
             for name, quantity in known.items():
                 heading = columns.get(name, name)
-                if heading not in part:
+                if heading not in table:
                     continue
                 if name == "kind":  # the only column of names, which may be numbers
                     key = Heading.parse(heading).key
-                    kinds += map(sys.intern, part.columns[part.keys.index(key)])
+                    kinds += map(sys.intern, table.columns[table.keys.index(key)])
                     self.kinds = ()
                 else:
-                    pieces.setdefault(name, []).append(_read_cells(part, name, heading, quantity))
-                    self._units[name] = part.unit(heading)
+                    cells = _read_cells(table, name, heading, quantity)
+                    arrays_of_columns.setdefault(name, []).append(cells)
+                    self._units[name] = table.unit(heading)
         if lines:
             self.lines = np.concatenate(lines)
         if self.kinds is not None:
             self.kinds = tuple(kinds)
-        self._values = {name: np.concatenate(arrays) for name, arrays in pieces.items()}
+        self._values = {name: np.concatenate(arrays) for name, arrays in arrays_of_columns.items()}
 
     def _read_remark(self, line: str) -> dict[str, Any]:
         """Return the fields of the whole network in the ``line`` of a written table; InputError if
@@ -362,8 +371,9 @@ class _Columns:
         return np.pad(values, ((0, 0), (0, n_lacking)))
 
     def rounding(self, *names: str) -> Array:
-        """Return half a unit of the last digit of each number, (rows, m), in SI units, of the m of
-        the columns ``names`` that are present, one at least, all in one unit.
+        """Return half a unit of the last digit of each number, (rows, m), in SI units, of m
+        columns: those of ``names`` that are present. There is one of them at least, and all have
+        one unit.
         """
         present = [name for name in names if name in self]
         quantity = BALLS[present[0]]
@@ -406,6 +416,17 @@ def _read_cells(table: Table, name: str, heading: str, quantity: Quantity | None
     return np.where(is_infinite, math.inf, values)
 
 
+#: fields of the whole network that a written table has in its remark, as they are
+_WHOLE_FIELDS = (
+    "dimension",
+    "motions",
+    "prestress",
+    "left_out",
+    "adhesive",
+    "tangential_law",
+)
+
+
 def read_tables(
     balls: Any, contacts: Any, columns: Mapping[str, str], cell: Any, pbc: Any
 ) -> Source:
@@ -434,18 +455,7 @@ def read_tables(
         cell = remark["cell"]
         pbc = remark.get("pbc") if pbc is None else pbc
     periods, is_period = _read_cell(cell, pbc)
-    options: dict[str, Any] = {
-        name: remark[name]
-        for name in (
-            "dimension",
-            "motions",
-            "prestress",
-            "left_out",
-            "adhesive",
-            "tangential_law",
-        )
-        if name in remark
-    }
+    options = {name: remark[name] for name in _WHOLE_FIELDS if name in remark}
     if "contact_model" in remark:
         model = restore(remark["contact_model"], ContactModel, table_of_balls.name)
         options["contact_model"] = model
@@ -551,15 +561,13 @@ def _read_balls(columns: _Columns) -> Balls:
 def _read_contacts(columns: _Columns) -> Contacts:
     """Return the contacts of a table; InputError if the table does not name their balls."""
     columns.require("i", "j")
-    i = columns.whole("i")
-    j = columns.whole("j")
     steps = columns.vectors("shift_1", "shift_2", "shift_3", wide=True)
     shift = None if steps is None else read_whole_numbers(f"shift of {columns.name}", steps)
     springs: dict[str, Any] = {name: columns.find(name) for name in _OF_SPRINGS}
     return Contacts(
         columns.name,
-        i,
-        j,
+        columns.whole("i"),
+        columns.whole("j"),
         shift=shift,
         normal=columns.vectors("nx", "ny", "nz", wide=True),
         tangential_force=columns.vectors(*_TANGENTIAL, wide=True),

@@ -95,9 +95,12 @@ def find_nonaffine(
 
 
 def _square(voigt: Array, periods: int) -> Array:
-    """Return the symmetric strain (p, p) of one in Voigt order."""
+    """Return the symmetric strain (p, p), of p ``periods``, of one in Voigt order: its diagonal,
+    and then angles of shear, which are twice the other components.
+    """
     strain = np.diag(voigt[:periods])
-    pairs = {1: [], 2: [(0, 1)], 3: [(1, 2), (0, 2), (0, 1)]}[periods]
-    for (a, b), angle in zip(pairs, voigt[periods:].tolist(), strict=True):
-        strain[a, b] = strain[b, a] = 0.5 * angle
+    pairs_of_axes = {1: [], 2: [(0, 1)], 3: [(1, 2), (0, 2), (0, 1)]}[periods]
+    for (a, b), angle in zip(pairs_of_axes, voigt[periods:].tolist(), strict=True):
+        strain[a, b] = 0.5 * angle
+        strain[b, a] = 0.5 * angle
     return strain

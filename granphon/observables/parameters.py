@@ -54,7 +54,9 @@ class ParameterSensitivities(Result):
     value: Any = held(Any)
 
     def __getitem__(self, name: str) -> Any:
-        """Return the derivatives by the parameter of a ``name``; InputError if it has none."""
+        """Return the derivatives (...) by the parameter of this ``name``, a number where the
+        quantity is one; InputError for a name that is not among ``names``.
+        """
         if name not in self.names:
             mend = f"There are {', '.join(self.names)}"
             raise InputError(f"nothing is known of the parameter {brief(name)}", mend=mend)
@@ -91,10 +93,10 @@ def parameter_sensitivities(
     ``find`` raise.
     """
     balls = given_balls(x)
-    given: Any = find
-    if not callable(given):
+    function: Any = find
+    if not callable(function):
         mend = "Give a function of a state, as lambda s: gp.moduli(s).bulk"
-        raise InputError(f"find is {brief(given)}", mend=mend)
+        raise InputError(f"find is {brief(function)}", mend=mend)
     applied = _read_load(load)
     default_medium = "ema" if isinstance(balls, Packing) else "crystal"
     choice = MediumChoice(medium or default_medium)
@@ -113,9 +115,9 @@ def find_parameter_sensitivities(
     names: Sequence[str] | None,
     finite_overlap: bool | None = None,
 ) -> ParameterSensitivities:
-    """Return the logarithmic derivatives of what ``find`` returns of the state of ``balls`` under a
-    single ``load``, in the medium of a ``choice``, by the parameters of these ``names``;
-    None for all.
+    """Return the logarithmic derivatives of what ``find`` returns of a state, by the parameters of
+    these ``names``; None for all. The state is that of ``balls`` under a single ``load``, in the
+    medium of a ``choice``.
     """
     flat = replace(load, array=np.ravel(load.array)[0])
     all_names = list_parameters(balls, flat) if names is None else names
@@ -168,6 +170,9 @@ def _find_slope(
     """
 
     def find_shaped(state: Any) -> Array:
+        """Return what ``find`` returns of a ``state``; InputError if it has not the shape (...) of
+        the first state.
+        """
         value = real_array("what find returns", find(state))
         if value.shape != shape:
             fault = f"find returns the shape {shape}, and {value.shape} where {name} is changed"

@@ -100,8 +100,8 @@ def find_moduli_sensitivities(
     """Return the derivatives of the elastic tensors of ``networks``, which belong to loads of this
     ``shape``.
     """
-    parts = [_find_tensor_slopes(network) for network in networks]
-    return ModuliSensitivities(**_stack(parts, shape), mass=None, inertia=None, on_site=None)
+    slopes = [_find_tensor_slopes(network) for network in networks]
+    return ModuliSensitivities(**_stack(slopes, shape), mass=None, inertia=None, on_site=None)
 
 
 def find_velocity_sensitivities(
@@ -110,8 +110,8 @@ def find_velocity_sensitivities(
     """Return the derivatives of the velocities along a ``direction`` (p,), or (n, p), in
     ``networks``, which belong to loads of this ``shape``.
     """
-    parts = [_find_velocity_slopes(network, direction) for network in networks]
-    return VelocitySensitivities(**_stack(parts, shape), inertia=None)
+    slopes = [_find_velocity_slopes(network, direction) for network in networks]
+    return VelocitySensitivities(**_stack(slopes, shape), inertia=None)
 
 
 def _stack(parts: list[dict[str, Any]], shape: tuple[int, ...]) -> dict[str, Any]:
@@ -148,13 +148,14 @@ def _list_contact_units(network: ContactNetwork) -> dict[str, Any]:
 
 
 def _make_slopes(network: ContactNetwork, products: dict[str, Array]) -> dict[str, Any]:
-    """Return derivatives (..., n_c) by SI units of the contacts, None of parameters that the
-    network does not have, from sums of ``products`` (n_c, ...) of deformations in reduced units.
+    """Return derivatives (..., n_c) by parameters of the contacts in SI units, from sums of
+    ``products`` (n_c, ...) of deformations in reduced units. None stands for parameters that the
+    network does not have.
     """
     fields: dict[str, Any] = dict.fromkeys(STIFFNESSES.values())
-    some = next(iter(products.values()))
+    example = next(iter(products.values()))
     for name, unit in _list_contact_units(network).items():
-        values = products.get(name, np.zeros_like(some))
+        values = products.get(name, np.zeros_like(example))
         sign = -1.0 if name == "normal_force" else 1.0
         fields[name] = sign * np.moveaxis(values, 0, -1) / unit
     by_growth = fields.pop("tangential_growth")
@@ -164,8 +165,9 @@ def _make_slopes(network: ContactNetwork, products: dict[str, Array]) -> dict[st
 
 
 def _multiply(lattice: ContactLattice, find: Callable[[Array], Array]) -> dict[str, Array]:
-    """Return the sums over the rows of each kind of ``find``, which makes products (n_c, ...) of
-    the deformations (n_c, n_u, p) of a row, by the names of the parameters.
+    """Return sums over the rows of the compatibility matrix, by the names of the parameters of
+    contacts. ``find`` makes products (n_c, ...) of the deformations (n_c, n_u, p) of the rows of
+    one kind.
     """
     rows, deformations = lattice.gradient_deformations
     products = [find(deformation[: lattice.n_between]) for deformation in deformations]
@@ -199,9 +201,11 @@ def _find_tensor_slopes(network: ContactNetwork) -> dict[str, Any]:
 
 
 def _find_velocity_slopes(network: ContactNetwork, direction: Array) -> dict[str, Any]:
-    """Return velocities (..., n_u), ascending, which of them are equal, and their derivatives
-    (..., n_u, n_c), (..., n_u, n) by masses and (..., n_u, n, motions) by springs to the ground,
-    along a ``direction`` (p,) or (n, p).
+    """Return the velocities along a ``direction`` (p,) or (n, p), by the names of fields.
+
+    Velocities are (..., n_u), ascending, with the flags of those that are equal. Derivatives are
+    (..., n_u, n_c) by parameters of contacts, (..., n_u, n) by masses, and (..., n_u, n, motions)
+    by springs to the ground.
     """
     lattice = ContactLattice.from_network(network)
     named, polarisations = lattice.sound_velocities(direction)
@@ -253,8 +257,9 @@ def _find_velocity_slopes(network: ContactNetwork, direction: Array) -> dict[str
 
 
 def _list_turns(network: ContactNetwork, lattice: ContactLattice) -> Array:
-    """Return the rotations (n_balls x rotations, n_u, p) of the balls of the ``lattice`` of a
-    network that go with each displacement gradient, about the axes of the network.
+    """Return how the balls of the ``lattice`` of a network rotate in a long wave: (n_balls x
+    rotations, n_u, p), for each component of the displacement and each axis of its gradient. The
+    rotations are about the axes of the network.
     """
     frame = find_axes(network.cell[network.pbc, : network.dimension])
     motions = turn_motions(lattice.motions, frame.T) @ lattice.gradient_motions

@@ -272,7 +272,7 @@ def warn_of_free_branches(state: State, velocities: Array) -> tuple[str, ...]:
 
 
 def choose_direction(
-    state: State, direction: ArrayLike | None, quantity: str, isotropic: bool
+    state: State, direction: ArrayLike | None, quantity: str, *, isotropic: bool
 ) -> Array:
     """Return the direction as unit vectors (p,) or (n, p): x if it is None.
 
@@ -731,8 +731,12 @@ def _solve_lattices(
     targets: Array,
     units: Array,
 ) -> tuple[Array, Array]:
-    """Return the wavenumbers and group velocities of :func:`_find_wavenumbers` of all pulses, in
-    the ``lattices`` of :func:`_list_lattices`.
+    """Return the wavenumbers (b, m, n) and the group velocities (b, m, n, p), in reduced units, of
+    pulses on the b branches ``names``, at m loads and frequencies, along ``directions`` (n, p).
+
+    ``targets`` (b, m, n) holds angular frequencies in ``units`` (b, m, n), rad/s, as
+    :func:`_find_wavenumbers` takes them for one lattice; ``lattices`` are those of
+    :func:`_list_lattices`.
     """
     wavenumbers = np.empty(targets.shape)
     group_vectors = np.empty((*targets.shape, directions.shape[1]))

@@ -131,7 +131,7 @@ class Section:
 
 def write_html(title: str, sections: Iterable[Section]) -> str:
     """Return the sections as one page of HTML that needs no other file and runs no program."""
-    parts = [
+    pieces = [
         "<!DOCTYPE html>",
         '<html lang="en"><head><meta charset="utf-8">',
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">',
@@ -140,22 +140,22 @@ def write_html(title: str, sections: Iterable[Section]) -> str:
         f"<h1>{escape(title)}</h1>",
     ]
     for section in sections:
-        parts.append(f"<h2>{escape(section.title)}</h2>")
-        parts += [block.write_html() for block in section.blocks]
-    return "\n".join([*parts, "</body></html>", ""])
+        pieces.append(f"<h2>{escape(section.title)}</h2>")
+        pieces += [block.write_html() for block in section.blocks]
+    return "\n".join([*pieces, "</body></html>", ""])
 
 
 def write_markdown(title: str, sections: Iterable[Section], folder: str = "") -> str:
     """Return the sections as Markdown; pictures are named, as files in a ``folder``, not held."""
-    parts = [f"# {_mark(title)}"]
+    pieces = [f"# {_mark(title)}"]
     for section in sections:
-        parts.append(f"## {_mark(section.title)}")
+        pieces.append(f"## {_mark(section.title)}")
         for block in section.blocks:
             if isinstance(block, Picture):
-                parts.append(block.write_markdown(folder))
+                pieces.append(block.write_markdown(folder))
             else:
-                parts.append(block.write_markdown())
-    return "\n\n".join(parts) + "\n"
+                pieces.append(block.write_markdown())
+    return "\n\n".join(pieces) + "\n"
 
 
 def _mark(text: str) -> str:
@@ -167,5 +167,5 @@ def _write_cells(cells: Sequence[str], tag: str) -> str:
     return "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in cells)
 
 
-def _write_row(cells: Sequence[str], is_plain: bool = False) -> str:
+def _write_row(cells: Sequence[str], *, is_plain: bool = False) -> str:
     return f"| {' | '.join(cells if is_plain else map(_mark, cells))} |"

@@ -332,27 +332,28 @@ def _tabulate(
 def _refine_nodes(
     curves: list[_Curve], low: float, high: float
 ) -> tuple[Array, list[Array], float]:
-    """Return nodes (n,) of ln f* from ``low`` to ``high``, the values (3, n) of each curve there,
-    and the largest relative error of k in the middle between two nodes.
+    """Return nodes (n,) of ln f* from ``low`` to ``high``, and the values (3, n) of each curve
+    there. The third result is the largest relative error of k in the middle between two nodes.
 
     A law has a kink at loads where contacts open: nodes are closer at a kink.
     """
     nodes = np.linspace(low, high, _NODES)
     while True:
-        values = [np.array(curve(nodes)) for curve in curves]
-        middle = 0.5 * (nodes[1:] + nodes[:-1])
-        step = np.diff(nodes)
-        errors = np.zeros(len(step))
-        for (_, log_stiffness, slope), curve in zip(values, curves, strict=True):
+        tables = [np.array(curve(nodes)) for curve in curves]
+        middles = 0.5 * (nodes[1:] + nodes[:-1])
+        steps = np.diff(nodes)
+        errors = np.zeros(len(steps))
+        for (_overlap, log_stiffness, slope), curve in zip(tables, curves, strict=True):
             # the value of Hermite's cubic in the middle between two nodes
             mean = 0.5 * (log_stiffness[1:] + log_stiffness[:-1])
-            interpolated = mean + step / 8.0 * (slope[:-1] - slope[1:])
-            errors = np.maximum(errors, np.abs(np.expm1(interpolated - curve(middle)[1])))
-        is_coarse = (errors > _TOLERANCE) & (step > _LEAST_STEP)
+            interpolated = mean + steps / 8.0 * (slope[:-1] - slope[1:])
+            _overlap, exact, _slope = curve(middles)
+            errors = np.maximum(errors, np.abs(np.expm1(interpolated - exact)))
+        is_coarse = (errors > _TOLERANCE) & (steps > _LEAST_STEP)
         n_nodes = len(nodes) + np.count_nonzero(is_coarse)
         if not np.any(is_coarse) or n_nodes > _MOST_NODES:
-            return nodes, values, float(np.max(errors))
-        nodes = np.sort(np.concatenate([nodes, middle[is_coarse]]))
+            return nodes, tables, float(np.max(errors))
+        nodes = np.sort(np.concatenate([nodes, middles[is_coarse]]))
 
 
 def _simulate(

@@ -188,8 +188,8 @@ def _choose_direction(direction: Sequence[float] | None, periods: int) -> list[f
     default.
     """
     x_axis = (1.0, 0.0, 0.0)[:periods]
-    chosen = x_axis if direction is None else direction
-    vector: list[float] = as_direction(chosen, periods).tolist()
+    components = x_axis if direction is None else direction
+    vector: list[float] = as_direction(components, periods).tolist()
     return vector
 
 
@@ -213,15 +213,15 @@ def _describe_losses(losses: BandsSettings | None) -> dict[str, Any] | None:
     motion, the first two each as a list over contacts, and drags, 1/s, of displacements and of
     rotations; alpha of the dashpot of a restitution is "tsuji".
     """
-    given = losses.losses if losses is not None else {}
-    if not any(np.any(loss) for loss in given.values()):
+    given_losses = losses.losses if losses is not None else {}
+    if not any(np.any(loss) for loss in given_losses.values()):
         return None
-    pairs = {name: np.broadcast_to(given.get(name, 0.0), 2).tolist() for name in LOSSES}
+    pairs = {name: np.broadcast_to(given_losses.get(name, 0.0), 2).tolist() for name in LOSSES}
     return {
         "factors": [[factor] for factor in pairs["loss_factor"]],
         "damping": [[time] for time in pairs["damping"]],
         "dashpot": pairs["dashpot"],
-        "tsuji": float(find_tsuji(given.get("restitution", 1.0))),
+        "tsuji": float(find_tsuji(given_losses.get("restitution", 1.0))),
         "drag": pairs["drag"],
     }
 
@@ -279,17 +279,17 @@ def describe_page(
     """
     structure = packing.structure
     law = packing.law
-    chosen, notes = _choose_media(packing, media, load)
-    forces = _find_forces(packing, chosen[0], load)
-    is_averaged_lattice = [medium.name for medium in chosen] == ["ala"]
+    choices, notes = _choose_media(packing, media, load)
+    forces = _find_forces(packing, choices[0], load)
+    is_averaged_lattice = [medium.name for medium in choices] == ["ala"]
     has_width_slider = structure.periods > 1
     if packing.spread is None and is_averaged_lattice and has_width_slider:
         # the slider of the width needs a medium of unequal balls; at W = 0 both media are equal
-        chosen = [MediumChoice("ema")]
+        choices = [MediumChoice("ema")]
     stiffness = law.stiffness(law.overlap(forces[0]))
     torsion = float(packing.find_torsion(forces[0], stiffness))
     limits = _Limits.of(packing, forces, torsion)
-    tables = _tabulate_media(packing, chosen, limits)
+    tables = _tabulate_media(packing, choices, limits)
     if all(table["refusal"] for table in tables):
         limits = limits._replace(width=0.0)
     pressure: float | None = None
@@ -376,11 +376,10 @@ def _choose_media(
     """Return the media of a page, none of which is automatic, and a sentence for each that takes
     the place of an automatic one.
     """
-    choices = list(dict.fromkeys(media)) or [MediumChoice("ala")]
     first_load = load.applied.flat[np.zeros(1, int)]
-    chosen = []
+    media_of_page = []
     notes = []
-    for choice in choices:
+    for choice in list(dict.fromkeys(media)) or [MediumChoice("ala")]:
         medium = choice.choose(packing, first_load)[0].medium
         if medium != choice:
             words = f"{find_medium(medium.name).words} ({medium.label})"
@@ -388,8 +387,8 @@ def _choose_media(
                 f"At the first load the medium {choice.label} takes the {words}; the page"
                 f" keeps it at all loads."
             )
-        chosen.append(medium)
-    return chosen, notes
+        media_of_page.append(medium)
+    return media_of_page, notes
 
 
 def _find_forces(packing: Packing, medium: MediumChoice, load: Load) -> list[float]:

@@ -559,11 +559,11 @@ def _label_sensitivities(frame: Dataset, grid: Grid, variables: dict[str, Any]) 
     """
     from granphon.runs.sensitivities import NAME, list_axes
 
-    names = list_axes(grid.cases[0].packing, grid.load, grid.request.cutoffs)
+    names = list_axes(grid.cases[0].packing, grid.load, has_cutoffs=grid.request.cutoffs)
     dims, values, attributes = variables[NAME]
     for axis, labels in zip((-2, -1), names, strict=True):
-        others = tuple(number for number in range(values.ndim) if number != values.ndim + axis)
-        is_known = np.any(np.isfinite(values), axis=others)
+        other_axes = tuple(number for number in range(values.ndim) if number != values.ndim + axis)
+        is_known = np.any(np.isfinite(values), axis=other_axes)
         values = np.compress(is_known, values, axis=axis)
         frame = frame.assign_coords({dims[axis]: np.array(labels)[is_known]})
     variables[NAME] = dims, values, attributes
@@ -635,8 +635,8 @@ def _pad_uneven(results: Sequence[TaskResult]) -> None:
 
 def _fill_choices(grid: Grid, results: Sequence[TaskResult]) -> None:
     """Add to each result, in place, the label of the medium that serves each load (loads,), and the
-    expected relative error of that medium (loads,), +inf where none is known; only if a medium of
-    the sweep was chosen automatically.
+    expected relative error of that medium (loads,), +inf where none is known. Nothing is added
+    unless a medium of the sweep was chosen automatically.
     """
     serving_media = [serving for case in grid.cases for serving in case.serving_media]
     if not any(serving.chosen_automatically for serving in serving_media):
@@ -685,8 +685,8 @@ def _fill_gaps(results: Sequence[TaskResult], periods: int) -> tuple[list[TaskRe
             for name, example in examples.items()
             if name not in result and name not in left_out
         }
-        kept = {name: value for name, value in result.items() if name not in left_out}
-        filled.append(kept | nans)
+        remaining = {name: value for name, value in result.items() if name not in left_out}
+        filled.append(remaining | nans)
         sentences.append(_explain_gaps(result, list(nans)))
     return filled, sentences
 
@@ -852,7 +852,7 @@ def _digest_numbers(dataset: Dataset) -> str:
 
 
 def write_waves(
-    dataset: Dataset, path: Path, wave_dims: Sequence[str], numbered: bool = False
+    dataset: Dataset, path: Path, wave_dims: Sequence[str], *, numbered: bool = False
 ) -> None:
     """Write the table ``path`` of the variables that have the dimensions ``wave_dims`` besides
     those of the states, with a row for each of their points in every state.
@@ -994,7 +994,7 @@ def _is_quantity(name: str, values: Array) -> bool:
     return has_unit and values.dtype.kind != "b"
 
 
-def _find_fault(name: str, values: Array, may_lack: bool) -> str:
+def _find_fault(name: str, values: Array, *, may_lack: bool) -> str:
     """Return words for the first of the ``values`` of a variable that cannot be of a sweep; empty
     if all can be. Standard errors, waves and registered observables may be nan, and with
     ``may_lack`` velocities, moduli and pressures too; those of :data:`_MAY_BE_INFINITE` may be

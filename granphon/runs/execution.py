@@ -175,6 +175,9 @@ class _Work:
     """
 
     def __init__(self, tasks: Sequence[Task], store: Store, step: Step) -> None:
+        """Take what the ``store`` holds of the ``tasks`` as done, tell ``step`` of it, and let the
+        others wait.
+        """
         self.tasks = tasks
         self.store = store
         self.step = step
@@ -263,14 +266,15 @@ class _Work:
         single task unless the tasks are known to be short and no worker was lost with them.
 
         ``n_calls`` calls are under way at a time; 0 if this process does them. Towards the end
-        calls become shorter, so that all workers end at about the same time.
+        calls become shorter, so that all workers end at about the same time: a call has at most
+        half of what would be the share of its worker.
         """
-        most = 1
+        n_most = 1
         if n_calls:
-            most = max(1, len(self.waiting) // (2 * n_calls))
+            n_most = max(1, len(self.waiting) // (2 * n_calls))
         indices = list[int]()
-        seconds = 0.0
-        while self.waiting and len(indices) < most:
+        seconds = 0.0  # of all tasks of the call, infinite where a time is not known
+        while self.waiting and len(indices) < n_most:
             index = self.waiting[0]
             if self.losses[index]:
                 seconds = math.inf

@@ -108,8 +108,9 @@ def _tell_case(entry: CaseNotes) -> list[str]:
 
 
 def _find_place(entry: CaseNotes, check: Check) -> str:
-    """Return in words the loads of the only case of a sweep, or of a medium, at which a condition
-    fails, if these are some of the loads and the text of the condition does not tell them.
+    """Return in words the loads at which a condition fails, of the only case of a sweep, or of a
+    medium. The text is empty if these are none or all of the loads, and if the condition tells them
+    itself.
     """
     failing = entry.find_failing(check)
     # the text about a medium has the contact forces
@@ -121,43 +122,59 @@ def _find_place(entry: CaseNotes, check: Check) -> str:
 
 
 def _tell_check(failing: Sequence[tuple[CaseNotes, Check]], entries: Sequence[CaseNotes]) -> str:
-    """Return the warning of one limit that the cases ``failing`` pass, of all cases of a sweep."""
-    (_, first), *_ = failing
+    """Return the warning of one limit that the cases ``failing`` pass, of all cases of a sweep:
+    each entry comes with the condition that says so.
+    """
+    _entry, check = failing[0]
     media = {entry.case.medium.label for entry, _ in failing}
     all_entries = list(entries)
-    if first.name == "medium":  # a limit of one medium
+    if check.name == "medium":  # a limit of one medium
         all_entries = [entry for entry in entries if entry.case.medium.label in media]
         if len(all_entries) == 1:  # the medium says by itself at how many of its loads
             (entry,) = all_entries
-            return str(first.tell(_find_place(entry, first)))
-    loads_of_cases: dict[str, set[int]] = {}  # a case may have several entries
-    for entry in all_entries:
-        loads = range(entry.n_loads) if entry.loads is None else entry.loads.tolist()
-        loads_of_cases.setdefault(entry.case.label, set()).update(loads)
-    n_states = sum(map(len, loads_of_cases.values()))
+            return str(check.tell(_find_place(entry, check)))
+    n_states = _count_states(all_entries)
     n_failing = sum(check.failing for _, check in failing)
-    values = [entry.values for entry, _ in failing]
-    places = _describe_values(values, all_entries)
-    indices = [entry.find_failing(check) for entry, check in failing]
-    known = [index for index in indices if index is not None]
-    if len(known) == len(indices):
-        case = failing[0][0].case
-        some = np.unique(np.concatenate(known))
-        if some.size < case.load.size:
-            places = ", ".join(filter(None, (places, _describe_loads(case, some))))
     share = f"at {n_failing} of {n_states} states"
     if n_failing == n_states:
         share = f"at all {n_states} states"
+    places = _describe_places(failing, all_entries)
     if places:
         share += f" ({places})"
     worst_entry, worst_check = max(failing, key=lambda pair: pair[1].excess)
-    worst = worst_check.worst_index
-    at_load = None
+    worst_load = None
     if worst_entry.find_failing(worst_check) is not None:
-        order = worst_entry.loads
-        at_load = worst if order is None else int(order[worst])
-    place = _describe_worst(worst_entry, at_load, all_entries)
+        number = worst_check.worst_index
+        loads = worst_entry.loads
+        worst_load = number if loads is None else int(loads[number])
+    place = _describe_worst(worst_entry, worst_load, all_entries)
     return worst_check.tell_states(share, place if n_failing > 1 else "")
+
+
+def _count_states(entries: Sequence[CaseNotes]) -> int:
+    """Return the number of states that the notes are about; a case may have several entries."""
+    loads_of_cases: dict[str, set[int]] = {}
+    for entry in entries:
+        loads = range(entry.n_loads) if entry.loads is None else entry.loads.tolist()
+        loads_of_cases.setdefault(entry.case.label, set()).update(loads)
+    return sum(map(len, loads_of_cases.values()))
+
+
+def _describe_places(
+    failing: Sequence[tuple[CaseNotes, Check]], entries: Sequence[CaseNotes]
+) -> str:
+    """Return in words the media, parameters and loads of the cases ``failing``, as far as they are
+    not all of the ``entries``; loads are left out where one case does not know its own.
+    """
+    words = [_describe_values([entry.values for entry, _ in failing], entries)]
+    loads_of_entries = [entry.find_failing(check) for entry, check in failing]
+    known_loads = [loads for loads in loads_of_entries if loads is not None]
+    if len(known_loads) == len(loads_of_entries):
+        case = failing[0][0].case
+        failing_loads = np.unique(np.concatenate(known_loads))
+        if failing_loads.size < case.load.size:
+            words.append(_describe_loads(case, failing_loads))
+    return ", ".join(filter(None, words))
 
 
 def _describe_worst(entry: CaseNotes, index: int | None, entries: Sequence[CaseNotes]) -> str:
@@ -185,29 +202,34 @@ def _describe_values(values: Sequence[Mapping[str, str]], entries: Sequence[Case
     words = []
     for name in values[0]:
         all_texts = list(dict.fromkeys(entry.values[name] for entry in entries))
-        texts = {of_case[name] for of_case in values}
-        kept = [text for text in all_texts if text in texts]
-        if len(kept) == len(all_texts):
+        texts_of_cases = {values_of_case[name] for values_of_case in values}
+        texts = [text for text in all_texts if text in texts_of_cases]
+        if len(texts) == len(all_texts):
             continue
-        words.append(_write_value(name, _list_texts(kept, all_texts)))
+        words.append(_write_value(name, _list_texts(texts, all_texts)))
     return ", ".join(words)
 
 
-def _list_texts(kept: Sequence[str], all_texts: Sequence[str]) -> str:
-    """Return some of several values in words: as a list, as a range, or as their number."""
-    if len(kept) <= _MOST_VALUES:
-        return " and ".join([", ".join(kept[:-1]), kept[-1]] if len(kept) > 1 else kept)
-    start = all_texts.index(kept[0])
-    if list(all_texts[start : start + len(kept)]) == list(kept):
-        return f"{kept[0]} to {kept[-1]}"
-    return f"{len(kept)} values from {kept[0]} to {kept[-1]}"
+def _list_texts(texts: Sequence[str], all_texts: Sequence[str]) -> str:
+    """Return the ``texts``, some of ``all_texts`` and in their order, in words: a few as a list,
+    neighbours as a range, others as their number.
+    """
+    if len(texts) == 1:
+        return texts[0]
+    if len(texts) <= _MOST_VALUES:
+        return f"{', '.join(texts[:-1])} and {texts[-1]}"
+    start = all_texts.index(texts[0])
+    if list(all_texts[start : start + len(texts)]) == list(texts):
+        return f"{texts[0]} to {texts[-1]}"
+    return f"{len(texts)} values from {texts[0]} to {texts[-1]}"
 
 
 def _describe_loads(case: Case, indices: NDArray[np.intp]) -> str:
     """Return in words the loads of the ``indices`` of a case, as the user wrote them."""
     load = case.load if case.written.load is None else case.written.load
     unit = find_load_unit(load.kind, case.packing.structure.periods)
-    written = case.written.units.get(load.kind, "")
+    written_unit = case.written.units.get(load.kind, "")
     loads = np.unique(np.ravel(load.array)[indices])
-    ends = [write_in(float(end), unit, written) for end in dict.fromkeys([loads[0], loads[-1]])]
-    return f"{load.kind} {' to '.join(ends)}"
+    ends = dict.fromkeys([loads[0], loads[-1]])  # equal ends are one
+    texts = [write_in(float(end), unit, written_unit) for end in ends]
+    return f"{load.kind} {' to '.join(texts)}"

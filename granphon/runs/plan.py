@@ -181,9 +181,9 @@ class PlannedCase:
         The property is cached, so that a case is checked once. No simulation and no effective
         medium of a long list of diameters is solved for the check.
         """
-        least = int(np.argmin(self.case.load.array))
+        smallest_load = int(np.argmin(self.case.load.array))
         greatest = int(np.argmax(self.case.load.array))
-        for index in dict.fromkeys((least, greatest)):
+        for index in dict.fromkeys((smallest_load, greatest)):
             serving = next(serving for serving in self.serving_media if index in serving.loads)
             with self.at_load(index, f"{self.case.label}: "):
                 serving.medium.of(self.case.packing).require(self.case.load[index])
@@ -374,7 +374,7 @@ class Plan:
         """
         for axis in self.axes:
             try:
-                # between values that a packing can have are no others
+                # if a packing can have both ends of an axis, it can have all values between
                 for value in axis.ends.values:
                     self.grid.change({axis.name: value})
             except (GranphonError, ArithmeticError):
@@ -560,8 +560,9 @@ class Plan:
         return entries, " and ".join(left_out)
 
     def foresee_warnings(self) -> tuple[list[str], str]:
-        """Return the warnings that are known before a run, those of states that are quick to find
-        and those of simulations, and words for the states that are left out, as :meth:`survey`.
+        """Return the warnings that are known before a run, and words for the states that are left
+        out, as :meth:`survey` gives them. Known are those of simulations, and of states that are
+        quick to find.
         """
         entries, left_out = self.survey()
         with self.places.where_it_buckles():
@@ -617,15 +618,17 @@ class Plan:
         overwrite: bool,
         store: Store | None,
     ) -> Dataset:
-        """Carry out :meth:`sweep`."""
+        """Carry out :meth:`sweep`, which has the same arguments: compute what is not finished, and
+        write the file at ``path``, if one is given, whole.
+        """
         run = SweepRun.of(self.grid)
-        target = None if path is None else Path(path)
-        if target is None and resume:
-            problem = "a sweep without a path cannot be resumed"
-            why = "Its finished parts are kept beside its file"
-            raise InputError(problem, why, "Give path")
-        if target is None:
+        if path is None:
+            if resume:
+                problem = "a sweep without a path cannot be resumed"
+                why = "Its finished parts are kept beside its file"
+                raise InputError(problem, why, "Give path")
             return run.join(run.do(executor, progress, store))
+        target = Path(path)
         if target.suffix != ".nc":
             why = "It is a netCDF file, with a .csv beside it"
             raise InputError(f"{target} does not end in .nc", why)
@@ -635,7 +638,7 @@ class Plan:
                 return earlier_sweep
         incomplete_names = _incomplete_files(target.name)
         files = ResultFiles(target.parent, file_names(target), overwrite, earlier=incomplete_names)
-        store_beside = open_store(target.with_name(f".{target.name}.partial"), overwrite)
+        store_beside = open_store(target.with_name(f".{target.name}.partial"), force=overwrite)
         opened_store = store_beside if store is None else nullcontext(store)
         with files.open() as locked, opened_store as task_store:
             try:
@@ -659,21 +662,21 @@ class Plan:
         :class:`~granphon.base.errors.InputError` if more memory is needed than is available on this
         machine now, or more than 10,000 days on one processor.
         """
-        parts = [(path, mend, cost) for path, mend, cost in self.parts if cost.tells]
-        total = sum((cost for _, _, cost in parts), Cost())
+        told_parts = [(path, mend, cost) for path, mend, cost in self.parts if cost.tells]
+        total = sum((cost for _, _, cost in told_parts), Cost())
         free_memory = memory.available_memory()  # bytes
         most_seconds = costs.MOST_SECONDS
         if total.memory > free_memory:
             limit = f"this machine has {free_memory / 1e9:.3g} GB of memory available"
-            sizes = [cost.memory for _, _, cost in parts]
+            sizes = [cost.memory for _, _, cost in told_parts]
         elif total.takes_longer(most_seconds):
             duration = costs.write_duration(most_seconds)
             limit = f"no run may take more than {duration} on one processor"
-            sizes = [cost.seconds for _, _, cost in parts]
+            sizes = [cost.seconds for _, _, cost in told_parts]
         else:
-            return total if parts else None
+            return total if told_parts else None
         # the error stands at the key of the largest part
-        path, mend, _ = parts[sizes.index(max(sizes))]
+        path, mend, _ = told_parts[sizes.index(max(sizes))]
         with self.places.at(*path):
             raise InputError(f"{total.text}, and {limit}", mend=mend)
 
@@ -921,9 +924,9 @@ def _count_spectrum_products(
 
 
 def _measure_product(network: ContactNetwork, balls: int) -> float:
-    """Return the measured time per ball, s, of a product of the dynamical matrix with a vector, for
-    a repetition of ``network`` to about ``balls`` balls, or to :data:`_PRODUCT_BALLS` if these are
-    fewer.
+    """Return the measured time per ball, s, of a product of the dynamical matrix with a vector. The
+    matrix is that of ``network``, repeated to about ``balls`` balls, or to :data:`_PRODUCT_BALLS`
+    if these are fewer.
     """
     # imported here: other scenes do not need it
     from granphon.waves.operator import make_operator

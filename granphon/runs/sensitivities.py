@@ -25,7 +25,7 @@ NAME = "sensitivity"
 _ROUNDING = 1e-8
 
 
-def list_axes(balls: Balls, load: Load, has_cutoffs: bool) -> tuple[list[str], list[str]]:
+def list_axes(balls: Balls, load: Load, *, has_cutoffs: bool) -> tuple[list[str], list[str]]:
     """Return the names of the quantities of which derivatives are found, and of the parameters:
     velocities and moduli, and with ``has_cutoffs`` the ends of the branches in the zone.
     """
@@ -57,18 +57,18 @@ def observe_sensitivities(
     parameters that cannot change. Of many directions of sound the first counts.
     """
     balls = serving.packing
-    quantities, parameters = list_axes(balls, load, has_cutoffs)
+    quantities, parameters = list_axes(balls, load, has_cutoffs=has_cutoffs)
 
     derivatives = np.full((load.size, len(quantities), len(parameters)), np.nan)
     for index in range(load.size):
         single = load.flat[index]
         find = _Finder(quantities, direction, has_cutoffs).find
         names = list_parameters(balls, single)
-        found = find_parameter_sensitivities(
+        sensitivities = find_parameter_sensitivities(
             serving.medium, balls, single, find, names, finite_overlap or None
         )
         columns = [parameters.index(name) for name in names]
-        derivatives[index][:, columns] = found.slopes.T
+        derivatives[index][:, columns] = sensitivities.slopes.T
     return np.where(np.abs(derivatives) <= _ROUNDING, 0.0, derivatives)
 
 

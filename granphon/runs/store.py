@@ -125,6 +125,7 @@ class Store:
     """
 
     def __init__(self, path: Path | None = None, force: bool = False) -> None:
+        """Set up a store, which opens no file yet."""
         self.path = path
         self.force = force
         self._base: sqlite3.Connection | None = None
@@ -235,6 +236,7 @@ class Store:
         waits_for_disk = now - self._synced > _SYNC_SECONDS
         entries = {name: entry}
         if self._pending is not None:
+            # the first result of new work brings the identity of the work with it
             entries = {_IDENTITY: _seal(_IDENTITY, self._pending.encode()), name: entry}
         try:
             base.execute(f"PRAGMA synchronous = {'FULL' if waits_for_disk else 'OFF'}")
@@ -282,7 +284,7 @@ class Store:
                 is_claimed = self._home != (0, 0)
                 if make and is_claimed and _identify(path.parent) != self._home:
                     raise FileNotFoundError
-                self._base = self._open(path, make)
+                self._base = self._open(path, make=make)
                 self._file = _identify(path)
         except (OSError, sqlite3.OperationalError) as error:
             raise self._explain(error, "written" if make else "read") from None
@@ -300,7 +302,7 @@ class Store:
         mend = "Use --force (force=True, overwrite=True) to discard it, or move it away"
         return OutputError(f"{kept}, is damaged: {error}", mend=mend)
 
-    def _open(self, path: Path, make: bool) -> sqlite3.Connection:
+    def _open(self, path: Path, *, make: bool) -> sqlite3.Connection:
         """Return the data base in the file ``path``, which is made if it is missing and ``make`` is
         on; DatabaseError unless the base is empty, or has the one table of a store, undamaged.
         """
@@ -394,7 +396,7 @@ class Store:
 
 
 @contextmanager
-def open_store(path: Path | None, force: bool = False) -> Iterator[Store]:
+def open_store(path: Path | None, *, force: bool = False) -> Iterator[Store]:
     """Open a store at ``path``, and clear it if the block ends well; after a failure its results
     stay, to go on from.
     """

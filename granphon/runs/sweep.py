@@ -200,18 +200,20 @@ def sweep(
 
     networks = {"response": response, "motion": motion, "modes": modes}
     waves = _read_waves(dos, spectrum, pulse, networks, directions, lattice)
-    of_waves = [] if waves is None else [waves.pulse, *waves.of_networks]
-    require_losses(parameters, of_waves)
+    settings_with_losses = [] if waves is None else [waves.pulse, *waves.of_networks]
+    require_losses(parameters, settings_with_losses)
     path_of_bands = None if bands is None else (bands, npoints, labels)
-    of_zone = {
+    # what is found of the whole zone of wave vectors, and whether it is asked for
+    zone_flags = {
         "bands": bands is not None,
         "gaps": require("gaps", truth, gaps),
         "cutoffs": require("cutoffs", truth, cutoffs),
         "onsets": require("onsets", truth, onsets),
     }
-    observe = ["velocities", *(name for name, is_requested in of_zone.items() if is_requested)]
-    of_arrays: Sequence[str] = () if waves is None else waves.names
-    observe += [*of_arrays, *(name for name, settings in networks.items() if settings is not None)]
+    names_of_zone = [name for name, is_requested in zone_flags.items() if is_requested]
+    names_of_arrays: Sequence[str] = () if waves is None else waves.names
+    names_of_networks = [name for name, settings in networks.items() if settings is not None]
+    observe = ["velocities", *names_of_zone, *names_of_arrays, *names_of_networks]
     # balls that are held have no sound, and a mechanism has bands and motions too
     is_held = packing.is_held or not HOLDING_PARAMETERS.isdisjoint(parameters)
     request = Request(
@@ -219,14 +221,14 @@ def sweep(
         path=path_of_bands,
         direction=directions,
         waves=waves,
-        gaps=of_zone["gaps"],
-        cutoffs=of_zone["cutoffs"],
-        onsets=of_zone["onsets"],
-        sound=packing.repeats and not is_held and observe == ["velocities", *of_arrays],
+        gaps=zone_flags["gaps"],
+        cutoffs=zone_flags["cutoffs"],
+        onsets=zone_flags["onsets"],
+        sound=packing.repeats and not is_held and observe == ["velocities", *names_of_arrays],
         observe=tuple(observe),
     )
     grid = Grid(packing, axes, choices, load, request)
-    require_arrays(choices, parameters, of_arrays)
+    require_arrays(choices, parameters, names_of_arrays)
     return Plan(grid).sweep(
         progress,
         executor,

@@ -265,8 +265,8 @@ class Case:
         try:
             serving_media = [
                 serving
-                for chosen in self.serving_media
-                for serving in chosen.by_geometry(self.request.finite_overlap)
+                for serving_all in self.serving_media
+                for serving in serving_all.by_geometry(self.request.finite_overlap)
             ]
         except InputError as error:
             periods = self.packing.structure.periods
@@ -1019,7 +1019,7 @@ class SampleRecord(SimpleNamespace):
             # imported here: a sweep without waves does not need them
             from granphon.runs.wave_records import record_waves
 
-            of_waves = record_waves(sample, waves, whole)
+            of_waves = record_waves(sample, waves, whole=whole)
         names = [*_AVERAGED]
         if exponents and sample.packing.spread_matters:
             names.append("elastic_tensors_beside")

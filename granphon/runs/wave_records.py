@@ -180,8 +180,8 @@ def _require_pulse(
 def _require_spectrum(
     network: ContactNetwork, packing: Packing, spectrum: SpectrumSettings, path: Any
 ) -> None:
-    """Raise GranphonError if a network of equal balls, which stands for the array of a ``packing``,
-    lacks the wave vectors of a ``path`` or the polarisations of a ``spectrum``, or if the
+    """Raise GranphonError if the array of a ``packing``, for which a network of equal balls stands,
+    lacks the wave vectors of a ``path`` or the polarisations of a ``spectrum``; also if the
     resolution of the spectrum takes too many moments.
     """
     points = find_path_points(
@@ -259,7 +259,7 @@ def record_waves(x: Any, settings: WaveSettings, whole: bool = False) -> dict[st
         if whole:
             for key, result in results.items():
                 numbers[_WHOLE + key] = np.array(json.dumps(result.to_dict()).encode())
-    return numbers | _record_networks(x, settings, whole)
+    return numbers | _record_networks(x, settings, whole=whole)
 
 
 def _record_dos(
@@ -334,7 +334,7 @@ def _record_pulse(
     return arrays | notes, pulses
 
 
-def _record_networks(x: Any, settings: WaveSettings, whole: bool = False) -> dict[str, Array]:
+def _record_networks(x: Any, settings: WaveSettings, *, whole: bool = False) -> dict[str, Array]:
     """Find the waves of the ``settings`` in the network of ``x``, a state or a sample, and return
     the numbers that :func:`average_waves` averages, arrays in SI units by name.
 
@@ -489,6 +489,7 @@ class PreparedMotion:
     """
 
     def __init__(self, x: Any, settings: MotionSettings) -> None:
+        """Prepare the motion of the network of ``x``, repeated and cut as the ``settings`` say."""
         # imported here: other tasks do not need nonlinear waves
         from granphon.waves.nonlinear import Drive
 
@@ -645,8 +646,9 @@ def _find_distances(motion: Motion, source: Index) -> Array:
 
 def _find_velocity(distances: Array, times: Array) -> float:
     """Return the velocity, m/s, of a wave that passes contacts at ``distances``, m, and ``times``,
-    s, nan where a time is not known, fitted between a quarter and three quarters of the greatest
-    distance with a known time; nan for fewer than three contacts, and without a straight line.
+    s; a time that is not known is nan. The line is fitted between a quarter and three quarters of
+    the greatest distance with a known time. nan for fewer than three contacts, and without a
+    straight line.
     """
     is_fitted = np.isfinite(times)
     greatest = float(np.max(distances, initial=0.0, where=is_fitted))
@@ -972,12 +974,7 @@ def _average_spectra(
         observables["attenuation_error"] = standard_error(attenuations, axis=0)
     assert settings.spectrum is not None
     for number, name in enumerate(settings.spectrum.polarisation):
-        why = "their mean free path is longer than 1/|q| all along the path"
-        crossing = None
-        try:
-            crossing = find_ioffe_regel(q, peak[number], width[number])
-        except InputError as error:
-            why = str(error)
+        crossing, why = _find_crossing(q, peak[number], width[number])
         if crossing is None:
             notes.append(f"no Ioffe-Regel frequency of {name} waves: {why}")
             continue
@@ -986,6 +983,17 @@ def _average_spectra(
             crossing_error = _jackknife(q, lines[:, number])
             observables[f"ioffe_regel_{name}_error"] = np.array(crossing_error)
     return observables, notes
+
+
+def _find_crossing(q: Array, peak: Array, width: Array) -> tuple[float | None, str]:
+    """Return the Ioffe-Regel frequency, Hz, of waves with these peaks and widths (n,), Hz, at wave
+    vectors of the length ``q`` (n,), 1/m; or None and the reason why there is none.
+    """
+    try:
+        crossing = find_ioffe_regel(q, peak, width)
+    except InputError as error:
+        return None, str(error)
+    return crossing, "their mean free path is longer than 1/|q| all along the path"
 
 
 def _average_pulses(

@@ -176,8 +176,8 @@ def _find_value(scene: Any, name: str, key: str) -> Any:
 
 
 def write_preset(name: str) -> str:
-    """Return the text of the scene ``name`` of the package, in which the words of each key stand as
-    comments, once, on the first line whose key has these words.
+    """Return the text of the scene ``name`` of the package, with comments. The words of each key
+    stand once, on the first line whose key has these words.
     """
     text = (files("granphon") / "data" / f"{name}.yaml").read_text(encoding="utf-8")
     lines = list[str]()
@@ -214,8 +214,8 @@ def _comment_line(line: str, words: str) -> list[str]:
 
 
 def _explain_key(line: str, block_name: str, key: str) -> str:
-    """Return the words for the ``line`` of a ``key`` in a block, or, if the key is empty, for the
-    line of the block itself or of a value at the top level; empty where there are none.
+    """Return the words for the ``line`` of a ``key`` in a block; empty where there are none. If the
+    key is empty, the line is that of the block itself, or of a value at the top level.
     """
     # kinds of balls have keys of the blocks material and packing
     for name in (block_name, *_NEEDED_BLOCKS[:2]):
@@ -407,7 +407,7 @@ def _has_measured_spread(packing: Any) -> bool:
     return isinstance(spread, Mapping) and "measured" in spread
 
 
-def _require_one_load(value: Mapping[str, Any], of_crystal: bool) -> None:
+def _require_one_load(value: Mapping[str, Any], *, of_crystal: bool) -> None:
     """Raise Refused unless a block "load" has one kind of load, or of a crystal gravity alone, with
     the keys that belong to it.
     """
@@ -439,9 +439,9 @@ def _require_one_load(value: Mapping[str, Any], of_crystal: bool) -> None:
 
 
 def _require_known(data: Any) -> None:
-    """Raise Refused for the first unknown key of a document, at the top level and then in the
-    blocks in the order of the table, which says to which block the key belongs if another block has
-    such a key; and for loads without a key.
+    """Raise Refused for the first unknown key of a document, and for loads without a key. The top
+    level comes first, and then the blocks in the order of the table. If another block has such a
+    key, the error names the block.
     """
     keys_of_blocks = {"": list(BLOCKS)}  # the top level
     for name, settings in BLOCKS.items():
@@ -528,7 +528,7 @@ def _find_key_of_values(block: Mapping[str, Any], kind: str) -> str:
     return kind if kind in block else "gravity"  # gravity is then the only load
 
 
-def _find_place_of_value(values: Any, index: int, is_list: bool) -> tuple[str, tuple[Any, ...]]:
+def _find_place_of_value(values: Any, index: int, *, is_list: bool) -> tuple[str, tuple[Any, ...]]:
     """Return the value number ``index``, from 0, of ``values`` as they are written, and the last
     keys of its place: one value, or a tensor, is at the key itself, that of a list at its index.
     ``is_list`` says whether there is a list of values.
@@ -612,6 +612,7 @@ class SceneSource(Places):
     fits: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
+        """Take the standard errors out of the document, which then holds the values alone."""
         entries = {} if self.document is None else _find_uncertain(self.document.data)
         if not entries or self.document is None:
             return
@@ -634,8 +635,8 @@ class SceneSource(Places):
     def of_file(
         cls, path: str | os.PathLike[str], values: Mapping[str, str] | None = None
     ) -> SceneSource:
-        """Return the source of a scene in the file ``path``, in which ``values``, texts by the keys
-        that lead to them, stand in place of those in the file.
+        """Return the source of a scene in the file ``path``. ``values`` stand in place of those in
+        the file: texts, by the keys that lead to them.
 
         :class:`~granphon.base.errors.SceneError` if the text of the file is not YAML;
         :class:`~granphon.base.errors.InputError` if the text of a value is not, or if its keys lead
@@ -692,8 +693,8 @@ class SceneSource(Places):
 
     @contextmanager
     def at(self, *path: str | int, prefix: str = "") -> Iterator[None]:
-        """Raise errors of the with-block anew, placed at the key ``path`` of the document, or
-        without it at the key that a rule refused, with ``prefix`` before their text.
+        """Raise errors of the with-block anew, placed at the key ``path`` of the document, with
+        ``prefix`` before their text. Without a path they stand at the key that a rule refused.
 
         An error that has an ``option`` or a ``block`` is placed there in any case, with words of
         its own in place of the prefix.
@@ -791,7 +792,7 @@ class SceneSource(Places):
             written_key = _find_key_of_values(self.document.data[block], key)
         values = self.document.data[block][written_key]
         is_list = isinstance(values, list) and written_key not in TENSORS
-        words, place = _find_place_of_value(values, index, is_list)
+        words, place = _find_place_of_value(values, index, is_list=is_list)
         prefix_of_value = f"found {words}; allowed: {allowed}; {prefix}"
         return self.at(block, written_key, *place, prefix=prefix_of_value)
 

@@ -111,11 +111,14 @@ class Export:
     stem: str = field(init=False)
 
     def __post_init__(self) -> None:
-        # the dataclass is frozen: what follows from the arguments is put in place here
+        """Put in place what follows from the arguments, as the dataclass is frozen: which files are
+        figures and which numbers, and words for what is left out.
+        """
         assign = partial(object.__setattr__, self)
         figures = [name for name in self.files if name.endswith(_FIGURE)]
-        occasion = [f"`{self.observed}`" if self.observed else "", _NUMBERS[self.states]]
-        assign("occasion", self.occasion or ", ".join(filter(None, occasion)) or "every run")
+        if not self.occasion:
+            conditions = [f"`{self.observed}`" if self.observed else "", _NUMBERS[self.states]]
+            assign("occasion", ", ".join(filter(None, conditions)) or "every run")
         assign("caption", self.caption or self.words)
         assign("label", self.label or self.name.replace("_", " "))
         assign("numbers", tuple(name for name in self.files if name not in figures))
@@ -221,13 +224,15 @@ class Results:
         """Return the value of the output ``name``; None if the folder does not hold it. That of an
         output without files is found from other values.
         """
-        if name not in self.values:
+        if name not in self.values:  # what is read or found is kept
             row = OUTPUTS[name]
             path = row.find_source(self.folder)
             if path is not None:
                 self.values[name] = row.read_value(path)
+            elif row.files:
+                self.values[name] = None
             else:
-                self.values[name] = None if row.files else row.find_value(self)
+                self.values[name] = row.find_value(self)
         return self.values[name]
 
     @property
@@ -344,16 +349,20 @@ def _list_peaks(run: Any) -> dict[str, Any]:
     if "peaks_frequency" not in data:
         return {"peaks": peaks}
     quantity = next(name for name in RESPONSES.values() if name in data)
+    variables = {
+        "frequency": "peaks_frequency",
+        "height": f"peaks_{quantity}",
+        "quality": "peaks_quality",
+    }
     # (receivers, peaks), nan beyond the number of peaks
-    shape = (len(peaks), -1)
-    frequencies = data["peaks_frequency"].values.reshape(shape).tolist()
-    heights = data[f"peaks_{quantity}"].values.reshape(shape).tolist()
-    qualities = data["peaks_quality"].values.reshape(shape).tolist()
-    for index, receiver in enumerate(peaks):
-        rows = zip(frequencies[index], heights[index], qualities[index], strict=True)
-        for frequency, height, quality in rows:
+    tables = {
+        name: data[variable].values.reshape(len(peaks), -1).tolist()
+        for name, variable in variables.items()
+    }
+    for row, receiver in enumerate(peaks):
+        for column, frequency in enumerate(tables["frequency"][row]):
             if np.isfinite(frequency):
-                peak = {"frequency": frequency, "height": height, "quality": quality}
+                peak = {name: table[row][column] for name, table in tables.items()}
                 peaks[receiver].append(peak)
     return {"peaks": peaks}
 
@@ -410,7 +419,7 @@ def _write_table(
     """
     from granphon.runs.dataset import write_waves
 
-    write_waves(run.dataset, folder / name, dims, numbered)
+    write_waves(run.dataset, folder / name, dims, numbered=numbered)
 
 
 def _write_motion(run: Any, folder: Path) -> None:
@@ -1065,7 +1074,7 @@ def _require_files(row: Export) -> None:
     """Raise InputError unless a row that is to be added has files of its own, and functions for
     them.
     """
-    holders = {file: other.name for _name, other in OUTPUTS.items() for file in other.files}
+    holders = {file: holder.name for _name, holder in OUTPUTS.items() for file in holder.files}
     given_files: tuple[Any, ...] = row.files
     for file in given_files:
         is_name = isinstance(file, str) and Path(file).name == file
@@ -1105,7 +1114,7 @@ def list_figures(folder: Path) -> list[Export]:
     ]
 
 
-def list_files(rows: Sequence[Export], figures: bool = True) -> tuple[str, ...]:
+def list_files(rows: Sequence[Export], *, figures: bool = True) -> tuple[str, ...]:
     """Return the names of the files of the ``rows``, those of numbers first, then the ``figures``
     if they are drawn.
     """
@@ -1115,11 +1124,11 @@ def list_files(rows: Sequence[Export], figures: bool = True) -> tuple[str, ...]:
     return tuple(names)
 
 
-def expected_files(scene: Any, figures: bool = True) -> tuple[str, ...]:
+def expected_files(scene: Any, *, figures: bool = True) -> tuple[str, ...]:
     """Return the names of the files that a run of a ``scene`` writes, with its ``figures`` or
     without.
     """
-    return list_files(list_outputs(scene), figures)
+    return list_files(list_outputs(scene), figures=figures)
 
 
 def every_file() -> tuple[str, ...]:

@@ -47,6 +47,7 @@ WHOLE = View()
 def redraw(
     folder: str | os.PathLike[str],
     out: str | os.PathLike[str] | None = None,
+    *,
     force: bool = False,
     asymptotes: bool = False,
     variable: str | None = None,
@@ -83,7 +84,9 @@ def redraw(
     """
     source = Path(folder)
     asks_for_sweep = variable is not None or view != WHOLE
-    row = _choose_output(source, None if out is None else Path(out).stem, asks_for_sweep)
+    row = _choose_output(
+        source, None if out is None else Path(out).stem, asks_for_sweep=asks_for_sweep
+    )
     if asymptotes and "asymptotes" not in row.options:
         problem = f"{source} holds a {row.label}"
         raise InputError(problem, "Long waves are drawn beside bands only", "Leave asymptotes out")
@@ -100,6 +103,7 @@ def redraw(
     target = source / row.figure if out is None else Path(out)
 
     def draw() -> Any:
+        """Return the figure of the output ``row``, from results that are read when needed."""
         results = Results(source)
         options: dict[str, Any] = dict(wishes)
         if variable is not None:
@@ -120,10 +124,10 @@ def _choose_of_run(run: Run, view: View) -> Run:
     return replace(run, dataset=choose_states(run.dataset, view.where, run.name))
 
 
-def _choose_output(source: Path, stem: str | None, asks_for_sweep: bool) -> Export:
-    """Return the output in the folder ``source`` whose figure is drawn, by the ``stem`` of the
-    figure's file, None if the user names no file, and whether an option of sweeps is given;
-    InputError if the folder has no result, or not that of the name.
+def _choose_output(source: Path, stem: str | None, *, asks_for_sweep: bool) -> Export:
+    """Return the output in the folder ``source`` whose figure is drawn. ``stem`` is that of the
+    figure's file, None if the user names no file; ``asks_for_sweep`` says whether an option of
+    sweeps is given. InputError if the folder has no result, or not that of the name.
     """
     _require_results(source)
     rows = list_figures(source)
@@ -165,8 +169,8 @@ def _explain_no_result(source: Path) -> InputError:
 def draw_together(
     sources: Sequence[str | os.PathLike[str]],
     out: str | os.PathLike[str] | None = None,
-    force: bool = False,
     *,
+    force: bool = False,
     x: str | None = None,
     y: str | None = None,
     data: Sequence[str | os.PathLike[str]] = (),
@@ -203,6 +207,7 @@ def draw_together(
             raise InputError(f"{name} is given twice", mend="Give each run once")
 
     def draw() -> Any:
+        """Return the figure that compares the runs, read when it is needed."""
         from granphon.figures.curves import comparison_figure
 
         runs = _choose_of_runs([read_run(name) for name in names], view)
@@ -234,17 +239,22 @@ def _choose_of_runs(runs: Sequence[Run], view: View) -> list[Run]:
     """
     from granphon.figures.choices import find_dimension
 
-    chosen = []
+    chosen_runs = []
+    is_any_chosen = False
     for run in runs:
         is_swept = run.dataset is not None and any(
             find_dimension(run.dataset, name) is not None and run.dataset[name].size > 1
             for name in view.where
         )
-        chosen.append(_choose_of_run(run, view) if is_swept or len(runs) == 1 else run)
-    if view.where and all(run is earlier for run, earlier in zip(chosen, runs, strict=True)):
+        chosen_run = run
+        if is_swept or len(runs) == 1:  # the only run is refused by name, if it is not swept
+            chosen_run = _choose_of_run(run, view)
+        chosen_runs.append(chosen_run)
+        is_any_chosen |= chosen_run is not run
+    if view.where and not is_any_chosen:
         names = ", ".join(view.where)
         raise InputError(f"none of the runs is swept over {names}", mend="Leave --where out")
-    return chosen
+    return chosen_runs
 
 
 def _find_balls_per_side(names: Sequence[str]) -> int | None:
@@ -314,15 +324,15 @@ def read_run(source: str | os.PathLike[str]) -> Run:
     else:
         _require_results(path)
         rows = {row.joined: row for row in _list_joined() if row.find_source(path)}
-        paths = {part: path / str(row.source) for part, row in rows.items()}
+        paths = {field: path / str(row.source) for field, row in rows.items()}
     if not rows:
         mend = "Give the folder of a run or of a fit, or one of its files, such as sweep.nc"
         raise InputError(f"{name} holds no results to draw with others", mend=mend)
     if "fit" in rows and "dataset" not in rows:
         # a fit is read alone, unless it stands beside a sweep
         return Run.of(name, rows["fit"].read_value(paths["fit"]))
-    parts = {part: row.read_value(paths[part]) for part, row in rows.items() if part != "fit"}
-    return Run(name, **parts)
+    fields = {field: row.read_value(paths[field]) for field, row in rows.items() if field != "fit"}
+    return Run(name, **fields)
 
 
 def _list_joined() -> list[Export]:

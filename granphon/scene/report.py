@@ -214,11 +214,13 @@ def _read_errors(source: Path) -> list[Block]:
 
 
 def _read_limits(source: Path) -> list[Block]:
-    """Return the table of the limits of the model at a single state."""
+    """Return the table of the limits of the model at a single state, from the summary in the folder
+    ``source``; nothing for a sweep, whose summary has none.
+    """
     rows = []
     for check in read_summary(source).get("validity", ()):
-        kept = "yes" if check["ok"] else "no"
-        rows.append((check["meaning"], f"{check['value']:.4g}", f"{check['limit']:.4g}", kept))
+        holds = "yes" if check["ok"] else "no"
+        rows.append((check["meaning"], f"{check['value']:.4g}", f"{check['limit']:.4g}", holds))
     return [Rows(("quantity", "value", "limit", "holds"), tuple(rows))] if rows else []
 
 
@@ -229,42 +231,50 @@ def _read_warnings(source: Path) -> list[Block]:
 
 
 def _read_states(source: Path) -> list[Block]:
-    """Return the table of the states of a sweep: load, medium, parameters and main numbers."""
+    """Return the table of the states of a sweep: load, medium, parameters and main numbers; nothing
+    for a single state.
+    """
     from granphon.runs.dataset import find_load, load_sweep
 
     dataset = load_sweep(source / "sweep.nc")
     dims = dataset["valid"].dims
-    if dataset["valid"].size < 2:
+    n_states = dataset["valid"].size
+    if n_states < 2:
         return []
     load = find_load(dataset)
     told = [name for name, entry in CATALOGUE.items() if entry.told and name != load]
-    columns = [load, *map(str, dims[1:])]
+    names = [load, *map(str, dims[1:])]
     for name in (*told, *_OTHER_COLUMNS):
         if name in dataset.data_vars and dataset[name].dims == dims:
-            columns.append(name)
-    headings = []
-    texts = []
-    for name in columns:
-        values, errors = (
-            of_states.broadcast_like(dataset["valid"]).transpose(*dims).values.ravel()
-            for of_states in (dataset[name], dataset.get(f"{name}_error", dataset["valid"] * 0.0))
-        )
-        unit = str(dataset[name].attrs.get("units", ""))
-        heading = _SHORT_NAMES.get(name, _name_number(name))
-        size = 1.0
-        if unit not in ("", "1"):
-            # a decimal prefix makes the numbers short
-            finite = values[np.isfinite(values)]
-            size, prefixed_unit = prefixed(float(np.max(np.abs(finite), initial=0.0)), unit)
-            heading += f" ({prefixed_unit})"
-        headings.append(heading)
-        cells = zip(values[:MOST_STATES].tolist(), errors[:MOST_STATES].tolist(), strict=True)
-        texts.append([_write_cell(value, error, size) for value, error in cells])
-    blocks: list[Block] = [Rows(tuple(headings), tuple(zip(*texts, strict=True)))]
-    n_states = dataset["valid"].size
+            names.append(name)
+    columns = [_write_column(dataset, name) for name in names]
+    headings = tuple(heading for heading, _ in columns)
+    rows = tuple(zip(*(texts for _, texts in columns), strict=True))
+    blocks: list[Block] = [Rows(headings, rows)]
     if n_states > MOST_STATES:
         blocks.append(Text(f"{MOST_STATES} of {n_states} states; sweep.csv has all of them."))
     return blocks
+
+
+def _write_column(dataset: Any, name: str) -> tuple[str, list[str]]:
+    """Return the heading, with a unit whose decimal prefix makes numbers short, and the cells of
+    the first states, of the column ``name`` of the table of states.
+    """
+    states = dataset["valid"]
+    values = dataset[name].broadcast_like(states).transpose(*states.dims).values.ravel()
+    errors = np.zeros(states.size)
+    if f"{name}_error" in dataset:
+        variable = dataset[f"{name}_error"].broadcast_like(states)
+        errors = variable.transpose(*states.dims).values.ravel()
+    unit = str(dataset[name].attrs.get("units", ""))
+    heading = _SHORT_NAMES.get(name, _name_number(name))
+    size = 1.0
+    if unit not in ("", "1"):
+        finite = values[np.isfinite(values)]
+        size, prefixed_unit = prefixed(float(np.max(np.abs(finite), initial=0.0)), unit)
+        heading += f" ({prefixed_unit})"
+    cells = zip(values[:MOST_STATES].tolist(), errors[:MOST_STATES].tolist(), strict=True)
+    return heading, [_write_cell(value, error, size) for value, error in cells]
 
 
 def _write_cell(value: Any, error: float, size: float) -> str:

@@ -518,6 +518,9 @@ def _load_kind(name: str) -> Kind:
         return read_values(value, partial(_read_load, name=name, lattice=context.lattice))
 
     def write(load: Any, context: Context) -> Any:
+        """Return the values of a ``load`` with units; None for a load of another kind, and for
+        gravity alone, which is a pressure of zero.
+        """
         # gravity alone is a pressure of zero
         if load.kind != name or not any(load.values):
             return None
@@ -761,9 +764,9 @@ def _make_number_kind(entry: Any) -> Kind:
 
 
 def _read_balls(value: Any, context: Context) -> tuple[tuple[str, Ball], ...]:
-    """Return the kinds of balls, each as its name and a ball, of a block of names, each with a
-    material, a diameter, a mass and inertia if these are not those of a solid ball, and a spread if
-    the diameters differ.
+    """Return the kinds of balls, each as its name and a ball, of a block of names. A kind has a
+    material and a diameter; a mass and an inertia if these are not those of a solid ball; and a
+    spread if the diameters differ.
     """
     if not isinstance(value, dict) or not value:
         allowed = "a block of kinds of balls by name, each with its material and diameter"
@@ -849,6 +852,9 @@ def _read_vectors(value: Any) -> tuple[tuple[float, ...], ...]:
 
 
 def _read_removed(value: Any) -> tuple[int, ...]:
+    """Return the numbers of the balls that are removed, of a list; Refused if one stands there
+    twice.
+    """
     balls = read_counts(value, "numbers of balls", 0, 10_000_000)
     if len(set(balls)) < len(balls):
         repeated = Counter(balls).most_common(1)[0][0]
@@ -959,6 +965,9 @@ def _read_on_site(value: Any, context: Context) -> Any:
 
 
 def _write_on_site(springs: Any, context: Context) -> Any:
+    """Return plain data for springs to the ground: one stiffness of all displacements, or a block
+    by motion; None without springs.
+    """
     if springs is None:
         return None
     if isinstance(springs, tuple):
@@ -1062,6 +1071,9 @@ def _tensor_kind(name: str) -> Kind:
         return _read_tensor(value, name, context.lattice.periods)
 
     def write(load: Any, context: Context) -> Any:
+        """Return the components of the tensor of a ``load``, with units; None for a load of another
+        kind.
+        """
         if load.kind != name:
             return None
         tensor = _join_tensor(load) or load.tensor
@@ -1074,12 +1086,14 @@ def _tensor_kind(name: str) -> Kind:
 
 
 def _read_tensor(value: Any, name: str, periods: int) -> tuple[float, ...]:
-    """Return the components, in Voigt order, of a "stress", N, N/m or Pa, or a "strain", along the
-    ``periods``, from a list in Voigt order or a symmetric matrix; Refused for a tensor of zeros.
+    """Return the components of a "stress", N, N/m or Pa, or of a "strain", in Voigt order along the
+    ``periods``. The ``value`` is a list in this order or a symmetric matrix; Refused for a tensor
+    of zeros.
     """
     unit = tensor_quantities(periods)[name]
 
     def read_component(component: Any) -> float:
+        """Return one component in the SI unit of the tensor."""
         if name == "strain":
             return number(component, -1e300, 1e300)
         if is_whole(component) and component == 0:

@@ -250,7 +250,7 @@ class Scene(SceneValues):
         self.cost()  # raises if there is too little memory
         target = Path(folder)
         rows = list_outputs(self)
-        names = list_files(rows, figures)
+        names = list_files(rows, figures=figures)
         if resume and not force and is_complete(self, target):
             files = tuple(target / name for name in names if (target / name).exists())
             result = RunResult(target, self, files=files)
@@ -261,7 +261,7 @@ class Scene(SceneValues):
         # a state that is found at once keeps no parts, but the parts of another run are not to
         # stand beside its result
         has_store = self.has_tasks or os.path.lexists(work_file)
-        opened_store = open_store(work_file, force) if has_store else nullcontext()
+        opened_store = open_store(work_file, force=force) if has_store else nullcontext()
         result_files = ResultFiles(
             target, names, force, earlier=every_file(), inputs=self.origin.inputs
         )
@@ -438,11 +438,11 @@ def _write_result(
     progress: Progress,
 ) -> RunResult:
     """Write the files of the outputs of the ``rows`` of a result, with their ``figures`` or
-    without, and return the result with the paths of those that are written: not of outputs without
-    a value, nor of figures that cannot be drawn, whose ``failures`` it has.
+    without. Return the result with the paths of the files that are written: outputs without a value
+    have none, nor have figures that cannot be drawn, which are in ``failures``.
     """
     written_rows = [row for row in rows if row.find is None or result[row.name] is not None]
-    names = list_files(written_rows, figures)
+    names = list_files(written_rows, figures=figures)
     figure_files = [row.figure for row in written_rows if figures and row.figure]
     # each row has written its numbers, or says which are missing
     with (

@@ -93,10 +93,10 @@ def settle_correlations(scene: Any) -> tuple[tuple[str, str, float], ...]:
     errors can have, whose matrix is not positive semidefinite.
     """
     rule = rules.CORRELATIONS.kind.rule(Context())
-    given = require("correlations", rule, scene.correlations)
+    correlations_given = require("correlations", rule, scene.correlations)
     names = [name_keys(keys) for keys, _ in scene.errors]
     settled: dict[frozenset[str], tuple[str, str, float]] = {}
-    for first, second, value in given:
+    for first, second, value in correlations_given:
         path = ("correlations", f"{first}, {second}")
         pair = [_find_name(name, names, path) for name in (first, second)]
         if len(set(pair)) < 2 or frozenset(pair) in settled:
@@ -104,10 +104,13 @@ def settle_correlations(scene: Any) -> tuple[tuple[str, str, float], ...]:
             raise Refused(twice, "each pair of two parameters once", path=path)
         settled[frozenset(pair)] = (*pair, value)
     correlations = tuple(settled.values())
-    least = float(np.linalg.eigvalsh(make_matrix(names, correlations)).min(initial=0.0))
-    if least < -_ROUNDING * len(names):
+    smallest_eigenvalue = float(
+        np.linalg.eigvalsh(make_matrix(names, correlations)).min(initial=0.0)
+    )
+    if smallest_eigenvalue < -_ROUNDING * len(names):
         raise Refused(
-            f"correlations that no errors have: an eigenvalue of their matrix is {least:.2g}",
+            "correlations that no errors have: an eigenvalue of their matrix is"
+            f" {smallest_eigenvalue:.2g}",
             "a positive semidefinite matrix",
             path=("correlations",),
         )
@@ -118,11 +121,11 @@ def _find_name(name: str, names: Sequence[str], path: tuple[str, ...]) -> str:
     """Return the one of the ``names`` of parameters that is a ``name`` or ends in it; Refused, at
     a ``path``, if there is none, or if there are several.
     """
-    found = [whole for whole in names if f".{whole}".endswith(f".{name}")]
-    if len(found) != 1:
-        allowed = f"one of the parameters with a standard error: {list_names(found or names)}"
+    matches = [full_name for full_name in names if f".{full_name}".endswith(f".{name}")]
+    if len(matches) != 1:
+        allowed = f"one of the parameters with a standard error: {list_names(matches or names)}"
         raise Refused(show(name), allowed, path=path)
-    return found[0]
+    return matches[0]
 
 
 def make_matrix(names: Sequence[str], correlations: Sequence[tuple[str, str, float]]) -> Array:
@@ -231,13 +234,13 @@ class Spread:
                 return None
             changes.append(_find_change(lower, upper, base, unit))
         # the part of each parameter in the variance
-        parts = np.array(changes) * np.tensordot(self.correlations, changes, axes=1)
-        variances = np.maximum(np.sum(parts, axis=0), 0.0)
+        contributions = np.array(changes) * np.tensordot(self.correlations, changes, axes=1)
+        variances = np.maximum(np.sum(contributions, axis=0), 0.0)
         if not np.any(variances > 0.0):
             return None
         if sampling is not None:
             variances = variances + np.square(np.nan_to_num(np.asarray(sampling, float)))
-        shares = np.nansum(parts.reshape(len(self.names), -1), axis=1)
+        shares = np.nansum(contributions.reshape(len(self.names), -1), axis=1)
         return np.sqrt(variances), self.names[int(np.argmax(shares))]
 
     def summarise(self, numbers: Mapping[str, Any]) -> dict[str, Any]:
@@ -325,8 +328,8 @@ def _as_numbers(value: Any) -> Array | None:
 
 
 def _write(scene: Any) -> dict[str, Any]:
-    """Return the blocks of a scene as plain data in SI, without correlations, and without masses
-    and moments of inertia that follow from the density and the diameter of a ball, as these may
+    """Return the blocks of a scene as plain data in SI, without correlations. Masses and moments of
+    inertia that follow from the density and the diameter of a ball are left out too, as these may
     change.
     """
     blocks = write_blocks(scene, Context(scene.packing.structure))

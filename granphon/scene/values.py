@@ -115,6 +115,9 @@ class SceneValues:
     origin: SceneSource = field(default=SceneSource(), init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        """Check the values one by one and then together, and put them in place as they are kept,
+        with the defaults that depend on other values.
+        """
         # the dataclass is frozen: read values and defaults are put in place of the arguments
         assign = partial(object.__setattr__, self)
         axes = tuple(Axis.of(name, values) for name, values in dict(self.parameters).items())
@@ -305,10 +308,8 @@ class SceneValues:
 
     # -- values that exclude each other, by the key in the file ------------------------------------
 
-    def _list_conflicts(self) -> list[Conflict]:
-        """Return every reason for which an observable cannot be observed, whether or not it holds
-        in this scene.
-        """
+    def _list_conflicts_of_sound(self) -> list[Conflict]:
+        """Return every reason for which long waves, or their sensitivities, cannot be observed."""
         held = Conflict(
             "velocities",
             self.packing.is_held or not HOLDING_PARAMETERS.isdisjoint(dict(self.parameters)),
@@ -317,19 +318,25 @@ class SceneValues:
             "Long waves move all balls together, which a floor, a clamp or springs to the ground"
             " hold: write observe: [onsets], the cut-off frequencies from which waves begin.",
         )
-        of_held = held._replace(
+        sensitivities_of_held = held._replace(
             name="sensitivities",
             mend="Derivatives are those of long waves, which these lack:"
             " gp.parameter_sensitivities has others.",
         )
-        of_files = held._replace(
-            name="sensitivities",
-            holds=self.packing.medium_name == NetworkMedium.name,
-            problem="of a packing in files",
-            allowed="sensitivities of a packing or crystal",
-            mend="Files have no parameters to change: gp.Phonons(network).sensitivities has"
+        sensitivities_of_files = Conflict(
+            "sensitivities",
+            self.packing.medium_name == NetworkMedium.name,
+            "of a packing in files",
+            "sensitivities of a packing or crystal",
+            "Files have no parameters to change: gp.Phonons(network).sensitivities has"
             " derivatives by each contact and ball.",
         )
+        return [held, sensitivities_of_held, sensitivities_of_files]
+
+    def _list_conflicts(self) -> list[Conflict]:
+        """Return every reason for which an observable cannot be observed, whether or not it holds
+        in this scene.
+        """
         first_block = next(iter(NETWORK_BLOCKS))
         without_period = [
             Conflict(
@@ -357,9 +364,7 @@ class SceneValues:
             "Make a scene of each.",
         )
         return [
-            held,
-            of_held,
-            of_files,
+            *self._list_conflicts_of_sound(),
             onsets,
             *without_period,
             *self._list_conflicts_of_surface(),
@@ -439,6 +444,24 @@ class SceneValues:
             ),
         ]
 
+    def _require_arrays(self) -> None:
+        """Raise :class:`~granphon.base.errors.Refused` if waves of arrays are observed, and a
+        medium makes no array.
+        """
+        waves = [name for name in WAVES if name in self.observe]
+        # the density of states of one state is that of its lattice; a simulation adds the density
+        # of states of the array
+        if self.is_single:
+            waves = [name for name in waves if name != "dos"]
+        if self.packing.medium_name == NetworkMedium.name:  # its own network carries a pulse
+            waves = [name for name in waves if name != "pulse"]
+        if not waves:
+            return
+        kinds = "one state, or of arrays" if waves == ["dos"] else "arrays"
+        allowed = f"{', '.join(waves)} of {kinds} that a medium: simulation makes"
+        with rules.refusing(waves[0], allowed, "observe"):
+            require_arrays(self.media, dict(self.parameters), waves)
+
     def _require_consistency(self) -> None:
         """Raise :class:`~granphon.base.errors.Refused` if values that are allowed one by one
         exclude each other.
@@ -451,23 +474,11 @@ class SceneValues:
         for choice in self.media:
             with rules.refusing(choice.label, "a medium of these balls", "medium"):
                 choice.require_for(self.packing)
-        # the density of states of one state is that of its lattice; a simulation adds the density
-        # of states of the array
-        waves = [name for name in WAVES if name in self.observe]
-        if self.is_single:
-            waves = [name for name in waves if name != "dos"]
-        if self.packing.medium_name == NetworkMedium.name:  # its own network carries a pulse
-            waves = [name for name in waves if name != "pulse"]
-        kinds = "one state, or of arrays" if waves == ["dos"] else "arrays"
-        allowed_waves = f"{', '.join(waves)} of {kinds} that a medium: simulation makes"
-        first_waves = waves[0] if waves else ""
-        with rules.refusing(first_waves, allowed_waves, "observe"):
-            require_arrays(self.media, dict(self.parameters), waves)
-        if self.parameters:
-            observed = [*map(self.observed_settings, WAVE_BLOCKS)]
-            for name, _ in self.parameters:
-                with rules.refusing(name, "a parameter of what is observed", "sweep"):
-                    require_losses([name], observed)
+        self._require_arrays()
+        observed = [*map(self.observed_settings, WAVE_BLOCKS)]
+        for name, _values in self.parameters:
+            with rules.refusing(name, "a parameter of what is observed", "sweep"):
+                require_losses([name], observed)
         for conflict in self._list_conflicts():
             if conflict.name in self.observe and conflict.holds:
                 found = f"{conflict.name!r} {conflict.problem}"

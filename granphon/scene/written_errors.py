@@ -79,9 +79,9 @@ class WrittenErrors:
                 number = written._add_fitted(keys, file.name, fits[file])
                 keys_of_fits.setdefault(file, {})[keys] = number
                 continue
-            parts = split_error(entry)
-            if parts is not None:
-                written._add(keys, *parts)
+            value_and_error = split_error(entry)
+            if value_and_error is not None:
+                written._add(keys, *value_and_error)
             elif re.match(rf"\s*\(?\s*{NUMBER}", entry):
                 raise Refused(show(entry), _ALLOWED, path=keys)
         for file, numbers in keys_of_fits.items():
@@ -136,8 +136,8 @@ def _read_name(keys: Keys, entry: Mapping[str, Any]) -> str:
 
 
 def _read_fit(keys: Keys, file: Path) -> Any:
-    """Return the fit in a ``file``, to which the ``keys`` of a scene lead; Refused if the file is
-    none.
+    """Return the fit in a ``file``, to which the ``keys`` of a scene lead; Refused if the file
+    cannot be read or holds no fit.
     """
     from granphon.fits.transfer import read_fit
 

@@ -581,8 +581,8 @@ class MediaStudy:
         return f"of one of {_write_shape(shape)}, {words} differ", differences
 
     def _compare_steps(self, shape: tuple[int, ...]) -> Array:
-        """Return the largest relative differences (n_loads,) of the observed quantities of a sample
-        that is loaded in steps of the tolerance, and in steps of a tenth of it.
+        """Return the largest relative differences (n_loads,) of the observed quantities between two
+        ways of loading a sample: in steps of the tolerance, and in steps of a tenth of it.
         """
         simulation = DirectSimulation(self.packing, shape, _REFERENCE_SEED, **self.truth.options)
         finer = replace(simulation, step_tolerance=0.1 * simulation.step_tolerance)
@@ -878,8 +878,8 @@ def _thin_out(loads: Array, most: int) -> Array:
     if loads.size <= most:
         return loads
     even_steps = np.linspace(0, loads.size - 1, most)
-    chosen = np.unique(np.rint(even_steps).astype(int))
-    return np.asarray(loads[chosen])
+    indices = np.unique(np.rint(even_steps).astype(int))
+    return np.asarray(loads[indices])
 
 
 def _require_comparable(packing: Packing, finite_overlap: bool, against: FrictionHistory) -> None:

@@ -234,7 +234,7 @@ def test_motions_that_deform_no_contact_have_bands_at_zero(steel, lattice):
     ph = gp.Phonons(gp.AveragedLattice(packing).at_force(18.0))
     bands = ph.bands(npoints=3)
     assert not np.any(bands.frequencies)
-    assert any("branches vanishes at every wave vector" in one for one in bands.warnings)
+    assert any("vanishes" in one for one in bands.warnings)
     assert not np.any(ph.calculator.get_force_constants(ph.atoms))
     with pytest.raises(InputError, match="every branch vanishes"):
         ph.dos()

@@ -313,7 +313,7 @@ def test_names_come_as_a_text_a_list_or_an_array():
 
 def test_the_name_of_a_lattice_is_a_text():
     for wrong in (None, 1, [], {}, object(), np.array(["a"])):
-        with pytest.raises(InputError, match="the name of a lattice: found"):
+        with pytest.raises(InputError, match="name of a lattice"):
             gp.Lattice(wrong, ((1.0, 0.0), (0.0, 1.0)))
 
 

@@ -828,7 +828,7 @@ def test_loads_beyond_a_diameter(packing, spread, load):
 @pytest.mark.parametrize("load", [1e-300, [5.0, 1e-300]], ids=str)
 def test_loads_below_double_precision(packing, load):
     medium = simulate(packing, (3, 3))
-    with pytest.raises(InputError, match="too small or too large"):
+    with pytest.raises(InputError, match="too small"):
         medium.at_overlap(load)
     np.testing.assert_array_equal(medium.at_force(load).force, load)
 

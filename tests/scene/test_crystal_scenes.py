@@ -403,7 +403,7 @@ def test_mistakes_in_python(steel):
     packing = gp.Packing(steel, 8e-3, lattice="fcc")
     with pytest.raises(InputError, match="three whole numbers"):
         Scene(packing, Load("force", 1.0), mesh=(8, 8))
-    with pytest.raises(InputError, match="a third number that is not 0"):
+    with pytest.raises(InputError, match="third number"):
         Scene(gp.Packing(steel, 8e-3), Load("force", 1.0), band=BandPath.parse("0 0 0 1/2 1/2 1/2"))
     with pytest.raises(
         InputError,
@@ -777,7 +777,7 @@ def test_fits_that_a_lattice_does_not_have(steel):
         fit(branch="transverse", parameters=("young_modulus",))
     with pytest.raises(InputError, match="three finite numbers"):
         fit(direction=(0, 1), parameters=("young_modulus",))
-    with pytest.raises(MechanismError, match="the lattice sc is a mechanism"):
+    with pytest.raises(MechanismError, match="sc is a mechanism"):
         gp.fit_width(
             gp.Packing(steel, 8e-3, lattice="sc", friction=False),
             [1.0, 2.0],

@@ -286,5 +286,5 @@ def test_a_sweep_without_gaps_says_so(result):
     data = result.dataset.drop_vars(["gap_lower", "surface_frequency"])
     with pytest.raises(InputError, match=r"no gaps.*Observe gaps"):
         sweep_gaps_figure(data)
-    with pytest.raises(InputError, match="no waves of an edge"):
+    with pytest.raises(InputError, match="of an edge"):
         sweep_surface_figure(data)
