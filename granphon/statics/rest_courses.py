@@ -49,8 +49,6 @@ _ROUNDING = 1e-15
 #: part of what a round has left from which the rounds come no nearer, and that they may end with
 _STALLED = 0.5
 _REQUIRED = 1e-8
-#: reduction of the residual by iterations in a round
-_REDUCTION = 1e-10
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -160,18 +158,20 @@ class RestFollower:
             linear = Equations(problem, options).linearise(configuration, stiffness)
             invert = linear.invert(load_slope, find_mean_row(configuration, stiffness))
             return lambda pull: problem.remove_drift(invert(pull))
+        # what a round leaves is solved for in the next
+        reduction = options.reduction
         most = options.most_iterations
         if assembly.grid:
             on_grid = GridEquations(problem, options)
             turning = 1.0 if problem.turns else 0.0
 
             def iterate(pull: Array) -> Array:
-                given = (configuration, stiffness, pull, turning, _REDUCTION, most, load_slope)
+                given = (configuration, stiffness, pull, turning, reduction, most, load_slope)
                 return on_grid.solve(*given).step
 
             return iterate
         iterated = IteratedEquations(problem, options)
-        return lambda pull: iterated.solve(configuration, stiffness, pull, _REDUCTION, most)[0]
+        return lambda pull: iterated.solve(configuration, stiffness, pull, reduction, most)[0]
 
 
 class PressureFollower:
