@@ -4,7 +4,7 @@ hydrostatic.
 Elsewhere the cell of an array keeps its shape: the mean of its principal stresses is the pressure,
 and a small sample of balls that differ bears some shear stress. Here all strains of the cell are
 free, as those of a crystal are. The balls, as an assembly (:mod:`granphon.contacts.assembly`), come
-to rest under a pressure (:mod:`granphon.statics.rest`). In the directions of the lattice the mean
+to rest under a pressure (:mod:`granphon.statics.search`). In the directions of the lattice the mean
 force follows from the pressure alone, by the virial; in true directions, and for a given overlap,
 the pressure is searched for.
 """
@@ -35,7 +35,8 @@ from granphon.base.errors import ConvergenceError
 from granphon.contacts.assembly import Assembly
 from granphon.statics.configuration import Geometry
 from granphon.statics.options import RestOptions
-from granphon.statics.rest import Rest, find_rest
+from granphon.statics.rest import Rest
+from granphon.statics.search import find_rest
 
 #: pressures that are tried for a mean force or an overlap, at most
 _PRESSURES = 40

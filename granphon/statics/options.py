@@ -62,7 +62,7 @@ class InteriorOptions:
 
 @dataclass(frozen=True)
 class RestOptions:
-    """Options of :func:`~granphon.statics.rest.find_rest`.
+    """Options of :func:`~granphon.statics.search.find_rest`.
 
     A residual is the largest force left, over the mean force of the contacts. Numbers of balls and
     of iterations are those on a line, in the plane and in space.
@@ -75,7 +75,7 @@ class RestOptions:
         rms difference of forces if that is less: at high loads the effect of disorder is itself
         only a small part of the force.
     required : residual that must be reached, and that a search that comes no nearer may end with.
-    steps : steps of Newton's method, at most.
+    steps : steps of Newton's method, at most: 160 bring 12^3 balls to rest at f* = 1e-4.
     slopes : slopes in a line search, at most.
     slope : slope of the energy along a step, over that at its start, at which a line search ends.
     near : residual below which a whole step is taken if the slope falls at all: it is rounding.
@@ -112,9 +112,10 @@ class RestOptions:
     carried : force, over the residual, up to which a contact carries nothing: its stiffness would
         hold a ball.
     patience : steps in exact directions without half of the residual, after which loose balls and
-        all others are no longer moved in turn, the steps of an array too are those along which the
-        energy falls, and four times as many end the search; where balls do not differ, as many end
-        it.
+        all others are no longer moved in turn, and the steps of an array too are those along
+        which the energy falls; where balls do not differ, as many end the search.
+    stalled : steps without half of the residual that end the search of balls that differ, or that
+        keep the directions of the lattice in a list.
     detours : loads, over the given one, ascending, under which balls come to rest first where a
         search in exact directions ends without rest: other contacts are then open on the way.
     light : force of a contact, over the mean, up to which it is light: balls with no more heavy
@@ -143,7 +144,6 @@ class RestOptions:
     workers : threads that share each Fourier transform on a grid in the directions of the lattice.
     cached : contacts of a grid that are worked on at a time, so that they stay in the processor's
         cache.
-    most_grid_steps : steps of Newton's method on a grid in the directions of the lattice, at most.
     most_on_grid : iterations in such a step, at most: the search goes on from there.
     loosest : relative residual of such a step, at most.
     progress : below that, the relative residual is the ratio by which the last step reduced the
@@ -192,8 +192,8 @@ class RestOptions:
     iterated_tolerance: float = 3e-13
     grid_tolerance: float = 1e-11
     required: float = 1e-12
-    steps: int = 200
-    slopes: int = 40
+    steps: int = 1000
+    slopes: int = 30
     slope: float = 0.1
     near: float = 1e-6
     added: float = 1e-2
@@ -216,6 +216,7 @@ class RestOptions:
     too_far: float = 1e2
     carried: float = 10.0
     patience: int = 20
+    stalled: int = 80
     detours: tuple[float, ...] = (2.0, 10.0)
     light: float = 1e-3
     failed: float = 0.3
@@ -232,7 +233,6 @@ class RestOptions:
     soft: float = 1e-9
     workers: int = 1
     cached: int = 2**14
-    most_grid_steps: int = 1000
     most_on_grid: int = 3000
     loosest: float = 0.15
     progress: float = 1.2
