@@ -38,7 +38,8 @@ from granphon.base.arrays import Array, Flags
 from granphon.base.errors import InputError
 from granphon.base.results import Result, held, result_class
 from granphon.contacts.contact_list import ContactList
-from granphon.statics.response import MOST_BALLS, find_elastic_tensor
+from granphon.statics.options import ResponseOptions
+from granphon.statics.response import find_elastic_tensor
 
 #: largest residual force on a ball, over the mean contact force (or over the rms difference of
 #: contact forces, if that is less)
@@ -294,7 +295,8 @@ class Equilibrium(Result):
         linear response enters squared. Raises :class:`~granphon.base.errors.ConvergenceError` if
         the response is not found.
         """
-        if not self.ratio and self.deviations.size > MOST_BALLS[self.lattice.periods]:
+        most = ResponseOptions().most_balls[self.lattice.periods]
+        if not self.ratio and self.deviations.size > most:
             return self._find_tensor_on_grid(shear, torsion, bending)
         return find_elastic_tensor(self._list_contacts(shear, torsion, bending))
 

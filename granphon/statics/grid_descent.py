@@ -304,7 +304,7 @@ class GridDescent(Descent[GridPlace]):
         """Return the error of a way that has not led to rest."""
         rest = self._finish(place)
         problem = self.problem.problem
-        error = explain(problem, opened=place.carries_nothing, residual=rest.residual)
+        error = explain(problem, self.options, opened=place.carries_nothing, residual=rest.residual)
         if isinstance(error, ConvergenceError):
             error.reached = rest
         return error

@@ -134,7 +134,7 @@ class LatticeDescent(ListDescent):
         laws = problem.assembly.laws
         force = find_typical_force(problem)
         if not force:
-            raise explain(problem)
+            raise explain(problem, self.options)
         forces = np.full(problem.assembly.n_contacts, force)
         with np.errstate(all="ignore"):
             reached = laws.overlap(forces)
@@ -159,7 +159,7 @@ class LatticeDescent(ListDescent):
         # under a strain alone balls may move aside until none is pressed
         is_relaxed = mean < self.options.required * self.largest_mean
         if not mean or (is_relaxed and not problem.load.acts):
-            raise explain(problem, opened=True)
+            raise explain(problem, self.options, opened=True)
         return place
 
     def _solve(
@@ -212,7 +212,7 @@ class LatticeDescent(ListDescent):
         part = 1.0 if residual < options.near else options.slope
         ahead, length = self._follow(way, part)
         if length < way.longest and way.find_slope(ahead) < -part * way.fall:
-            raise explain(problem)
+            raise explain(problem, options)
         return ahead
 
     def _finish(self, place: Configuration) -> Rest:
@@ -228,7 +228,7 @@ class LatticeDescent(ListDescent):
     def _explain_failure(self, place: Configuration) -> GranphonError:
         """Return the error of a search that has not come to rest."""
         laws = self.problem.assembly.laws
-        error = explain(self.problem, residual=self.trail.best)
+        error = explain(self.problem, self.options, residual=self.trail.best)
         if laws.adhere and isinstance(error, ConvergenceError):
             contact = int(np.argmin(place.overlap - laws.least))
             problem = f"{self.problem.load.words} pulls contact {contact} apart"

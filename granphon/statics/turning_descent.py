@@ -30,7 +30,6 @@ from granphon.statics.loose_balls import (
 )
 from granphon.statics.newton import GridEquations
 from granphon.statics.options import RestOptions
-from granphon.statics.response import WELL_HELD
 from granphon.statics.rest import Rest, find_unknowns
 
 #: what mends a crystal of differing balls that falls
@@ -215,7 +214,7 @@ class TurningDescent(ListDescent):
         assembly = self.problem.assembly
         closed = int(np.count_nonzero(configuration.stiffness))
         motions = assembly.n_balls * assembly.dimension
-        return closed >= WELL_HELD * motions or not self.is_factored
+        return closed >= self.options.grid.well_held * motions or not self.is_factored
 
     @property
     def _patience_of_grid(self) -> int:
