@@ -374,3 +374,12 @@ def explain_too_small(force: float) -> InputError:
         "Such a sample is at its rigidity threshold, where its equilibrium cannot be found",
         "Raise the load",
     )
+
+
+def explain_no_load(overlap: float) -> InputError:
+    """Return the error for an overlap y at which a sample is below its rigidity threshold."""
+    return InputError(
+        f"at an overlap of {overlap:.6g} widths this sample carries no load",
+        f"Its force is below f* = {THRESHOLD_FORCE:g}: too few balls touch to hold each other",
+        "Press it together more",
+    )

@@ -15,6 +15,7 @@ from granphon.array.equilibrium import (
     REST_TOLERANCE,
     THRESHOLD_FORCE,
     Equilibrium,
+    explain_no_load,
     explain_too_small,
 )
 from granphon.array.geometry import LOAD_TOLERANCE, ReducedLoad, require_small
@@ -135,11 +136,8 @@ def _rest_on_lattice(
     try:
         rest = find_rest(assembly, applied, "lattice", "isotropic", begin, options)
     except InputError as error:
-        raise InputError(
-            f"at an overlap of {load.overlap:.6g} widths this sample carries no load",
-            f"Its force is below f* = {THRESHOLD_FORCE:g}: too few balls touch to hold each other",
-            "Press it together more",
-        ) from error
+        assert load.overlap is not None
+        raise explain_no_load(load.overlap) from error
     except ConvergenceError as error:
         nearest = error.reached
         assert nearest is not None
@@ -184,9 +182,7 @@ def _rest_in_true_directions(
     except ConvergenceError as error:
         nearest = error.reached
         if nearest is None:
-            raise InputError(
-                f"at an overlap of {overlap:.6g} widths this sample carries no load"
-            ) from error
+            raise explain_no_load(overlap) from error
         raise ConvergenceError(
             f"the sample has not come to rest in its true geometry after {nearest.steps} steps",
             f"At an overlap of {_find_overlap(nearest, load, ratio):.6g} widths a force of"
