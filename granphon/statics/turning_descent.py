@@ -21,6 +21,7 @@ import numpy as np
 from granphon.base.arrays import Array, Flags
 from granphon.base.errors import ConvergenceError, GranphonError, InstabilityError, MechanismError
 from granphon.statics.configuration import Configuration, Problem
+from granphon.statics.descent import Trail
 from granphon.statics.list_descent import ListDescent
 from granphon.statics.loose_balls import (
     find_way_down,
@@ -70,6 +71,10 @@ class TurningDescent(ListDescent):
         super().__init__(problem, options, bool(assembly.grid))
         #: (n,) the balls that are led to rest before all others
         self.loose: Flags = np.zeros(assembly.n_balls, bool)
+        #: whether loose balls and all others move in turn, and the residual below which they do so
+        #: again
+        self._in_turn = True
+        self._near = options.last
 
     @cached_property
     def grid_equations(self) -> GridEquations:
@@ -116,16 +121,33 @@ class TurningDescent(ListDescent):
         """
         options = self.options
         loose = self.loose
-        moves_in_turn = np.any(loose) and self.trail.stalled <= options.patience
-        if not (moves_in_turn and place.is_sound):
-            return place
         assembly = self.problem.assembly
+        if assembly.differs:
+            self._take_turns(place)
+        if not (self._in_turn and np.any(loose) and place.is_sound):
+            return place
         spread = float(np.max(np.abs(assembly.offset)) / np.mean(assembly.distance))
         on_others = place.force_on_balls[~loose]
         left = float(np.max(on_others, initial=0.0)) / place.mean
         finest = min(options.tolerance, max(options.finer * options.tolerance, options.rounding))
         least = max(finest, options.light * min(spread, left))
         return lead_loose_balls(place, loose, least, options)
+
+    def _take_turns(self, place: Configuration) -> None:
+        """Decide whether loose balls and all others move in turn: not where they throw each other
+        about, but again near rest, where loose balls have a long way from a saddle.
+
+        What little force is left for a moment on the way round is no nearer to rest, and forgotten.
+        """
+        if self._in_turn:
+            changes = self.trail.stalled > self.options.patience
+            # the next turn begins nearer to rest than this one has come
+            self._near = min(self._near, 0.5 * self.trail.best) if changes else self._near
+        else:
+            changes = place.residual <= self._near
+        if changes:
+            self._in_turn = not self._in_turn
+            self.trail = Trail()
 
     def _leave_saddle(self, place: Configuration) -> Configuration | None:
         """Return where to go on from a saddle of the energy of balls that differ; None at a
@@ -149,7 +171,7 @@ class TurningDescent(ListDescent):
         then become loose.
         """
         # whole steps that push loose balls into others may go round in circles
-        if self.problem.assembly.grid and self.trail.stalled <= self.options.patience:
+        if self.problem.assembly.grid and self._in_turn:
             ahead = self._advance_on_grid(place)
         else:
             ahead = self._advance_by_energy(place)
