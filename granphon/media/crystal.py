@@ -529,6 +529,10 @@ class Crystal(Result):
         rest some contacts are then open, and some balls may be loose. Means of forces and overlaps,
         as :meth:`at_force` takes them, are over all contacts of the sample, the open ones too.
 
+        By default the cell of a crystal may shear (``boundary="stress"``) and contacts keep the
+        directions of the sites. With ``boundary="isotropic"``, and ``finite_overlap`` as it is in
+        the other state, the states are those of :class:`~granphon.DirectSimulation` of these balls.
+
         Raises :class:`~granphon.base.errors.InputError` for diameters of another shape, or with a
         ``shape``; for numbers that are not finite and above zero, also after the shift; and for
         crystals without a spread of which no diameters are given.
