@@ -32,9 +32,13 @@ P = TypeVar("P", bound=Place)
 
 
 class Trail(Generic[P]):
-    """The place nearest to rest on the way, and the steps since the residual was halved."""
+    """The place nearest to rest on the way, and the steps since the residual was halved.
 
-    def __init__(self) -> None:
+    ``keeps`` says whether a place is kept when others follow that are farther from rest.
+    """
+
+    def __init__(self, keeps: bool = True) -> None:
+        self._keeps = keeps
         self.best = math.inf
         self.stalled = 0
         self.nearest: P | None = None
@@ -43,9 +47,9 @@ class Trail(Generic[P]):
         """Go on to a place."""
         residual = place.residual
         self.stalled = self.stalled + 1 if residual > 0.5 * self.best else 0
-        if residual < self.best:
-            self.best = residual
+        if residual < self.best or not self._keeps:
             self.nearest = place
+        self.best = min(self.best, residual)
 
 
 class Descent(ABC, Generic[P]):

@@ -23,7 +23,7 @@ from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError, GranphonError
 from granphon.contacts import grid_loops
 from granphon.contacts.assembly import ROUNDING
-from granphon.statics.descent import Descent
+from granphon.statics.descent import Descent, Trail
 from granphon.statics.explanation import explain
 from granphon.statics.grid_problem import GridProblem, Unknowns
 from granphon.statics.interior import approach
@@ -220,6 +220,8 @@ class GridDescent(Descent[GridPlace]):
 
     def __init__(self, problem: GridProblem, options: RestOptions) -> None:
         super().__init__(options, options.grid_tolerance, options.grid_tolerance)
+        # places are large, and the last one is the nearest in the end
+        self.trail = Trail(keeps=False)
         self.problem = problem
         self.equations = LatticeEquations(problem, options)
         self.inverses = Preconditioners(problem, self.equations, options)
