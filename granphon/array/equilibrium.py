@@ -38,6 +38,7 @@ from granphon.base.arrays import Array, Flags
 from granphon.base.errors import InputError
 from granphon.base.results import Result, held, result_class
 from granphon.contacts.contact_list import ContactList
+from granphon.contacts.grid import find_lattice_grid
 from granphon.statics.options import ResponseOptions
 from granphon.statics.response import find_elastic_tensor
 
@@ -141,7 +142,7 @@ class Equilibrium(Result):
             differences = self.place.differences
         else:
             differences = self.stencils.average_pairs(self.deviations)
-            differences -= self.stencils.operator.deform(self.balls)
+            differences -= self._measure_losses()
             if self.strain is not None:
                 differences -= self._elongate(self.strain)
         if self._stay_open is None:
@@ -150,6 +151,21 @@ class Equilibrium(Result):
 
     #: (n_c, L1, ..., Lp) contacts that are open wherever the balls are; None if there are none
     _stay_open: ClassVar[Flags | None] = None
+
+    def _measure_losses(self) -> Array:
+        """Return the overlap that each contact loses along its direction on the lattice by the
+        displacements of its balls, (n_c, L1, ..., Lp).
+        """
+        from granphon.contacts import grid_loops  # averages need no Numba
+
+        stencils = self.stencils
+        p = stencils.lattice.periods
+        grid = find_lattice_grid(stencils.shape, stencils.lattice)
+        moved = stencils.displacements(self.balls).reshape(p, grid.n_balls, -1)
+        fields = np.ascontiguousarray(moved.swapaxes(0, 1)).reshape(-1, grid.n_cells)
+        loss = np.empty((grid.n_kinds, grid.n_cells))
+        grid_loops.measure_losses(grid.runs, fields, loss)
+        return loss.reshape(-1, *stencils.shape)
 
     def _elongate(self, strain: Array) -> Array:
         """Return what a ``strain`` (p, p) of the cell adds to the lengths of contacts along their

@@ -10,7 +10,6 @@ from dataclasses import fields
 
 import numpy as np
 
-from granphon.array.contact_lists import find_lattice_grid
 from granphon.array.equilibrium import (
     REST_TOLERANCE,
     THRESHOLD_FORCE,
@@ -25,6 +24,7 @@ from granphon.balls import hertz
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.contacts.assembly import Assembly, GridAssembly
+from granphon.contacts.grid import find_lattice_grid
 from granphon.statics.configuration import AppliedLoad
 from granphon.statics.options import RestOptions
 from granphon.statics.rest import Rest
