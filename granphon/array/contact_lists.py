@@ -20,7 +20,6 @@ from granphon.balls.lattices import Lattice
 from granphon.balls.motions import Motions, default_motions, select_motions
 from granphon.base.arrays import Array
 from granphon.contacts.contact_list import ContactList
-from granphon.contacts.grid import Grid
 
 #: balls of an array, at most, whose ends and directions are kept: 200 bytes a contact
 _KEPT_BALLS = 2**13
@@ -137,20 +136,6 @@ def list_in_true_directions(
         dimension=p,
         grid=shape,
     )
-
-
-def find_lattice_grid(shape: tuple[int, ...], lattice: Lattice) -> Grid:
-    """Return the contacts of an array, kind by kind, in diameters; those of small arrays are
-    kept.
-    """
-    small = math.prod(shape) * lattice.n_balls <= _KEPT_BALLS
-    find = _keep_lattice_grid if small else _keep_lattice_grid.__wrapped__
-    return find(shape, lattice)
-
-
-@lru_cache(maxsize=8)
-def _keep_lattice_grid(shape: tuple[int, ...], lattice: Lattice) -> Grid:
-    return Grid.of(lattice.contacts, shape, lattice.n_balls)
 
 
 class _Grid(NamedTuple):

@@ -10,7 +10,7 @@ with y = (d - a)/W common to all contacts, and carries the force h_+^(3/2). Equi
 minimum of the sum of (2/5) h_+^(5/2) over all u; at given load, the minimum over y too, with the
 work of the load subtracted. This function is convex. The array is an assembly
 (:mod:`granphon.contacts.assembly`) on a grid, and comes to rest as others do
-(:mod:`granphon.statics.rest`).
+(:mod:`granphon.statics.search`).
 """
 
 from __future__ import annotations
@@ -38,7 +38,9 @@ from granphon.base.arrays import Array, Flags
 from granphon.base.errors import InputError
 from granphon.base.results import Result, held, result_class
 from granphon.contacts.contact_list import ContactList
-from granphon.statics.response import MOST_BALLS, find_elastic_tensor
+from granphon.contacts.grid import find_lattice_grid
+from granphon.statics.options import ResponseOptions
+from granphon.statics.response import find_elastic_tensor
 
 #: largest residual force on a ball, over the mean contact force (or over the rms difference of
 #: contact forces, if that is less)
@@ -141,7 +143,7 @@ class Equilibrium(Result):
             differences = self.place.differences
         else:
             differences = self.stencils.average_pairs(self.deviations)
-            differences -= self.stencils.operator.deform(self.balls)
+            differences -= self._measure_losses()
             if self.strain is not None:
                 differences -= self._elongate(self.strain)
         if self._stay_open is None:
@@ -150,6 +152,21 @@ class Equilibrium(Result):
 
     #: (n_c, L1, ..., Lp) contacts that are open wherever the balls are; None if there are none
     _stay_open: ClassVar[Flags | None] = None
+
+    def _measure_losses(self) -> Array:
+        """Return the overlap that each contact loses along its direction on the lattice by the
+        displacements of its balls, (n_c, L1, ..., Lp).
+        """
+        from granphon.contacts import grid_loops  # averages need no Numba
+
+        stencils = self.stencils
+        p = stencils.lattice.periods
+        grid = find_lattice_grid(stencils.shape, stencils.lattice)
+        moved = stencils.displacements(self.balls).reshape(p, grid.n_balls, -1)
+        fields = np.ascontiguousarray(moved.swapaxes(0, 1)).reshape(-1, grid.n_cells)
+        loss = np.empty((grid.n_kinds, grid.n_cells))
+        grid_loops.measure_losses(grid.runs, fields, loss)
+        return loss.reshape(-1, *stencils.shape)
 
     def _elongate(self, strain: Array) -> Array:
         """Return what a ``strain`` (p, p) of the cell adds to the lengths of contacts along their
@@ -297,7 +314,8 @@ class Equilibrium(Result):
         linear response enters squared. Raises :class:`~granphon.base.errors.ConvergenceError` if
         the response is not found.
         """
-        if not self.ratio and self.deviations.size > MOST_BALLS[self.lattice.periods]:
+        most = ResponseOptions().most_balls[self.lattice.periods]
+        if not self.ratio and self.deviations.size > most:
             return self._find_tensor_on_grid(shear, torsion, bending)
         return find_elastic_tensor(self._list_contacts(shear, torsion, bending))
 
@@ -381,4 +399,13 @@ def explain_too_small(force: float) -> InputError:
         f"a mean contact force of f* = {force:.3g} is below f* = {THRESHOLD_FORCE:g}",
         "Such a sample is at its rigidity threshold, where its equilibrium cannot be found",
         "Raise the load",
+    )
+
+
+def explain_no_load(overlap: float) -> InputError:
+    """Return the error for an overlap y at which a sample is below its rigidity threshold."""
+    return InputError(
+        f"at an overlap of {overlap:.6g} widths this sample carries no load",
+        f"Its force is below f* = {THRESHOLD_FORCE:g}: too few balls touch to hold each other",
+        "Press it together more",
     )

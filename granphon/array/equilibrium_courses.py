@@ -13,9 +13,9 @@ from granphon.array.rest import apply_load, assemble, gather_balls, take_up
 from granphon.array.sheared_equilibrium import split_strain
 from granphon.base.differences import Course, differentiate
 from granphon.statics.configuration import Boundary, Configuration, Problem
+from granphon.statics.options import CourseOptions
 from granphon.statics.rest import Rest
 from granphon.statics.rest_courses import (
-    STEP,
     PressureFollower,
     RestCourse,
     RestFollower,
@@ -86,7 +86,7 @@ class EquilibriumFollower:
             load, _ = change(step)
             return load.force if load.overlap is None else load.overlap
 
-        return self._under_mean.follow(pose, differentiate(find_goal, STEP))
+        return self._under_mean.follow(pose, differentiate(find_goal, CourseOptions().step))
 
     def _measure(self, configuration: Configuration) -> float:
         """Return the mean force of a configuration, or the overlap y."""

@@ -14,11 +14,11 @@ has the vector from centre to centre
 
 and the overlap
 
-    h = (x_i + x_j)/2 - q,    q = (|w| - 1)/eps = (2 e.v + eps v.v)/(1 + |w|),
+    h = (x_i + x_j)/2 - q,    q = (|w| - 1)/eps,
 
-in which no two numbers that are nearly equal are subtracted. It touches at the distances |w|/2 -+
-eps (x_j - x_i)/4 from the centres, which are the radii less half of the overlap each; they add up
-to |w|, so that forces exert no torque on a pair. How it slips is said in
+which the loops over contacts measure (:mod:`granphon.contacts.deformation`). It touches at the
+distances |w|/2 -+ eps (x_j - x_i)/4 from the centres, which are the radii less half of the overlap
+each; they add up to |w|, so that forces exert no torque on a pair. How it slips is said in
 :mod:`granphon.contacts.slips`.
 
 For eps = 0 all this is the linear map of the lattice. The coefficient of Hertz's law is that of the
@@ -31,7 +31,6 @@ that leaves the contacts.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -40,6 +39,7 @@ from granphon.array.stencils import Motion, Stencils
 from granphon.balls.neighbours import contact_frames
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
+from granphon.contacts.grid import find_lattice_grid
 from granphon.dynamics.deformation_rows import Row
 
 #: approximate inverse of C^T K C
@@ -135,9 +135,7 @@ class ExactGeometry:
         ]
         #: stencils with the vector of :meth:`split`
         self.frame = stencils.observe([Row("push", 1.0, move, move) for move in moves])
-
-        #: components of what the strain adds to v, in the frames of the lattice
-        self.strained: _Vector = _ZERO if strain is None else self.shear(strain)
+        self.strain = strain
 
     def shear(self, strain: Array) -> _Vector:
         """Return what a ``strain`` (p, p) of the cell, in units of W/d, adds to v: components (n_c,
@@ -201,30 +199,37 @@ class ExactPlace:
         self.geometry = geometry
         self.balls = balls
         self.overlap = overlap
-        eps = geometry.ratio
-        moved = geometry.split(Motion(balls, overlap))
-        self._moved = _add(moved, geometry.strained)
-        self.vector = (
-            1.0 + eps * self._moved[0],
-            _scale(eps, self._moved[1]),
-            _scale(eps, self._moved[2]),
-        )
-        self.size = np.sqrt(_dot(self.vector, self.vector))
-        self.normal = _times(1.0 / self.size, self.vector)
-        self._square = _dot(self._moved, self._moved)
-        self._change = (2.0 * self._moved[0] + eps * self._square) / (1.0 + self.size)
-        self.overlaps = geometry.means - self._change
+        from granphon.contacts.deformation import measure_turned  # averages need no Numba
 
-    @cached_property
-    def differences(self) -> Array:
-        """(n_c, L1, ..., Lp) differences h - y, found without the loss of digits of a
-        subtraction.
-        """
-        eps = self.geometry.ratio
-        first = self._moved[0]
-        straight = self.geometry.split(Motion(self.balls, 0.0))[0] + self.geometry.strained[0]
-        curved = eps * (self._square - first * self._change) / (1.0 + self.size)
-        return np.asarray(self.geometry.means - straight - curved)
+        eps = geometry.ratio
+        stencils = geometry.stencils
+        p = geometry.dimension
+        grid = find_lattice_grid(stencils.shape, stencils.lattice)
+        n_contacts = geometry.means.size
+        # from the evenly compressed cell, so that no digit of h - y is lost; without a width
+        # contacts keep their directions, and lengths are in W
+        spacing = 1.0 - eps * overlap
+        unit = eps or 1.0
+        is_flat = np.full(n_contacts, not eps)
+        vector = np.repeat(spacing * grid.vector, grid.n_cells, axis=0)
+        displacement = np.zeros((grid.n_balls * grid.n_cells, 3))
+        displacement[:, :p] = unit * stencils.displacements(balls).reshape(p, -1).T
+        strain = np.zeros((3, 3))
+        if geometry.strain is not None:
+            strain[:p, :p] = unit / spacing * geometry.strain
+        loss = np.empty(n_contacts)
+        current = np.empty((n_contacts, 3))
+        distance = np.empty(n_contacts)
+        measure_turned(*grid.ends, vector, is_flat, displacement, strain, loss, current, distance)
+        shape = geometry.means.shape
+        by_kind = current[:, :p].reshape(shape[0], -1, p)
+        parts = np.einsum("cka,cna->kcn", geometry.axes(), by_kind).reshape(p, *shape)
+        self.vector: _Vector = geometry.sort(parts)
+        self.size = distance.reshape(shape)
+        self.normal = _times(1.0 / self.size, self.vector)
+        #: (n_c, L1, ..., Lp) differences h - y
+        self.differences = geometry.means - loss.reshape(shape) / unit
+        self.overlaps = overlap + self.differences
 
     def lose(self, moved: Any) -> Array:
         """Return the losses of overlap by small relative displacements of the two balls."""
@@ -347,7 +352,7 @@ def find_boundary_force(place: Loaded, *forces: Array) -> float:
     """Return the mean contact force f* at which the pressure is the same where the cell keeps its
     size, by normal ``forces`` of contacts, and tangential ones with friction.
     """
-    if isinstance(place, ExactPlace) and place.geometry.strained is not _ZERO:
+    if isinstance(place, ExactPlace) and place.geometry.strain is not None:
         return place.press_sheared(*forces)
     return place.press(*forces) / place.boundary
 

@@ -1,7 +1,7 @@
 """Arrays of balls that come to rest: as assemblies under loads, in units of W and c W^(3/2).
 
 Contacts keep the directions of the lattice, the limit of small spread, or turn with their balls, of
-which the ratio W/d tells. The search is that of :func:`~granphon.statics.rest.find_rest`.
+which the ratio W/d tells. The search is that of :func:`~granphon.statics.search.find_rest`.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from dataclasses import fields
 
 import numpy as np
 
-from granphon.array.contact_lists import find_lattice_grid
 from granphon.array.equilibrium import (
     REST_TOLERANCE,
     THRESHOLD_FORCE,
     Equilibrium,
+    explain_no_load,
     explain_too_small,
 )
 from granphon.array.geometry import LOAD_TOLERANCE, ReducedLoad, require_small
@@ -24,9 +24,11 @@ from granphon.balls import hertz
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.contacts.assembly import Assembly, GridAssembly
+from granphon.contacts.grid import find_lattice_grid
 from granphon.statics.configuration import AppliedLoad
 from granphon.statics.options import RestOptions
-from granphon.statics.rest import Rest, find_rest
+from granphon.statics.rest import Rest
+from granphon.statics.search import find_rest
 
 #: part of the tolerance of forces to which a load is met in the directions of the lattice: the load
 #: is a number that the user gave
@@ -134,11 +136,8 @@ def _rest_on_lattice(
     try:
         rest = find_rest(assembly, applied, "lattice", "isotropic", begin, options)
     except InputError as error:
-        raise InputError(
-            f"at an overlap of {load.overlap:.6g} widths this sample carries no load",
-            f"Its force is below f* = {THRESHOLD_FORCE:g}: too few balls touch to hold each other",
-            "Press it together more",
-        ) from error
+        assert load.overlap is not None
+        raise explain_no_load(load.overlap) from error
     except ConvergenceError as error:
         nearest = error.reached
         assert nearest is not None
@@ -183,9 +182,7 @@ def _rest_in_true_directions(
     except ConvergenceError as error:
         nearest = error.reached
         if nearest is None:
-            raise InputError(
-                f"at an overlap of {overlap:.6g} widths this sample carries no load"
-            ) from error
+            raise explain_no_load(overlap) from error
         raise ConvergenceError(
             f"the sample has not come to rest in its true geometry after {nearest.steps} steps",
             f"At an overlap of {_find_overlap(nearest, load, ratio):.6g} widths a force of"

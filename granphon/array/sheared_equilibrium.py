@@ -4,7 +4,7 @@ hydrostatic.
 Elsewhere the cell of an array keeps its shape: the mean of its principal stresses is the pressure,
 and a small sample of balls that differ bears some shear stress. Here all strains of the cell are
 free, as those of a crystal are. The balls, as an assembly (:mod:`granphon.contacts.assembly`), come
-to rest under a pressure (:mod:`granphon.statics.rest`). In the directions of the lattice the mean
+to rest under a pressure (:mod:`granphon.statics.search`). In the directions of the lattice the mean
 force follows from the pressure alone, by the virial; in true directions, and for a given overlap,
 the pressure is searched for.
 """
@@ -16,7 +16,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from granphon.array.equilibrium import REST_TOLERANCE, Equilibrium
+from granphon.array.equilibrium import (
+    REST_TOLERANCE,
+    THRESHOLD_FORCE,
+    Equilibrium,
+    explain_no_load,
+    explain_too_small,
+)
 from granphon.array.geometry import LOAD_TOLERANCE, ReducedLoad
 from granphon.array.rest import (
     LEAST_TOLERANCE,
@@ -31,11 +37,12 @@ from granphon.array.stencils import Stencils
 from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.balls import hertz
 from granphon.base.arrays import Array
-from granphon.base.errors import ConvergenceError
+from granphon.base.errors import ConvergenceError, InputError
 from granphon.contacts.assembly import Assembly
 from granphon.statics.configuration import Geometry
 from granphon.statics.options import RestOptions
-from granphon.statics.rest import Rest, find_rest
+from granphon.statics.rest import Rest
+from granphon.statics.search import find_rest
 
 #: pressures that are tried for a mean force or an overlap, at most
 _PRESSURES = 40
@@ -58,6 +65,8 @@ def equilibrate_sheared(
     if stencils.lattice.periods == 1 or not np.ptp(deviations):
         # nothing to shear, or equal forces that do not
         return equilibrate(deviations, load, stencils)
+    if load.overlap is None and load.force < THRESHOLD_FORCE:
+        raise explain_too_small(load.force)
     search = _PressureSearch(deviations, ratio, stencils)
     if load.overlap is None and (load.on_boundary or not ratio):
         return search.press(load.force)
@@ -67,9 +76,10 @@ def equilibrate_sheared(
         def measure(state: Equilibrium) -> float:
             return float(hertz.overlap_of(state.force))
 
-        return search.find(goal, measure, float(hertz.overlap_of(goal)))
+        return search.find(goal, measure, float(hertz.overlap_of(goal)), explain_too_small(goal))
     near = equilibrate(deviations, load, stencils, tolerance=START_TOLERANCE)
-    return search.find(near.force, lambda state: state.overlap, load.overlap)
+    no_load = explain_no_load(load.overlap)
+    return search.find(near.force, lambda state: state.overlap, load.overlap, no_load)
 
 
 class _PressureSearch:
@@ -100,10 +110,15 @@ class _PressureSearch:
         return self._make_state(rest)
 
     def find(
-        self, guess: float, measure: Callable[[Equilibrium], float], goal: float
+        self,
+        guess: float,
+        measure: Callable[[Equilibrium], float],
+        goal: float,
+        too_small: InputError,
     ) -> Equilibrium:
         """Return the equilibrium of which a ``measure`` in units of W, an overlap, is the ``goal``;
-        from a ``guess`` of the pressure.
+        from a ``guess`` of the pressure; raise the error ``too_small`` of a sample that carries no
+        load there.
 
         The overlap of equal balls under the pressure is nearly linear in it: the search is one by
         secants.
@@ -112,7 +127,10 @@ class _PressureSearch:
         slope = 1.0
         last: tuple[float, float] | None = None
         for _ in range(_PRESSURES):
-            state = self.press(hertz.force_of(pressure))
+            force = hertz.force_of(pressure)
+            if force < THRESHOLD_FORCE:
+                raise too_small
+            state = self.press(force)
             lack = goal - measure(state)
             if abs(lack) <= LOAD_TOLERANCE * max(1.0, abs(goal)):
                 return state

@@ -28,6 +28,7 @@ from granphon.dynamics.deformation_rows import Row, contact_rows, strain_rows
 from granphon.dynamics.elasticity import voigt_pairs
 from granphon.dynamics.factors import factorise
 from granphon.statics.line_search import find_length
+from granphon.statics.options import RestOptions
 
 #: largest number of steps of Newton's method, each with an LU factorisation
 _FACTORISATIONS = 200
@@ -214,4 +215,5 @@ def find_step_length(h: Array, strain: Array, work: float = 0.0) -> float:
         forces, root = hertz.press(h - length * strain)
         return -float(strain @ forces) - work, lambda: hertz.stiffness_of(float(root @ strain**2))
 
-    return find_length(measure, measure(0.0)[0])
+    options = RestOptions()
+    return find_length(measure, measure(0.0)[0], options.slope, options.slopes)

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.balls.lattices import Lattice
 from granphon.balls.neighbours import ContactTable
 from granphon.base.arrays import Array
 
@@ -167,3 +168,17 @@ def _join_runs(runs: NDArray[np.int64]) -> NDArray[np.int64]:
     joined = runs[first]
     joined[:, 3] = np.add.reduceat(runs[:, 3], first)
     return joined
+
+
+def find_lattice_grid(shape: tuple[int, ...], lattice: Lattice) -> Grid:
+    """Return the contacts of so many cells of a lattice, kind by kind, in diameters; those of few
+    are kept.
+    """
+    small = math.prod(shape) * lattice.n_balls <= _KEPT_CELLS
+    find = _keep_lattice_grid if small else _keep_lattice_grid.__wrapped__
+    return find(shape, lattice)
+
+
+@lru_cache(maxsize=8)
+def _keep_lattice_grid(shape: tuple[int, ...], lattice: Lattice) -> Grid:
+    return Grid.of(lattice.contacts, shape, lattice.n_balls)

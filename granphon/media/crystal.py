@@ -2,7 +2,7 @@
 
 A crystal is data: kinds of balls, a cell, positions at which neighbours touch, the law of each
 contact, and how the edges are held. The methods ``at_...`` of a crystal find the state at rest
-(:mod:`granphon.statics.rest`). Velocities, bands and waves are found from the network of
+(:mod:`granphon.statics.search`). Velocities, bands and waves are found from the network of
 contacts of that state.
 
 Where a crystal has been cut, the periods that remain lie along x, or in the xy plane, and the
@@ -90,7 +90,8 @@ from granphon.media.sample_on_grid import SampleOnGrid
 from granphon.media.state import read_finite_overlap
 from granphon.networks.network import ContactNetwork
 from granphon.statics.configuration import BOUNDARIES, AppliedLoad, Boundary, Geometry
-from granphon.statics.rest import Rest, find_rest
+from granphon.statics.rest import Rest
+from granphon.statics.search import find_rest
 
 #: most cells of a supercell along a period, and most layers of a cut
 _MOST_CELLS = 1_000_000
@@ -527,6 +528,10 @@ class Crystal(Result):
         balls with the deviations D_i and D_j has the overlap (D_i + D_j)/2 there. In the state at
         rest some contacts are then open, and some balls may be loose. Means of forces and overlaps,
         as :meth:`at_force` takes them, are over all contacts of the sample, the open ones too.
+
+        By default the cell of a crystal may shear (``boundary="stress"``) and contacts keep the
+        directions of the sites. With ``boundary="isotropic"``, and ``finite_overlap`` as it is in
+        the other state, the states are those of :class:`~granphon.DirectSimulation` of these balls.
 
         Raises :class:`~granphon.base.errors.InputError` for diameters of another shape, or with a
         ``shape``; for numbers that are not finite and above zero, also after the shift; and for
@@ -1161,7 +1166,7 @@ class Crystal(Result):
         boundary: Boundary,
         start: Rest | None = None,
     ) -> Rest:
-        """Return the state at rest under a load; see :func:`~granphon.statics.rest.find_rest`."""
+        """Return the state at rest under a load; see :func:`~granphon.statics.search.find_rest`."""
         on_grid = self._sample_on_grid
         if on_grid is None or np.any(load.force):
             return find_rest(self._assembly, load, geometry, boundary, start)

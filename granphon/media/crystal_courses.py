@@ -17,9 +17,9 @@ from granphon.base.differences import Course, differentiate
 from granphon.media.crystal import Crystal, CrystalState
 from granphon.media.mean_force import MeanContacts
 from granphon.statics.configuration import AppliedLoad, Configuration, Geometry, Problem
+from granphon.statics.options import CourseOptions
 from granphon.statics.rest import Rest, find_unknowns
 from granphon.statics.rest_courses import (
-    STEP,
     PressureFollower,
     RestCourse,
     RestFollower,
@@ -74,7 +74,7 @@ class CrystalFollower:
 
         if self._under_mean is None:
             return self._follower.follow(pose)
-        growth = differentiate(lambda step: float(change(step)[1].array), STEP)
+        growth = differentiate(lambda step: float(change(step)[1].array), CourseOptions().step)
         return self._under_mean.follow(pose, growth)
 
     def _measure_mean(self, configuration: Configuration) -> float:

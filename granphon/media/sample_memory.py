@@ -11,8 +11,7 @@ import numpy as np
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.media.left_out import estimate_reduced_force
-from granphon.statics.options import RestOptions
-from granphon.statics.response import MOST_BALLS
+from granphon.statics.options import ResponseOptions, RestOptions
 
 #: bytes for each ball while a sample without rotations is solved, with one, two and three periods,
 #: besides those of the lattice's Green's function
@@ -70,7 +69,7 @@ def estimate_memory(
     kept_bytes = _SAMPLE_BYTES * (samples - 1) + _EQUILIBRIUM_BYTES[periods] * (states - 1)
     solved_bytes = _ROTATING_BALL_BYTES[periods] if rotate else _BALL_BYTES[periods]
     response_bytes = solved_bytes + green_bytes
-    if exact or balls <= MOST_BALLS[periods]:
+    if exact or balls <= ResponseOptions().most_balls[periods]:
         response_bytes = max(response_bytes, _estimate_list(packing, motions))
     memory = balls * (response_bytes + kept_bytes)
     memory += (samples - 1) * min(_WORKSPACE_BYTES[periods] * balls, _MOST_WORKSPACE)

@@ -834,24 +834,32 @@ class HertzMindlin(ContactCalculator):
         contact in the reference state.
 
         There balls are displaced from their sites, which are one spacing apart in the direction
-        ``normal``. In the paper's limit the contact keeps the direction of the sites. The overlap
-        is found without adding displacements to the spacing, where it would lose its digits.
+        ``normal``. In the paper's limit the contact keeps the direction of the sites.
         """
         deviations = balls.arrays["diameter_deviations"]
-        displacements = balls.arrays["displacements"][:, : self._coordinates]
-        displacement = displacements[j] - displacements[i]
+        displacement = balls.arrays["displacements"]
         overlap = self._overlap + 0.5 * (deviations[i] + deviations[j])
-        along = np.einsum("ca,ca->c", normal, displacement)
+        distance = np.full(len(normal), self._spacing)
+        if not np.any(displacement):
+            return normal, overlap, distance
+        from granphon.contacts.deformation import (  # averages need no Numba
+            measure_losses,
+            measure_turned,
+        )
+
+        m = self._coordinates
+        along = np.zeros((len(normal), 3))
+        along[:, :m] = normal
+        ends = (i, j, self._spacing * along)
+        loss = np.empty(len(normal))
+        still = np.zeros((3, 3))
         if not self.finite_overlap:
-            return normal, overlap - along, np.full(len(normal), self._spacing)
-        vector = self._spacing * normal + displacement
-        distance = np.linalg.norm(vector, axis=1)
-        # |r| - a = (|r|^2 - a^2)/(|r| + a) for r = a n + u, without the difference of two nearly
-        # equal numbers
-        squares = np.einsum("ca,ca->c", displacement, displacement)
-        difference_of_squares = 2.0 * self._spacing * along + squares
-        farther = difference_of_squares / (distance + self._spacing)
-        return vector / distance[:, None], overlap - farther, distance
+            measure_losses(*ends, along, displacement, still, loss)
+            return normal, overlap - loss, distance
+        vector = np.empty_like(along)
+        is_flat = np.zeros(len(normal), bool)
+        measure_turned(*ends, is_flat, displacement, still, loss, vector, distance)
+        return vector[:, :m] / distance[:, None], overlap - loss, distance
 
     def _choose_law(self, balls: Atoms) -> Law:
         """Return the contact law of these balls: of the Atoms of a sample that of two balls, else

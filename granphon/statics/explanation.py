@@ -9,13 +9,8 @@ import numpy as np
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.statics.configuration import Problem
+from granphon.statics.options import RestOptions
 
-#: factors by which stiffnesses of contacts, and forces of a load, may differ where a crystal does
-#: not come to rest
-_MOST_STIFF = 1e10
-_MOST_FORCES = 1e6
-#: most contacts for which a load that is not borne is explained
-_MOST_EXPLAINED = 20_000
 #: units of a pressure, by the number of periods
 _UNITS = ("", "N", "N/m", "Pa")
 
@@ -106,7 +101,10 @@ def _find_bearing(problem: Problem) -> tuple[bool, str]:
 
 
 def explain(
-    problem: Problem, opened: bool = False, residual: float | None = None
+    problem: Problem,
+    options: RestOptions,
+    opened: bool = False,
+    residual: float | None = None,
 ) -> InputError | ConvergenceError:
     """Return the error of a load that the assembly has not come to rest under.
 
@@ -118,7 +116,7 @@ def explain(
     laws = assembly.laws
     words = problem.load.words
     # any contacts bear no force
-    if assembly.n_contacts <= _MOST_EXPLAINED and np.any(problem.force):
+    if assembly.n_contacts <= options.most_explained and np.any(problem.force):
         is_borne, mend = _find_bearing(problem)
         if not is_borne:
             why = (
@@ -149,8 +147,8 @@ def explain(
     # springs to the ground bear any tension, as bonds do
     kinds = "contacts and springs" if np.any(np.isinf(laws.tension)) else "contacts"
     for quantity, values, most in (
-        (f"the stiffnesses of {kinds}", stiffness, _MOST_STIFF),
-        ("the forces of the load on balls", forces, _MOST_FORCES),
+        (f"the stiffnesses of {kinds}", stiffness, options.most_ratio_of_stiffnesses),
+        ("the forces of the load on balls", forces, options.most_ratio_of_forces),
     ):
         present = values[values > 0.0]
         ratio = float(np.max(values) / np.min(present)) if present.size else 0.0

@@ -14,12 +14,9 @@ from numpy.typing import NDArray
 from granphon.base.compiled import compiled
 from granphon.contacts.grid import Grid
 from granphon.dynamics.linalg import invert_hermitian
+from granphon.statics.options import GridOptions
 
 Values = NDArray[Any]
-#: balls of a grid, at most, whose Green's function is kept: all samples of a packing share one
-_KEPT_BALLS = 2**17
-#: number of waves at which matrices are inverted at a time
-_WAVES = 2**15
 
 
 class GreenFunction:
@@ -30,7 +27,8 @@ class GreenFunction:
     whole array, and for other waves that deform no contact.
     """
 
-    def __init__(self, grid: Grid, workers: int) -> None:
+    def __init__(self, grid: Grid, workers: int, options: GridOptions | None = None) -> None:
+        numbers = options or GridOptions()
         self._workers = workers
         self._shape = grid.shape
         key = (
@@ -41,10 +39,10 @@ class GreenFunction:
             tuple(grid.shift.ravel().tolist()),
             tuple(grid.normal[:, : len(grid.shape)].ravel().tolist()),
         )
-        is_kept = grid.n_cells * grid.n_balls <= _KEPT_BALLS
+        is_kept = grid.n_cells * grid.n_balls <= numbers.kept_even
         find = _find_table if is_kept else _find_table.__wrapped__
         #: (f, f, waves); with one ball in the cell it is real
-        self._table = find(*key)
+        self._table = find(numbers.waves, *key)
 
     def apply(self, forces: Values, scale: float) -> Values:
         """Return ``scale`` times the motions (f, cells) under forces (f, cells), as precise as
@@ -61,6 +59,7 @@ class GreenFunction:
 
 @lru_cache(maxsize=8)
 def _find_table(
+    waves: int,
     shape: tuple[int, ...],
     n_balls: int,
     first: tuple[int, ...],
@@ -68,7 +67,7 @@ def _find_table(
     shifts: tuple[int, ...],
     normals: tuple[float, ...],
 ) -> Values:
-    """Return the table (f, f, waves) of :class:`GreenFunction`."""
+    """Return the table (f, f, waves) of :class:`GreenFunction`, of so many ``waves`` at a time."""
     d = len(shape)
     fields = d * n_balls
     normal = np.reshape(normals, (-1, d))
@@ -81,7 +80,7 @@ def _find_table(
     still = np.zeros((fields, fields))  # the projection on translations of the whole array
     for axis in range(d):
         still[axis::d, axis::d] = 1.0 / n_balls
-    step = max(1, _WAVES * shape[0] // math.prod(counts))
+    step = max(1, waves * shape[0] // math.prod(counts))
     for low in range(0, counts[0], step):
         ticks = [np.arange(count) for count in counts]
         ticks[0] = ticks[0][low : low + step]

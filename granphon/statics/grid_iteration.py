@@ -34,21 +34,9 @@ from granphon.contacts.grid_product import (
 )
 from granphon.contacts.tangent import Tangent, find_tangent
 from granphon.statics.green import multiply_waves
+from granphon.statics.options import GridOptions
 
 Values = NDArray[Any]
-#: stiffness, over the mean, that the preconditioner adds to each motion: motions that cost nothing,
-#: such as that of the whole, have no inverse
-_HOLDING = 1e-5
-#: part of the way to its balance that each ball moves before and after Green's function. The energy
-#: of a contact is at most twice that of its two balls moving one at a time: with less than the
-#: whole way the preconditioner is positive definite
-_DAMPED = 0.8
-#: decimals of the mean stiffnesses, over the mean of all, and of the mean directions of a kind of
-#: contact: Green's function need not be exact, and samples of a packing share one
-_DIGITS = 2
-#: balls of a grid, at most, whose Green's function is kept and whose right sides share transforms:
-#: beyond, memory counts
-_KEPT_BALLS = 2**13
 
 
 class GridSolution(NamedTuple):
@@ -79,7 +67,7 @@ class GridIteration:
     even : whether Green's function is that of contacts that are all alike, which is the same for
         all loads and steps, and not that of contacts of each kind that have their mean stiffness.
     earlier : an even iteration on the same grid, whose Green's function serves.
-    most_kept : balls, at most, whose Green's function is kept for other lists.
+    options : numbers of the iterations.
     """
 
     def __init__(
@@ -87,9 +75,11 @@ class GridIteration:
         tangent: Tangent,
         even: bool = False,
         earlier: GridIteration | None = None,
-        most_kept: int = _KEPT_BALLS,
+        options: GridOptions | None = None,
     ) -> None:
         contacts = tangent.contacts
+        numbers = options or GridOptions()
+        self._together = numbers.kept
         self._shape = contacts.grid
         self._cells = math.prod(contacts.grid)
         self._n_motions = len(contacts.axes)
@@ -101,10 +91,11 @@ class GridIteration:
         )._replace(diagonal=blocks.diagonal, forward=blocks.forward, backward=blocks.forward)
         self._coarse = self._product.round()
         self._green: NDArray[Any] = (
-            earlier._green if earlier else _find_green(contacts, self._level, even, most_kept)
+            earlier._green if earlier else _find_green(contacts, self._level, even, numbers)
         )
         self._alone = np.empty_like(self._coarse.diagonal)
-        invert_blocks(self._product.diagonal, _HOLDING * self._level, _DAMPED, self._alone)
+        holding = numbers.holding * self._level
+        invert_blocks(self._product.diagonal, holding, numbers.damped, self._alone)
 
     def solve(self, forces: Array, reduction: float, most: int, noise: float) -> GridSolution:
         """Return the motions under ``forces`` (n, m, k), by conjugate gradients.
@@ -113,7 +104,7 @@ class GridIteration:
         iterations. Forces below ``noise``, over the mean stiffness, are rounding. Right sides of a
         large grid are solved one after the other, for the sake of memory.
         """
-        together = forces.shape[-1] if len(forces) <= _KEPT_BALLS else 1
+        together = forces.shape[-1] if len(forces) <= self._together else 1
         solutions = [
             self._solve_together(forces[..., first : first + together], reduction, most, noise)
             for first in range(0, forces.shape[-1], together)
@@ -212,7 +203,9 @@ class GridIteration:
         return by_ball.transpose(0, 3, 1, 2).reshape(-1, self._n_motions, fields.shape[1])
 
 
-def _find_green(contacts: ContactList, level: float, even: bool, most_kept: int) -> NDArray[Any]:
+def _find_green(
+    contacts: ContactList, level: float, even: bool, options: GridOptions
+) -> NDArray[Any]:
     """Return (f, f, waves) inverses in Fourier space for equal contacts of each kind, of stiffness
     over ``level``; f are the motions of the balls of a cell.
 
@@ -228,7 +221,7 @@ def _find_green(contacts: ContactList, level: float, even: bool, most_kept: int)
         same.
         """
         means = np.mean(values.reshape(kinds, cells, -1), axis=1) / scale
-        return tuple(np.round(means, _DIGITS).ravel().tolist())
+        return tuple(np.round(means, options.digits).ravel().tolist())
 
     if even:
         directions = contacts.normal.reshape(kinds, cells, 3)[:, 0]
@@ -244,9 +237,11 @@ def _find_green(contacts: ContactList, level: float, even: bool, most_kept: int)
             average(contacts.torsion_stiffness, level),
             average(contacts.bending_stiffness, level),
         )
+    most_kept = options.kept_even if even else options.kept
     find = _find_equal_green if contacts.n_balls <= most_kept else _find_equal_green.__wrapped__
     return find(
         shape,
+        options.holding,
         contacts.motions,
         tuple(divmod(ball, cells) for ball in contacts.i[::cells].tolist()),
         tuple(divmod(ball, cells) for ball in contacts.j[::cells].tolist()),
@@ -258,6 +253,7 @@ def _find_green(contacts: ContactList, level: float, even: bool, most_kept: int)
 @lru_cache(maxsize=8)
 def _find_equal_green(
     shape: tuple[int, ...],
+    holding: float,
     motions: Motions,
     ends_i: tuple[tuple[int, int], ...],
     ends_j: tuple[tuple[int, int], ...],
@@ -267,7 +263,7 @@ def _find_equal_green(
     """Return (f, f, waves) inverses in Fourier space of the tangent of contacts of these kinds.
 
     ``ends_i`` and ``ends_j`` are the ball of the cell, and the cell, of either end of each kind;
-    ``each`` are arms and stiffnesses.
+    ``each`` are arms and stiffnesses; ``holding`` is that of :class:`GridOptions`.
     """
     kinds = len(ends_i)
     m = motions.count
@@ -316,7 +312,7 @@ def _find_equal_green(
         matrix[..., at_j, at_i] += np.conj(ahead) * pairs[second, first]
         matrix[..., at_j, at_j] += pairs[second, second]
     level = float(np.mean(np.diagonal(pairs)))
-    matrix += _HOLDING * level * np.eye(fields)
+    matrix += holding * level * np.eye(fields)
     matrix[(0,) * len(waves)] += level * np.eye(fields)
     inverses = np.linalg.inv(matrix).reshape(-1, fields, fields)
     return np.ascontiguousarray(np.moveaxis(inverses, 0, -1).astype(np.complex64))

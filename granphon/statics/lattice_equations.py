@@ -37,7 +37,7 @@ class LatticeEquations:
     def __init__(self, problem: GridProblem, options: RestOptions) -> None:
         self.problem = problem
         self.options = options
-        self.green = GreenFunction(problem.grid, options.workers)
+        self.green = GreenFunction(problem.grid, options.workers, options.grid)
         self._runs = {
             np.dtype(float): problem.grid.runs,
             np.dtype(np.float32): problem.grid.runs.round(),
@@ -56,6 +56,7 @@ class LatticeEquations:
         are nearly alike, Green's function alone is as good.
         """
         options = self.options
+        numbers = options.grid
         mean = float(np.mean(stiffness))
         green = self.green
         softness = 1.0 / mean
@@ -67,7 +68,7 @@ class LatticeEquations:
         blocks = np.zeros((d, d, balls))
         grid_loops.add_blocks(self._runs[np.dtype(float)], stiffness, blocks)
         alone = np.empty(blocks.shape, stiffness.dtype)
-        grid_loops.invert_blocks(blocks, options.hold_single * mean, options.damped, alone)
+        grid_loops.invert_blocks(blocks, numbers.holding * mean, numbers.damped, alone)
         del blocks
 
         def apply(force: Values) -> Values:

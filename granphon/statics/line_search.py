@@ -1,36 +1,80 @@
-"""The length of a step of Newton's method down a convex energy."""
+"""The length of a step of Newton's method down an energy: where the slope along the step is small.
+
+Slopes are works of forces. They tell near rest too, where differences of energies are rounding.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Protocol, TypeVar
 
-#: part of the slope at first that may be left at the end
-_SLOPE = 0.1
-#: lengths that are tried, at most
-_TRIALS = 30
+P = TypeVar("P")
+
+
+class Way(Protocol[P]):
+    """The places along a step, from its start at a length of 0 to its end at 1, and beyond."""
+
+    @property
+    def fall(self) -> float:
+        """How fast the energy falls at the start, per length."""
+
+    @property
+    def longest(self) -> float:
+        """The greatest length that may be."""
+
+    def go(self, length: float) -> P:
+        """Return the place at a length."""
+
+    def find_slope(self, place: P) -> float:
+        """Return the slope of the energy at a place of the way; infinite where none may be."""
+
+    def find_rise(self, place: P) -> float:
+        """Return the derivative of the slope; zero where it is not known."""
+
+
+def follow(way: Way[P], part: float, most: int) -> tuple[P, float]:
+    """Return the place along a ``way`` at which the energy hardly falls any more, and its length;
+    see :func:`find_length`.
+    """
+    tried: list[P] = []
+
+    def measure(length: float) -> tuple[float, Callable[[], float]]:
+        tried.clear()  # a large place is not kept beside the next one
+        place = way.go(length)
+        tried.append(place)
+        return way.find_slope(place), lambda: way.find_rise(place)
+
+    length = find_length(measure, way.fall, part, most, way.longest)
+    return tried[0], length
 
 
 def find_length(
-    measure: Callable[[float], tuple[float, Callable[[], float]]], first: float
+    measure: Callable[[float], tuple[float, Callable[[], float]]],
+    first: float,
+    part: float,
+    most: int,
+    longest: float = math.inf,
 ) -> float:
-    """Return the length of a step at which the slope of the energy has at most a tenth of its
-    ``first`` size.
+    """Return the length of a step at which the slope of the energy has at most a ``part`` of its
+    ``first`` size, or else the last of at ``most`` so many that are tried.
 
     ``measure`` returns the slope at a length, below zero at first, and what finds its derivative.
-    Lengths are tried by Newton's method in one dimension, within brackets.
+    Lengths up to the ``longest`` are tried by Newton's method in one dimension, within brackets.
     """
     low = 0.0
     high = math.inf
-    length = 1.0
-    for _ in range(_TRIALS):
+    length = tried = min(1.0, longest)
+    for _ in range(most):
+        tried = length
         slope, find_rise = measure(length)
-        if abs(slope) <= _SLOPE * abs(first):
+        if abs(slope) <= part * abs(first) or (slope < 0.0 and length >= longest):
             break
         low, high = (length, high) if slope < 0.0 else (low, length)
-        rise = find_rise()
+        rise = find_rise() if math.isfinite(slope) else 0.0
         length = length - slope / rise if rise > 0.0 else math.inf
         if not low < length < high:
             length = 0.5 * (low + high) if high < math.inf else 2.0 * low
-        length = min(length, 4.0 * low) if high == math.inf else length
-    return length
+        if high == math.inf:
+            length = min(length, 4.0 * low, longest)
+    return tried

@@ -398,7 +398,7 @@ class GridEquations:
             grid=assembly.grid.shape,
         )
         self._earlier = GridIteration(
-            Tangent(contacts, blocks), True, self._earlier, self.options.kept_green
+            Tangent(contacts, blocks), True, self._earlier, self.options.grid
         )
         return self._earlier
 

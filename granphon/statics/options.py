@@ -1,4 +1,6 @@
-"""The numbers of the search for rest, each with its reason, in one table."""
+"""The numbers of statics, of the search for rest and of what follows from it, each with its reason,
+in one table.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +15,40 @@ def _by_axes(line: float, plane: float, space: float) -> Mapping[int, Any]:
     numbers = MappingProxyType({1: line, 2: plane, 3: space})
     field_of_numbers: Mapping[int, Any] = field(default_factory=lambda: numbers)
     return field_of_numbers
+
+
+@dataclass(frozen=True)
+class GridOptions:
+    """Options of iterations on a grid (:mod:`granphon.statics.grid_iteration`,
+    :mod:`granphon.statics.lattice_equations`).
+
+    Attributes
+    ----------
+    holding : stiffness, over the mean, that preconditioners add to each motion: motions that cost
+        nothing, such as that of the whole, have no inverse, and blocks of single balls that nothing
+        holds have none in single precision.
+    damped : part of the way to its balance that each ball moves before and after Green's function:
+        the energy of a contact is at most twice that of its two balls moving one at a time, so that
+        with less than the whole way the preconditioner is positive definite.
+    digits : decimals of the mean stiffnesses, over the mean of all, and of the mean directions of a
+        kind of contact: Green's function need not be exact, and samples of a packing share one.
+    kept : balls, at most, whose Green's function of mean stiffnesses is kept, and whose right sides
+        share transforms: beyond, memory counts.
+    kept_even : the same of equal contacts, which is that of all samples and loads, and takes some
+        2 MB for 10^5 balls of a plane.
+    waves : number of waves at which matrices are inverted at a time.
+    well_held : deformations that contacts resist over motions of balls, from which conjugate
+        gradients take less time than factors, in a plane and in space, with slips and without.
+        Balls are rigid from about one (Maxwell's count), near which iterations are many.
+    """
+
+    holding: float = 1e-5
+    damped: float = 0.8
+    digits: int = 2
+    kept: int = 2**13
+    kept_even: int = 2**17
+    waves: int = 2**15
+    well_held: float = 1.3
 
 
 @dataclass(frozen=True)
@@ -62,7 +98,7 @@ class InteriorOptions:
 
 @dataclass(frozen=True)
 class RestOptions:
-    """Options of :func:`~granphon.statics.rest.find_rest`.
+    """Options of :func:`~granphon.statics.search.find_rest`.
 
     A residual is the largest force left, over the mean force of the contacts. Numbers of balls and
     of iterations are those on a line, in the plane and in space.
@@ -75,7 +111,7 @@ class RestOptions:
         rms difference of forces if that is less: at high loads the effect of disorder is itself
         only a small part of the force.
     required : residual that must be reached, and that a search that comes no nearer may end with.
-    steps : steps of Newton's method, at most.
+    steps : steps of Newton's method, at most: 160 bring 12^3 balls to rest at f* = 1e-4.
     slopes : slopes in a line search, at most.
     slope : slope of the energy along a step, over that at its start, at which a line search ends.
     near : residual below which a whole step is taken if the slope falls at all: it is rounding.
@@ -94,8 +130,6 @@ class RestOptions:
         found: a solution takes a tenth of the time of factors, and near rest 2 do.
     most_iterations : iterations in a step, at most, where matrices are not factorised.
     patience_of_grid : iterations with Green's function of an array, after which factors are found.
-    kept_green : balls of an array, at most, whose Green's function is kept: that of equal contacts
-        is the same for all samples and loads, and takes some 2 MB for 10^5 balls of a plane.
     inexact : relative error of a step of an array, at most: with more of it soft motions are hardly
         solved for, and come to rest over many steps more.
     margin : part of the tolerance that an accurate step of an array is to leave: the largest force
@@ -112,9 +146,10 @@ class RestOptions:
     carried : force, over the residual, up to which a contact carries nothing: its stiffness would
         hold a ball.
     patience : steps in exact directions without half of the residual, after which loose balls and
-        all others are no longer moved in turn, the steps of an array too are those along which the
-        energy falls, and four times as many end the search; where balls do not differ, as many end
-        it.
+        all others are no longer moved in turn, and the steps of an array too are those along
+        which the energy falls; where balls do not differ, as many end the search.
+    stalled : steps without half of the residual that end the search of balls that differ, or that
+        keep the directions of the lattice in a list.
     detours : loads, over the given one, ascending, under which balls come to rest first where a
         search in exact directions ends without rest: other contacts are then open on the way.
     light : force of a contact, over the mean, up to which it is light: balls with no more heavy
@@ -143,7 +178,6 @@ class RestOptions:
     workers : threads that share each Fourier transform on a grid in the directions of the lattice.
     cached : contacts of a grid that are worked on at a time, so that they stay in the processor's
         cache.
-    most_grid_steps : steps of Newton's method on a grid in the directions of the lattice, at most.
     most_on_grid : iterations in such a step, at most: the search goes on from there.
     loosest : relative residual of such a step, at most.
     progress : below that, the relative residual is the ratio by which the last step reduced the
@@ -154,11 +188,6 @@ class RestOptions:
     spoilt : length of a step below which later ones are solved in double precision.
     even : standard deviation of stiffnesses, over their mean, up to which Green's function alone
         preconditions.
-    damped : part of the way to its balance that each ball moves before and after Green's function:
-        the energy of a contact is at most twice that of its two balls moving one at a time, so that
-        with less than the whole way the preconditioner is positive definite.
-    hold_single : stiffness that is added to each ball there, over the mean, so that its block has
-        an inverse in single precision.
     least_difference : least scale of forces, over those that the spread of overlaps on the sites
         makes: in a chain all contacts carry the same force, but for rounding.
     move_rounding : force left on a ball of a line that the rounding of displacements explains, in
@@ -186,14 +215,20 @@ class RestOptions:
     hold_diagonal : stiffness that holds balls which nothing else holds, in factors, over the mean.
     hold_scaled : added to the matrix whose diagonal is one: without it rounding could make motions
         that cost nothing unstable.
+    most_ratio_of_stiffnesses, most_ratio_of_forces : factors by which stiffnesses of contacts, and
+        forces of a load on balls, may differ where balls do not come to rest; beyond, rounding is
+        named as the cause.
+    most_explained : contacts, at most, for which a linear programme is to tell whether they bear a
+        load.
+    grid : numbers of iterations on a grid.
     """
 
     tolerance: float = 2e-15
     iterated_tolerance: float = 3e-13
     grid_tolerance: float = 1e-11
     required: float = 1e-12
-    steps: int = 200
-    slopes: int = 40
+    steps: int = 1000
+    slopes: int = 30
     slope: float = 0.1
     near: float = 1e-6
     added: float = 1e-2
@@ -206,7 +241,6 @@ class RestOptions:
     patience_of_factors: int = 8
     most_iterations: int = 4000
     patience_of_grid: int = 200
-    kept_green: int = 2**17
     inexact: float = 1e-2
     margin: float = 0.1
     probed: float = 1e-4
@@ -216,6 +250,7 @@ class RestOptions:
     too_far: float = 1e2
     carried: float = 10.0
     patience: int = 20
+    stalled: int = 80
     detours: tuple[float, ...] = (2.0, 10.0)
     light: float = 1e-3
     failed: float = 0.3
@@ -232,15 +267,12 @@ class RestOptions:
     soft: float = 1e-9
     workers: int = 1
     cached: int = 2**14
-    most_grid_steps: int = 1000
     most_on_grid: int = 3000
     loosest: float = 0.15
     progress: float = 1.2
     accuracy: float = 0.3
     spoilt: float = 0.3
     even: float = 0.1
-    damped: float = 0.8
-    hold_single: float = 1e-5
     least_difference: float = 1e-4
     move_rounding: float = 16.0
     load_rounding: float = 1e-15
@@ -257,7 +289,89 @@ class RestOptions:
     stale: int = 30
     hold_diagonal: float = 1e-5
     hold_scaled: float = 1e-5
+    most_ratio_of_stiffnesses: float = 1e10
+    most_ratio_of_forces: float = 1e6
+    most_explained: int = 20_000
+    grid: GridOptions = GridOptions()
 
     def loosen(self) -> RestOptions:
         """Return the options of a search for the state from which another search begins."""
         return replace(self, grid_tolerance=self.start_tolerance)
+
+
+@dataclass(frozen=True)
+class ResponseOptions:
+    """Options of the linear response (:mod:`granphon.statics.response`).
+
+    Attributes
+    ----------
+    least_spring : stiffness of the springs to the ground over the mean one of contacts, where
+        factors allow it: far above rounding, so that motions that cost nothing do not count as
+        unstable, and far below what holds a ball that is pushed aside, W/d of the others.
+    strongest_spring, raised : the same, at most, and by how much it is raised where the factors are
+        singular all the same.
+    borne : part of the energy of the response that springs may bear, of which the error of an
+        elastic tensor is about the square.
+    borne_of_motions : the same, where motions are asked for.
+    rounds : rounds of refinement, at most.
+    stalled : part of the forces that a round of refinement has left, from which it comes no nearer.
+    reduction : error of an iteration in the norm of the energy; that of an elastic tensor is its
+        square.
+    reduction_of_motions : the same, where motions are asked for, or no factors can be.
+    patience : iterations after which a grid that can be factorised is.
+    most_iterations : iterations of a grid that cannot, at most.
+    most_balls : balls on a line, in a plane, in space, at most, whose matrix is factorised: the
+        memory of factors grows faster than it, to about 1 GB.
+    residual : relative residual of equations that are not symmetric.
+    residual_of_round : the same after a round by GMRES.
+    noise : rounding of a unit strain's forces, over the mean stiffness.
+    kept, cycles : vectors that GMRES keeps, and cycles of it, at most.
+    grid : numbers of iterations on a grid.
+    """
+
+    least_spring: float = 1e-10
+    strongest_spring: float = 1e-6
+    raised: float = 100.0
+    borne: float = 1e-7
+    borne_of_motions: float = 1e-11
+    rounds: int = 20
+    stalled: float = 0.5
+    reduction: float = 1e-6
+    reduction_of_motions: float = 1e-9
+    patience: int = 60
+    most_iterations: int = 60_000
+    most_balls: Mapping[int, int] = _by_axes(2**20, 2**16, 2**12)
+    residual: float = 1e-10
+    residual_of_round: float = 1e-8
+    noise: float = 1e-14
+    kept: int = 60
+    cycles: int = 40
+    grid: GridOptions = GridOptions()
+
+
+@dataclass(frozen=True)
+class CourseOptions:
+    """Options of how a rest follows parameters (:mod:`granphon.statics.rest_courses`).
+
+    Attributes
+    ----------
+    step : relative step of a parameter: the error of differences is about its fourth power, and
+        rounding over it.
+    least_step : the same, at least: below, rounding is larger than what contacts near their opening
+        contribute.
+    part : change of the overlap of a contact in a step, over the overlap, at most.
+    rounds : rounds of refinement, at most.
+    left : part of the derivative of the forces that rounds leave.
+    rounding : rounding of the forces on an unknown, over the mean force.
+    stalled, required : part of what a round has left from which the rounds come no nearer, and that
+        they may end with.
+    """
+
+    step: float = 2e-4
+    least_step: float = 1e-7
+    part: float = 0.02
+    rounds: int = 12
+    left: float = 1e-12
+    rounding: float = 1e-15
+    stalled: float = 0.5
+    required: float = 1e-8

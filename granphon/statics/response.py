@@ -34,50 +34,10 @@ from granphon.contacts.contact_list import ContactList
 from granphon.contacts.tangent import Tangent, find_tangent, unit_strains
 from granphon.dynamics.elasticity import find_stress_part
 from granphon.dynamics.factors import Factors
+from granphon.statics.options import ResponseOptions
 
 if TYPE_CHECKING:
     from granphon.statics.grid_iteration import GridIteration
-
-#: stiffness of the springs to the ground over the mean one of contacts, where factors allow it: far
-#: above rounding, so that motions that cost nothing do not count as unstable, and far below what
-#: holds a ball that is pushed aside, W/d of the others
-_LEAST_SPRING = 1e-10
-#: the same, at most, and by how much it is raised where the factors are singular all the same
-_STRONGEST_SPRING = 1e-6
-_RAISED = 100.0
-#: part of the energy of the response that springs may bear, of which the error of an elastic tensor
-#: is about the square
-_BORNE = 1e-7
-#: the same, where motions are asked for
-_BORNE_OF_MOTIONS = 1e-11
-#: rounds of refinement, at most
-_ROUNDS = 20
-#: part of the forces that a round of refinement has left, from which it comes no nearer
-_STALLED = 0.5
-#: error of an iteration in the norm of the energy; that of an elastic tensor is its square
-_REDUCTION = 1e-6
-#: the same, where motions are asked for, or no factors can be
-_REDUCTION_OF_MOTIONS = 1e-9
-#: deformations that contacts resist over motions of balls, from which conjugate gradients take less
-#: time than factors, in a plane and in space, with slips and without. Balls are rigid from about
-#: one (Maxwell's count), near which iterations are many
-WELL_HELD = 1.3
-#: iterations after which a grid that can be factorised is
-_PATIENCE = 60
-#: iterations of a grid that cannot, at most
-_MOST_ITERATIONS = 60_000
-#: largest number of balls on a line, in a plane, in space whose matrix is factorised: the memory of
-#: factors grows faster than it, to about 1 GB
-MOST_BALLS = {1: 2**20, 2: 2**16, 3: 2**12}
-#: relative residual of equations that are not symmetric
-_RESIDUAL = 1e-10
-#: the same after a round by GMRES
-_RESIDUAL_OF_ROUND = 1e-8
-#: rounding of a unit strain's forces, over the mean stiffness
-_NOISE = 1e-14
-#: vectors that GMRES keeps, and cycles of it, at most
-_KEPT = 60
-_CYCLES = 40
 
 
 class LinearResponse:
@@ -87,12 +47,19 @@ class LinearResponse:
     ----------
     contacts : the list.
     strains : (s, 3, 3) unit strains of the cell, by default those in Voigt order.
+    options : the numbers of the response.
 
     What is asked of it raises :class:`~granphon.base.errors.ConvergenceError` if the balls are not
     at a minimum of the energy.
     """
 
-    def __init__(self, contacts: ContactList, strains: Array | None = None) -> None:
+    def __init__(
+        self,
+        contacts: ContactList,
+        strains: Array | None = None,
+        options: ResponseOptions | None = None,
+    ) -> None:
+        self._options = options or ResponseOptions()
         units = unit_strains(contacts.dimension) if strains is None else strains
         self._contacts = contacts
         self._symmetric = not contacts.has_tangential_force
@@ -129,9 +96,13 @@ class LinearResponse:
         right = forces.reshape(-1, forces.shape[-1])
         answer = None
         if self._may_iterate and self._symmetric:
-            answer = self._iterate(right, _REDUCTION_OF_MOTIONS if fine else _REDUCTION)
+            answer = self._iterate(
+                right, self._options.reduction_of_motions if fine else self._options.reduction
+            )
         if answer is None:
-            answer = self._refine(right, _BORNE_OF_MOTIONS if fine else _BORNE)
+            answer = self._refine(
+                right, self._options.borne_of_motions if fine else self._options.borne
+            )
         motions, remaining = answer
         return motions.reshape(forces.shape), remaining.reshape(forces.shape)
 
@@ -147,14 +118,16 @@ class LinearResponse:
         for solve in self._list_solvers(math.sqrt(borne)):
             motions = np.zeros_like(right)
             remaining = right
-            for count in range(_ROUNDS):
+            for count in range(self._options.rounds):
                 change = solve(remaining)
                 if change is None:
                     break
                 better = motions + change
                 left = right - matrix @ better
                 # forces along motions that cost nothing, as balls not quite at rest leave, stay
-                if count and np.linalg.norm(left) > _STALLED * np.linalg.norm(remaining):
+                if count and np.linalg.norm(left) > self._options.stalled * np.linalg.norm(
+                    remaining
+                ):
                     break
                 motions = better
                 remaining = left
@@ -167,7 +140,9 @@ class LinearResponse:
         if self._symmetric:
             energy = abs(float(np.sum(motions * right)))
             return abs(float(np.sum(motions * remaining))) <= borne * energy
-        aim = max(_RESIDUAL * float(np.linalg.norm(right)), self._find_rounding(right.size))
+        aim = max(
+            self._options.residual * float(np.linalg.norm(right)), self._find_rounding(right.size)
+        )
         return float(np.linalg.norm(remaining)) <= aim
 
     def _list_solvers(self, reduction: float) -> Iterator[Callable[[Array], Array | None]]:
@@ -193,7 +168,7 @@ class LinearResponse:
     def _may_factorise(self) -> bool:
         """Whether there may be factors: of a list that is no grid they are the only way."""
         contacts = self._contacts
-        return not contacts.grid or contacts.n_balls <= MOST_BALLS[contacts.dimension]
+        return not contacts.grid or contacts.n_balls <= self._options.most_balls[contacts.dimension]
 
     @property
     def _may_iterate(self) -> bool:
@@ -207,7 +182,7 @@ class LinearResponse:
         resisted = int(np.count_nonzero(contacts.normal_stiffness))
         resisted += slips * int(np.count_nonzero(contacts.shear_stiffness))
         motions = contacts.n_balls * len(contacts.axes)
-        return resisted >= WELL_HELD * motions or not self._may_factorise
+        return resisted >= self._options.grid.well_held * motions or not self._may_factorise
 
     @cached_property
     def _even(self) -> Tangent:
@@ -218,16 +193,16 @@ class LinearResponse:
     def _iteration(self) -> GridIteration:
         from granphon.statics.grid_iteration import GridIteration  # averages need no Numba
 
-        return GridIteration(self._even)
+        return GridIteration(self._even, options=self._options.grid)
 
     def _iterate(self, right: Array, reduction: float) -> tuple[Array, Array] | None:
         """Return the motions under forces ``right`` that conjugate gradients find with the
         symmetric part of A, and the forces that they leave of it; None if they come to no end, and
         another way is to be tried. ConvergenceError if there is none.
         """
-        most = _PATIENCE if self._may_factorise else _MOST_ITERATIONS
+        most = self._options.patience if self._may_factorise else self._options.most_iterations
         forces = right.reshape(self._contacts.n_balls, -1, right.shape[-1])
-        solution = self._iteration.solve(forces, reduction, most, _NOISE)
+        solution = self._iteration.solve(forces, reduction, most, self._options.noise)
         if solution.has_arrived:
             return solution.motions.reshape(right.shape), solution.remaining.reshape(right.shape)
         if self._symmetric and not self._may_factorise:
@@ -266,15 +241,15 @@ class LinearResponse:
         ConvergenceError if these are singular, or, of an A that is symmetric, show that the balls
         are at no minimum.
         """
-        spring = _LEAST_SPRING
+        spring = self._options.least_spring
         while True:
             matrix = self._hold(self._even.data, spring)
             try:
                 factors = self._tangent.pattern.elimination.factorise(matrix)
             except RuntimeError:  # singular to the last digit
-                if spring >= _STRONGEST_SPRING:
+                if spring >= self._options.strongest_spring:
                     raise explain_failure(True) from None
-                spring *= _RAISED
+                spring *= self._options.raised
                 continue
             if self._symmetric and factors.n_below:
                 raise explain_failure(False)
@@ -290,7 +265,7 @@ class LinearResponse:
             spring, factors = self._held
             invert = factors.solve
         else:
-            spring = _LEAST_SPRING
+            spring = self._options.least_spring
             shape = (self._contacts.n_balls, -1, 1)
 
             def invert(vector: Array) -> Array:
@@ -304,10 +279,10 @@ class LinearResponse:
             motions[:, column], failed = gmres(
                 matrix,
                 forces,
-                rtol=_RESIDUAL_OF_ROUND,
+                rtol=self._options.residual_of_round,
                 atol=self._find_rounding(size),
-                restart=min(_KEPT, size),
-                maxiter=_CYCLES,
+                restart=min(self._options.kept, size),
+                maxiter=self._options.cycles,
                 M=inverse,
             )
             if failed:
@@ -318,7 +293,7 @@ class LinearResponse:
         """Return the norm of ``size`` forces that are nothing but rounding: where balls hardly
         differ, what a strain leaves is rounding of the forces that it makes.
         """
-        return _NOISE * self._level * math.sqrt(size)
+        return self._options.noise * self._level * math.sqrt(size)
 
 
 def find_elastic_tensor(contacts: ContactList) -> Array:

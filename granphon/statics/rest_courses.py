@@ -29,28 +29,11 @@ from granphon.base.errors import ConvergenceError
 from granphon.statics.configuration import Configuration, Problem
 from granphon.statics.krylov import Map
 from granphon.statics.newton import Equations, GridEquations, IteratedEquations, find_mean_row
-from granphon.statics.options import RestOptions
+from granphon.statics.options import CourseOptions, RestOptions
 from granphon.statics.rest import Rest, find_unknowns
 
 #: the problem of a rest where the parameter is larger by a relative step
 Change = Callable[[float], Problem]
-#: relative step of a parameter: the error of differences is about its fourth power, and rounding
-#: over it
-STEP = 2e-4
-#: change of the overlap of a contact in a step, over the overlap, at most
-_PART = 0.02
-#: least step: below, rounding is larger than what contacts near their opening contribute
-_LEAST_STEP = 1e-7
-#: rounds of refinement, at most, and the part of dR/dp that they leave
-_ROUNDS = 12
-_LEFT = 1e-12
-#: rounding of the forces on an unknown, over the mean force
-_ROUNDING = 1e-15
-#: part of what a round has left from which the rounds come no nearer, and that they may end with
-_STALLED = 0.5
-_REQUIRED = 1e-8
-#: reduction of the residual by iterations in a round
-_REDUCTION = 1e-10
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -75,14 +58,15 @@ class RestCourse:
     @cached_property
     def step(self) -> float:
         """The step of differences along the course."""
-        trial = _LEAST_STEP
+        numbers = self.follower.numbers
+        trial = numbers.least_step
         change = (self.place(trial).overlap - self.place(-trial).overlap) / (2.0 * trial)
         rest = self.follower.configuration
         laws = rest.problem.assembly.laws
         room = np.where(np.isfinite(laws.least), rest.overlap - laws.least, math.inf)
         closing = self.follower.is_closed & (change != 0.0)
         shortest = np.min(np.abs(room[closing] / change[closing]), initial=math.inf)
-        return min(STEP, max(_LEAST_STEP, _PART * float(shortest)))
+        return min(numbers.step, max(numbers.least_step, numbers.part * float(shortest)))
 
 
 class RestFollower:
@@ -95,6 +79,7 @@ class RestFollower:
 
     def __init__(self, problem: Problem, rest: Rest) -> None:
         self.problem = problem
+        self.numbers = CourseOptions()
         self._rest = rest
         self._unknowns = find_unknowns(problem, rest)
         self._measured = problem.start_at(self._unknowns).overlap
@@ -119,19 +104,20 @@ class RestFollower:
         right; ConvergenceError if the derivative is not found.
         """
         problem = self.problem
+        numbers = self.numbers
         course = RestCourse(self, change, np.zeros(problem.size))
         left = self._find_left(course)
         size = float(np.linalg.norm(left * problem.weights))
         if slope is not None:
             course = replace(course, slope=slope)
             left = self._find_left(course)
-        rounding = _ROUNDING * self.configuration.mean * math.sqrt(problem.size)
+        rounding = numbers.rounding * self.configuration.mean * math.sqrt(problem.size)
         before = math.inf
         earlier = course
-        for _ in range(_ROUNDS):
+        for _ in range(numbers.rounds):
             norm = float(np.linalg.norm(left * problem.weights))
-            stalls = norm > _STALLED * before and norm <= _REQUIRED * size
-            if norm <= max(_LEFT * size, rounding / course.step) or stalls:
+            stalls = norm > numbers.stalled * before and norm <= numbers.required * size
+            if norm <= max(numbers.left * size, rounding / course.step) or stalls:
                 return course if norm <= before else earlier  # a last round may do harm
             before = norm
             earlier = course
@@ -160,18 +146,20 @@ class RestFollower:
             linear = Equations(problem, options).linearise(configuration, stiffness)
             invert = linear.invert(load_slope, find_mean_row(configuration, stiffness))
             return lambda pull: problem.remove_drift(invert(pull))
+        # what a round leaves is solved for in the next
+        reduction = options.reduction
         most = options.most_iterations
         if assembly.grid:
             on_grid = GridEquations(problem, options)
             turning = 1.0 if problem.turns else 0.0
 
             def iterate(pull: Array) -> Array:
-                given = (configuration, stiffness, pull, turning, _REDUCTION, most, load_slope)
+                given = (configuration, stiffness, pull, turning, reduction, most, load_slope)
                 return on_grid.solve(*given).step
 
             return iterate
         iterated = IteratedEquations(problem, options)
-        return lambda pull: iterated.solve(configuration, stiffness, pull, _REDUCTION, most)[0]
+        return lambda pull: iterated.solve(configuration, stiffness, pull, reduction, most)[0]
 
 
 class PressureFollower:

@@ -508,7 +508,7 @@ def test_below_the_threshold_there_is_no_load(x, overlap):
 
 @pytest.mark.claim("least-loads")
 def test_what_is_reached_is_said(monkeypatch):
-    few = functools.partial(RestOptions, most_grid_steps=3)
+    few = functools.partial(RestOptions, steps=3)
     monkeypatch.setattr("granphon.array.rest.RestOptions", few)
     with pytest.raises(ConvergenceError, match="rest after 3 steps") as error:
         equilibrate(balls((16, 16)), ReducedLoad(overlap=0.0))

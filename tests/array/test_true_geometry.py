@@ -22,11 +22,12 @@ from granphon.array.load_step import BALANCE_TOLERANCE
 from granphon.array.pressed_place import PressedGeometry
 from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.rest import assemble, equilibrate
+from granphon.array.sheared_equilibrium import equilibrate_sheared
 from granphon.array.stencils import Motion, Stencils
 from granphon.array.true_equilibrium import TrueEquilibrium
-from granphon.balls.lattices import FCC, HCP, TRIANGULAR
+from granphon.balls.lattices import FCC, HCP, TRIANGULAR, find_lattice
 from granphon.balls.neighbours import contact_frames
-from granphon.base.errors import InputError
+from granphon.base.errors import ConvergenceError, InputError
 from granphon.contacts.friction import Tangent
 from granphon.dynamics.elasticity import bulk_and_shear, voigt_pairs
 from granphon.media.left_out import estimate_shear_deficit
@@ -37,8 +38,9 @@ from granphon.statics import response
 from granphon.statics.configuration import AppliedLoad, Problem
 from granphon.statics.loose_balls import find_way_down
 from granphon.statics.newton import Equations, GridEquations
-from granphon.statics.options import RestOptions
-from tests.array.test_equilibrium import balls
+from granphon.statics.options import ResponseOptions, RestOptions
+from granphon.statics.turning_descent import TurningDescent
+from tests.array.test_equilibrium import balls, close_forces
 from tests.array.test_friction_history import Dense, history, ramp
 
 ETA = 0.82
@@ -650,6 +652,72 @@ def test_balls_near_the_threshold_come_to_rest(side, seed):
     assert state.stiffness > 0.0
 
 
+@pytest.mark.parametrize("load", [{"overlap": 0.5}, {"force": 1.0}])
+def test_where_the_straight_way_ends_one_over_more_load_leads_to_the_same_rest(monkeypatch, load):
+    x = balls((6, 6), 1)
+    straight = equilibrate(x, ReducedLoad(**load), ratio=STEEL_WIDTH)
+    run = TurningDescent.run
+    ways = []
+
+    def end_at_first(descent, start):
+        ways.append(descent.problem.load)
+        if len(ways) == 1:
+            raise ConvergenceError("the way ends")
+        return run(descent, start)
+
+    monkeypatch.setattr(TurningDescent, "run", end_at_first)
+    led_round = equilibrate(x, ReducedLoad(**load), ratio=STEEL_WIDTH)
+    given, heavier, same = ways
+    assert same is given
+    if "force" in load:
+        assert heavier.mean_force == pytest.approx(2.0 * given.mean_force)
+    else:
+        # contacts are to bear about twice the force
+        more = straight.overlap + np.trace(given.strain - heavier.strain) / (2.0 * STEEL_WIDTH)
+        pressed = equilibrate(x, ReducedLoad(overlap=more), ratio=STEEL_WIDTH)
+        assert 1.5 * straight.force < pressed.force < 2.5 * straight.force
+    close_forces(led_round.forces, straight.forces, 1e-10)
+
+
+@pytest.mark.claim("threshold-rest")
+@pytest.mark.parametrize("geometry", ["lattice", "exact"])
+@pytest.mark.parametrize("boundary", ["isotropic", "stress"])
+@pytest.mark.parametrize(
+    ("lattice", "shape", "spacing", "seeds"),
+    [
+        ("triangular", (10, 10), 0.4, 1),
+        pytest.param("fcc", (3, 3, 3), 0.4, 3, marks=pytest.mark.slow),
+        *(
+            pytest.param(lattice, shape, spacing, 300, marks=pytest.mark.exhaustive)
+            for lattice, shape in (("triangular", (10, 10)), ("fcc", (3, 3, 3)))
+            for spacing in (0.35, 0.4, 0.5, 0.6)
+        ),
+    ],
+)
+def test_near_the_threshold_there_is_rest_or_no_load(
+    lattice, shape, spacing, seeds, boundary, geometry
+):
+    """Contacts carry no load in exact directions only where they carry none in the directions of
+    the lattice, whose problem is convex.
+    """
+    stencils = Stencils(shape, lattice=find_lattice(lattice))
+    load = ReducedLoad(overlap=spacing - 0.5)
+    ratio = STEEL_WIDTH if geometry == "exact" else 0.0
+    for seed in range(seeds):
+        x = gp.Uniform(1.0).sample(shape, seed)
+        x = x - np.mean(x)
+        try:
+            if boundary == "stress":
+                state = equilibrate_sheared(x, load, ratio, stencils)
+            else:
+                state = equilibrate(x, load, stencils, ratio=ratio or None)
+        except InputError:
+            with pytest.raises(InputError):
+                equilibrate(x, load, stencils)
+            continue
+        assert state.residual <= 1e-10
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "force", "ratio"),
@@ -1237,7 +1305,8 @@ def test_iterations_find_the_response_that_factors_find(monkeypatch, lattice, sh
     )
     sample = gp.DirectSimulation(packing, shape, geometry="exact").at_force(8.0).sample
     factorised = sample.elastic_tensor
-    monkeypatch.setattr(response, "MOST_BALLS", {2: 0, 3: 0})
+    none = functools.partial(ResponseOptions, most_balls={2: 0, 3: 0})
+    monkeypatch.setattr(response, "ResponseOptions", none)
     iterated = dataclasses.replace(sample).elastic_tensor
     np.testing.assert_allclose(iterated, factorised, rtol=0.0, atol=1e-12 * np.max(factorised))
     assert not np.array_equal(iterated, factorised)

@@ -4,9 +4,9 @@ A yardstick is one factorisation by SuperLU of the matrix of the state that is f
 motions, or one Fourier transform of these motions and back. Balls are spread uniformly. Loads are
 a*; at 0.45 some contacts are open, and SuperLU leaves them out.
 
-The first part compares the two searches with each other, for balls of W/d = 1e-7, where both have
-the same equilibria; the search in true directions begins at the sites. Its ratios, without a bound,
-say what one search for both geometries would cost.
+The first part compares the steps of both geometries with each other, for balls of W/d = 1e-7, where
+both have the same equilibria; the search in true directions begins at the sites. Its ratios,
+without a bound, say what steps in true directions would cost the limit.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ def transform(stencils: Stencils) -> Callable[[], object]:
 
 
 def compare_limit(repeats: int) -> list[Row]:
-    """The search in true directions over that in those of the lattice."""
+    """Rest in true directions over that in those of the lattice."""
     rows = []
     for lattice, side in LIMITS:
         stencils, x = draw(lattice, side)

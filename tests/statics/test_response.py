@@ -22,10 +22,12 @@ from granphon.base.errors import ConvergenceError
 from granphon.contacts.contact_list import ContactList
 from granphon.contacts.tangent import find_tangent, unit_strains
 from granphon.dynamics.elasticity import take_voigt
-from granphon.statics import response as module
+from granphon.statics.options import GridOptions, ResponseOptions
 from granphon.statics.response import LinearResponse, find_elastic_tensor
 from tests.contacts.test_tangent import random_list
 
+#: factors in place of iterations
+FACTORISED = ResponseOptions(grid=GridOptions(well_held=np.inf))
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 
 
@@ -80,12 +82,11 @@ def test_factors_find_what_least_squares_find(dimension, tangential):
 
 
 @pytest.mark.parametrize("lattice", [TRIANGULAR, FCC, HCP])
-def test_iterations_find_what_factors_find(monkeypatch, lattice):
+def test_iterations_find_what_factors_find(lattice):
     side = 8 if lattice is TRIANGULAR else 3
     contacts = rest(lattice, side)._list_contacts(0.8, 0.1, 0.05)
     iterated = LinearResponse(contacts)
-    monkeypatch.setattr(module, "WELL_HELD", np.inf)
-    factorised = LinearResponse(contacts)
+    factorised = LinearResponse(contacts, options=FACTORISED)
     expected = factorised.stiffness
     np.testing.assert_allclose(
         iterated.stiffness, expected, rtol=0.0, atol=1e-11 * np.max(expected)
@@ -97,12 +98,12 @@ def test_iterations_find_what_factors_find(monkeypatch, lattice):
 
 
 @pytest.mark.parametrize(
-    "constants", [{}, {"WELL_HELD": np.inf}, {"_STALLED": 0.0}], ids=["grid", "factors", "gmres"]
+    "options",
+    [None, FACTORISED, ResponseOptions(stalled=0.0)],
+    ids=["grid", "factors", "gmres"],
 )
 @pytest.mark.parametrize("lattice", [TRIANGULAR, FCC])
-def test_all_ways_find_the_response_under_static_forces_across_normals(
-    monkeypatch, lattice, constants
-):
+def test_all_ways_find_the_response_under_static_forces_across_normals(lattice, options):
     contacts = rest(lattice, 8 if lattice is TRIANGULAR else 3)._list_contacts(0.8)
     force = np.random.default_rng(1).normal(scale=1e-4, size=contacts.normal.shape)
     force[:, lattice.periods :] = 0.0
@@ -111,9 +112,7 @@ def test_all_ways_find_the_response_under_static_forces_across_normals(
     expected = solve_densely(held)
     size = np.max(expected)
     assert np.max(np.abs(solve_densely(contacts) - expected)) > 1e-9 * size
-    for name, value in constants.items():
-        monkeypatch.setattr(module, name, value)
-    found = LinearResponse(held).stiffness
+    found = LinearResponse(held, options=options).stiffness
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-11 * size)
 
 

@@ -22,7 +22,7 @@ from granphon.statics.krylov import conjugate_gradients
 from granphon.statics.loose_balls import find_way_down
 from granphon.statics.newton import Equations, IteratedEquations
 from granphon.statics.options import RestOptions
-from granphon.statics.rest import find_rest
+from granphon.statics.search import find_rest
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 

@@ -1,19 +1,17 @@
-"""Rest of balls on a grid in the directions of the lattice.
+"""The way to rest of balls on a grid in the directions of the lattice, of which no contact is
+spelled out.
 
 Forces are found as what they have beyond y_+^(3/2), with the overlap y that the strain of the cell
 gives to all contacts of a kind: these common forces balance, and are not subtracted from each
-other. The problem is convex. Newton's method finds the minimum of the energy; where many contacts
-are open, an interior-point method (:mod:`granphon.statics.interior`) first goes near it. Conjugate
-gradients solve the linear equations of each step, no more accurately than the step needs, in single
-precision as long as that serves; forces are found in double. The length of a step is chosen from
-the slope of the energy along it, never from the energy itself, a large sum in which rounding hides
-the changes.
+other. The problem is convex; where many contacts are open, an interior-point method
+(:mod:`granphon.statics.interior`) first goes near rest. Conjugate gradients solve the linear
+equations of each step, no more accurately than the step needs, in single precision as long as that
+serves; forces are found in double.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
@@ -22,18 +20,21 @@ from numpy.typing import NDArray
 
 from granphon.balls import hertz
 from granphon.base.arrays import Array
+from granphon.base.errors import ConvergenceError, GranphonError
 from granphon.contacts import grid_loops
 from granphon.contacts.assembly import ROUNDING
+from granphon.statics.descent import Descent, Trail
+from granphon.statics.explanation import explain
 from granphon.statics.grid_problem import GridProblem, Unknowns
 from granphon.statics.interior import approach
-from granphon.statics.lattice_equations import Inverse, LatticeEquations, Preconditioners
-from granphon.statics.line_search import find_length
+from granphon.statics.lattice_equations import LatticeEquations, Preconditioners
 from granphon.statics.options import RestOptions
+from granphon.statics.rest import Rest, find_unknowns
 
 Values = NDArray[Any]
 
 
-class Place:
+class GridPlace:
     """Balls on the way to rest: what their place tells of the contacts.
 
     Attributes
@@ -132,7 +133,7 @@ class Place:
         return self.problem.find_largest(self.pull)
 
     @cached_property
-    def distance(self) -> float:
+    def residual(self) -> float:
         """Force left over the scale that tolerances are of: the mean force, or the rms difference
         of the forces if that is less.
         """
@@ -153,7 +154,7 @@ class Place:
     @property
     def is_at_rest(self) -> bool:
         """Whether the balls are at rest, and carry something."""
-        return not self.carries_nothing and self.distance <= self.options.grid_tolerance
+        return not self.carries_nothing and self.residual <= self.options.grid_tolerance
 
     @property
     def carries_nothing(self) -> bool:
@@ -176,68 +177,142 @@ class Place:
         return np.asarray(overlap)
 
 
-class LatticeSearch:
-    """The search for rest on a grid in the directions of the lattice."""
+class GridWay:
+    """The places along a step on a grid."""
+
+    longest = math.inf
+
+    def __init__(self, start: GridPlace, step: Unknowns) -> None:
+        problem = start.problem
+        self._start = start
+        self._step = step
+        self._loss = problem.add_losses(problem.measure_losses(step.balls), step.strains)
+        self.fall = _multiply(start.pull, step.balls) + float(start.push @ step.strains)
+
+    def go(self, length: float) -> GridPlace:
+        """Return the place at a length."""
+        start = self._start
+        balls = start.balls + length * self._step.balls
+        strains = start.strains + length * self._step.strains
+        return GridPlace(start.problem, balls, strains, start.options)
+
+    def find_slope(self, place: GridPlace) -> float:
+        """Return the slope of the energy."""
+        problem = place.problem
+        slope = -_multiply(place.excess, self._loss)
+        if place.uniform is not None:
+            slope -= float(place.uniform @ np.sum(self._step.balls, axis=1))
+        if problem.is_free:
+            cells = problem.grid.n_cells
+            common = problem.work + cells * place.common_force @ problem.strained
+            slope -= float(self._step.strains @ common)
+        return slope
+
+    def find_rise(self, place: GridPlace) -> float:
+        """Return the derivative of the slope."""
+        loss = self._loss.reshape(-1)
+        sum_of_roots = float(np.einsum("i,i,i", place.root.reshape(-1), loss, loss))
+        return float(hertz.stiffness_of(sum_of_roots))
+
+
+class GridDescent(Descent[GridPlace]):
+    """The way to rest on a grid."""
 
     def __init__(self, problem: GridProblem, options: RestOptions) -> None:
+        super().__init__(options, options.grid_tolerance, options.grid_tolerance)
+        # places are large, and the last one is the nearest in the end
+        self.trail = Trail(keeps=False)
         self.problem = problem
-        self.options = options
         self.equations = LatticeEquations(problem, options)
         self.inverses = Preconditioners(problem, self.equations, options)
-        self.steps = 0
-        self.iterations = 0
+        #: whether the interior-point method has gone before
+        self._is_inside = False
+        #: whether equations are solved in single precision: they need few digits, and it takes half
+        #: of the time
+        self._single = True
+        #: the residual before the last step, 0 at first
+        self._before = 0.0
 
-    def place(self, balls: Array, strains: Array) -> Place:
-        """Return the balls with these displacements and strains."""
-        return Place(self.problem, balls, strains, self.options)
+    @property
+    def needs_more_load(self) -> bool:
+        """Whether the way is to begin at rest under a larger load."""
+        return self.problem.needs_more_load(self.options)
 
-    def run(self, balls: Array | None, strains: Array) -> Place:
-        """Return the balls at rest, or where the search ends without rest.
-
-        Parameters
-        ----------
-        balls : displacements (f, cells) at which the search begins; None for the sites.
-        strains : (s,) at which the search begins.
+    def begin(self, start: Rest | None) -> GridPlace:
+        """Return the place at which the way begins: after the interior-point method where that
+        serves, else that of ``start`` or of springs.
         """
-        options = self.options
-        is_fresh = balls is None
-        begun = 0
-        if balls is None:
-            balls = np.zeros((self.problem.n_fields, self.problem.grid.n_cells))
+        problem = self.problem
+        balls = np.zeros((problem.n_fields, problem.grid.n_cells))
+        strains = problem.find_strains()
+        is_fresh = start is None or not problem.spread
+        if start is not None and problem.spread:
+            unknowns = find_unknowns(problem.problem, start)
+            strains = unknowns[problem.problem.n_ball_unknowns :] / problem.unit
+            balls = problem.lay(start.displacement)
         if self._is_near(strains):
             nearby = approach(self.equations, self.inverses, balls, strains, is_fresh)
             if nearby is not None:
-                balls, strains, begun, self.iterations = nearby
+                balls, strains, self.steps, self.iterations = nearby
+                self._is_inside = self.steps > 0
+                self._single = not self._is_inside
         elif is_fresh:
             balls = self._begin(balls, strains)
-        # linear equations need few digits, and single precision takes half of the time
-        single = not begun
-        tolerance = options.grid_tolerance
-        before = 0.0
-        self.steps = begun
-        here = self.place(balls, strains)
-        while self.steps < options.most_grid_steps:
-            if here.carries_nothing or here.distance <= tolerance:
-                break
-            distance = here.distance
-            reduction = options.loosest
-            if before:
-                reduction = min(reduction, (distance / before) ** options.progress)
-            reduction = max(reduction, options.accuracy * tolerance / distance)
-            precision = np.float32 if single else np.float64
-            prepare = self.inverses.choose if begun else self.equations.precondition
-            step, taken = self._find_step(here, precision, prepare, min(options.loosest, reduction))
-            self.inverses.count(taken)
-            here, length = self._search(here, step)
-            self.iterations += taken
-            self.steps += 1
-            before = distance
-            # where balls that nothing holds move far, single precision may spoil a step
-            single = single and length > options.spoilt
-        return here
+        return GridPlace(problem, balls, strains, self.options)
+
+    def _is_stuck(self, place: GridPlace) -> bool:
+        """Return whether hardly a contact is closed."""
+        return place.carries_nothing
+
+    def _advance(self, place: GridPlace) -> GridPlace:
+        """Return the place after a step."""
+        options = self.options
+        residual = place.residual
+        reduction = options.loosest
+        if self._before:
+            reduction = min(reduction, (residual / self._before) ** options.progress)
+        reduction = max(reduction, options.accuracy * self.tolerance / residual)
+        step, taken = self._find_step(place, min(options.loosest, reduction))
+        self.inverses.count(taken)
+        ahead, length = self._follow(GridWay(place, step))
+        self.iterations += taken
+        self._before = residual
+        # where balls that nothing holds move far, single precision may spoil a step
+        self._single = self._single and length > options.spoilt
+        return ahead
+
+    def _finish(self, place: GridPlace) -> Rest:
+        """Return the state of a place."""
+        on_grid = self.problem
+        problem = on_grid.problem
+        assembly = problem.assembly
+        overlap = place.find_overlaps()
+        overlap *= on_grid.unit
+        closed = float(np.mean(overlap > 0.0))
+        p = assembly.periods
+        strain = np.einsum("s,sab->ab", on_grid.unit * place.strains, problem.unit_strains)
+        return Rest(
+            displacement=on_grid.list_displacements(place.balls),
+            wall_motion=np.zeros(0),
+            strain=(strain + problem.given_strain)[:p, :p],
+            overlap=overlap.ravel(),
+            assembly=assembly,
+            residual=place.left / place.force * closed if closed else math.inf,
+            steps=self.steps,
+            iterations=self.iterations,
+        )
+
+    def _explain_failure(self, place: GridPlace) -> GranphonError:
+        """Return the error of a way that has not led to rest."""
+        rest = self._finish(place)
+        problem = self.problem.problem
+        error = explain(problem, self.options, opened=place.carries_nothing, residual=rest.residual)
+        if isinstance(error, ConvergenceError):
+            error.reached = rest
+        return error
 
     def _begin(self, balls: Array, strains: Array) -> Array:
-        """Return the displacements at which a search from the sites begins: where all contacts are
+        """Return the displacements at which a way from the sites begins: where all contacts are
         closed there, those that springs which are alike would bring about.
 
         Where some are open, balls that nothing holds stay nearer to their sites if they begin
@@ -250,19 +325,15 @@ class LatticeSearch:
             return balls
         return self.equations.green.apply(problem.collect(problem.offset), 1.0)
 
-    def _find_step(
-        self,
-        here: Place,
-        precision: type[Any],
-        prepare: Callable[[Values], Inverse],
-        reduction: float,
-    ) -> tuple[Unknowns, int]:
+    def _find_step(self, here: GridPlace, reduction: float) -> tuple[Unknowns, int]:
         """Return a step of Newton's method, and the number of iterations; the roots of the place
-        become stiffnesses. ``prepare`` makes the preconditioner.
+        become stiffnesses.
         """
+        precision: type[Any] = np.float32 if self._single else np.float64
+        prepare = self.inverses.choose if self._is_inside else self.equations.precondition
         stiffness = here.root.astype(precision, copy=False)
         stiffness *= hertz.stiffness_of(1.0) / here.level
-        stiffness += self.options.added * min(1.0, here.distance)
+        stiffness += self.options.added * min(1.0, here.residual)
         # forces and stiffnesses near one: single precision has no numbers below 1e-38
         push = float(np.max(np.abs(here.push), initial=0.0)) * self.problem.weight
         size = max(float(np.max(np.abs(here.pull))), push)
@@ -287,33 +358,6 @@ class LatticeSearch:
         force = float(np.mean(hertz.force_of(common)))
         least, most = options.interior_forces
         return bool(least <= force <= most)
-
-    def _search(self, here: Place, step: Unknowns) -> tuple[Place, float]:
-        """Return the balls after a step, and its length, of :func:`find_length`."""
-        problem = self.problem
-        loss = problem.add_losses(problem.measure_losses(step.balls), step.strains)
-        flat = loss.reshape(-1)
-        ahead = here
-
-        def measure(length: float) -> tuple[float, Callable[[], float]]:
-            nonlocal ahead
-            ahead = self.place(
-                here.balls + length * step.balls, here.strains + length * step.strains
-            )
-            slope = -_multiply(ahead.excess, loss)
-            if ahead.uniform is not None:
-                slope -= float(ahead.uniform @ np.sum(step.balls, axis=1))
-            if problem.is_free:
-                cells = problem.grid.n_cells
-                common = problem.work + cells * ahead.common_force @ problem.strained
-                slope -= float(step.strains @ common)
-            return slope, lambda: hertz.stiffness_of(
-                float(np.einsum("i,i,i", ahead.root.reshape(-1), flat, flat))
-            )
-
-        fall = _multiply(here.pull, step.balls) + float(here.push @ step.strains)
-        length = find_length(measure, fall)
-        return ahead, length
 
 
 def _multiply(first: Values, second: Values) -> float:

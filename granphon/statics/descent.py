@@ -1,0 +1,148 @@
+"""The way down the energy to rest, step by step: one flow for all balls.
+
+Newton's method finds each step, and the slope of the energy along it, that is forces, its length;
+differences of energies would be rounding near rest. What a place is, and how its linear equations
+are solved, depends on the balls: a list whose contacts keep the directions of the lattice
+(:mod:`granphon.statics.list_descent`), a grid of such contacts, none of which is spelled out
+(:mod:`granphon.statics.grid_descent`), and contacts that turn, among which there are loose balls
+and saddles (:mod:`granphon.statics.turning_descent`).
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from typing import Generic, Protocol, TypeVar
+
+from granphon.base.errors import GranphonError
+from granphon.statics.line_search import Way, follow
+from granphon.statics.options import RestOptions
+from granphon.statics.rest import Rest
+
+
+class Place(Protocol):
+    """Where balls are on the way to rest."""
+
+    @property
+    def residual(self) -> float:
+        """The largest force left, over the size of forces that tolerances are of."""
+
+
+P = TypeVar("P", bound=Place)
+
+
+class Trail(Generic[P]):
+    """The place nearest to rest on the way, and the steps since the residual was halved.
+
+    ``keeps`` says whether a place is kept when others follow that are farther from rest.
+    """
+
+    def __init__(self, keeps: bool = True) -> None:
+        self._keeps = keeps
+        self.best = math.inf
+        self.stalled = 0
+        self.nearest: P | None = None
+
+    def add(self, place: P) -> None:
+        """Go on to a place."""
+        residual = place.residual
+        self.stalled = self.stalled + 1 if residual > 0.5 * self.best else 0
+        if residual < self.best or not self._keeps:
+            self.nearest = place
+        self.best = min(self.best, residual)
+
+
+class Descent(ABC, Generic[P]):
+    """The way of balls down their energy to rest.
+
+    Attributes
+    ----------
+    tolerance : residual at which balls are at rest.
+    required : residual with which a way that comes no nearer may end.
+    trail : what the way has passed.
+    steps, iterations : numbers of steps of Newton's method, and of iterations in them.
+    """
+
+    def __init__(self, options: RestOptions, tolerance: float, required: float) -> None:
+        self.options = options
+        self.tolerance = tolerance
+        self.required = required
+        self.trail: Trail[P] = Trail()
+        self.steps = 0
+        self.iterations = 0
+
+    @property
+    def needs_more_load(self) -> bool:
+        """Whether the way is to begin at rest under a larger load."""
+        return False
+
+    @abstractmethod
+    def begin(self, start: Rest | None) -> P:
+        """Return the place at which the way begins: that of ``start``, if there is one."""
+
+    def run(self, start: Rest | None) -> Rest:
+        """Return the state at rest to which the way leads from a ``start``, or raise the error of
+        one that does not lead to rest.
+        """
+        place = self.begin(start)
+        for _ in range(self.options.steps):
+            place = self._prepare(place)
+            if self._is_stuck(place):
+                break
+            self.trail.add(place)
+            if self._has_arrived:
+                below = self._leave_saddle(self._nearest)
+                if below is None:
+                    return self._finish(self._nearest)
+                place = below
+                self.trail = Trail()
+                continue
+            place = self._advance(place)
+            self.steps += 1
+        if self.trail.best <= self.required:
+            return self._finish(self._nearest)
+        raise self._explain_failure(place)
+
+    @property
+    def _nearest(self) -> P:
+        """The place nearest to rest."""
+        assert self.trail.nearest is not None
+        return self.trail.nearest
+
+    @property
+    def _has_arrived(self) -> bool:
+        """Whether the balls are at rest, or as near as rounding lets them come."""
+        trail = self.trail
+        comes_no_nearer = trail.best <= self.required and trail.stalled > 2
+        return trail.best <= self.tolerance or comes_no_nearer
+
+    def _is_stuck(self, place: P) -> bool:
+        """Return whether the way ends here without rest."""
+        return False
+
+    def _prepare(self, place: P) -> P:
+        """Return the place from which the next step begins."""
+        return place
+
+    @abstractmethod
+    def _advance(self, place: P) -> P:
+        """Return the place after a step."""
+
+    def _follow(self, way: Way[P], part: float | None = None) -> tuple[P, float]:
+        """Return the place along the ``way`` of a step at which the energy hardly falls any more,
+        by default at a part ``options.slope`` of the fall at first, and the length of the step.
+        """
+        options = self.options
+        return follow(way, options.slope if part is None else part, options.slopes)
+
+    def _leave_saddle(self, place: P) -> P | None:
+        """Return where to go on from a saddle of the energy; None at a minimum."""
+        return None
+
+    @abstractmethod
+    def _finish(self, place: P) -> Rest:
+        """Return the state of a place that is at rest."""
+
+    @abstractmethod
+    def _explain_failure(self, place: P) -> GranphonError:
+        """Return the error of a way that ends without rest at a ``place``."""

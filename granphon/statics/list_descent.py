@@ -1,0 +1,240 @@
+"""The way to rest of a list of contacts, which keep the directions of the lattice.
+
+The problem is convex, as contacts push ever harder: the forces at rest are unique, while balls that
+nothing holds may be anywhere. Where contacts have opened, the tangent is short of their stiffness,
+and a small stiffness that falls with the residual is added to all contacts.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+
+from granphon.base.arrays import Array
+from granphon.base.errors import ConvergenceError, GranphonError, InputError
+from granphon.contacts.assembly import ROUNDING
+from granphon.statics.configuration import Configuration, Problem
+from granphon.statics.descent import Descent
+from granphon.statics.explanation import explain, find_typical_force
+from granphon.statics.krylov import Map
+from granphon.statics.newton import Equations, IteratedEquations
+from granphon.statics.options import RestOptions
+from granphon.statics.rest import Rest, find_unknowns
+
+
+class ListDescent(Descent[Configuration]):
+    """What the ways of lists to rest have in common.
+
+    ``iterates`` says whether iterations find steps even where matrices can be factorised.
+    """
+
+    def __init__(self, problem: Problem, options: RestOptions, iterates: bool) -> None:
+        assembly = problem.assembly
+        self.problem = problem
+        self.is_factored = assembly.n_balls <= options.most_factorised[assembly.dimension]
+        self.iterates = iterates or not self.is_factored
+        tolerance = options.tolerance
+        if self.iterates:
+            tolerance = max(tolerance, options.iterated_tolerance)
+        super().__init__(options, tolerance, options.required)
+
+    @cached_property
+    def equations(self) -> Equations:
+        """Newton's equations, by factors."""
+        return Equations(self.problem, self.options)
+
+    @cached_property
+    def iterated_equations(self) -> IteratedEquations:
+        """Newton's equations, by iteration."""
+        return IteratedEquations(self.problem, self.options)
+
+    def _finish(self, place: Configuration) -> Rest:
+        """Return the state of a configuration at rest, without the light contacts of balls that
+        differ: their force may be a residual only, and their stiffness would hold a ball.
+        """
+        assembly = self.problem.assembly
+        laws = assembly.laws
+        rest = replace(Rest.of(place), steps=self.steps, iterations=self.iterations)
+        if not assembly.differs or np.any(laws.adhesion):
+            return rest
+        force = laws.force(rest.overlap)
+        light = np.abs(force) <= self.options.carried * rest.residual * laws.size(force)
+        light &= np.isfinite(laws.least)  # a bond never opens
+        opened = np.minimum(rest.overlap, laws.least)
+        return replace(rest, overlap=np.where(light, opened, rest.overlap))
+
+
+class LatticeWay:
+    """The configurations along a step of contacts that keep their directions."""
+
+    def __init__(self, start: Configuration, step: Array) -> None:
+        self._start = start
+        self._step = step
+        #: (n_c,) what contacts lose of their overlaps along the whole step, m
+        self._loss = start.problem.measure_losses(step)
+        #: J per step
+        self.fall = float(start.pull @ step)
+        self.longest = math.inf
+        laws = start.problem.assembly.laws
+        if laws.adhere:  # no contact may be torn: nine tenths of the way to the first that would
+            parting = self._loss > 0.0
+            room = (start.overlap - laws.least)[parting] / self._loss[parting]
+            self.longest = max(0.9 * float(np.min(room, initial=math.inf)), 1e-9)
+
+    def go(self, length: float) -> Configuration:
+        """Return the configuration at a length."""
+        start = self._start
+        return start.move(start.x + length * self._step, start.overlap - length * self._loss)
+
+    def find_slope(self, place: Configuration) -> float:
+        """Return the slope of the energy; infinite where all contacts have opened, under a load
+        that is small against the forces before.
+        """
+        before = self._start.force
+        if not np.any(place.force) and np.any(before):
+            return math.inf
+        return float((before - place.force) @ self._loss) - self.fall
+
+    def find_rise(self, place: Configuration) -> float:
+        """Return the derivative of the slope."""
+        return float((place.stiffness * self._loss) @ self._loss)
+
+
+class LatticeDescent(ListDescent):
+    """The way to rest in the directions of the lattice."""
+
+    def __init__(self, problem: Problem, options: RestOptions) -> None:
+        assembly = problem.assembly
+        fewest = options.fewest_iterated[assembly.dimension]
+        super().__init__(problem, options, assembly.n_balls >= fewest)
+        #: the inverse of the equations of an earlier step, once single balls do not suffice
+        self.kept_inverse: Map | None = None
+        self.largest_mean = 0.0
+
+    def begin(self, start: Rest | None) -> Configuration:
+        """Return the configuration from which the search begins: that of ``start``, of a given
+        strain, or of linear springs.
+        """
+        problem = self.problem
+        if start is not None:
+            return problem.start_at(find_unknowns(problem, start), start.overlap.copy())
+        untouched = problem.start_at(np.zeros(problem.size))
+        if problem.load.is_given:
+            return untouched
+        return self._relax_springs(untouched)
+
+    def _relax_springs(self, untouched: Configuration) -> Configuration:
+        """Return where linear springs are at rest that have the force and the stiffness of the
+        contacts at a typical force; ``untouched`` is the configuration on the sites.
+        """
+        problem = self.problem
+        laws = problem.assembly.laws
+        force = find_typical_force(problem)
+        if not force:
+            raise explain(problem, self.options)
+        forces = np.full(problem.assembly.n_contacts, force)
+        with np.errstate(all="ignore"):
+            reached = laws.overlap(forces)
+            while not np.all(np.isfinite(reached)) and forces[0] > 1e-300:
+                forces = 0.5 * forces  # a law may have a largest force
+                reached = laws.overlap(forces)
+        stiffness = laws.stiffness(reached)
+        forces = forces + stiffness * (untouched.overlap - reached)
+        pull = problem.force + problem.collect_forces(untouched.normal, forces)
+        step = self._solve(untouched, stiffness, pull, self.options.reduction)
+        return untouched.move(step, untouched.overlap - problem.measure_losses(step))
+
+    def _is_stuck(self, place: Configuration) -> bool:
+        """Return whether the residual no longer falls."""
+        return self.trail.stalled > self.options.stalled
+
+    def _prepare(self, place: Configuration) -> Configuration:
+        """Return the configuration; raise :class:`InputError` if all contacts are open."""
+        problem = self.problem
+        mean = place.mean
+        self.largest_mean = max(self.largest_mean, mean)
+        # under a strain alone balls may move aside until none is pressed
+        is_relaxed = mean < self.options.required * self.largest_mean
+        if not mean or (is_relaxed and not problem.load.acts):
+            raise explain(problem, self.options, opened=True)
+        return place
+
+    def _solve(
+        self, configuration: Configuration, stiffness: Array, pull: Array, reduction: float
+    ) -> Array:
+        """Return the step (size,) of springs of a ``stiffness`` (n_c,), N/m, under forces ``pull``
+        (size,); iterations end where these are left to a part, the ``reduction``.
+
+        Iterations are preconditioned by single balls, until these do not suffice, and then by the
+        factors of an earlier step.
+        """
+        equations = self.equations
+        options = self.options
+        if not self.iterates:
+            return equations.solve(configuration, stiffness, pull)
+        most = options.most_iterations
+        if self.is_factored:
+            most = options.patience_of_iterations[self.problem.assembly.dimension]
+            if self.kept_inverse is not None:
+                most = options.patience_of_factors
+        step, has_converged = self.iterated_equations.solve(
+            configuration, stiffness, pull, reduction, most, self.kept_inverse
+        )
+        if has_converged or not self.is_factored:
+            return step
+        self.kept_inverse = equations.linearise(configuration, stiffness).invert()
+        return self.problem.remove_drift(self.kept_inverse(pull))
+
+    def _advance(self, place: Configuration) -> Configuration:
+        """Return the configuration after a step of Newton's method, of a length at which the slope
+        of the energy is small.
+
+        Raises the error of a load that cannot be borne if the energy falls without end.
+        """
+        problem = self.problem
+        options = self.options
+        residual = place.residual
+        stiffness = place.stiffness
+        closed = stiffness[stiffness > 0.0]
+        # contacts that carry a force and have no stiffness, as where they break, get some
+        added = place.mean / problem.length
+        if closed.size:
+            added = options.added * min(1.0, residual) * float(np.mean(closed))
+        # far from rest a rough solution serves
+        reduction = max(0.1 * min(1.0, residual**0.5), options.reduction)
+        step = self._solve(place, stiffness + added, place.pull, reduction)
+        way = LatticeWay(place, step)
+        if way.fall <= 0.0:  # the rounding of a state at rest
+            return way.go(min(1.0, way.longest))
+        part = 1.0 if residual < options.near else options.slope
+        ahead, length = self._follow(way, part)
+        if length < way.longest and way.find_slope(ahead) < -part * way.fall:
+            raise explain(problem, options)
+        return ahead
+
+    def _finish(self, place: Configuration) -> Rest:
+        """Return the state at rest, in which overlaps that are rounding are zero."""
+        rest = super()._finish(place)
+        laws = self.problem.assembly.laws
+        if laws.adhere and not np.any(np.isinf(laws.tension)):
+            return rest
+        size = np.abs(rest.overlap)
+        is_rounding = (size <= ROUNDING * np.max(size, initial=0.0)) & (laws.tension == 0.0)
+        return replace(rest, overlap=np.where(is_rounding, 0.0, rest.overlap))
+
+    def _explain_failure(self, place: Configuration) -> GranphonError:
+        """Return the error of a search that has not come to rest."""
+        laws = self.problem.assembly.laws
+        error = explain(self.problem, self.options, residual=self.trail.best)
+        if laws.adhere and isinstance(error, ConvergenceError):
+            contact = int(np.argmin(place.overlap - laws.least))
+            problem = f"{self.problem.load.words} pulls contact {contact} apart"
+            tension = laws.tension[contact] + 0.0  # of contacts that only push, no -0
+            why = f"It bears a tension of up to {tension:.6g} N"
+            if not tension and np.any(np.isinf(laws.tension)):
+                why += ", and springs or bonds bear the load in its place"
+            return InputError(problem, why, "Press the crystal more")
+        return error

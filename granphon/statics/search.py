@@ -1,0 +1,159 @@
+"""The search for rest under a load, of balls, walls and a cell held by normal forces alone.
+
+Rest is the minimum of the energy of all contacts less the work of the load
+(:mod:`granphon.statics.configuration`). One flow leads there (:mod:`granphon.statics.descent`),
+with two flags: whether contacts turn, and whether the cell may change its shape. Where an array of
+one law is pressed evenly and contacts do not turn, no contact is spelled out. A way begins at
+another rest where that leads round: in exact directions at rest on the lattice, at the least loads
+at rest under more.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from granphon.balls.hertz import HertzLaw
+from granphon.base.errors import ConvergenceError, InputError
+from granphon.contacts.assembly import ROUNDING, Assembly, GridAssembly
+from granphon.statics.configuration import AppliedLoad, Boundary, Geometry, Problem
+from granphon.statics.descent import Descent
+from granphon.statics.explanation import find_typical_force
+from granphon.statics.list_descent import LatticeDescent
+from granphon.statics.options import RestOptions
+from granphon.statics.rest import Rest, find_unknowns
+from granphon.statics.turning_descent import TurningDescent
+
+
+def find_rest(
+    assembly: Assembly,
+    load: AppliedLoad,
+    geometry: Geometry = "lattice",
+    boundary: Boundary = "stress",
+    start: Rest | None = None,
+    options: RestOptions | None = None,
+) -> Rest:
+    """Find balls, walls and a cell at rest under a load.
+
+    Parameters
+    ----------
+    assembly : what comes to rest.
+    load : what acts on it.
+    geometry : "lattice": contacts keep the directions of the sites, and overlaps are linear in the
+        displacements; "exact": contacts turn, the cell deforms, and the stress is Cauchy's.
+    boundary : "stress": the cell takes the stress of the load; "isotropic": it keeps its shape and
+        takes the pressure of the load. Neither matters to a cell whose strain is given.
+    start : a state near by. By default the search starts from linear springs, and in exact
+        directions from rest on the lattice.
+    options : the numbers of the search.
+
+    Raises
+    ------
+    InputError : contacts that push, or adhere, cannot bear the load; or the load presses nothing.
+    ConvergenceError : the search does not come to rest; ``reached`` is the state that came
+        nearest, if there is one.
+    InstabilityError : there is no rest in exact directions near that on the lattice.
+    MechanismError : balls differ, and some of their motions, while all touch, cost no energy.
+    """
+    numbers = options or RestOptions()
+    problem = Problem(assembly, load, geometry, boundary)
+    # balls of a grid may be pressed by their cell, under no load
+    is_pressed = load.acts or load.is_given or assembly.grid is not None
+    if not (is_pressed or find_typical_force(problem)):
+        return _rest_without_load(problem)
+    descent = _choose_descent(problem, numbers)
+    if start is None:
+        start = _find_start(problem, descent, numbers)
+    try:
+        return descent.run(start)
+    except ConvergenceError:
+        rest = _lead_round(problem, start, numbers) if problem.turns and start else None
+        if rest is None:
+            raise
+        return rest
+
+
+def _find_start(problem: Problem, descent: Descent[Any], options: RestOptions) -> Rest | None:
+    """Return the rest at which the way to another begins; None where it begins at the sites."""
+    loosened = options.loosen()
+    if problem.turns:
+        # rest in exact directions is farther off than what an array is left with
+        numbers = loosened if problem.assembly.grid else options
+        return find_rest(problem.assembly, problem.load, "lattice", problem.boundary, None, numbers)
+    if not descent.needs_more_load:
+        return None
+    heavier = problem.load.scale(options.detours[-1])
+    assert heavier is not None
+    return find_rest(problem.assembly, heavier, "lattice", problem.boundary, None, loosened)
+
+
+def _lead_round(problem: Problem, start: Rest, options: RestOptions) -> Rest | None:
+    """Return the rest in exact directions to which a way from ``start`` leads round, over rest
+    under more load; None if none does. Loose balls at the least loads may bar the straight way.
+    """
+    for factor in options.detours:
+        heavier = _press_more(problem, start, factor)
+        if heavier is None:
+            return None
+        pressed = Problem(problem.assembly, heavier, "exact", problem.boundary)
+        try:
+            detour = TurningDescent(pressed, options).run(start)
+            return TurningDescent(problem, options).run(detour)
+        except ConvergenceError:
+            continue
+    return None
+
+
+def _press_more(problem: Problem, rest: Rest, factor: float) -> AppliedLoad | None:
+    """Return a load about ``factor`` times that of a problem; None of forces on balls.
+
+    Where a strain is given, it presses more from all sides, by what contacts with the mean force
+    of those at ``rest`` overlap more under so much more.
+    """
+    load = problem.load
+    assembly = problem.assembly
+    if np.any(load.force) or not load.is_given:
+        return load.scale(factor)
+    laws = assembly.laws
+    place = problem.start_at(find_unknowns(problem, rest))
+    forces = np.full(laws.count, place.mean)
+    more = float(np.mean(laws.overlap(factor * forces) - laws.overlap(forces)))
+    pressing = more / assembly.mean_distance * np.eye(assembly.periods)
+    return replace(load, strain=load.strain - pressing)
+
+
+def _choose_descent(problem: Problem, options: RestOptions) -> Descent[Any]:
+    """Return the way down that serves a problem."""
+    if problem.turns:
+        return TurningDescent(problem, options)
+    if not _is_even_grid(problem):
+        return LatticeDescent(problem, options)
+    from granphon.statics.grid_descent import GridDescent  # averages need no Numba
+    from granphon.statics.grid_problem import GridProblem
+
+    return GridDescent(GridProblem(problem), options)
+
+
+def _rest_without_load(problem: Problem) -> Rest:
+    """Return bonds where they are; raise :class:`InputError` if there are none."""
+    untouched = problem.start_at(np.zeros(problem.size))
+    if np.any(untouched.stiffness > 0.0):
+        return Rest.of(untouched)
+    words = problem.load.words
+    raise InputError(f"{words} presses nothing", "Contacts have no stiffness without a force")
+
+
+def _is_even_grid(problem: Problem) -> bool:
+    """Return whether contacts are a grid with one law, Hertz's, that the load presses evenly, so
+    that none need be spelled out.
+    """
+    assembly = problem.assembly
+    load = problem.load
+    if not (isinstance(assembly, GridAssembly) and isinstance(assembly.law, HertzLaw)):
+        return False
+    presses = load.stress is None or float(np.trace(load.stress)) < 0.0
+    distances = assembly.grid.distance
+    is_even = load.mean_force is None or float(np.ptp(distances)) <= ROUNDING * distances[0]
+    return presses and is_even and not np.any(load.force)

@@ -1,0 +1,321 @@
+"""The way to rest of contacts that turn with their balls.
+
+The way begins at rest on the lattice, and the tangent has the term -f/r of turning contacts. Where
+radii differ, contacts open, and balls that they held lean on others. These loose balls are brought
+to rest first, while the others are held (:mod:`granphon.statics.loose_balls`). Newton's method for
+all follows, and so on in turn. A step that would raise the energy is replaced by one downhill, and
+where neither the loose balls nor the others let each other come to rest, all move together. The
+inertia of the factors then proves that rest is a minimum; from a saddle the balls go downhill along
+the softest motion. Of a list that is a grid, iterations with Green's function find the steps, and
+where most contacts are closed conjugate gradients under random forces take the place of the
+inertia.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+
+import numpy as np
+
+from granphon.base.arrays import Array, Flags
+from granphon.base.errors import ConvergenceError, GranphonError, InstabilityError, MechanismError
+from granphon.statics.configuration import Configuration, Problem
+from granphon.statics.descent import Trail
+from granphon.statics.list_descent import ListDescent
+from granphon.statics.loose_balls import (
+    find_way_down,
+    go_down,
+    has_soft_motions,
+    lead_loose_balls,
+)
+from granphon.statics.newton import GridEquations
+from granphon.statics.options import RestOptions
+from granphon.statics.rest import Rest, find_unknowns
+
+#: what mends a crystal of differing balls that falls
+_STAY = "Leave finite_overlap out: contacts then keep the directions of the sites"
+
+
+class TurningWay:
+    """The configurations along a step of contacts that turn, at most a whole one.
+
+    A length at which balls are not sound is too long.
+    """
+
+    longest = 1.0
+
+    def __init__(self, start: Configuration, step: Array) -> None:
+        self._start = start
+        self._step = step
+        self.fall = float(start.pull @ step)
+
+    def go(self, length: float) -> Configuration:
+        """Return the configuration at a length."""
+        return self._start.move(self._start.x + length * self._step)
+
+    def find_slope(self, place: Configuration) -> float:
+        """Return the slope of the energy, less the work of the load that follows the cell."""
+        return -float(place.pull @ self._step) if place.is_sound else math.inf
+
+    def find_rise(self, place: Configuration) -> float:
+        """Return zero: what turns has no derivative that would be worth its time."""
+        return 0.0
+
+
+class TurningDescent(ListDescent):
+    """The way to rest in exact directions, from rest on the lattice."""
+
+    def __init__(self, problem: Problem, options: RestOptions) -> None:
+        assembly = problem.assembly
+        super().__init__(problem, options, bool(assembly.grid))
+        #: (n,) the balls that are led to rest before all others
+        self.loose: Flags = np.zeros(assembly.n_balls, bool)
+        #: whether loose balls and all others move in turn, and the residual below which they do so
+        #: again
+        self._in_turn = True
+        self._near = options.last
+
+    @cached_property
+    def grid_equations(self) -> GridEquations:
+        """Newton's equations of a grid, by iteration."""
+        return GridEquations(self.problem, self.options)
+
+    def begin(self, start: Rest | None) -> Configuration:
+        """Return the configuration from which the way begins, that of ``start``. Of balls that
+        differ, those with no more contacts that carry load than axes are loose.
+
+        Raises :class:`~granphon.base.errors.MechanismError` if motions of balls that differ cost
+        nothing.
+        """
+        assembly = self.problem.assembly
+        assert start is not None
+        configuration = self.problem.start_at(find_unknowns(self.problem, start))
+        if not assembly.differs:
+            return configuration
+        n_strains = len(self.problem.unit_strains)
+        is_known = not self.is_factored or n_strains in assembly.standing
+        if not is_known and has_soft_motions(self.equations):
+            words = self.problem.load.words
+            what = f"balls that differ do not come to rest in the true geometry under {words}"
+            why = (
+                "The crystal does not stand without friction: motions in which no contact is"
+                " pressed cost no energy"
+            )
+            mend = f"{_STAY}; or take a crystal with more contacts, such as fcc"
+            raise MechanismError(what, why, mend)
+        assembly.standing.add(n_strains)
+        heavy = configuration.force > self.options.light * configuration.mean
+        self.loose = assembly.count_contacts(heavy) <= assembly.dimension
+        return configuration
+
+    def _is_stuck(self, place: Configuration) -> bool:
+        """Return whether the residual no longer falls, or the configuration is not sound."""
+        options = self.options
+        patience = options.stalled if self.problem.assembly.differs else options.patience
+        return self.trail.stalled > patience or not place.is_sound
+
+    def _prepare(self, place: Configuration) -> Configuration:
+        """Return the configuration in which loose balls are at rest between the others: to a part
+        of the force that is left on these, or of the spread of radii if that is less.
+        """
+        options = self.options
+        loose = self.loose
+        assembly = self.problem.assembly
+        if assembly.differs:
+            self._take_turns(place)
+        if not (self._in_turn and np.any(loose) and place.is_sound):
+            return place
+        spread = float(np.max(np.abs(assembly.offset)) / np.mean(assembly.distance))
+        on_others = place.force_on_balls[~loose]
+        left = float(np.max(on_others, initial=0.0)) / place.mean
+        finest = min(options.tolerance, max(options.finer * options.tolerance, options.rounding))
+        least = max(finest, options.light * min(spread, left))
+        return lead_loose_balls(place, loose, least, options)
+
+    def _take_turns(self, place: Configuration) -> None:
+        """Decide whether loose balls and all others move in turn: not where they throw each other
+        about, but again near rest, where loose balls have a long way from a saddle.
+
+        What little force is left for a moment on the way round is no nearer to rest, and forgotten.
+        """
+        if self._in_turn:
+            changes = self.trail.stalled > self.options.patience
+            # the next turn begins nearer to rest than this one has come
+            self._near = min(self._near, 0.5 * self.trail.best) if changes else self._near
+        else:
+            changes = place.residual <= self._near
+        if changes:
+            self._in_turn = not self._in_turn
+            self.trail = Trail()
+
+    def _leave_saddle(self, place: Configuration) -> Configuration | None:
+        """Return where to go on from a saddle of the energy of balls that differ; None at a
+        minimum.
+        """
+        if not self.problem.assembly.differs:
+            return None
+        if self.problem.assembly.grid and self._is_well_held(place):
+            solution = self.grid_equations.probe(place, self._patience_of_grid)
+            self.iterations += solution.iterations
+            if solution.way_down is not None:
+                return go_down(place, solution.way_down, self.options)
+            if solution.has_arrived or not self.is_factored:
+                return None
+        if not self.is_factored:
+            return None
+        return find_way_down(place, self.equations)
+
+    def _advance(self, place: Configuration) -> Configuration:
+        """Return the configuration after a step; of balls that differ, those that are far from rest
+        then become loose.
+        """
+        # whole steps that push loose balls into others may go round in circles
+        if self.problem.assembly.grid and self._in_turn:
+            ahead = self._advance_on_grid(place)
+        else:
+            ahead = self._advance_by_energy(place)
+        if self.problem.assembly.differs:
+            options = self.options
+            size = options.failed * place.residual * ahead.mean
+            size = max(size, options.worst * float(np.max(ahead.force_on_balls)))
+            shaken = ahead.force_on_balls > size
+            if np.mean(shaken) <= options.most_shaken:
+                self.loose = self.loose | shaken
+        return ahead
+
+    def _advance_by_energy(self, configuration: Configuration) -> Configuration:
+        """Return the configuration after a step along which the energy of balls that differ
+        falls.
+        """
+        pull = configuration.pull
+        step = self._find_step(configuration)
+        ahead = configuration.move(configuration.x + step)
+        if not self.problem.assembly.differs:
+            return ahead
+        # steps up the energy would go round in circles, or back to a saddle: the slopes at both
+        # ends tell
+        falls = ahead.is_sound and pull @ step > 0.0 and (pull + ahead.pull) @ step >= 0.0
+        if not falls:
+            ahead = self._go_along(configuration, self._find_leaning_step(configuration))
+        return ahead
+
+    def _go_along(self, configuration: Configuration, step: Array) -> Configuration:
+        """Return the configuration along a step at which the energy hardly falls any more."""
+        ahead, _ = self._follow(TurningWay(configuration, step))
+        return ahead
+
+    def _advance_on_grid(self, configuration: Configuration) -> Configuration:
+        """Return the configuration after a step of an array, which may push loose balls into
+        others: these come to rest sooner by themselves than by shorter steps.
+        """
+        options = self.options
+        step = self._find_grid_step(configuration, (1.0, -1.0))
+        ahead = configuration.move(configuration.x + step)
+        work = float(configuration.pull @ step)
+        length = 1.0
+        # away from a saddle a step with the other sign is as long as the way so far: go on while
+        # the energy falls faster
+        while ahead.is_sound and float(ahead.pull @ step) > work and length < options.longest:
+            work = float(ahead.pull @ step)
+            length *= 2.0
+            farther = configuration.move(configuration.x + length * step)
+            is_too_far = not farther.is_sound or farther.residual > options.too_far
+            if is_too_far or float(farther.pull @ step) < work:
+                break
+            ahead = farther
+        if ahead.is_sound and ahead.residual <= options.too_far:
+            return ahead
+        # with the true sign, a step along which there is hardly any curvature has no end
+        return self._go_along(configuration, self._find_grid_step(configuration, (-1.0,)))
+
+    def _is_well_held(self, configuration: Configuration) -> bool:
+        """Return whether so many contacts are closed that iterations take less time than factors,
+        or factors take too much.
+        """
+        assembly = self.problem.assembly
+        closed = int(np.count_nonzero(configuration.stiffness))
+        motions = assembly.n_balls * assembly.dimension
+        return closed >= self.options.grid.well_held * motions or not self.is_factored
+
+    @property
+    def _patience_of_grid(self) -> int:
+        """Iterations after which a grid that can be factorised is."""
+        options = self.options
+        if not self.is_factored:
+            return options.most_iterations
+        return options.patience_of_grid
+
+    def _find_grid_step(self, configuration: Configuration, turnings: tuple[float, ...]) -> Array:
+        """Return a step (size,) of an array, by the first of the signs ``turnings`` of -f/r with
+        which the energy has no curvature below zero.
+        """
+        options = self.options
+        residual = configuration.residual
+        stiffness = configuration.stiffness
+        added = options.added * min(1.0, residual) * float(np.mean(stiffness))
+        load_slope = configuration.load_slope
+        least = options.margin * self.tolerance / residual
+        # where hardly a contact opens or closes, two accurate steps take less time than three
+        shy = residual if self._is_well_held(configuration) else math.sqrt(residual)
+        reduction = min(options.inexact, max(shy, least))
+        for turning in turnings:
+            solution = self.grid_equations.solve(
+                configuration,
+                stiffness + added,
+                configuration.pull,
+                turning,
+                reduction,
+                self._patience_of_grid,
+                load_slope,
+            )
+            self.iterations += solution.iterations
+            if solution.way_down is not None:
+                continue
+            if solution.has_arrived or not self.is_factored:
+                return solution.step
+            break
+        return self.equations.solve(
+            configuration, stiffness + added, configuration.pull, -1.0, load_slope
+        )
+
+    def _find_step(self, configuration: Configuration) -> Array:
+        """Return the step (size,) of Newton's method."""
+        stiffness = configuration.stiffness
+        if not self.is_factored:
+            return self._iterate(configuration, stiffness)
+        slope = configuration.load_slope
+        return self.equations.solve(configuration, stiffness, configuration.pull, load_slope=slope)
+
+    def _find_leaning_step(self, configuration: Configuration) -> Array:
+        """Return a step (size,) of a tangent in which forces push balls back instead of aside: a
+        step is then about as long as a ball is far from the line between two others.
+        """
+        stiffness = configuration.stiffness
+        added = self.options.added * min(1.0, configuration.residual) * float(np.mean(stiffness))
+        if not self.is_factored:
+            return self._iterate(configuration, stiffness + added)
+        return self.equations.solve(configuration, stiffness + added, configuration.pull, -1.0)
+
+    def _iterate(self, configuration: Configuration, stiffness: Array) -> Array:
+        """Return a step (size,) that iteration finds."""
+        options = self.options
+        equations = self.iterated_equations
+        pull = configuration.pull
+        step, _ = equations.solve(
+            configuration, stiffness, pull, options.reduction, options.most_iterations
+        )
+        return step
+
+    def _explain_failure(self, place: Configuration) -> GranphonError:
+        """Return the error of a way that has not led to rest."""
+        words = self.problem.load.words
+        if self.problem.assembly.differs:
+            what = f"balls that differ have not come to rest in the true geometry under {words}"
+            left = f"A force of {self.trail.best:.2g} of the mean is left on a ball"
+            error = ConvergenceError(what, left, f"{_STAY}; or press loose balls more")
+            error.reached = None if self.trail.nearest is None else self._finish(self._nearest)
+            return error
+        why = "Its contacts turn away under the load, and nothing holds it"
+        mend = "Lower the load, or add contacts"
+        return InstabilityError(f"the crystal collapses under {words}", why, mend)
