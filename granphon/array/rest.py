@@ -70,8 +70,8 @@ def equilibrate(
         load; in the true geometry by default that on the lattice under the same load.
     tolerance : largest force left on a ball, over the mean contact force, by default 1e-10. On the
         lattice it is over the rms difference of contact forces if that is less: at high loads the
-        effect of disorder is itself only a small part of the force. In the true geometry it is by
-        default less if W/d is below 1e-6.
+        effect of disorder is itself only a small part of the force. In the true geometry it is
+        1e-4 W/d if that is less.
     ratio : W/d, from zero to 0.2, in the true geometry; None where contacts keep the directions of
         the lattice.
 
@@ -90,8 +90,8 @@ def equilibrate(
     if ratio:
         require_small(ratio)
         begin = start or _find_start(deviations, load, stencils)
-        if tolerance is None:
-            tolerance = min(REST_TOLERANCE, max(LEAST_TOLERANCE, _OF_RATIO * ratio))
+        limit = max(LEAST_TOLERANCE, _OF_RATIO * ratio)
+        tolerance = min(tolerance or REST_TOLERANCE, limit)
         return _rest_in_true_directions(deviations, load, stencils, begin, tolerance, ratio)
     if ratio is None:
         return _rest_on_lattice(deviations, load, stencils, start, tolerance or REST_TOLERANCE)

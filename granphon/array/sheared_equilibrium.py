@@ -178,11 +178,17 @@ def split_strain(strain: Array, ratio: float) -> tuple[float, Array]:
     return overlap, strain / (ratio or 1.0) + overlap * np.eye(p)
 
 
-def equilibrate_as(state: Equilibrium, load: ReducedLoad) -> Equilibrium:
-    """Return the equilibrium of the balls of a ``state`` under another load, in the same geometry
-    and with the same boundary; where the cell keeps its shape it is searched for from there.
+def equilibrate_as(
+    state: Equilibrium, load: ReducedLoad, tolerance: float | None = None
+) -> Equilibrium:
+    """Return the equilibrium of the balls of a ``state`` under a load near by, in the same geometry
+    and with the same boundary.
+
+    Where the cell keeps its shape the search begins where the balls come to rest to first order,
+    and ends at the ``tolerance`` of :func:`~granphon.array.rest.equilibrate`.
     """
     if state.strain is not None:
         return equilibrate_sheared(state.deviations, load, state.ratio, state.stencils)
+    start = state.approach(load) if isinstance(state, TrueEquilibrium) else state
     ratio = state.ratio or None
-    return equilibrate(state.deviations, load, state.stencils, state, ratio=ratio)
+    return equilibrate(state.deviations, load, state.stencils, start, tolerance, ratio)

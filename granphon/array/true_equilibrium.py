@@ -12,6 +12,7 @@ which then carries a force of the order f W/d. The array is an assembly
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -24,9 +25,7 @@ from granphon.array.contact_lists import (
     select_resisted,
 )
 from granphon.array.equilibrium import CARRIED_FORCE, Equilibrium, list_shears
-from granphon.array.geometry import (
-    ActingForces,
-)
+from granphon.array.geometry import ActingForces, ReducedLoad
 from granphon.array.stencils import Motion
 from granphon.base.arrays import Array
 from granphon.base.results import result_class
@@ -95,9 +94,26 @@ class TrueEquilibrium(Equilibrium):
         """Return a function from forces to small motions of the balls, and the relative
         displacements of contacts by a unit of y.
         """
-        acting = self._act_at_rest()
+        find = self._prepare_response()
+        if "_along" not in vars(self):
+            vars(self)["_along"] = self._find_along(find)
+        return find, self.place.geometry.split(Motion(self._along, 1.0))
+
+    @cached_property
+    def _along(self) -> Array:
+        """(n p, L1, ..., Lp) derivatives of ``balls`` with respect to y in a cell that keeps its
+        shape.
+        """
+        return self._find_along(self._prepare_response())
+
+    def _find_along(self, find: Callable[[Array], Array]) -> Array:
+        """Return what :attr:`_along` holds."""
         still = np.zeros_like(self.balls)
-        pull, _ = self.place.respond(Motion(still, 1.0), acting)
+        pull, _ = self.place.respond(Motion(still, 1.0), self._act_at_rest())
+        return find(-pull)
+
+    def _prepare_response(self) -> Callable[[Array], Array]:
+        """Return what finds small motions of the balls under forces."""
         stencils = self.stencils
         response = LinearResponse(self._list_contacts())
 
@@ -106,7 +122,19 @@ class TrueEquilibrium(Equilibrium):
             motions = response.find_motions(stencils.list_forces(forces)[..., None])
             return stencils.gather_motions(motions[..., 0])
 
-        return find, self.place.geometry.split(Motion(find(-pull), 1.0))
+        return find
+
+    def approach(self, load: ReducedLoad) -> TrueEquilibrium:
+        """Return the balls where they come to rest under a near ``load``, but for the square of the
+        difference; of a cell that keeps its shape.
+        """
+        if load.overlap is None:
+            change = (load.force - self.force) / self.stiffness
+        else:
+            change = load.overlap - self.overlap
+        balls = self.balls + change * self._along
+        state = replace(self, overlap=self.overlap + change, balls=balls)
+        return state.share(self.deviations, self.stencils)
 
     def response(self) -> Array:
         """Return (n_c, L1, ..., Lp) derivatives of the contacts' overlaps with respect to y;

@@ -43,3 +43,12 @@ class Columns(NamedTuple):
     side_stiffness: Array
     tangential_force: Array
     origin: Array
+
+    def freeze(self) -> Columns:
+        """Return the same columns, all of them read-only: loops over them are then compiled once,
+        and not for each choice of columns that happen to be.
+        """
+        views = {name: column.view() for name, column in self._asdict().items()}
+        for view in views.values():
+            view.flags.writeable = False
+        return self._replace(**views)

@@ -24,8 +24,8 @@ from granphon.contacts.contact_list import ContactList
 from granphon.dynamics.elasticity import voigt_pairs
 from granphon.dynamics.factors import Elimination
 
-#: patterns that are kept, and the balls of a list, at most, whose pattern is: it takes 2 kB a ball,
-#: and to find it about as long as to factorise
+#: patterns that are kept, and the balls of a list, at most, whose pattern is: it takes some kB a
+#: ball, and to find it about as long as to factorise
 _KEPT_PATTERNS = 8
 _KEPT_BALLS = 2**13
 
@@ -89,6 +89,65 @@ class Pattern:
     def elimination(self) -> Elimination:
         """The order of elimination of symmetric matrices with these places."""
         return Elimination(self.make_matrix(np.ones(self.n_entries)))
+
+    @cached_property
+    def _leading(self) -> dict[int, LeadingPart]:
+        """The leading parts that have been asked for, by their sizes."""
+        return {}
+
+    def lead(self, size: int) -> LeadingPart:
+        """Return where the entries of the leading part (size, size) stand."""
+        if size not in self._leading:
+            self._leading[size] = LeadingPart(self, size)
+        return self._leading[size]
+
+
+class LeadingPart:
+    """Where the entries of the leading part (size, size) of a matrix with a ``pattern`` stand.
+
+    Attributes
+    ----------
+    places : their places among the entries of the whole.
+    diagonal : (size,) places of the diagonal among the entries of the whole.
+    band : number of diagonals below the main one.
+    """
+
+    def __init__(self, pattern: Pattern, size: int) -> None:
+        whole = pattern.make_matrix(np.ones(pattern.n_entries))
+        leading = np.arange(whole.indptr[size])
+        leading = leading[whole.indices[leading] < size]
+        lines = whole.indices[leading]
+        columns = np.repeat(np.arange(size), np.diff(whole.indptr[: size + 1]))
+        columns = columns[whole.indices[: len(columns)] < size]
+        self.places = leading
+        self.diagonal = pattern.diagonal[:size]
+        self.band = int(np.max(lines - columns, initial=0))
+        self._lines = lines
+        self._starts = np.searchsorted(columns, np.arange(size + 1)).astype(np.int32)
+
+    def make_band(self, entries: Array) -> Array:
+        """Return the diagonals from the main one down, (diagonals, size), with these entries of a
+        symmetric matrix.
+        """
+        columns = np.repeat(np.arange(len(self._starts) - 1), np.diff(self._starts))
+        is_lower = self._lines >= columns
+        band = np.zeros((self.band + 1, len(self._starts) - 1))
+        band[(self._lines - columns)[is_lower], columns[is_lower]] = entries[is_lower]
+        return band
+
+    def make_matrix(self, entries: Array) -> Any:
+        """Return the sparse matrix (size, size), in columns, with these entries."""
+        from scipy.sparse import csc_array  # averages do not need it
+
+        size = len(self._starts) - 1
+        matrix: Any = csc_array((entries, self._lines, self._starts), shape=(size, size))
+        matrix.has_canonical_format = True
+        return matrix
+
+    @cached_property
+    def elimination(self) -> Elimination:
+        """The order of elimination of symmetric matrices with these places."""
+        return Elimination(self.make_matrix(np.ones(len(self.places))))
 
 
 _patterns: OrderedDict[tuple[bytes, bytes, int, int], Pattern] = OrderedDict()
@@ -160,13 +219,14 @@ def fill_blocks(columns: Columns, axes: NDArray[np.int64], strains: Array, n_bal
     forward = np.zeros((m, m, len(columns.i)))
     ahead = np.zeros((n_balls, m, s))
     corner = np.zeros((s, s))
-    loops.fill_tangent(columns, axes, strains, diagonal, forward, ahead, corner)
+    frozen = columns.freeze()
+    loops.fill_tangent(frozen, axes, strains, diagonal, forward, ahead, corner)
     if not len(columns.tangential_force):
         return Blocks(diagonal, forward, forward, ahead, ahead, corner)
     backward = forward.copy()
     back = ahead.copy()
     blocks = (diagonal, forward, backward)
-    loops.add_static_turn(columns, axes, strains, *blocks, ahead, back, corner)
+    loops.add_static_turn(frozen, axes, strains, *blocks, ahead, back, corner)
     return Blocks(*blocks, ahead, back, corner)
 
 

@@ -315,7 +315,9 @@ def _find_equal_green(
     matrix += holding * level * np.eye(fields)
     matrix[(0,) * len(waves)] += level * np.eye(fields)
     inverses = np.linalg.inv(matrix).reshape(-1, fields, fields)
-    return np.ascontiguousarray(np.moveaxis(inverses, 0, -1).astype(np.complex64))
+    table = np.ascontiguousarray(np.moveaxis(inverses, 0, -1).astype(np.complex64))
+    table.flags.writeable = False
+    return table
 
 
 def _divide(above: Array, below: Array) -> Array:

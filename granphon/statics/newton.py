@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -28,7 +27,7 @@ from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
 from granphon.contacts.contact_list import ContactList
 from granphon.contacts.tangent import Blocks, Tangent, fill_blocks, find_pattern
-from granphon.dynamics.factors import Elimination, Factors
+from granphon.dynamics.factors import Factors
 from granphon.statics.configuration import Configuration, Problem
 from granphon.statics.krylov import Map, conjugate_gradients
 from granphon.statics.options import RestOptions
@@ -51,42 +50,13 @@ class Equations:
         #: axes of the motions of a ball
         self.axes = np.arange(d)
         self.pattern = find_pattern(assembly.i, assembly.j, assembly.n_bodies, d)
-        # A is the leading part of the tangent of all bodies
-        whole = self.pattern.make_matrix(np.ones(self.pattern.n_entries))
-        leading = np.arange(whole.indptr[n_unknowns])
-        leading = leading[whole.indices[leading] < n_unknowns]
-        lines = whole.indices[leading]
-        columns = np.repeat(np.arange(n_unknowns), np.diff(whole.indptr[: n_unknowns + 1]))
-        columns = columns[whole.indices[: len(columns)] < n_unknowns]
-        #: places of the entries of A among those of the tangent
-        self.places = leading
-        self._lines = lines
-        self._starts = np.searchsorted(columns, np.arange(n_unknowns + 1)).astype(np.int32)
-        self.diagonal = self.pattern.diagonal[:n_unknowns]
-        self.is_lower = lines >= columns
-        #: lines and columns of the entries on the diagonal and below
-        self.lower = (lines[self.is_lower], columns[self.is_lower])
-        #: number of diagonals of A below the main one
-        self.band = int(np.max(lines - columns, initial=0))
+        #: A is the leading part of the tangent of all bodies
+        self.leading = self.pattern.lead(n_unknowns)
         #: (n d,) springs that hold the whole: the ball with most contacts keeps its place
         self.anchor = np.zeros(n_unknowns)
         if problem.free_axes:
             ball = int(np.argmax(assembly.n_touching))
             self.anchor[[d * ball + axis for axis in problem.free_axes]] = 1.0
-
-    @cached_property
-    def elimination(self) -> Elimination:
-        """The order of elimination of A."""
-        return Elimination(self.make_matrix(np.ones(len(self.places))))
-
-    def make_matrix(self, entries: Array) -> Any:
-        """Return the sparse matrix A with these entries, in columns."""
-        from scipy.sparse import csc_array  # averages do not need it
-
-        size = len(self._starts) - 1
-        matrix: Any = csc_array((entries, self._lines, self._starts), shape=(size, size))
-        matrix.has_canonical_format = True
-        return matrix
 
     def linearise(
         self, configuration: Configuration, stiffness: Array, turning: float = 1.0
@@ -142,7 +112,7 @@ class Linearisation:
         data = blocks.list_entries(equations.pattern)
         ahead = blocks.ahead
         of_strains = blocks.corner
-        self.entries = data[equations.places]
+        self.entries = data[equations.leading.places]
         self._data = data
         n = problem.n_ball_unknowns
         k = assembly.n_walls
@@ -165,7 +135,7 @@ class Linearisation:
     @property
     def matrix(self) -> Any:
         """A, a sparse matrix in columns."""
-        return self.equations.make_matrix(self.entries)
+        return self.equations.leading.make_matrix(self.entries)
 
     def factorise(self, springs: Array | float = 0.0) -> Factors:
         """Return the factors of A, with ``springs`` (n d,), N/m, to the ground beside those that
@@ -175,10 +145,11 @@ class Linearisation:
         """
         equations = self.equations
         data = self._data.copy()
-        data[equations.diagonal] += self._hold + self.level * equations.anchor + springs
-        held = equations.make_matrix(data[equations.places])
+        leading = equations.leading
+        data[leading.diagonal] += self._hold + self.level * equations.anchor + springs
+        held = leading.make_matrix(data[leading.places])
         try:
-            return equations.elimination.factorise(held)
+            return leading.elimination.factorise(held)
         except RuntimeError:
             words = equations.problem.load.words
             what = f"the equations of balls that come to rest under {words} are singular"
@@ -219,7 +190,7 @@ class Linearisation:
         """
         if not len(self.border):
             return np.zeros_like
-        if self.equations.band == 1:
+        if self.equations.leading.band == 1:
             from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
             with suppress(LinAlgError):  # not a minimum
@@ -232,9 +203,7 @@ class Linearisation:
         ground.
         """
         equations = self.equations
-        lines, columns = equations.lower
-        band = np.zeros((equations.band + 1, len(self.border)))
-        band[lines - columns, columns] = self.entries[equations.is_lower]
+        band = equations.leading.make_band(self.entries)
         band[0] += self._hold + self.level * equations.anchor
         return band
 

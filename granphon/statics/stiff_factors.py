@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from granphon.base.arrays import Array, Flags
 from granphon.contacts.columns import Columns
-from granphon.contacts.tangent import fill_blocks, find_pattern
+from granphon.contacts.tangent import Pattern, fill_blocks
 from granphon.dynamics.factors import factorise
 from granphon.statics.options import RestOptions
 
@@ -32,7 +32,8 @@ def factorise_stiff(
     soft = fill_blocks(_choose(columns, ~is_stiff), axes, strains, n_balls)
     lines = np.arange(len(axes))
     tangent.diagonal[lines, lines] += soft.diagonal[lines, lines] + options.hold_diagonal * mean
-    pattern = find_pattern(stiff.i, stiff.j, n_balls, len(axes))
+    # of no use to others: which contacts are stiff changes from step to step
+    pattern = Pattern(stiff.i, stiff.j, n_balls, len(axes))
     data = tangent.list_entries(pattern)
     scale = 1.0 / np.sqrt(data[pattern.diagonal])
     matrix = pattern.make_matrix(data)

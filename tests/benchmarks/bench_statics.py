@@ -1,7 +1,8 @@
 """Benchmarks of statics: time of the processor over yardsticks that do not change with granphon.
 
 A yardstick is one factorisation by SuperLU of the matrix of the state that is found, that of its
-motions, or one Fourier transform of these motions and back. Balls are spread uniformly. Loads are
+motions, one Fourier transform of these motions and back, or, where LAMMPS can be loaded, a hundred
+of its steps with as many balls. Balls are spread uniformly. Loads are
 a*; at 0.45 some contacts are open, and SuperLU leaves them out.
 
 The first part compares the steps of both geometries with each other, for balls of W/d = 1e-7, where
@@ -11,10 +12,13 @@ without a bound, say what steps in true directions would cost the limit.
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
+import bench_motion
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
@@ -41,6 +45,7 @@ RESTS = (
     ("triangular", 24, "superlu", (1.5, 4.0, 11.0), (3.0, 6.0, 35.0)),
     ("triangular", 64, "superlu", (0.25, 0.65, 4.0), (0.6, 1.5, 13.0)),
     ("triangular", 128, "transform", (80.0, 180.0, 600.0), (220.0, 400.0, 2600.0)),
+    ("triangular", 256, "transform", (80.0, 180.0, 600.0), (220.0, 400.0, 2600.0)),
     ("fcc", 6, "superlu", (0.8, 2.0, 7.0), (1.6, 3.0, 28.0)),
     ("fcc", 12, "transform", (90.0, 180.0, 600.0), (220.0, 500.0, 6000.0)),
 )
@@ -59,6 +64,10 @@ PATHS = (
     ("triangular", 64, "lattice", 1.5),
     ("fcc", 8, "exact", 1.2),
 )
+#: sides of arrays whose rest LAMMPS's steps measure, and the bound in true directions at a* = 1
+IN_LAMMPS = {64: 0.3, 128: 0.25}
+#: steps of LAMMPS
+STEPS = 100
 #: balls of crystals, and the loads of samples
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 D = 8e-3
@@ -101,11 +110,11 @@ def factorise_network(network: gp.ContactNetwork) -> Callable[[], object]:
     return factorise(rows.T @ diags_array(network.normal_stiffness) @ rows)
 
 
-def transform(stencils: Stencils) -> Callable[[], object]:
+def transform(n_fields: int, shape: tuple[int, ...]) -> Callable[[], object]:
     """Return the yardstick of a grid."""
-    motions = np.ones((stencils.n_fields, *stencils.shape), np.float32)
+    motions = np.ones((n_fields, *shape), np.float32)
     axes = tuple(range(1, motions.ndim))
-    return lambda: fft.irfftn(fft.rfftn(motions, axes=axes), stencils.shape, axes=axes)
+    return lambda: fft.irfftn(fft.rfftn(motions, axes=axes), shape, axes=axes)
 
 
 # -- arrays ----------------------------------------------------------------------------------------
@@ -146,7 +155,9 @@ def rests(repeats: int) -> list[Row]:
                 time.process_time,
                 lattice=lambda x=x, load=load, of=stencils: equilibrate(x, load, of),
                 exact=lambda x=x, load=load, of=stencils: equilibrate(x, load, of, ratio=RATIO),
-                unit=factorise_list(contacts) if unit == "superlu" else transform(stencils),
+                unit=factorise_list(contacts)
+                if unit == "superlu"
+                else transform(stencils.n_fields, stencils.shape),
             )
             for geometry, bound in zip(("lattice", "exact"), bounds, strict=True):
                 what = (
@@ -214,6 +225,31 @@ def loadings(repeats: int) -> list[Row]:
     return rows
 
 
+def against_lammps(repeats: int) -> list[Row]:
+    """Rest in true directions against LAMMPS's steps with as many balls, on one core."""
+    rows = []
+    for side, bound in IN_LAMMPS.items():
+        try:
+            lmp = bench_motion.in_lammps(*bench_motion.array((side, side)))
+        except (ImportError, OSError):
+            print("LAMMPS cannot be loaded: rests are not compared with it", file=sys.stderr)
+            break
+        stencils, x = draw("triangular", side)
+        load = ReducedLoad(overlap=0.5)
+        seconds = alternate(
+            repeats,
+            time.process_time,
+            rest=partial(equilibrate, x, load, stencils, ratio=RATIO),
+            lammps=partial(lmp.command, f"run {STEPS} post no"),
+        )
+        what = (
+            f"triangular, {side}^2, a* = 1, exact directions: rest over {STEPS} steps of LAMMPS's"
+            f" pair granular with as many balls, one core"
+        )
+        rows.append(over(what, seconds, "rest", "lammps", bound))
+    return rows
+
+
 # -- crystals --------------------------------------------------------------------------------------
 
 
@@ -225,6 +261,7 @@ def crystals(repeats: int) -> list[Row]:
     salt = gp.Crystal.on("NaCl", [ball, gp.Ball(STEEL, 0.5 * D)]).repeat((6, 6, 6))
     sticky = gp.Crystal.on("fcc", [rubber], law=gp.JKR(0.05)).repeat((8, 8, 8))
     column = gp.Crystal.on("chain", [ball]).cut(0, 100_000, edges=("floor", "free"))
+    hexagon = gp.Hexagon(gp.Packing(STEEL, D, spread=gp.Uniform(WIDTH), friction=False), 24, seed=0)
     cases: dict[str, tuple[Callable[[], Any], float]] = {
         "column of 1e5 balls under gravity": (
             lambda: column.at_pressure(5.0, gravity=(-9.81,)),
@@ -236,6 +273,7 @@ def crystals(repeats: int) -> list[Row]:
             3.0,
         ),
         "fcc 8^3 of rubber with JKR's law": (lambda: sticky.at_pressure(100.0), 0.18),
+        "hexagon of 24 balls on a side": (lambda: hexagon.at_side_force(500.0), 5.0),
     }
     rows = []
     for name, (rest, bound) in cases.items():
@@ -247,7 +285,21 @@ def crystals(repeats: int) -> list[Row]:
         )
         what = f"{name}: rest over {UNITS['superlu']}"
         rows.append(over(what, seconds, "rest", "superlu", bound))
+    rows.append(_time_large_crystal(min(repeats, 3)))
     return rows
+
+
+def _time_large_crystal(repeats: int) -> Row:
+    """A crystal of too many balls for factors."""
+    large = gp.Crystal.on("fcc", [gp.Ball(STEEL, D)]).repeat((20, 20, 20)).remove(0)
+    seconds = alternate(
+        repeats,
+        time.process_time,
+        rest=lambda: large.at_pressure(1e5),
+        transform=transform(3, (20, 20, 20)),
+    )
+    what = f"fcc 20^3 with a vacancy: rest over {UNITS['transform']}"
+    return over(what, seconds, "rest", "transform", 1000.0)
 
 
 def doors(repeats: int) -> list[Row]:
@@ -281,6 +333,7 @@ PARTS: dict[str, Part] = {
     "rests": rests,
     "tensors": tensors,
     "loadings": loadings,
+    "lammps": against_lammps,
     "crystals": crystals,
     "doors": doors,
 }
