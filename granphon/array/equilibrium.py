@@ -38,7 +38,8 @@ from granphon.base.arrays import Array, Flags
 from granphon.base.errors import InputError
 from granphon.base.results import Result, held, result_class
 from granphon.contacts.contact_list import ContactList
-from granphon.statics.response import MOST_BALLS, find_elastic_tensor
+from granphon.statics.options import MOST_BALLS
+from granphon.statics.response import find_elastic_tensor
 
 #: largest residual force on a ball, over the mean contact force (or over the rms difference of
 #: contact forces, if that is less)

@@ -17,7 +17,8 @@ from collections.abc import Callable
 import numpy as np
 
 from granphon.array.equilibrium import REST_TOLERANCE, Equilibrium
-from granphon.array.geometry import LOAD_TOLERANCE, ReducedLoad
+from granphon.array.geometry import LOAD_TOLERANCE
+from granphon.array.options import ReducedLoad
 from granphon.array.rest import (
     LEAST_TOLERANCE,
     START_TOLERANCE,

@@ -538,7 +538,7 @@ def _choose_reference(scene: str, plan: Scene) -> dict[str, Any]:
     """Return the options of the reference by which the media of a scene are judged: arrays at rest
     without friction, unless a medium has a history; InputError for several histories.
     """
-    from granphon.media.loading import REFERENCE_OPTIONS, REST
+    from granphon.media.array_options import REFERENCE_OPTIONS, REST
 
     histories = [choice.history for choice in plan.media if choice.history.is_loaded]
     references = list(dict.fromkeys(history.reference for history in histories))

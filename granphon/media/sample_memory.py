@@ -11,8 +11,7 @@ import numpy as np
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.media.left_out import estimate_reduced_force
-from granphon.statics.options import RestOptions
-from granphon.statics.response import MOST_BALLS
+from granphon.statics.options import MOST_BALLS, RestOptions
 
 #: bytes for each ball while a sample without rotations is solved, with one, two and three periods,
 #: besides those of the lattice's Green's function

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import KW_ONLY, dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
 
 from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.layers import Layers
@@ -19,13 +19,11 @@ from granphon.base.settings import describe_settings
 from granphon.base.tables import Heading, table_text
 from granphon.base.text import MOST_SCENE_BYTES, dump_yaml, spell
 from granphon.base.validation import read_inside, require
-from granphon.media.arrangement import Arrangement
 from granphon.media.choice import (
     MediumChoice,
     default_medium,
     require_finite_overlap,
 )
-from granphon.media.network_file import NetworkFiles, NetworkMedium
 from granphon.phonons.paths import MESHES, BandPath, read_paths
 from granphon.runs.plan import list_parameters_of_branches
 from granphon.runs.tasks import require_arrays
@@ -46,6 +44,10 @@ from granphon.waves.settings import (
     WaveSettings,
     require_losses,
 )
+
+if TYPE_CHECKING:
+    from granphon.media.arrangement import Arrangement
+    from granphon.media.network_file import NetworkFiles
 
 #: the settings of a spectrum by default
 _SPECTRUM = SpectrumSettings()
@@ -281,7 +283,7 @@ class SceneValues:
             settings = self.observed_settings(name)
             if settings is not None:
                 rows += describe_settings(settings)
-        if "dos" in self.observe and self.packing.medium_name != NetworkMedium.name:
+        if "dos" in self.observe and not self.packing.is_network:
             rows.append(("mesh", " x ".join(map(str, self.mesh)), ""))
         return rows
 
@@ -324,7 +326,7 @@ class SceneValues:
         )
         of_files = held._replace(
             name="sensitivities",
-            holds=self.packing.medium_name == NetworkMedium.name,
+            holds=self.packing.is_network,
             problem="of a packing in files",
             allowed="sensitivities of a packing or crystal",
             mend="Files have no parameters to change: gp.Phonons(network).sensitivities has"
@@ -456,7 +458,7 @@ class SceneValues:
         waves = [name for name in WAVES if name in self.observe]
         if self.is_single:
             waves = [name for name in waves if name != "dos"]
-        if self.packing.medium_name == NetworkMedium.name:  # its own network carries a pulse
+        if self.packing.is_network:  # its own network carries a pulse
             waves = [name for name in waves if name != "pulse"]
         kinds = "one state, or of arrays" if waves == ["dos"] else "arrays"
         allowed_waves = f"{', '.join(waves)} of {kinds} that a medium: simulation makes"

@@ -7,6 +7,10 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
+#: largest number of balls on a line, in a plane, in space whose matrix is factorised: the memory of
+#: factors grows faster than it, to about 1 GB
+MOST_BALLS = {1: 2**20, 2: 2**16, 3: 2**12}
+
 
 def _by_axes(line: float, plane: float, space: float) -> Mapping[int, Any]:
     """Return a field with a number for balls that move along 1, 2 or 3 axes."""

@@ -34,6 +34,7 @@ from granphon.contacts.contact_list import ContactList
 from granphon.contacts.tangent import Tangent, find_tangent, unit_strains
 from granphon.dynamics.elasticity import find_stress_part
 from granphon.dynamics.factors import Factors
+from granphon.statics.options import MOST_BALLS
 
 if TYPE_CHECKING:
     from granphon.statics.grid_iteration import GridIteration
@@ -66,9 +67,6 @@ WELL_HELD = 1.3
 _PATIENCE = 60
 #: iterations of a grid that cannot, at most
 _MOST_ITERATIONS = 60_000
-#: largest number of balls on a line, in a plane, in space whose matrix is factorised: the memory of
-#: factors grows faster than it, to about 1 GB
-MOST_BALLS = {1: 2**20, 2: 2**16, 3: 2**12}
 #: relative residual of equations that are not symmetric
 _RESIDUAL = 1e-10
 #: the same after a round by GMRES
