@@ -21,8 +21,9 @@ from granphon.base.errors import InputError, MissingFileError
 from granphon.base.scales import prefixed, write_quantity, write_uncertain, write_unit
 from granphon.base.staging import read_written_files
 from granphon.base.text import join_alike, read_bytes, read_text, read_yaml, spell
+from granphon.figures.style import pick_evenly
 from granphon.observables.catalogue import CATALOGUE
-from granphon.page.document import Block, Code, Items, Picture, Rows, Section, Text
+from granphon.page.document import Block, Code, Items, Link, Picture, Rows, Section, Text
 from granphon.scene.outputs import OUTPUTS, Export, read_summary
 
 #: endings of the files of figures that a page can hold
@@ -32,8 +33,8 @@ _NO_NUMBERS = {
     "schema", "versions", "source", "observe", "finite_overlap", "sizes", "warnings", "files",
     "units", "validity", "ok", "medium", "peaks", "errors_from",
 }  # fmt: skip
-#: greatest number of rows of the table of states
-MOST_STATES = 500
+#: greatest number of rows of the table of states, about a page
+MOST_STATES = 40
 #: columns of that table that are not observables of the command's table
 _OTHER_COLUMNS = ("exponent", "contact_fraction", "valid")
 _SHORT_NAMES = {"exponent": "local exponent"}
@@ -234,8 +235,10 @@ def _read_states(source: Path) -> list[Block]:
 
     dataset = load_sweep(source / "sweep.nc")
     dims = dataset["valid"].dims
-    if dataset["valid"].size < 2:
+    n_states = dataset["valid"].size
+    if n_states < 2:
         return []
+    listed = pick_evenly(n_states, MOST_STATES)
     load = find_load(dataset)
     told = [name for name, entry in CATALOGUE.items() if entry.told and name != load]
     columns = [load, *map(str, dims[1:])]
@@ -258,13 +261,13 @@ def _read_states(source: Path) -> list[Block]:
             size, prefixed_unit = prefixed(float(np.max(np.abs(finite), initial=0.0)), unit)
             heading += f" ({prefixed_unit})"
         headings.append(heading)
-        cells = zip(values[:MOST_STATES].tolist(), errors[:MOST_STATES].tolist(), strict=True)
+        cells = zip(values[listed].tolist(), errors[listed].tolist(), strict=True)
         texts.append([_write_cell(value, error, size) for value, error in cells])
-    blocks: list[Block] = [Rows(tuple(headings), tuple(zip(*texts, strict=True)))]
-    n_states = dataset["valid"].size
-    if n_states > MOST_STATES:
-        blocks.append(Text(f"{MOST_STATES} of {n_states} states; sweep.csv has all of them."))
-    return blocks
+    table = Rows(tuple(headings), tuple(zip(*texts, strict=True)))
+    if len(listed) == n_states:
+        return [table]
+    remark = f"{len(listed)} of {n_states} states, taken evenly; all of them are in"
+    return [Link(remark, "sweep.csv"), table]
 
 
 def _write_cell(value: Any, error: float, size: float) -> str:
