@@ -59,8 +59,8 @@ from granphon.base.text import plain_yaml
 from granphon.cli.commands import app
 from granphon.cli.commands import main as granphon
 from granphon.fits.fit import WidthFit
+from granphon.media.array_options import DEFAULT_SHAPES
 from granphon.media.choice import MEDIA
-from granphon.media.simulation import DEFAULT_SHAPES
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE
 from granphon.runs.dataset import load_sweep

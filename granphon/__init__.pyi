@@ -62,6 +62,7 @@ from .inverse.goals import ResponseAt as ResponseAt
 from .inverse.goals import WidestGap as WidestGap
 from .laws.spread import SpreadLaw as SpreadLaw
 from .media.arrangement import Arrangement as Arrangement
+from .media.array_options import FrictionHistory as FrictionHistory
 from .media.choice import AutoMedium as AutoMedium
 from .media.choice import MediumChoice as MediumChoice
 from .media.choice import ServingMedium as ServingMedium
@@ -70,7 +71,6 @@ from .media.cost import Cost as Cost
 from .media.crystal import Crystal as Crystal
 from .media.crystal import CrystalState as CrystalState
 from .media.limits import Check as Check
-from .media.loading import FrictionHistory as FrictionHistory
 from .media.medium import AveragedForce as AveragedForce
 from .media.medium import AveragedLattice as AveragedLattice
 from .media.medium import EffectiveMedium as EffectiveMedium

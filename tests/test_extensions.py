@@ -312,37 +312,44 @@ def slowness(tmp_path, monkeypatch):
     sys.modules.pop("granphon_slowness", None)
 
 
-@pytest.mark.slow
 def test_an_output_of_thirty_lines_is_in_every_place_that_has_those_of_granphon(slowness, capsys):
     lines = [line for line in read_plug_in().splitlines() if line.strip()]
     assert len(lines) <= 30
     assert main(["check", "scene.yaml"]) == 0
     assert "slowness.csv, sweep.png, slowness.png" in capsys.readouterr().out
-    assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
+    assert main(["run", "scene.yaml", "-o", "out", "-q", "--no-figures"]) == 0
     table = np.loadtxt("out/slowness.csv", delimiter=",", skiprows=1)
     data = gp.load_sweep("out/sweep.nc")
     np.testing.assert_array_equal(table[:, 0], data["force"].values)
     np.testing.assert_array_equal(table[:, 1], data["slowness"].values[:, 0])
     np.testing.assert_allclose(table[:, 1], 1.0 / data["longitudinal"].values[:, 0])
-    figure = Path("out/slowness.png")
-    drawn = figure.read_bytes()
-    assert drawn.startswith(b"\x89PNG")
-    # resumed: it is whole, and is not whole without the table
-    assert main(["run", "scene.yaml", "-o", "out", "--resume"]) == 0
+    # resumed: it is whole
+    assert main(["run", "scene.yaml", "-o", "out", "--resume", "--no-figures"]) == 0
     assert "Nothing was computed" in capsys.readouterr().out
     result = Scene.from_yaml("scene.yaml").run("out", resume=True)
     np.testing.assert_array_equal(result["slowness"], table)
-    # on the page about the folder, with its words
+    # drawn from the table, and on the page about the folder, with its words
+    assert main(["plot", "out", "-o", "out/slowness.png"]) == 0
+    assert Path("out/slowness.png").read_bytes().startswith(b"\x89PNG")
     assert main(["report", "out"]) == 0
-    assert "![slowness of longitudinal waves](slowness.png)" in Path("out/report.md").read_text()
-    # drawn again, from the table
-    assert main(["plot", "out", "-o", "out/slowness.png", "--force"]) == 0
-    assert figure.read_bytes() == drawn
+    assert "slowness.png)" in Path("out/report.md").read_text()
+    # it is not whole without the table
     Path("out/slowness.csv").unlink()
+    capsys.readouterr()
     assert main(["plot", "out", "-o", "slowness.pdf"]) == 2
     assert "holds no slowness" in capsys.readouterr().err
     assert not is_complete(Scene.from_yaml("scene.yaml"), "out")
-    # and documented
+
+
+@pytest.mark.slow
+def test_the_figure_of_a_plug_in_is_drawn_again_and_its_files_are_documented(slowness):
+    assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
+    figure = Path("out/slowness.png")
+    drawn = figure.read_bytes()
+    assert main(["report", "out"]) == 0
+    assert "![slowness of longitudinal waves](slowness.png)" in Path("out/report.md").read_text()
+    assert main(["plot", "out", "-o", "out/slowness.png", "--force"]) == 0
+    assert figure.read_bytes() == drawn
     sys.path.insert(0, str(Path(__file__).parents[1] / "docs"))
     try:
         import _generate

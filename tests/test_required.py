@@ -369,6 +369,24 @@ def test_a_scene_takes_few_calls_to_its_band_yaml(tmp_path):
     assert len(of_python) <= 33
 
 
+def test_a_plain_scene_loads_no_arrays_no_crystals_and_no_statics(tmp_path):
+    """Modules that are imported, packages among them, in a process that has loaded none before."""
+    code = (
+        "import sys, granphon as gp\n"
+        f"gp.Scene.from_text({BANDS_OF_STEEL!r}).run({str(tmp_path / 'out')!r}, figures=False)\n"
+        "print(*(name for name in sys.modules if name.startswith('granphon.')))"
+    )
+    loaded = set(costs.python(code).split())
+    of_arrays = {name for name in loaded if name.startswith("granphon.array.")}
+    assert of_arrays == {"granphon.array.options", "granphon.array.atoms"}
+    assert {name for name in loaded if name.startswith("granphon.statics.")} == {
+        "granphon.statics.options"
+    }
+    for name in ("crystal", "arrangement", "simulation", "loading"):
+        assert f"granphon.media.{name}" not in loaded
+    assert len(loaded) <= 114
+
+
 def make_long_files(rows: int, folder: Path) -> dict[str, Callable[[], object]]:
     """What writes each of the long files, of so many rows or more, by the name of the file."""
     from granphon.array.atoms import write_extxyz

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from granphon.array.equilibrium import Equilibrium
-from granphon.array.geometry import ReducedLoad
+from granphon.array.options import ReducedLoad
 from granphon.array.rest import apply_load, assemble, gather_balls, take_up
 from granphon.array.sheared_equilibrium import split_strain
 from granphon.base.differences import Course, differentiate

@@ -35,6 +35,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from granphon.array.options import LARGEST_RATIO, ReducedLoad
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls.neighbours import contact_frames
 from granphon.base.arrays import Array
@@ -49,9 +50,6 @@ from granphon.dynamics.deformation_rows import Row
 #: L1, ..., Lp); those that balls on a line or in a plane do not have are the number 0.0
 _Vector = tuple[Any, Any, Any]
 _ZERO: _Vector = (0.0, 0.0, 0.0)
-#: largest width over diameter: of balls that differ more, some leave their neighbours, and touch
-#: others
-LARGEST_RATIO = 0.2
 #: stiffness added to each contact in a step of Newton's method, as a fraction of the mean stiffness
 #: times the distance from equilibrium: where many contacts are open the others do not make a solid,
 #: and without it the step would be unbounded
@@ -59,19 +57,6 @@ ADDED_STIFFNESS = 1e-2
 #: fraction by which Newton's method may miss a given mean force, with friction or in the true
 #: geometry
 LOAD_TOLERANCE = 1e-12
-
-
-class ReducedLoad(NamedTuple):
-    """Prescribed load: the reduced ``overlap`` y or, if that is None, the reduced mean contact
-    ``force`` f*.
-
-    If ``on_boundary`` is true, the load is a pressure: ``force`` is the f* under it where the cell
-    keeps its size. In the true geometry the boundary shrinks with the cell.
-    """
-
-    overlap: float | None = None
-    force: float = 0.0
-    on_boundary: bool = False
 
 
 class ActingForces(NamedTuple):

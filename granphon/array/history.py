@@ -24,22 +24,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from granphon.array.equilibrium import Equilibrium
-from granphon.array.geometry import ReducedLoad
 from granphon.array.load_step import BALANCE_TOLERANCE
+from granphon.array.options import GAS, REFINEMENT_TOLERANCE, START_SPACING, ReducedLoad
 from granphon.array.pressed_array import PressedArray
 from granphon.array.pressed_place import PressedGeometry
 from granphon.array.rest import equilibrate
 from granphon.array.stencils import Stencils, dot
-from granphon.array.stepper import GAS, MOST_HALVINGS, Stepper, find_aim, goes_on, weigh_states
+from granphon.array.stepper import MOST_HALVINGS, Stepper, find_aim, goes_on, weigh_states
 from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.contacts.friction import FrictionLaw
 
-#: reduced spacing a* = y + 1/2 at which a history begins, at rest without friction
-START_SPACING = 0.5
-#: tolerance of f* for the refinement of steps
-REFINEMENT_TOLERANCE = 1e-4
 #: relative change of f*, over the tolerance of balance, that short steps may show from what is left
 #: of balance alone
 _NOISE = 10.0

@@ -22,13 +22,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granphon.array.geometry import (
-    ADDED_STIFFNESS,
-    LOAD_TOLERANCE,
-    ReducedLoad,
-    find_lack,
-)
+from granphon.array.geometry import ADDED_STIFFNESS, LOAD_TOLERANCE, find_lack
 from granphon.array.krylov import Single
+from granphon.array.options import ReducedLoad
 from granphon.array.preconditioners import Patches, Put
 from granphon.array.pressed_array import PressedArray
 from granphon.array.pressed_place import PressedGeometry, PressedPlace, PressedTangent

@@ -25,8 +25,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.array.equilibrium import Equilibrium
-from granphon.array.geometry import ReducedLoad, find_boundary_force
+from granphon.array.geometry import find_boundary_force
 from granphon.array.history import LoadingHistory
+from granphon.array.options import SHEAR_RESPONSES, ReducedLoad
 from granphon.array.pressed_array import PressedArray
 from granphon.array.pressed_place import PressedGeometry, PressedPlace
 from granphon.array.sample import STEP, Sample, find_density
@@ -42,10 +43,6 @@ from granphon.networks.network import ContactNetwork
 
 if TYPE_CHECKING:
     from ase import Atoms
-
-
-#: the choices of the tangential stiffness under sound; the first is the default
-SHEAR_RESPONSES = ("stick", "slide", "partial_slip")
 
 
 @result_class
@@ -182,7 +179,7 @@ class PressedEquilibrium(Equilibrium):
 
     def shear_ratios(self, response: str) -> Array:
         """Return (n_c, L1, ..., Lp) tangential over normal stiffness under sound, for one of
-        :data:`SHEAR_RESPONSES`.
+        :data:`~granphon.array.options.SHEAR_RESPONSES`.
 
         "partial_slip" is the stiffness of each contact as if its tangential force were about to
         grow, also where it has just become less.

@@ -17,7 +17,8 @@ from granphon.array.equilibrium import (
     explain_no_load,
     explain_too_small,
 )
-from granphon.array.geometry import LOAD_TOLERANCE, ReducedLoad, require_small
+from granphon.array.geometry import LOAD_TOLERANCE, require_small
+from granphon.array.options import ReducedLoad
 from granphon.array.stencils import Stencils
 from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.balls import hertz

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from granphon.array.atoms import SAMPLE, count_coordinates, take_arrays
 from granphon.array.equilibrium import Equilibrium
-from granphon.array.geometry import ReducedLoad
+from granphon.array.options import ReducedLoad
 from granphon.array.sheared_equilibrium import equilibrate_as
 from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.balls.contact_model import ContactModel
@@ -426,22 +425,6 @@ def find_density(values: Array, bins: int, least: float, largest: float) -> tupl
         )
     counts, edges = np.histogram(values, number, (low, high))
     return edges, counts / values.size / np.diff(edges)
-
-
-def standard_error(values: Array, axis: int) -> Array:
-    """Return the standard error of the mean along an axis of two or more independent values."""
-    return np.asarray(np.std(values, axis=axis, ddof=1) / math.sqrt(values.shape[axis]))
-
-
-def jackknife(of: Callable[[Array], Array], values: Array) -> Array:
-    """Return the standard error of a function of means (..., m) over two or more independent rows
-    of ``values`` (..., n, m).
-
-    It is estimated from the values of the function with each row left out in turn.
-    """
-    count = values.shape[-2]
-    without = of((np.sum(values, axis=-2, keepdims=True) - values) / (count - 1))
-    return np.asarray(math.sqrt(count - 1) * np.std(without, axis=-1))
 
 
 def _number_ends(structure: Lattice, shape: tuple[int, ...]) -> tuple[Index, Index, Index]:

@@ -23,7 +23,8 @@ from granphon.array.equilibrium import (
     explain_no_load,
     explain_too_small,
 )
-from granphon.array.geometry import LOAD_TOLERANCE, ReducedLoad
+from granphon.array.geometry import LOAD_TOLERANCE
+from granphon.array.options import ReducedLoad
 from granphon.array.rest import (
     LEAST_TOLERANCE,
     START_TOLERANCE,

@@ -51,7 +51,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from granphon.array.equilibrium import THRESHOLD_FORCE
-from granphon.array.geometry import ReducedLoad, find_boundary_force
+from granphon.array.geometry import find_boundary_force
 from granphon.array.load_step import (
     FAST_LIMITS,
     SLOW_LIMITS,
@@ -60,6 +60,7 @@ from granphon.array.load_step import (
     LoadStep,
     Trial,
 )
+from granphon.array.options import ReducedLoad
 from granphon.array.preconditioners import Patches
 from granphon.array.pressed_array import PressedArray
 from granphon.array.pressed_place import PressedGeometry, PressedPlace
@@ -87,8 +88,6 @@ _MOST_DAMPED_STEPS = 60
 #: number of steps, after each of which forces on dashpots have become smaller, after which it is
 #: tried to do without
 _CALM = 3
-#: name of this start
-GAS = "gas"
 #: change of the overlap in a step
 STEP = 0.0125
 #: mean force at which an array that has been a gas has to stand

@@ -25,7 +25,8 @@ from granphon.array.contact_lists import (
     select_resisted,
 )
 from granphon.array.equilibrium import CARRIED_FORCE, Equilibrium, list_shears
-from granphon.array.geometry import ActingForces, ReducedLoad
+from granphon.array.geometry import ActingForces
+from granphon.array.options import ReducedLoad
 from granphon.array.stencils import Motion
 from granphon.base.arrays import Array
 from granphon.base.results import result_class

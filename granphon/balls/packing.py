@@ -91,6 +91,8 @@ class Packing:
     kind_names: ClassVar[tuple[str, ...]] = ()
     #: name of the one medium of such balls; empty where they have several
     medium_name: ClassVar[str] = ""
+    #: whether the balls are those of a network in files, whose waves are its own
+    is_network: ClassVar[bool] = False
     #: the balls repeat along a period, and no floor or clamp holds them
     repeats: ClassVar[bool] = True
     is_held: ClassVar[bool] = False

@@ -13,6 +13,8 @@ from __future__ import annotations
 
 import threading
 from collections.abc import ItemsView, Iterator, Mapping
+from dataclasses import dataclass
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from granphon.base.errors import InputError, one_line
@@ -27,6 +29,23 @@ GROUP = "granphon.plugins"
 _PROGRAM = "the program"
 
 
+@dataclass(frozen=True)
+class Later:
+    """An entry of granphon whose module is imported when the entry is first asked for.
+
+    Attributes
+    ----------
+    module, attribute : name of the module, and of the entry in it.
+    """
+
+    module: str
+    attribute: str
+
+    def load(self) -> Any:
+        """Import the module, and return the entry."""
+        return getattr(import_module(self.module), self.attribute)
+
+
 class Registry(Mapping[str, T]):
     """The entries of one kind by their names, in the order in which they were added; ``noun`` is
     the kind in words, such as "observable".
@@ -38,16 +57,28 @@ class Registry(Mapping[str, T]):
     def __init__(self, noun: str) -> None:
         self.noun = noun
         self._entries = dict[str, T]()
+        #: the entries of granphon that have not been imported yet
+        self._later = dict[str, Later]()
         #: who has added each entry that is not granphon's own, in words
         self._sources = dict[str, str]()
         #: the identity, by :func:`_identify`, of each entry that is not granphon's own
         self._identities = dict[str, Any]()
         self.every[noun] = self
 
-    def own(self, name: str, entry: T) -> T:
-        """Add an entry of granphon, and return it."""
-        self._entries[name] = entry
-        return entry
+    def own(self, name: str, entry: T | Later) -> None:
+        """Add an entry of granphon."""
+        entries: dict[str, Any] = self._entries  # in which an entry for later keeps its place
+        entries[name] = entry
+        if isinstance(entry, Later):
+            self._later[name] = entry
+
+    def _import(self, *names: str) -> None:
+        """Import those of the entries that have not been imported yet."""
+        for name in names:
+            later = self._later.get(name)
+            if later is not None:
+                self._entries[name] = later.load()
+                self._later.pop(name, None)  # another thread may have taken it out meanwhile
 
     def add(self, name: str, entry: T, made: Any) -> T:
         """Add an entry, and return it; ``made`` is the function, class or object of the caller that
@@ -90,6 +121,7 @@ class Registry(Mapping[str, T]):
 
     def peek(self, name: str) -> T | None:
         """Return the entry of a name if it is there by now: nothing is loaded for it."""
+        self._import(name)
         return self._entries.get(name)
 
     def is_added(self, name: str) -> bool:
@@ -131,6 +163,8 @@ class Registry(Mapping[str, T]):
     def __getitem__(self, name: str) -> T:
         if name not in self._entries:
             load_plugins()
+        if name in self._later:
+            self._import(name)
         return self._entries[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -144,6 +178,7 @@ class Registry(Mapping[str, T]):
     def items(self) -> ItemsView[str, T]:
         """Return names and entries as they are now."""
         load_plugins()
+        self._import(*self._later)
         return dict(self._entries).items()
 
 

@@ -57,10 +57,13 @@ def write_report(
             problem = f"--out is {target}, whose ending names no format of a report"
             raise InputError(problem, mend="Use .html or .md")
     title, sections = read_report(folder)  # first, so that no folder is made for no report
-    # Markdown names the pictures by their paths from its own folder
+    # Markdown names the pictures by their paths from its own folder, and both link to files there
     to_pictures = os.path.relpath(folder, targets[0].parent)
     pictures = "" if to_pictures == os.curdir else Path(to_pictures).as_posix()
-    writers: dict[str, Any] = {".html": write_html, ".md": partial(write_markdown, folder=pictures)}
+    writers: dict[str, Any] = {
+        ".html": partial(write_html, folder=pictures),
+        ".md": partial(write_markdown, folder=pictures),
+    }
     names = [target.name for target in targets]
     with (
         ResultFiles(targets[0].parent, names, force).open() as locked,

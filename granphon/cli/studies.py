@@ -564,7 +564,7 @@ def _choose_reference(scene_file: str, scene: Scene) -> dict[str, Any]:
 
     Raises InputError for several histories.
     """
-    from granphon.media.loading import REFERENCE_OPTIONS, REST
+    from granphon.media.array_options import REFERENCE_OPTIONS, REST
 
     histories = [choice.history for choice in scene.media if choice.history.is_loaded]
     references = list(dict.fromkeys(history.reference for history in histories))

@@ -200,6 +200,24 @@ def sum_kinds(rows: Sequence[Row], products: Array) -> dict[str, Array]:
     return sums
 
 
+def list_contact_units(network: ContactNetwork, units: Units) -> dict[str, Any]:
+    """Return what one in the reduced ``units`` is in SI, of each parameter of a contact by which
+    derivatives are found; of the force, whose rows stand for its push over the distance, minus
+    that, for each contact (n_c,).
+    """
+    twist_unit = units.stiffness * units.length**2
+    by_contact: dict[str, Any] = {
+        "normal_stiffness": units.stiffness,
+        "shear_stiffness": units.stiffness,
+        "torsion": twist_unit,
+        "bending": twist_unit,
+    }
+    if network.prestress:
+        by_contact["normal_force"] = -units.stiffness * network.distance
+        by_contact["tangential_growth"] = 1.0 / units.length
+    return by_contact
+
+
 def add_growth(fields: dict[str, Any], network: ContactNetwork, slopes: Any) -> None:
     """Add to the ``fields`` normal_stiffness and normal_force what follows from the growth of
     static tangential forces, by which the derivatives are the ``slopes`` (..., n_c), over 1/m.
@@ -250,23 +268,14 @@ def find_frequency_sensitivities(
     slope = np.full(frequencies.shape, np.nan)
     np.divide(1.0, 8.0 * np.pi**2 * frequencies, out=slope, where=frequencies > 0.0)
     squared = (2.0 * np.pi * frequencies)[..., None] ** 2
-    twist_unit = units.mass * units.length**2
-    by_contact: dict[str, Any] = {
-        "normal_stiffness": units.mass,
-        "shear_stiffness": units.mass,
-        "torsion": twist_unit,
-        "bending": twist_unit,
-    }
-    if network.prestress:
-        by_contact["normal_force"] = -units.mass * network.distance
-        by_contact["tangential_growth"] = units.mass / (units.stiffness * units.length)
     fields: dict[str, Any] = dict.fromkeys(_UNITS)
     shape = (*frequencies.shape, network.n_contacts)
-    for name, unit in by_contact.items():
+    for name, unit in list_contact_units(network, units).items():
         derivatives = np.zeros(shape)
         if name in energies.squares:
             derivatives[..., place.contacts] = energies.squares[name]
-            derivatives /= unit
+            # one of omega^2 in reduced units is a stiffness over a mass
+            derivatives /= unit * (units.mass / units.stiffness)
         derivatives *= slope[..., None]
         fields[name] = derivatives
     if network.prestress:

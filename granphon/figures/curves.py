@@ -19,7 +19,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from granphon.figures.scales import (
     add_legend,
@@ -98,6 +98,8 @@ _DATA_STYLE: dict[str, Any] = {
 _LARGEST = 1e280
 #: dashes of lines of the same colour, the first solid; they differ from those outside the range
 _DASHES = (None, (1.0, 1.4), (5.0, 1.6, 1.0, 1.6), (8.0, 2.5))
+#: marks of points, one for each of these dashes
+_MARKERS = ("o", "s", "^", "D")
 #: the greatest number of lines that colours and dashes tell apart
 MOST_LOOKS = len(COLOURS) * len(_DASHES)
 #: marks of the media that an automatic medium chose; a simulation has the mark of its points
@@ -313,13 +315,12 @@ def make_looks(count: int) -> list[Look]:
     widths = [1.6]
     if count > 1:
         widths = np.linspace(2.2, 1.0, count + 1)[1:].tolist()
-    markers = ("o", "s", "^", "D")
     looks = []
     for number in range(count):
         # all colours are used up before the dashes change
         turn, colour = divmod(number, len(COLOURS))
         dash = turn % len(_DASHES)
-        looks.append(Look(COLOURS[colour], widths[number], _DASHES[dash], markers[dash]))
+        looks.append(Look(COLOURS[colour], widths[number], _DASHES[dash], _MARKERS[dash]))
     return looks
 
 
@@ -1624,6 +1625,119 @@ def _find_heading(
     return []
 
 
+class _CurveTable(NamedTuple):
+    """Curves as the entries of a table, which tell apart colours, shades and dashes.
+
+    Attributes
+    ----------
+    labels : the labels of the colours, of the shades, and of the dashes; one empty label where all
+        are the same.
+    places : numbers of the colour, the shade and the dashes of each curve.
+    """
+
+    labels: tuple[list[str], list[str], list[str]]
+    places: list[tuple[int, int, int]]
+
+    @property
+    def size(self) -> int:
+        """Number of entries in the legend."""
+        return sum(len(labels) for labels in self.labels if len(labels) > 1)
+
+
+def _tabulate_curves(curves: Sequence[Curve]) -> _CurveTable | None:
+    """Return the table with the shortest legend that gives each of the curves a place of its own;
+    None if none has enough colours, shades or dashes.
+
+    A colour has the curves in which one kind of facts is the same. Runs may have dashes.
+    """
+    differing, _ = find_differing([curve.facts for curve in curves])
+    differing.sort(key=lambda kind: kind != "medium")  # media have colours in a sweep too
+    of_runs = _list_constant(differing, curves, [curve.run for curve in curves])
+    tables = []
+    for of_dashes in ([], of_runs):
+        kinds = [kind for kind in differing if kind not in of_dashes]
+        tables += [_tabulate_by(kind, kinds, of_dashes, curves) for kind in kinds]
+    most = (len(COLOURS), _MOST_NAMED, len(_DASHES))
+    possible = []
+    for table in tables:
+        counts = [len(labels) for labels in table.labels]
+        is_within = all(count <= limit for count, limit in zip(counts, most, strict=True))
+        is_whole = len(set(table.places)) == len(curves)
+        if is_within and is_whole and table.size < len(curves):
+            possible.append(table)
+    return min(possible, key=lambda table: table.size, default=None)
+
+
+def _list_constant(
+    kinds: Sequence[str], curves: Sequence[Curve], groups: Sequence[Any]
+) -> list[str]:
+    """Return those of the ``kinds`` of facts that are the same in all curves of each of the groups;
+    ``groups`` has the group of each curve.
+    """
+    facts_of_group: dict[Any, list[Mapping[str, str]]] = {}
+    for curve, group in zip(curves, groups, strict=True):
+        facts_of_group.setdefault(group, []).append(curve.facts)
+    return [
+        kind
+        for kind in kinds
+        if all(
+            len({facts.get(kind) for facts in of_group}) == 1
+            for of_group in facts_of_group.values()
+        )
+    ]
+
+
+def _tabulate_by(
+    kind: str, kinds: Sequence[str], of_dashes: Sequence[str], curves: Sequence[Curve]
+) -> _CurveTable:
+    """Return the table of the curves with a colour for each of the facts of one ``kind``, and of
+    the ``kinds`` that are the same in each colour; the others have shades, and those ``of_dashes``
+    dashes.
+    """
+    of_colours = _list_constant(kinds, curves, [curve.facts.get(kind) for curve in curves])
+    of_shades = [other for other in kinds if other not in of_colours]
+    labels: list[list[str]] = []
+    numbers: list[list[int]] = []
+    for of_look in (of_colours, of_shades, of_dashes):
+        # the name of a run stands for all facts that the curves of the run share
+        told = ["name"] if "name" in of_look else of_look
+        texts = []
+        for curve in curves:
+            facts = [curve.facts[one] for one in told if one in curve.facts]
+            texts.append(join_facts(facts, _LETTERS))
+        distinct = list(dict.fromkeys(texts))
+        labels.append(distinct)
+        numbers.append([distinct.index(text) for text in texts])
+    colours, shades, dashes = labels
+    return _CurveTable((colours, shades, dashes), list(zip(*numbers, strict=True)))
+
+
+def _draw_table(
+    ax: Axes, curves: Sequence[Curve], table: _CurveTable, variable: str
+) -> list[Line2D]:
+    """Draw the curves of a ``table`` with its colours, shades and dashes; return the entries of the
+    legend: the colours, then shades and dashes in grey.
+    """
+    colours, shades, dashes = table.labels
+    looks = []
+    widths = np.linspace(2.2, 1.0, len(curves) + 1)[1:].tolist()
+    for (colour, shade, dash), width in zip(table.places, widths, strict=True):
+        shaded = _make_shades(COLOURS[colour], len(shades))[shade]
+        looks.append(Look(shaded, width, _DASHES[dash], _MARKERS[dash]))
+    for curve, look in zip(curves, looks, strict=True):
+        draw_curve(ax, curve, look, variable)
+    looks_of_legend = [Look(COLOURS[number], 1.5) for number in range(len(colours))]
+    entries = [*zip(looks_of_legend, colours, strict=True)]
+    if len(shades) > 1:
+        greys = [Look(grey, 1.5) for grey in _make_shades("0.5", len(shades))]
+        entries += zip(greys, shades, strict=True)
+    if len(dashes) > 1:
+        dashed = [Look("0.3", 1.5, _DASHES[n], _MARKERS[n]) for n in range(len(dashes))]
+        entries += zip(dashed, dashes, strict=True)
+    are_points = _are_points(curves)
+    return [_make_handle(look, label, is_points=are_points) for look, label in entries]
+
+
 def _draw_curves(ax: Axes, curves: list[Curve], measured: list[Curve], x: str, y: str) -> _Drawn:
     """Draw ``curves`` of runs, of which those of fits have measured points too, and other
     ``measured`` points, ``y`` over ``x``; return the entries of the legend, and the facts that all
@@ -1632,18 +1746,24 @@ def _draw_curves(ax: Axes, curves: list[Curve], measured: list[Curve], x: str, y
     states = [curve for curve in curves if not curve.measured]
     models = _name_runs(_join_states(states))
     points = _drop_doubles([curve for curve in curves if curve.measured] + measured)
-    if len(models) > MOST_LOOKS:
+    table = _tabulate_curves(models) if len(models) > len(COLOURS) else None
+    if table is None and len(models) > MOST_LOOKS:
         problem = f"{len(models)} curves are too many to be told apart"
         why = f"Colours and dashes tell {MOST_LOOKS} apart"
-        raise InputError(problem, why, "Draw fewer runs in one figure")
-    labels, common = _write_legend(models)
+        mend = "Choose some of the states, as by --where, or draw fewer runs in one figure"
+        raise InputError(problem, why, mend)
     # entries below a heading come last, so that no other entry stands below a heading
-    looks = make_looks(len(models))
     groups: dict[str, list[Line2D]] = {"": []}  # entries by their heading, which may be empty
-    for curve, look, (heading, label) in zip(models, looks, labels, strict=True):
-        draw_curve(ax, curve, look, y)
-        is_points = curve.as_points and not curve.served
-        groups.setdefault(heading, []).append(_make_handle(look, label, is_points=is_points))
+    if table is not None:
+        groups[""] += _draw_table(ax, models, table, y)
+        _, common = find_differing([curve.facts for curve in models])
+    else:
+        labels, common = _write_legend(models)
+        looks = make_looks(len(models))
+        for curve, look, (heading, label) in zip(models, looks, labels, strict=True):
+            draw_curve(ax, curve, look, y)
+            is_points = curve.as_points and not curve.served
+            groups.setdefault(heading, []).append(_make_handle(look, label, is_points=is_points))
     handles = groups.pop("")
     is_alone = len(points) == 1
     for number, curve in enumerate(points):

@@ -11,8 +11,8 @@ from granphon.balls.packing import Packing
 from granphon.base.quantities import load_quantities
 from granphon.base.scales import write_quantity
 from granphon.base.text import spell
+from granphon.media.array_options import DEFAULT_SHAPES
 from granphon.media.choice import find_medium, split_label
-from granphon.media.simulation import DEFAULT_SHAPES
 
 #: a space at which no line ends
 _NO_BREAK = "\u00a0"

@@ -269,6 +269,8 @@ class _SourceColumns:
             " other names, granphon fit takes"
             f" --column '{example}=NAME ({unit})', Python columns={{'{example}': 'NAME ({unit})'}}"
         )
+        if "distance" in missing:
+            mend = f"Give one distance for all rows: --distance, Python distance=. Or: {mend}"
         headings_of_table = list_names(repr(str(heading)) for heading in self.table.headings)
         raise InputError(
             f"{self.table.name} has {', and '.join(lacks)}",

@@ -27,11 +27,11 @@ from granphon.balls.loads import Load
 from granphon.balls.motions import IN_PLANE
 from granphon.balls.packing import Packing
 from granphon.base.arrays import Array
-from granphon.media.loading import REST, FrictionHistory, reduce_load
+from granphon.media.array_options import REST, FrictionHistory, reduce_load
+from granphon.media.medium import SIMULATION
 
 #: the media of the table, the cheapest first
 AVERAGES = ("ala", "afa", "ema")
-SIMULATION = "simulation"
 #: number of standard deviations of a sample that count as the expected error of a simulation
 DEVIATIONS = 1.9
 
@@ -139,8 +139,8 @@ def find_error(
     """Return the largest expected relative error of velocities and frequencies, with the shape of a
     load.
 
-    ``medium`` is one of :data:`AVERAGES`, or :data:`SIMULATION` for samples of the ``truth`` with
-    so many ``balls`` in all. The error is zero for equal balls and on a line, where every medium is
+    ``medium`` is one of :data:`AVERAGES`, or "simulation" for samples of the ``truth`` with so many
+    ``balls`` in all. The error is zero for equal balls and on a line, where every medium is
     exact, and +inf for what the table does not cover. Above the greatest load of the table the
     error falls as the square of the spread over the overlap, the law of high loads; with partial
     slip, whose contacts are softer by |T|/(3 mu f), as the first power.

@@ -38,7 +38,7 @@ from granphon.base.text import closest, counted, list_names, spell
 from granphon.media.cells import QUICK_BALLS, CrystalCell
 from granphon.media.crystal import Crystal, CrystalState, find_mindlin_ratio
 from granphon.media.crystal_courses import CrystalFollower
-from granphon.media.medium import Change, Medium
+from granphon.media.medium import CRYSTAL, Change, Medium
 from granphon.media.network_file import NetworkFiles
 from granphon.media.state import NetworkState
 
@@ -100,7 +100,9 @@ class Arrangement:
     given: Crystal | None = field(default=None, repr=False, compare=False)
 
     #: name of the medium of such balls
-    medium_name: ClassVar[str] = "crystal"
+    medium_name: ClassVar[str] = CRYSTAL
+    #: whether the balls are those of a network in files, whose waves are its own
+    is_network: ClassVar[bool] = False
     #: the distribution of diameters about that of their kind, and its width, m: none
     spread: ClassVar[None] = None
     width: ClassVar[float] = 0.0
@@ -424,7 +426,7 @@ class LoadedCrystal(NetworkState):
     load, of a sample over all contacts.
     """
 
-    medium = "crystal"
+    medium = CRYSTAL
     regime = None
     n_samples = 0
     finite_overlap = False
@@ -530,7 +532,7 @@ class CrystalMedium(Medium[Any]):
     and force.
     """
 
-    name = "crystal"
+    name = CRYSTAL
     words = "crystal"
 
     packing: Any

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,7 +23,7 @@ from granphon.base.arrays import Array
 from granphon.base.differences import Course
 from granphon.base.errors import InputError, Refused, brief
 from granphon.base.quantities import load_quantities
-from granphon.base.registry import Registry
+from granphon.base.registry import Later, Registry
 from granphon.base.text import show
 from granphon.base.validation import (
     block,
@@ -41,17 +41,22 @@ from granphon.media.accuracy import (
     find_least_load,
     find_rows,
 )
-from granphon.media.arrangement import Balls, CrystalMedium
-from granphon.media.left_out import EXACT, LATTICE, expect_shear_deficit, find_left_out
-from granphon.media.loading import (
+from granphon.media.array_options import (
+    DEFAULT_SHAPES,
     HISTORY_OPTIONS,
     REFERENCE_OPTIONS,
     REST,
     FrictionHistory,
+    no_finite_overlap,
+    read_cells,
     read_start,
     reduce_load,
 )
+from granphon.media.left_out import EXACT, LATTICE, expect_shear_deficit, find_left_out
 from granphon.media.medium import (
+    CRYSTAL,
+    NETWORK,
+    SIMULATION,
     AveragedForce,
     AveragedLattice,
     Change,
@@ -59,15 +64,12 @@ from granphon.media.medium import (
     Medium,
     Option,
 )
-from granphon.media.network_file import NetworkMedium
 from granphon.media.newtons import write_force
-from granphon.media.simulation import (
-    DEFAULT_SHAPES,
-    DirectSimulation,
-    no_finite_overlap,
-    read_cells,
-)
 from granphon.media.state import ContactState, read_finite_overlap
+
+if TYPE_CHECKING:
+    from granphon.media.arrangement import Balls
+    from granphon.media.simulation import DirectSimulation
 
 #: the class of a medium
 T = TypeVar("T", bound=type)
@@ -263,18 +265,17 @@ class AutoMedium(Medium[ContactState]):
 
 #: the classes of media of packings by the names that scenes and sweeps use
 MEDIA: Registry[type[Medium[Any]]] = Registry("medium")
-for _medium in (
-    AveragedLattice,
-    AveragedForce,
-    EffectiveMedium,
-    DirectSimulation,
-    AutoMedium,
-):
+for _medium in (AveragedLattice, AveragedForce, EffectiveMedium):
     MEDIA.own(_medium.name, _medium)
+MEDIA.own(SIMULATION, Later("granphon.media.simulation", "DirectSimulation"))
+MEDIA.own(AutoMedium.name, AutoMedium)
 
 
 #: the media that belong to crystals and to packings in files, by name
-_OF_BALLS: dict[str, type[Any]] = {medium.name: medium for medium in (CrystalMedium, NetworkMedium)}
+_OF_BALLS = {
+    CRYSTAL: Later("granphon.media.arrangement", "CrystalMedium"),
+    NETWORK: Later("granphon.media.network_file", "NetworkMedium"),
+}
 
 
 def register_medium(medium: T) -> T:
@@ -302,7 +303,7 @@ def find_medium(name: str) -> type[Any]:
     """Return the class of a medium by its name, those of :data:`_OF_BALLS` among them; KeyError if
     there is none.
     """
-    return _OF_BALLS[name] if name in _OF_BALLS else MEDIA[name]
+    return _OF_BALLS[name].load() if name in _OF_BALLS else MEDIA[name]
 
 
 @dataclass(frozen=True)
@@ -448,7 +449,7 @@ class MediumChoice:
     @property
     def simulates(self) -> bool:
         """Whether it is a :class:`~granphon.media.simulation.DirectSimulation`."""
-        return self.name == DirectSimulation.name
+        return self.name == SIMULATION
 
     @property
     def is_exact(self) -> bool:
@@ -484,8 +485,8 @@ class MediumChoice:
         for medium_in_geometry, indices in medium.by_geometry(load, finite_overlap or None):
             choice_of_geometry = self
             is_other = medium_in_geometry is not medium
-            if is_other and isinstance(medium_in_geometry, DirectSimulation):
-                options = (*self.options, ("geometry", medium_in_geometry.geometry))
+            for array in medium_in_geometry.arrays if is_other else ():
+                options = (*self.options, ("geometry", array.geometry))
                 choice_of_geometry = MediumChoice(self.name, options)
             choices.append((choice_of_geometry, indices))
         return choices
@@ -533,8 +534,8 @@ class MediumChoice:
         if balls.medium_name != own:
             raise InputError(
                 f"the medium is {self.label!r}",
-                f"Balls of several kinds have the medium {CrystalMedium.name} alone, packings in"
-                f" files the medium {NetworkMedium.name}, and no others have these",
+                f"Balls of several kinds have the medium {CRYSTAL} alone, packings in"
+                f" files the medium {NETWORK}, and no others have these",
                 f"Take {default_medium(balls)}",
             )
 
@@ -655,7 +656,7 @@ def list_candidates(packing: Packing, truth: FrictionHistory = REST) -> list[Med
     for side in SIDES[structure.periods]:
         shape = even_shape(structure, side)
         options = (("shape", shape), *history)
-        candidates.append(MediumChoice(DirectSimulation.name, options))
+        candidates.append(MediumChoice(SIMULATION, options))
     return candidates
 
 

@@ -18,7 +18,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache, partial
 from time import process_time
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -35,7 +35,9 @@ from granphon.dynamics.linalg import MANY_COLUMNS
 from granphon.media.left_out import estimate_reduced_force
 from granphon.media.medium import AveragedLattice
 from granphon.media.sample_memory import LEAST_FORCE, estimate_memory
-from granphon.media.simulation import DirectSimulation
+
+if TYPE_CHECKING:
+    from granphon.media.simulation import DirectSimulation
 
 #: longest time that a run may be estimated to take on one processor, s: a hundred processors would
 #: need a hundred days
@@ -273,6 +275,8 @@ def _time_array(simulation: DirectSimulation, load: Load) -> tuple[float, float]
 @cache
 def _pay_for_imports() -> None:
     """Solve an array of four balls, once in a process, as the first one imports what all need."""
+    from granphon.media.simulation import DirectSimulation
+
     packing = Packing(Material(1e9, 0.3, 1e3), 1e-2, Uniform(1e-5))
     state = DirectSimulation(packing, (2, 2)).at_force(1.0)
     _ = state.elastic_tensor

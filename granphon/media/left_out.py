@@ -15,13 +15,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granphon.array.geometry import LARGEST_RATIO
+from granphon.array.options import LARGEST_RATIO
 from granphon.balls.hertz import force_of
 from granphon.balls.lattices import LATTICES
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.arrays import Array
-from granphon.media.loading import reduce_load
+from granphon.media.array_options import reduce_load
 
 #: the geometries of contacts: directions are those of the lattice, or follow from the positions of
 #: the balls

@@ -36,6 +36,11 @@ from granphon.laws.spread import AveragedLaw
 from granphon.media.newtons import in_newtons
 from granphon.media.state import ContactState, Law, read_finite_overlap
 
+#: names of the media whose modules are imported when one of them is asked for
+SIMULATION = "simulation"
+CRYSTAL = "crystal"
+NETWORK = "network"
+
 
 @dataclass(frozen=True)
 class Option:

@@ -39,7 +39,7 @@ from granphon.base.settings import (
 from granphon.base.text import list_names, show
 from granphon.base.validation import choice, each, label, read_inside, text, truth
 from granphon.media.cells import QUICK_BALLS, CrystalCell
-from granphon.media.medium import Medium
+from granphon.media.medium import NETWORK, Medium
 from granphon.media.state import NetworkState
 from granphon.networks.faults import BAD
 from granphon.networks.network import READERS, TANGENTIAL_LAWS, ContactNetwork
@@ -237,7 +237,9 @@ class NetworkFiles(Block, kw_only=True):
     )
 
     #: name of the medium of such balls, and attributes that an arrangement of balls has too
-    medium_name: ClassVar[str] = "network"
+    medium_name: ClassVar[str] = NETWORK
+    #: whether the balls are those of a network in files, whose waves are its own
+    is_network: ClassVar[bool] = True
     kinds: ClassVar[tuple[Any, ...]] = ()
     spread: ClassVar[None] = None
     width: ClassVar[float] = 0.0
@@ -389,7 +391,7 @@ class NetworkFiles(Block, kw_only=True):
 class LoadedNetwork(NetworkState):
     """The state of a packing in files, with means over its contacts."""
 
-    medium = "network"
+    medium = NETWORK
     regime = None
     n_samples = 0
     chosen_automatically = False
@@ -468,7 +470,7 @@ class LoadedNetwork(NetworkState):
 class NetworkMedium(Medium[Any]):
     """The medium of a packing in files: its own contacts."""
 
-    name = "network"
+    name = NETWORK
     words = "packing"
 
     packing: Any

@@ -14,7 +14,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, lru_cache, partial
 from operator import attrgetter, methodcaller
 from types import NoneType
@@ -25,10 +25,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.equilibrium import Equilibrium
 from granphon.array.equilibrium_courses import EquilibriumFollower
-from granphon.array.geometry import ReducedLoad, require_small
-from granphon.array.pressed_sample import PressedSample
-from granphon.array.sample import STEP, Sample, jackknife, standard_error
+from granphon.array.geometry import require_small
+from granphon.array.options import ReducedLoad
+from granphon.array.pressed_sample import PressedEquilibrium, PressedSample
+from granphon.array.sample import STEP, Sample
 from granphon.array.stencils import Stencils
+from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.balls.diameters import Measured
 from granphon.balls.hertz import EnergyLaw, HertzLaw
 from granphon.balls.lattices import Lattice, as_direction
@@ -41,6 +43,7 @@ from granphon.base.errors import GranphonError, InputError, MechanismError, brie
 from granphon.base.memory import require_memory
 from granphon.base.progress import Progress, silent
 from granphon.base.results import held, read_only, result_class
+from granphon.base.standard_errors import jackknife, standard_error
 from granphon.base.threads import naming_lost_workers
 from granphon.base.validation import choice, finite_array, lengths, require, whole, whole_number
 from granphon.dynamics.contact_lattice import ContactLattice
@@ -49,6 +52,15 @@ from granphon.dynamics.elasticity import (
     longitudinal_modulus,
     symmetrise,
     waves_of_tensor,
+)
+from granphon.media.array_options import (
+    DEFAULT_SHAPES,
+    HISTORY_OPTIONS,
+    SAMPLE_UNITS,
+    FrictionHistory,
+    no_finite_overlap,
+    prescribe,
+    read_cells,
 )
 from granphon.media.left_out import (
     EXACT,
@@ -60,16 +72,13 @@ from granphon.media.left_out import (
     estimate_shear_deficit,
 )
 from granphon.media.loading import (
-    HISTORY_OPTIONS,
-    FrictionHistory,
     LoadedSample,
     find_equilibria,
     find_equilibrium,
-    prescribe,
     require_above,
     require_load,
 )
-from granphon.media.medium import Change, Medium, Option
+from granphon.media.medium import SIMULATION, Change, Medium, Option
 from granphon.media.newtons import in_newtons
 from granphon.media.sample_memory import estimate_memory
 from granphon.media.state import ContactState, read_finite_overlap
@@ -77,10 +86,6 @@ from granphon.statics.configuration import BOUNDARIES
 
 #: the largest seed of a sample
 _MOST_SEED = 2**64 - 1
-#: default numbers of cells of a sample, with one, two and three periods
-DEFAULT_SHAPES = {1: (16_384,), 2: (128, 128), 3: (24, 24, 24)}
-#: rule of validation for the numbers of cells in a scene; ``periods`` says how many there must be
-read_cells = partial(lengths, low=1, high=20_000)
 #: greatest numbers of balls along a side of a sample, of its cells, and of samples, far more than
 #: memory holds
 _MOST_SIDE = 2**31
@@ -186,15 +191,6 @@ class SampleLaw(EnergyLaw):
         return self.simulation.at_force(force).overlap
 
 
-#: the attributes that only samples with a history of friction have, with their units
-HISTORY_UNITS = {
-    "sliding_fraction": "1",
-    "tangential_ratio": "1",
-    "work": "J",
-    "dissipated_energy": "J",
-}
-
-
 @result_class
 class SimulatedState(ContactState):
     """The contacts of simulated samples: means over the samples, and the samples themselves.
@@ -216,7 +212,7 @@ class SimulatedState(ContactState):
     :class:`~granphon.base.errors.InputError` if such a state is made with True.
     """
 
-    units = {**ContactState.units, "contact_force_fluctuation": "1", **HISTORY_UNITS}
+    units = {**ContactState.units, **SAMPLE_UNITS}
 
     law: HertzLaw | SampleLaw = held(HertzLaw | SampleLaw, repr=False)
     samples: tuple[Sample | PressedSample, ...] = held(
@@ -801,7 +797,7 @@ class DirectSimulation(Medium[SimulatedState]):
         **HISTORY_OPTIONS,
     }
 
-    name = "simulation"
+    name = SIMULATION
     words = "simulation"
 
     def __post_init__(self) -> None:
@@ -1404,7 +1400,7 @@ class DirectSimulation(Medium[SimulatedState]):
         """Return the first sample under one load, with the same numbers as in a state.
 
         ``before`` holds the overlap and displacements of its equilibrium under the previous load,
-        in the order of :func:`~granphon.media.loading.sort_by_load`; None for the first load.
+        in the order of :func:`~granphon.media.array_options.sort_by_load`; None for the first load.
         """
         deviations = read_only(self.deviations(0))
         stencils = Stencils(self.cells, workers=self.workers, lattice=self.packing.structure)
@@ -1412,6 +1408,41 @@ class DirectSimulation(Medium[SimulatedState]):
             deviations, stencils, load, before, self.ratio, self.boundary
         )
         return Sample(self.packing, self.seed_of(0), equilibrium)
+
+    def average(self, samples: Sequence[Any], load: Load) -> SimulatedState:
+        """Return the state of ``samples``, or of the numbers that are kept of them, as
+        :meth:`SimulatedState.of`.
+        """
+        return SimulatedState.of(self, samples, load)
+
+    def list_balls(self, sample: Sample | PressedSample) -> dict[str, Array]:
+        """Return the arrays of which :meth:`restore_sample` makes a sample again, by name.
+
+        They are those of its equilibrium but the deviations, which are drawn again from the seed;
+        at rest without friction also ``derivatives``, of the stiffness.
+        """
+        equilibrium: Any = sample.equilibrium
+        arrays = {name: getattr(equilibrium, name) for name in _list_kept(type(equilibrium))}
+        balls = {name: np.asarray(array) for name, array in arrays.items() if array is not None}
+        if not self.history.is_loaded:  # after a history they follow from the elastic tensors
+            balls["derivatives"] = np.array([equilibrium.stiffness, equilibrium.stiffness_slope])
+        return balls
+
+    def restore_sample(self, balls: Mapping[str, Array]) -> Sample | PressedSample:
+        """Return the first sample from its arrays by name, as :meth:`list_balls` lists them."""
+        seed = self.seed_of(0)
+        kind: type[Equilibrium] = TrueEquilibrium if self.ratio else Equilibrium
+        if self.history.is_loaded:
+            kind = PressedEquilibrium
+        arrays: dict[str, Any] = {name: balls[name] for name in _list_kept(kind) if name in balls}
+        deviations = read_only(self.deviations(0))
+        structure = self.packing.structure
+        equilibrium: Any = kind(deviations=deviations, lattice=structure, **arrays)
+        if self.history.is_loaded:
+            return PressedSample(self.packing, seed, equilibrium, self.history.shear_response)
+        # the derivatives are put where the equilibrium keeps them, so that it does not solve again
+        vars(equilibrium)["_derivatives"] = tuple(balls["derivatives"].tolist())
+        return Sample(self.packing, seed, equilibrium)
 
     @in_newtons
     def require(self, load: Load) -> None:
@@ -1469,6 +1500,13 @@ class DirectSimulation(Medium[SimulatedState]):
         return slowness * self.samples * max(balls, _LEAST_SAMPLE[self.is_exact])
 
 
+def _list_kept(kind: type[Equilibrium]) -> list[str]:
+    """Return the names of the arrays of an equilibrium that are kept of a sample: not the
+    deviations, which are drawn again, nor the lattice, which is that of the packing.
+    """
+    return [field.name for field in fields(kind) if field.name not in ("deviations", "lattice")]
+
+
 def _read_path(load: Load | None, values_of_kinds: Mapping[str, ArrayLike | None]) -> Load:
     """Return the loads of a path, from a ``load`` or from the values of one kind, in SI;
     InputError unless just one of both is given.
@@ -1498,18 +1536,6 @@ def _compute_exponent(means: Array) -> Array:
     """
     rise, modulus, stiffness, force = np.moveaxis(means, -1, 0)
     return np.asarray(0.5 * force * rise / (stiffness * modulus))
-
-
-def no_finite_overlap(medium: str) -> InputError:
-    """Return the error for terms of finite overlap in a ``medium`` that is, or may become, a
-    simulation.
-    """
-    return InputError(
-        f"the medium {medium!r} has no terms of finite overlap",
-        "Its linear response is found in the limit of spread and overlap small against the"
-        " diameter",
-        "Leave finite_overlap out, simulate with geometry exact, or take another medium",
-    )
 
 
 @lru_cache(maxsize=64)

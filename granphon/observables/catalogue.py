@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from inspect import getattr_static
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,8 +24,7 @@ from granphon.base.quantities import is_si
 from granphon.base.registry import Registry
 from granphon.base.text import spell
 from granphon.base.validation import one_of
-from granphon.media.arrangement import Balls
-from granphon.media.simulation import SimulatedState
+from granphon.media.array_options import SAMPLE_UNITS
 from granphon.media.state import ContactState
 from granphon.observables.validity import Validity, validity
 from granphon.observables.velocities import (
@@ -36,6 +35,12 @@ from granphon.observables.velocities import (
     sound_velocities,
 )
 
+if TYPE_CHECKING:
+    from granphon.media.arrangement import Balls
+
+#: units of the attributes of simulated states, which have those of all states of packings, and
+#: those of samples
+_STATE_UNITS = {**ContactState.units, **SAMPLE_UNITS}
 #: what must be worked out to find an observable: nothing beyond the packing; the state; the long
 #: waves of the state; its long waves at neighbouring loads, for which a simulation solves two more
 #: equilibria; a pulse through each sample, its spectral functions, or its density of states; bands,
@@ -229,7 +234,7 @@ def _make_state_entry(name: str, title: str, **fields: Any) -> Observable:
         has_attribute = getattr_static(state, name, None) is not None
         return getattr(state, name) if has_attribute else None
 
-    return Observable(name, SimulatedState.units[name], title, find=find, **fields)
+    return Observable(name, _STATE_UNITS[name], title, find=find, **fields)
 
 
 def _make_velocity_entry(name: str, title: str, **fields: Any) -> Observable:
@@ -281,7 +286,7 @@ def _make_load_error_entry(name: str, title: str) -> Observable:
     error_name = f"{name}_error"
     return Observable(
         error_name,
-        SimulatedState.units[name],
+        _STATE_UNITS[name],
         title,
         find=lambda analysis: analysis.state.mean_errors.get(error_name),
         swept=False,
@@ -364,7 +369,7 @@ _OBSERVABLES = (
     _make_state_entry("shear_stiffness", "shear stiffness of a contact"),
     Observable(
         "pressure",
-        SimulatedState.units["pressure"],
+        _STATE_UNITS["pressure"],
         "force per length of boundary",
         per_dimension="pressure",
         find=_or_none(lambda analysis: analysis.state.pressure),

@@ -26,6 +26,7 @@ from granphon.dynamics.sensitivities import (
     Sensitivities,
     add_growth,
     average_equal,
+    list_contact_units,
     name_units,
     number_equal,
     sum_kinds,
@@ -127,26 +128,6 @@ def _stack(parts: list[dict[str, Any]], shape: tuple[int, ...]) -> dict[str, Any
     return fields
 
 
-def _list_contact_units(network: ContactNetwork) -> dict[str, Any]:
-    """Return what one in reduced units is in SI, of each parameter of a contact that the network
-    has; of the force, which is over the distance in reduced units, for each contact (n_c,).
-    """
-    units = network.scales
-    twist_unit = units.stiffness * units.length**2
-    by_contact: dict[str, Any] = {
-        "normal_stiffness": units.stiffness,
-        "shear_stiffness": units.stiffness,
-        "torsion": twist_unit,
-        "bending": twist_unit,
-    }
-    if network.prestress:
-        by_contact["normal_force"] = units.stiffness * network.distance
-        by_contact["tangential_growth"] = 1.0 / units.length
-    if not (network.ball_motions.rotate or np.any(network.shear_stiffness)):
-        del by_contact["shear_stiffness"]
-    return by_contact
-
-
 def _make_slopes(network: ContactNetwork, products: dict[str, Array]) -> dict[str, Any]:
     """Return derivatives (..., n_c) by parameters of the contacts in SI units, from sums of
     ``products`` (n_c, ...) of deformations in reduced units. None stands for parameters that the
@@ -154,10 +135,12 @@ def _make_slopes(network: ContactNetwork, products: dict[str, Array]) -> dict[st
     """
     fields: dict[str, Any] = dict.fromkeys(STIFFNESSES.values())
     example = next(iter(products.values()))
-    for name, unit in _list_contact_units(network).items():
+    by_contact = list_contact_units(network, network.scales)
+    if not (network.ball_motions.rotate or np.any(network.shear_stiffness)):
+        del by_contact["shear_stiffness"]
+    for name, unit in by_contact.items():
         values = products.get(name, np.zeros_like(example))
-        sign = -1.0 if name == "normal_force" else 1.0
-        fields[name] = sign * np.moveaxis(values, 0, -1) / unit
+        fields[name] = np.moveaxis(values, 0, -1) / unit
     by_growth = fields.pop("tangential_growth")
     if network.prestress:
         add_growth(fields, network, by_growth)

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from functools import cached_property
 from operator import attrgetter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,10 +18,12 @@ from granphon.base.arrays import Array
 from granphon.base.results import Result, held, result_class
 from granphon.media.left_out import expect_shear_deficit, find_left_out
 from granphon.media.limits import Check, check_limit
-from granphon.media.simulation import DirectSimulation
 from granphon.media.state import as_state, ideal_lattice
 from granphon.networks.consistency import Comparison, compare_forces, compare_numbers
 from granphon.networks.network import ContactNetwork
+
+if TYPE_CHECKING:
+    from granphon.media.simulation import DirectSimulation
 
 #: spread of log(k^3/f d*) of contacts that follow Hertz's law, over that of log f, at most, and
 #: what digits of a file add

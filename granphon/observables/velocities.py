@@ -12,13 +12,13 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granphon.array.sample import jackknife, standard_error
 from granphon.balls.lattices import as_direction
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, InstabilityError, UnreachableFrequencyError, brief
 from granphon.base.memory import require_memory
 from granphon.base.progress import Progress, silent
 from granphon.base.results import Result, held, result_class
+from granphon.base.standard_errors import jackknife, standard_error
 from granphon.base.validation import finite_array, texts
 from granphon.dynamics.branches import AcousticBranch, AcousticBranches, follow_acoustic_branches
 from granphon.dynamics.contact_lattice import ContactLattice

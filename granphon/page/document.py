@@ -113,12 +113,28 @@ class Picture:
 
     def write_markdown(self, folder: str = "") -> str:
         """Return the picture as Markdown, which names its file in a ``folder``."""
-        path = "/".join(filter(None, [folder, self.name]))
-        return f"![{_mark(self.caption)}]({quote(path)})"
+        return f"![{_mark(self.caption)}]({_join_path(folder, self.name)})"
+
+
+@dataclass(frozen=True)
+class Link:
+    """A sentence that ends in the name of a file beside the results, with a link to it."""
+
+    text: str
+    name: str
+
+    def write_html(self, folder: str = "") -> str:
+        """Return the sentence as HTML, whose link leads to the file in a ``folder``."""
+        link = f'<a href="{_join_path(folder, self.name)}">{escape(self.name)}</a>'
+        return f"<p>{escape(self.text)} {link}.</p>"
+
+    def write_markdown(self, folder: str = "") -> str:
+        """Return the sentence as Markdown, whose link leads to the file in a ``folder``."""
+        return f"{_mark(self.text)} [{_mark(self.name)}]({_join_path(folder, self.name)})."
 
 
 #: a part of a section
-Block = Text | Items | Code | Rows | Picture
+Block = Text | Items | Code | Rows | Picture | Link
 
 
 @dataclass(frozen=True)
@@ -129,8 +145,10 @@ class Section:
     blocks: Sequence[Block]
 
 
-def write_html(title: str, sections: Iterable[Section]) -> str:
-    """Return the sections as one page of HTML that needs no other file and runs no program."""
+def write_html(title: str, sections: Iterable[Section], folder: str = "") -> str:
+    """Return the sections as one page of HTML that needs no other file and runs no program; links
+    lead to files in a ``folder``.
+    """
     pieces = [
         "<!DOCTYPE html>",
         '<html lang="en"><head><meta charset="utf-8">',
@@ -141,21 +159,32 @@ def write_html(title: str, sections: Iterable[Section]) -> str:
     ]
     for section in sections:
         pieces.append(f"<h2>{escape(section.title)}</h2>")
-        pieces += [block.write_html() for block in section.blocks]
+        for block in section.blocks:
+            if isinstance(block, Link):
+                pieces.append(block.write_html(folder))
+            else:
+                pieces.append(block.write_html())
     return "\n".join([*pieces, "</body></html>", ""])
 
 
 def write_markdown(title: str, sections: Iterable[Section], folder: str = "") -> str:
-    """Return the sections as Markdown; pictures are named, as files in a ``folder``, not held."""
+    """Return the sections as Markdown; pictures are named, as files in a ``folder``, not held, and
+    links lead there.
+    """
     pieces = [f"# {_mark(title)}"]
     for section in sections:
         pieces.append(f"## {_mark(section.title)}")
         for block in section.blocks:
-            if isinstance(block, Picture):
+            if isinstance(block, Picture | Link):
                 pieces.append(block.write_markdown(folder))
             else:
                 pieces.append(block.write_markdown())
     return "\n\n".join(pieces) + "\n"
+
+
+def _join_path(folder: str, name: str) -> str:
+    """Return the address of a file in a ``folder``, which may be empty."""
+    return quote("/".join(filter(None, [folder, name])))
 
 
 def _mark(text: str) -> str:

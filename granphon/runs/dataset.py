@@ -51,7 +51,6 @@ from granphon.base.text import (
 )
 from granphon.base.validation import find_unit_of
 from granphon.dynamics.elasticity import voigt_names
-from granphon.media.arrangement import Balls
 from granphon.media.choice import is_exact_label
 from granphon.observables.catalogue import CATALOGUE, WAVE_COSTS, entry_of
 from granphon.runs.execution import solve_all
@@ -74,6 +73,7 @@ if TYPE_CHECKING:
     from xarray import DataArray
     from xarray import Dataset as Dataset
 
+    from granphon.media.arrangement import Balls
     from granphon.waves.settings import WaveSettings
 else:
     Dataset = Any  # what only names the type does not load xarray

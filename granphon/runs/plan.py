@@ -32,12 +32,9 @@ from granphon.base.errors import (
 from granphon.base.progress import Progress, silent
 from granphon.base.staging import ResultFiles, is_whole
 from granphon.media import cost as costs
-from granphon.media.arrangement import Balls
 from granphon.media.choice import MEDIA, MediumChoice, ServingMedium
 from granphon.media.cost import Cost
 from granphon.media.limits import Check
-from granphon.media.network_file import NetworkMedium
-from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import Analysis
 from granphon.observables.validity import expect_checks, validity
@@ -65,6 +62,8 @@ from granphon.waves.settings import (
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
+    from granphon.media.arrangement import Balls
+    from granphon.media.simulation import DirectSimulation
     from granphon.networks.network import ContactNetwork
 
 
@@ -553,9 +552,10 @@ class Plan:
             for serving in planned.serving_media
             if not serving.is_quick
         }
-        for name, medium in MEDIA.items():
-            if name in slow_names and medium.slow_part:
-                left_out.append(medium.slow_part)
+        for name in MEDIA:
+            slow_part = MEDIA[name].slow_part if name in slow_names else ""
+            if slow_part:
+                left_out.append(slow_part)
         entries = (entry for entry in map(_note_limits, cases) if entry.has_states)
         return entries, " and ".join(left_out)
 
@@ -832,7 +832,7 @@ class Plan:
             cost = costs.bands(self._n_path_points, self._n_branches)
             parts.append((("phonopy", "band_points"), "Take fewer points", cost))
         # that of a packing in files is of its own network
-        is_of_lattice = self.grid.packing.medium_name != NetworkMedium.name
+        is_of_lattice = not self.grid.packing.is_network
         if "dos" in self.observe and self.mesh is not None and is_of_lattice:
             cost = costs.density_of_states(self.mesh, self._n_branches)
             parts.append((("phonopy", "mesh"), "Take a coarser mesh", cost))

@@ -19,7 +19,7 @@ import hashlib
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import islice
 from types import SimpleNamespace
@@ -28,10 +28,6 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.equilibrium import Equilibrium
-from granphon.array.pressed_sample import PressedEquilibrium, PressedSample
-from granphon.array.sample import Sample
-from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import (
@@ -43,15 +39,12 @@ from granphon.balls.packing import (
 )
 from granphon.base.errors import ConvergenceError, GranphonError, InputError, MechanismError
 from granphon.base.registry import list_added
-from granphon.base.results import plain, read_only
+from granphon.base.results import plain
 from granphon.base.text import counted
-from granphon.media.arrangement import Balls
+from granphon.media.array_options import HISTORY_UNITS, sort_by_load
 from granphon.media.choice import MediumChoice, ServingMedium
 from granphon.media.limits import Check
-from granphon.media.loading import sort_by_load
-from granphon.media.network_file import NetworkMedium
 from granphon.media.newtons import write_newtons
-from granphon.media.simulation import HISTORY_UNITS, DirectSimulation, SimulatedState
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import Analysis, find_all, warn_of_missing_error
 from granphon.observables.velocities import warn_of_free_branches
@@ -62,6 +55,10 @@ from granphon.runs.workers import packages
 from granphon.waves.settings import BandsSettings, SurfaceSettings, WaveSettings
 
 if TYPE_CHECKING:
+    from granphon.array.pressed_sample import PressedSample
+    from granphon.array.sample import Sample
+    from granphon.media.arrangement import Balls
+    from granphon.media.simulation import DirectSimulation, SimulatedState
     from granphon.phonons.phonons import Phonons
 
 Array = NDArray[Any]
@@ -274,8 +271,7 @@ class Case:
         # lattices, but for packings in files, have no waves but those of networks, and their
         # exponents cost nothing
         lattice_waves = self.request.waves
-        is_network = self.packing.medium_name == NetworkMedium.name
-        if lattice_waves is not None and not is_network:
+        if lattice_waves is not None and not self.packing.is_network:
             networks = lattice_waves.of_networks
             lattice_waves = WaveSettings(of_networks=networks) if networks else None
         lattice_request = replace(self.request, waves=lattice_waves, exponents=True)
@@ -694,7 +690,7 @@ def _average_samples(
     """Return the state of the ``samples`` of a ``simulation`` under a ``load``, or of their
     records; the state says whether its medium was chosen.
     """
-    state = SimulatedState.of(simulation, samples, load)
+    state = simulation.average(samples, load)
     return replace(state, chosen_automatically=serving.chosen_automatically)
 
 
@@ -977,15 +973,7 @@ class SampleTask(MediumTask):
         result = SampleRecord.to_result(records)
         if not request.whole:
             return result
-        equilibrium = samples[0].equilibrium
-        balls = {
-            name: np.asarray(getattr(equilibrium, name))
-            for name in _list_kept_fields(type(equilibrium))
-            if getattr(equilibrium, name) is not None
-        }
-        if not isinstance(samples[0], PressedSample):
-            # after a history the derivatives follow from the elastic tensors
-            balls["derivatives"] = np.array([equilibrium.stiffness, equilibrium.stiffness_slope])
+        balls = self.simulation.list_balls(samples[0])
         # a request that keeps balls has one load, whose axis comes first
         return result | {_BALLS + name: values[None] for name, values in balls.items()}
 
@@ -1064,33 +1052,16 @@ def restore_sample(simulation: DirectSimulation, result: TaskResult) -> Sample |
     """Return the one sample of a ``simulation`` at its one load, with the balls and the elastic
     tensors in the ``result`` of its task; deviations of diameters are drawn again from the seed.
     """
-    packing = simulation.packing
-    seed = simulation.seed_of(0)
-    history = simulation.history
-    kind: type[Equilibrium] = TrueEquilibrium if simulation.ratio else Equilibrium
-    if history.is_loaded:
-        kind = PressedEquilibrium
-    names = [name for name in _list_kept_fields(kind) if _BALLS + name in result]
-    balls: dict[str, Any] = {name: result[_BALLS + name][0] for name in names}
-    deviations = read_only(simulation.deviations(0))
-    equilibrium: Any = kind(deviations=deviations, lattice=packing.structure, **balls)
-    if history.is_loaded:
-        response = history.shear_response
-        sample: Sample | PressedSample = PressedSample(packing, seed, equilibrium, response)
-    else:
-        # the derivatives are put where the equilibrium keeps them, so that it does not solve again
-        vars(equilibrium)["_derivatives"] = tuple(result[_BALLS + "derivatives"][0].tolist())
-        sample = Sample(packing, seed, equilibrium)
+    balls = {
+        name.removeprefix(_BALLS): rows[0]
+        for name, rows in result.items()
+        if name.startswith(_BALLS)
+    }
+    sample = simulation.restore_sample(balls)
     tensors = {name: rows[0] for name, rows in result.items() if name.startswith("elastic_")}
     waves = SampleRecord.from_result(result, 0).of_waves
     vars(sample).update(tensors, of_waves=waves)
     return sample
-
-
-def _list_kept_fields(kind: type[Equilibrium]) -> list[str]:
-    """Return the names of the arrays of an equilibrium that are kept in the result of a task."""
-    # the deviations are drawn again from the seed, and the lattice is that of the packing
-    return [field.name for field in fields(kind) if field.name not in ("deviations", "lattice")]
 
 
 # -- paths of loads that end early -----------------------------------------------------------------

@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from granphon.array.sample import Sample, standard_error
+from granphon.array.sample import Sample
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.arrays import Index
@@ -45,6 +45,7 @@ from granphon.base.errors import (
     StoppedEarlyWarning,
 )
 from granphon.base.results import Result
+from granphon.base.standard_errors import standard_error
 from granphon.base.tables import Heading, table_text
 from granphon.base.text import counted
 from granphon.base.validation import index_array

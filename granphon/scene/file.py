@@ -11,7 +11,7 @@ import math
 import os
 import re
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from copy import deepcopy
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ from functools import partial, reduce
 from importlib.resources import files
 from operator import getitem
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from granphon.balls.lattices import TRIANGULAR, Lattice, find_lattice
 from granphon.balls.loads import Load
@@ -44,8 +44,8 @@ from granphon.base.scales import write_quantity
 from granphon.base.settings import NEEDED, Setting, list_settings
 from granphon.base.text import Document, parse_yaml, plain_yaml, read_text, show
 from granphon.base.validation import block, read_inside, refuse_unknown_key
-from granphon.media.arrangement import Arrangement, CrystalMedium
-from granphon.media.network_file import NetworkFiles, NetworkMedium
+from granphon.media.medium import CRYSTAL, NETWORK
+from granphon.media.network_file import NetworkFiles
 from granphon.phonons.paths import BandPath
 from granphon.runs.plan import Places
 from granphon.scene import rules
@@ -58,6 +58,9 @@ from granphon.scene.rules import (
 )
 from granphon.waves.settings import BLOCKS as WAVE_BLOCKS
 from granphon.waves.settings import named_tables
+
+if TYPE_CHECKING:
+    from granphon.media.arrangement import Arrangement
 
 #: column at which the words of a key stand in a preset, and the most letters of them in a line
 _WORDS_COLUMN = 38
@@ -120,8 +123,8 @@ _FILES_BLOCKS = ("network",)
 #: the blocks of the balls of a scene, by the name of the medium that such balls have
 _BLOCKS_OF_MEDIA = {
     "": _NEEDED_BLOCKS[:2],
-    CrystalMedium.name: _CRYSTAL_BLOCKS,
-    NetworkMedium.name: _FILES_BLOCKS,
+    CRYSTAL: _CRYSTAL_BLOCKS,
+    NETWORK: _FILES_BLOCKS,
 }
 #: content of a block "load" of a packing, and of a crystal, in words for messages
 _ONE_LOAD = "exactly one of force, pressure, overlap, or side_force with balls_per_side"
@@ -142,7 +145,7 @@ def write_blocks(scene: Any, context: Context) -> dict[str, Any]:
     blocks: dict[str, Any] = {}
     absent_blocks = {block for blocks in _BLOCKS_OF_MEDIA.values() for block in blocks}
     absent_blocks -= {*_BLOCKS_OF_MEDIA[scene.packing.medium_name]}
-    if scene.packing.medium_name == NetworkMedium.name:
+    if scene.packing.is_network:
         absent_blocks |= {"load", "medium"}
     for name, settings in BLOCKS.items():
         has_no_waves = name in WAVE_BLOCKS and _find_value(scene, name, "") is None
@@ -356,25 +359,30 @@ def _make_arrangement(document: Document, kinds: Any, settings: Mapping[str, Any
             "Each site has its kind.",
             ("crystal", "kinds"),
         )
+    from granphon.media.arrangement import Arrangement  # scenes of packings load no crystal
+
+    make = partial(Arrangement, kinds)
     arguments = {"order" if key == "kinds" else key: value for key, value in settings.items()}
     try:
-        return Arrangement(kinds, **arguments)
+        return make(**arguments)
     except GranphonError as error:
-        path = ("crystal", *_find_failing_step(kinds, arguments))
+        path = ("crystal", *_find_failing_step(make, arguments))
         raise document.error(path, str(error)) from None
 
 
-def _find_failing_step(kinds: Any, arguments: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the key of the step in making a crystal that fails, alone in a tuple: the crystal can
-    be made of its ``arguments`` without this step and the later ones. Empty if the crystal cannot
-    be made even with none of the steps.
+def _find_failing_step(
+    make: Callable[..., Arrangement], arguments: Mapping[str, Any]
+) -> tuple[str, ...]:
+    """Return the key of the step in making a crystal that fails, alone in a tuple: ``make`` makes
+    the crystal of its ``arguments`` without this step and the later ones. Empty if the crystal
+    cannot be made even with none of the steps.
     """
     steps = ("repeat", "cut", "replace", "remove")  # in the order in which they are done
     failing: tuple[str, ...] = ()
     for index, step in enumerate(steps):
         earlier = {key: value for key, value in arguments.items() if key not in steps[index:]}
         with suppress(GranphonError):
-            Arrangement(kinds, **earlier)
+            make(**earlier)
             failing = (step,)
     return failing
 

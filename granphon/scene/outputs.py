@@ -25,7 +25,7 @@ from granphon.base.errors import GranphonError, InputError, brief, one_line
 from granphon.base.registry import Registry
 from granphon.base.tables import Heading, table_text
 from granphon.base.text import dump_yaml, parse_yaml, read_yaml, require_schema
-from granphon.media.network_file import TABLES, NetworkMedium
+from granphon.media.network_file import TABLES
 from granphon.observables.catalogue import CATALOGUE, is_free
 from granphon.waves.settings import RESPONSES
 
@@ -257,12 +257,12 @@ def _has_sample(scene: Any) -> bool:
 
 def _has_files(scene: Any) -> bool:
     """Whether the packing of a scene is that of another program, in files."""
-    return bool(scene.packing.medium_name == NetworkMedium.name)
+    return bool(scene.packing.is_network)
 
 
 def _has_own_density(scene: Any) -> bool:
     """Whether the one state of a scene has a density of states of its own network."""
-    return scene.packing.medium_name == NetworkMedium.name or bool(scene.serving.arrays)
+    return scene.packing.is_network or bool(scene.serving.arrays)
 
 
 def _has_friction(scene: Any) -> bool:
@@ -855,7 +855,7 @@ for _row in (
         ("dos.csv",),
         observed="dos",
         states="one",
-        when=lambda scene: scene.packing.medium_name != NetworkMedium.name,
+        when=lambda scene: not scene.packing.is_network,
         find=lambda run: run.phonons.dos(mesh=run.scene.mesh),
         write=partial(_write_value, "dos", "dos.csv", "write_csv"),
         read=partial(_read_by, "DensityOfStates", "read_csv"),
@@ -869,9 +869,7 @@ for _row in (
         ("dos.png",),
         observed="dos",
         states="one",
-        when=lambda scene: (
-            "bands" not in scene.observe and scene.packing.medium_name != NetworkMedium.name
-        ),
+        when=lambda scene: "bands" not in scene.observe and not scene.packing.is_network,
         draw=_draw_bands,
         source="dos.csv",
         rank=2,

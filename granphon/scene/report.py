@@ -21,8 +21,9 @@ from granphon.base.errors import InputError, MissingFileError
 from granphon.base.scales import prefixed, write_quantity, write_uncertain, write_unit
 from granphon.base.staging import read_written_files
 from granphon.base.text import join_alike, read_bytes, read_text, read_yaml, spell
+from granphon.figures.style import pick_evenly
 from granphon.observables.catalogue import CATALOGUE
-from granphon.page.document import Block, Code, Items, Picture, Rows, Section, Text
+from granphon.page.document import Block, Code, Items, Link, Picture, Rows, Section, Text
 from granphon.scene.outputs import OUTPUTS, Export, read_summary
 
 #: endings of the files of figures that a page can hold
@@ -32,8 +33,8 @@ _NO_NUMBERS = {
     "schema", "versions", "source", "observe", "finite_overlap", "sizes", "warnings", "files",
     "units", "validity", "ok", "medium", "peaks", "errors_from",
 }  # fmt: skip
-#: greatest number of rows of the table of states
-MOST_STATES = 500
+#: greatest number of rows of the table of states, about a page
+MOST_STATES = 40
 #: columns of that table that are not observables of the command's table
 _OTHER_COLUMNS = ("exponent", "contact_fraction", "valid")
 _SHORT_NAMES = {"exponent": "local exponent"}
@@ -241,24 +242,26 @@ def _read_states(source: Path) -> list[Block]:
     n_states = dataset["valid"].size
     if n_states < 2:
         return []
+    listed = pick_evenly(n_states, MOST_STATES)
     load = find_load(dataset)
     told = [name for name, entry in CATALOGUE.items() if entry.told and name != load]
     names = [load, *map(str, dims[1:])]
     for name in (*told, *_OTHER_COLUMNS):
         if name in dataset.data_vars and dataset[name].dims == dims:
             names.append(name)
-    columns = [_write_column(dataset, name) for name in names]
+    columns = [_write_column(dataset, name, listed) for name in names]
     headings = tuple(heading for heading, _ in columns)
     rows = tuple(zip(*(texts for _, texts in columns), strict=True))
-    blocks: list[Block] = [Rows(headings, rows)]
-    if n_states > MOST_STATES:
-        blocks.append(Text(f"{MOST_STATES} of {n_states} states; sweep.csv has all of them."))
-    return blocks
+    table = Rows(headings, rows)
+    if len(listed) == n_states:
+        return [table]
+    remark = f"{len(listed)} of {n_states} states, taken evenly; all of them are in"
+    return [Link(remark, "sweep.csv"), table]
 
 
-def _write_column(dataset: Any, name: str) -> tuple[str, list[str]]:
+def _write_column(dataset: Any, name: str, listed: Any) -> tuple[str, list[str]]:
     """Return the heading, with a unit whose decimal prefix makes numbers short, and the cells of
-    the first states, of the column ``name`` of the table of states.
+    the ``listed`` states, of the column ``name`` of the table of states.
     """
     states = dataset["valid"]
     values = dataset[name].broadcast_like(states).transpose(*states.dims).values.ravel()
@@ -273,7 +276,7 @@ def _write_column(dataset: Any, name: str) -> tuple[str, list[str]]:
         finite = values[np.isfinite(values)]
         size, prefixed_unit = prefixed(float(np.max(np.abs(finite), initial=0.0)), unit)
         heading += f" ({prefixed_unit})"
-    cells = zip(values[:MOST_STATES].tolist(), errors[:MOST_STATES].tolist(), strict=True)
+    cells = zip(values[listed].tolist(), errors[listed].tolist(), strict=True)
     return heading, [_write_cell(value, error, size) for value, error in cells]
 
 

@@ -1039,8 +1039,8 @@ CRYSTAL: dict[str, Setting] = {
         "how each ball moves, see [lattices](#lattices)",
         "as in `packing`",
     ),
-    "torsion": Setting(PARTS["torsion"], "as in `packing`", "`0`"),
-    "bending": Setting(PARTS["bending"], "as in `packing`", "`0`"),
+    "torsion": Setting(_unless_zero(PARTS["torsion"]), "as in `packing`", "`0`"),
+    "bending": Setting(_unless_zero(PARTS["bending"]), "as in `packing`", "`0`"),
     "on_site": Setting(
         Kind(_read_on_site, _write_on_site),
         "springs to the ground: one stiffness of displacements, or a block of `x`, `y`, `z`,"

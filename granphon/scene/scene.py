@@ -31,7 +31,6 @@ from granphon.base.results import write_html
 from granphon.base.scales import write_quantity
 from granphon.base.staging import ResultFiles, is_whole
 from granphon.base.text import counted, dump_yaml, parse_yaml, read_yaml, versions
-from granphon.dynamics.local_field import LocalField
 from granphon.media.choice import ServingMedium
 from granphon.media.cost import Cost
 from granphon.media.state import ContactState
@@ -67,6 +66,7 @@ from granphon.waves.settings import NETWORK_BLOCKS, POLARISATIONS
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
+    from granphon.dynamics.local_field import LocalField
     from granphon.phonons.bands import Bands
     from granphon.phonons.dos import DensityOfStates
     from granphon.phonons.phonons import Phonons

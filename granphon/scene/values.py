@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import KW_ONLY, dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
 
 from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.layers import Layers
@@ -19,13 +19,11 @@ from granphon.base.settings import describe_settings
 from granphon.base.tables import Heading, table_text
 from granphon.base.text import MOST_SCENE_BYTES, dump_yaml, spell
 from granphon.base.validation import read_inside, require
-from granphon.media.arrangement import Arrangement
 from granphon.media.choice import (
     MediumChoice,
     default_medium,
     require_finite_overlap,
 )
-from granphon.media.network_file import NetworkFiles, NetworkMedium
 from granphon.phonons.paths import MESHES, BandPath, read_paths
 from granphon.runs.plan import list_parameters_of_branches
 from granphon.runs.tasks import require_arrays
@@ -46,6 +44,10 @@ from granphon.waves.settings import (
     WaveSettings,
     require_losses,
 )
+
+if TYPE_CHECKING:
+    from granphon.media.arrangement import Arrangement
+    from granphon.media.network_file import NetworkFiles
 
 #: the settings of a spectrum by default
 _SPECTRUM = SpectrumSettings()
@@ -284,7 +286,7 @@ class SceneValues:
             settings = self.observed_settings(name)
             if settings is not None:
                 rows += describe_settings(settings)
-        if "dos" in self.observe and self.packing.medium_name != NetworkMedium.name:
+        if "dos" in self.observe and not self.packing.is_network:
             rows.append(("mesh", " x ".join(map(str, self.mesh)), ""))
         return rows
 
@@ -325,7 +327,7 @@ class SceneValues:
         )
         sensitivities_of_files = Conflict(
             "sensitivities",
-            self.packing.medium_name == NetworkMedium.name,
+            self.packing.is_network,
             "of a packing in files",
             "sensitivities of a packing or crystal",
             "Files have no parameters to change: gp.Phonons(network).sensitivities has"
@@ -453,7 +455,7 @@ class SceneValues:
         # of states of the array
         if self.is_single:
             waves = [name for name in waves if name != "dos"]
-        if self.packing.medium_name == NetworkMedium.name:  # its own network carries a pulse
+        if self.packing.is_network:  # its own network carries a pulse
             waves = [name for name in waves if name != "pulse"]
         if not waves:
             return
@@ -475,10 +477,11 @@ class SceneValues:
             with rules.refusing(choice.label, "a medium of these balls", "medium"):
                 choice.require_for(self.packing)
         self._require_arrays()
-        observed = [*map(self.observed_settings, WAVE_BLOCKS)]
-        for name, _values in self.parameters:
-            with rules.refusing(name, "a parameter of what is observed", "sweep"):
-                require_losses([name], observed)
+        if self.parameters:
+            observed = [*map(self.observed_settings, WAVE_BLOCKS)]
+            for name, _values in self.parameters:
+                with rules.refusing(name, "a parameter of what is observed", "sweep"):
+                    require_losses([name], observed)
         for conflict in self._list_conflicts():
             if conflict.name in self.observe and conflict.holds:
                 found = f"{conflict.name!r} {conflict.problem}"

@@ -49,10 +49,10 @@ from granphon.base.text import counted, digest
 from granphon.base.validation import choice, each, number, require, truth, whole
 from granphon.dynamics.elasticity import bulk_and_shear, longitudinal_modulus
 from granphon.laws.effective import EffectiveLaw, effective_curve, solve_curve
+from granphon.media.array_options import REFERENCE_OPTIONS, REST, FrictionHistory
 from granphon.media.choice import even_shape
 from granphon.media.cost import Cost, estimate, write_duration
 from granphon.media.left_out import LATTICE
-from granphon.media.loading import REFERENCE_OPTIONS, REST, FrictionHistory
 from granphon.media.medium import AveragedForce, AveragedLattice, EffectiveMedium
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState, ideal_lattice

@@ -10,12 +10,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granphon.array.sample import standard_error
 from granphon.balls.diameters import uniform_numbers
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.memory import require_memory
 from granphon.base.results import Result, held, result_class
+from granphon.base.standard_errors import standard_error
 from granphon.base.validation import finite_array, whole_number
 from granphon.observables.validity import network_warnings
 from granphon.waves.chebyshev import Kernel, Moments, Refinable, keeps_vectors

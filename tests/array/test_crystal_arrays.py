@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 import granphon as gp
-from granphon.array.geometry import ReducedLoad
+from granphon.array.options import ReducedLoad
 from granphon.array.rest import equilibrate
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.balls.lattices import CHAIN, FCC, HCP, KAGOME, SC, TRIANGULAR, Lattice, find_lattice

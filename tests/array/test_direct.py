@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 
-from granphon.array.geometry import ReducedLoad
+from granphon.array.options import ReducedLoad
 from granphon.array.rest import equilibrate
 from granphon.array.sparse import SparseArray
 from granphon.balls.lattices import TRIANGULAR

@@ -22,7 +22,7 @@ from scipy.sparse.linalg import splu
 import granphon as gp
 from granphon.array import linear_response
 from granphon.array.equilibrium import Equilibrium
-from granphon.array.geometry import ReducedLoad
+from granphon.array.options import ReducedLoad
 from granphon.array.rest import equilibrate
 from granphon.array.stencils import Stencils
 from granphon.balls.diameters import UniformShape

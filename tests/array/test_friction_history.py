@@ -18,9 +18,9 @@ from scipy.optimize import root
 import granphon as gp
 from granphon.array import history as module
 from granphon.array import load_step, stepper
-from granphon.array.geometry import ReducedLoad
 from granphon.array.history import LoadingHistory
 from granphon.array.minimal_residuals import solve_by_minimal_residuals
+from granphon.array.options import ReducedLoad
 from granphon.array.pressed_place import PressedGeometry
 from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.rest import equilibrate

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import granphon as gp
-from granphon.array.geometry import ReducedLoad
 from granphon.array.history import LoadingHistory
+from granphon.array.options import ReducedLoad
 from granphon.array.pressed_place import PressedGeometry
 from granphon.array.rest import equilibrate
 from granphon.array.stencils import Stencils

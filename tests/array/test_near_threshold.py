@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 
 import granphon as gp
 from granphon.array import linear_response
-from granphon.array.geometry import ReducedLoad
 from granphon.array.linear_response import find_linear_response
 from granphon.array.load_step import LinearSteps
+from granphon.array.options import ReducedLoad
 from granphon.array.preconditioners import Patches
 from granphon.array.pressed_place import PressedGeometry
 from granphon.array.rest import equilibrate

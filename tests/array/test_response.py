@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from granphon.array.geometry import ReducedLoad
+from granphon.array.options import ReducedLoad
 from granphon.array.rest import equilibrate
 from granphon.dynamics.elasticity import bulk_and_shear
 from tests.array.test_equilibrium import (

@@ -16,9 +16,10 @@ import yaml
 from scipy.integrate import simpson
 
 import granphon as gp
-from granphon.array.geometry import ActingForces, ExactGeometry, ReducedLoad
+from granphon.array.geometry import ActingForces, ExactGeometry
 from granphon.array.history import LoadingHistory
 from granphon.array.load_step import BALANCE_TOLERANCE
+from granphon.array.options import ReducedLoad
 from granphon.array.pressed_place import PressedGeometry
 from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.rest import assemble, equilibrate

@@ -35,7 +35,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import granphon as gp
-from granphon.array.pressed_sample import SHEAR_RESPONSES, PressedSample
+from granphon.array.options import SHEAR_RESPONSES
+from granphon.array.pressed_sample import PressedSample
 from granphon.array.sample import Sample
 from granphon.balls.diameters import Spread
 from granphon.balls.lattices import find_lattice

@@ -18,7 +18,7 @@ from side_by_side import Part, Row, alternate, over, run_alone, spend
 
 import granphon as gp
 from granphon.array.equilibrium import REST_TOLERANCE, Equilibrium
-from granphon.array.geometry import ReducedLoad
+from granphon.array.options import ReducedLoad
 from granphon.array.rest import equilibrate
 from granphon.array.sparse import find_step_length
 from granphon.array.stencils import Stencils

@@ -30,8 +30,8 @@ def draw(side: int) -> NDArray[np.float64]:
 
 def press(x: NDArray[np.float64], mu: float) -> float:
     """Return f* at the end of the path."""
-    from granphon.array.geometry import ReducedLoad
     from granphon.array.history import LoadingHistory
+    from granphon.array.options import ReducedLoad
     from granphon.array.stencils import Stencils
 
     history = LoadingHistory(x, Stencils(x.shape, ETA), mu)
@@ -43,7 +43,7 @@ def press(x: NDArray[np.float64], mu: float) -> float:
 
 def sweep(x: NDArray[np.float64], overlaps: NDArray[np.float64]) -> None:
     """Find equilibria without friction, from that at a* = 1/2 on each from the one before."""
-    from granphon.array.geometry import ReducedLoad
+    from granphon.array.options import ReducedLoad
     from granphon.array.rest import equilibrate
     from granphon.array.stencils import Stencils
 
@@ -57,7 +57,7 @@ def paths(repeats: int) -> list[Row]:
     """64 x 64 balls, in units of the same path without friction, of the mean of its equilibria, and
     of its last one.
     """
-    from granphon.array.geometry import ReducedLoad
+    from granphon.array.options import ReducedLoad
     from granphon.array.rest import equilibrate
 
     x, overlaps = draw(64), np.linspace(0.0, 0.5, STEPS + 1)[1:]

@@ -28,7 +28,7 @@ from side_by_side import Part, Row, alternate, over
 
 import granphon as gp
 from granphon.array.equilibrium import Equilibrium
-from granphon.array.geometry import ReducedLoad
+from granphon.array.options import ReducedLoad
 from granphon.array.rest import equilibrate
 from granphon.array.stencils import Stencils
 from granphon.balls.lattices import find_lattice

@@ -32,8 +32,8 @@ from study_simulation import PACKINGS, UNIT, WIDTH, mean_and_error
 
 import granphon as gp
 from granphon.array.equilibrium import Equilibrium
-from granphon.array.geometry import ReducedLoad
 from granphon.array.history import LoadingHistory
+from granphon.array.options import ReducedLoad
 from granphon.array.pressed_array import PressedArray
 from granphon.array.pressed_place import PressedGeometry
 from granphon.array.pressed_sample import PressedEquilibrium

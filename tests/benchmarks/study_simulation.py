@@ -22,7 +22,7 @@ from side_by_side import Part, Row, bracketed, command_line, measured
 
 import granphon as gp
 from granphon.array.equilibrium import Equilibrium
-from granphon.array.geometry import ReducedLoad
+from granphon.array.options import ReducedLoad
 from granphon.array.rest import equilibrate
 from granphon.balls.loads import Load
 from granphon.dynamics.elasticity import bulk_and_shear

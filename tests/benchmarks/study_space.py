@@ -17,7 +17,7 @@ from side_by_side import Part, Row, bracketed, command_line, measured
 from study_simulation import DIAMETER, STEEL, UNIT, WIDTH, judged, mean_and_error
 
 import granphon as gp
-from granphon.array.geometry import ReducedLoad
+from granphon.array.options import ReducedLoad
 from granphon.array.rest import equilibrate
 from granphon.array.stencils import Stencils
 from granphon.balls.lattices import Lattice, find_lattice

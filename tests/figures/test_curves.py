@@ -588,3 +588,21 @@ def rewrite(place: Path) -> None:
     text = (place / "other.yaml").read_text(encoding="utf-8")
     (place / "other.yaml").write_text(text.replace("3 N", "4 N"), encoding="utf-8")
     Scene.from_yaml(place / "other.yaml").run(place / "other", force=True, figures=False)
+
+
+def test_two_sweeps_in_one_figure_have_a_legend_of_their_values_and_not_of_their_curves(ax):
+    """12 curves: 3 widths, 2 media, 2 runs, of which each pair looks different."""
+    widths = [1e-6, 2e-6, 4e-6]
+    sweeps = {
+        name: gp.sweep(balls(material), force=[20.0, 30.0], width=widths, media=["ala", "afa"])
+        for name, material in (("mine", STEEL), ("yours", GLASS))
+    }
+    plot_together(sweeps, ax)
+    texts = [text.get_text().replace("\xa0", " ") for text in ax.get_legend().get_texts()]
+    assert {"averaged lattice", "averaged force", "W = 2 µm", "mine", "yours"} <= set(texts)
+    assert len(texts) <= 3 + 2 + 2 + 1
+    carriers = [line for line in ax.lines if str(line.get_gid()).endswith("-all")]
+    lines = [line for line in ax.lines if str(line.get_gid()).endswith("-valid")]
+    assert len(carriers) == len(lines) == 12
+    looks = {(tuple(line.get_color()), str(line._dash_pattern)) for line in lines}
+    assert len(looks) == 12

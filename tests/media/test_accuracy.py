@@ -32,8 +32,8 @@ from granphon.media.accuracy import (
     find_rows,
     read_table,
 )
+from granphon.media.array_options import REST, FrictionHistory
 from granphon.media.choice import even_shape
-from granphon.media.loading import REST, FrictionHistory
 from granphon.tradeoffs.measure import Ensemble, observe
 
 WIDTH = 2e-6

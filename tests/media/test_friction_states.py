@@ -18,8 +18,8 @@ import pytest
 import yaml
 
 import granphon as gp
-from granphon.array.geometry import ReducedLoad
 from granphon.array.history import LoadingHistory
+from granphon.array.options import ReducedLoad
 from granphon.array.stencils import Stencils
 from granphon.array.stepper import Stepper
 from granphon.balls.loads import Load

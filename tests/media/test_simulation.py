@@ -23,7 +23,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import granphon as gp
-from granphon.array.geometry import ReducedLoad
+from granphon.array.options import ReducedLoad
 from granphon.array.rest import equilibrate
 from granphon.array.sample import STEP
 from granphon.balls.loads import Load

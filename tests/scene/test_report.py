@@ -161,9 +161,14 @@ def test_results_that_are_exchanged_while_they_are_read_have_no_report(folders, 
         read_report(folders / "one")
 
 
-def test_of_very_many_states_the_first_are_listed(folders, monkeypatch):
+def test_of_very_many_states_some_are_listed_with_a_link_to_all(folders, monkeypatch):
     monkeypatch.setattr(report, "MOST_STATES", 5)
     _, parts = collect(folders / "sweep")
-    states, remark = parts["States"]
+    remark, states = parts["States"]
     assert len(states.rows) == 5
     assert "5 of 12 states" in remark.text
+    assert remark.write_html().count('href="sweep.csv"') == 1
+    assert remark.write_markdown("my out").endswith("[sweep.csv](my%20out/sweep.csv).")
+    monkeypatch.setattr(report, "MOST_STATES", 12)
+    (whole,) = collect(folders / "sweep")[1]["States"]
+    assert (states.rows[0], states.rows[-1]) == (whole.rows[0], whole.rows[-1])

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import granphon as gp
-from granphon.array.geometry import ReducedLoad
+from granphon.array.options import ReducedLoad
 from granphon.array.rest import equilibrate
 from granphon.array.stencils import Stencils
 from granphon.balls.lattices import CHAIN, FCC, HCP, TRIANGULAR
