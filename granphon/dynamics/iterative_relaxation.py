@@ -2,9 +2,10 @@
 such cells in space would not fit into memory.
 
 Conjugate gradients for all strains at once, which share each product with the sparse matrix; every
-strain has its own step. The inverse of what holds each ball alone is the preconditioner. Motions of
-single balls that deform no contact, as the rotation about the line through two contacts, are left
-out by it; other motions that cost nothing take no part, as no strain pushes them.
+strain has its own step. The preconditioner holds each ball alone and boxes of balls as rigid bodies
+(:mod:`granphon.dynamics.two_levels`). Motions of single balls that deform no contact, as the
+rotation about the line through two contacts, are left out; other motions that cost nothing take no
+part, as no strain pushes them.
 
 The energy of a strain is the least that inner motions leave. So it has twice the digits of the
 motions, and comes from above.
@@ -23,11 +24,12 @@ from granphon.base.errors import ConvergenceError, InstabilityError
 from granphon.base.progress import Progress, silent
 from granphon.dynamics.compatibility import Compatibility
 from granphon.dynamics.linalg import NO_ENERGY
+from granphon.dynamics.two_levels import BallFrame, TwoLevels, compose_boxes, invert_blocks
 
 #: size of the residual, over that at the start, with which the iteration is content: waves of
 #: motions that cost nothing are told from sound by nine digits
 _REDUCTION = 1e-11
-#: most iterations; random packings of 1e5 balls take some hundred
+#: most iterations; random packings of 1e5 balls take some fifty
 _MOST = 20_000
 
 
@@ -46,9 +48,10 @@ class IterativeRelaxation:
         self._rows = difference
         self._columns = difference.T.tocsr()
         self._progress = progress
-        self._held, self._free = _invert_blocks(
-            (self._columns @ difference).tocsr(), lattice.motions.count
-        )
+        count = lattice.motions.count
+        matrix = (self._columns @ difference).tocsr()
+        _, self._free = invert_blocks(matrix, count)
+        self._precondition = TwoLevels(matrix, count, compose_boxes(_describe_balls(lattice)))
 
     @property
     def free(self) -> Array:
@@ -107,7 +110,7 @@ class IterativeRelaxation:
         """
         motions = np.zeros_like(right)
         residual = right.copy()
-        preconditioned = np.asarray(self._held @ residual)
+        preconditioned = self._precondition(residual)
         direction = preconditioned.copy()
         sizes = np.einsum("nm,nm->m", residual, preconditioned)
         limits = _REDUCTION**2 * sizes
@@ -128,7 +131,7 @@ class IterativeRelaxation:
                 lengths = np.divide(sizes, curvature, out=np.zeros_like(sizes), where=is_open)
                 motions += lengths * direction
                 residual -= lengths * forces
-                preconditioned = np.asarray(self._held @ residual)
+                preconditioned = self._precondition(residual)
                 previous = sizes
                 sizes = np.einsum("nm,nm->m", residual, preconditioned)
                 growth = np.divide(sizes, previous, out=np.zeros_like(sizes), where=is_open)
@@ -140,31 +143,14 @@ class IterativeRelaxation:
         raise ConvergenceError(f"the balls of the network do not relax within {_MOST} iterations")
 
 
-def _invert_blocks(matrix: Any, count: int) -> tuple[Any, Any]:
-    """Return the inverses of the blocks of a sparse ``matrix`` (n, n) that hold each ball alone, of
-    ``count`` motions, and the orthonormal motions (n, m) of single balls that nothing holds; both
-    sparse.
-    """
-    from scipy.sparse import bsr_array, csr_array
-
-    size = matrix.shape[0]
-    n_balls = size // count
-    entries = matrix.tocoo()
-    is_own = entries.row // count == entries.col // count
-    rows, columns = entries.row[is_own], entries.col[is_own]
-    blocks = np.zeros((n_balls, count, count))
-    blocks[rows // count, rows % count, columns % count] = entries.data[is_own]
-    stiffness, vectors = np.linalg.eigh(blocks)
-    is_held = stiffness > NO_ENERGY * np.max(stiffness)
-    inverse = np.divide(1.0, stiffness, out=np.zeros_like(stiffness), where=is_held)
-    inverses = np.einsum("bik,bk,bjk->bij", vectors, inverse, vectors)
-    pointers = np.arange(n_balls + 1)
-    held = bsr_array((inverses, np.arange(n_balls), pointers), shape=(size, size)).tocsr()
-    balls, modes = np.nonzero(~is_held)
-    lines = balls[:, None] * count + np.arange(count)
-    numbers = np.broadcast_to(np.arange(len(balls))[:, None], lines.shape)
-    free = csr_array(
-        (vectors[balls, :, modes].ravel(), (lines.ravel(), numbers.ravel())),
-        shape=(size, len(balls)),
+def _describe_balls(lattice: Compatibility) -> BallFrame:
+    """Return where the balls of a ``lattice`` are, and what they weigh, in reduced units."""
+    missing = 3 - lattice.positions.shape[1]
+    return BallFrame(
+        np.pad(lattice.positions, ((0, 0), (0, missing))),
+        np.pad(lattice.cell, ((0, 0), (0, missing))),
+        0.5,
+        lattice.masses,
+        lattice.gyration,
+        lattice.motions,
     )
-    return held, free

@@ -93,6 +93,7 @@ _COLOURED_BY = {
     "overlap": ("Mean overlap", "m"),
     "contacts": ("Contacts", ""),
     "nonaffine": ("Non-affine displacement per shear", "m"),
+    "spin": ("Rotation per shear", "rad"),
 }
 #: what of the contacts may be shown
 Show = Literal["auto", "all", "window", "density"]
@@ -135,8 +136,9 @@ def plot_forces(
         by default the 24 diameters in the middle.
     color : what the balls of a network are coloured by: "force", the mean normal force of the
         contacts of each ball, "overlap", their mean overlap by the places, "nonaffine", the length
-        of :func:`~granphon.find_nonaffine` under a shear of one, or "contacts", their
-        number; or (n,) numbers of your own, as the spins of a mode. A bar says what colours mean.
+        of :func:`~granphon.find_nonaffine` under a shear of one, "spin", the rotation about z under
+        this shear, or "contacts", their number; or (n,) numbers of your own, as those of a mode. A
+        bar says what colours mean; of balls as of contacts, the dark ones have the large numbers.
         None for kinds.
 
     If ``ax`` is not given, a new figure, one column wide, is made. Raises
@@ -204,8 +206,14 @@ class _BallValues:
                 raise InputError(fault, mend=f"Give one of each of the {network.n_balls} balls")
             return cls(numbers, "Value", "")
         name, unit = _COLOURED_BY[one_of("color", color, _COLOURED_BY)]
-        if color == "nonaffine":
-            return cls(find_nonaffine(network).sizes, name, unit)
+        if color in ("nonaffine", "spin"):
+            motion = find_nonaffine(network)
+            if color == "nonaffine":
+                return cls(motion.sizes, name, unit)
+            if 2 not in network.ball_motions.rotations:
+                mend = 'Colour them by "nonaffine", or read the network with friction'
+                raise InputError("the balls of the network do not turn about z", mend=mend)
+            return cls(motion.rotations[:, 2], name, unit)
         contacts = np.ones(network.n_contacts)
         if color == "force":
             contacts = network.normal_force
@@ -225,7 +233,8 @@ class _BallValues:
         if low < 0.0 < high:
             greatest = max(-low, high)
             return ScalarMappable(Normalize(-greatest, greatest), "RdBu_r")
-        return ScalarMappable(Normalize(low, high if high > low else low + 1.0), "cividis")
+        # dark where numbers are large, as the colours of forces are
+        return ScalarMappable(Normalize(low, high if high > low else low + 1.0), "cividis_r")
 
     def find_colours(self, shown: NDArray[np.intp]) -> Any:
         """Return the colours (m,) of the balls with the indices ``shown`` (m,)."""

@@ -20,8 +20,11 @@ from granphon.base.scales import write_quantity
 from granphon.base.text import counted
 from granphon.base.validation import frequency_array, one_of, whole_number
 from granphon.dynamics.damping import Losses
+from granphon.dynamics.lowest_modes import size_block
 from granphon.media.cost import Cost, Units, time_once
+from granphon.waves.branches import read_wavevectors
 from granphon.waves.chebyshev import Kernel
+from granphon.waves.lowest import estimate_lowest
 from granphon.waves.modes import DENSE, estimate_modes
 from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import PulseSource, count_products
@@ -56,6 +59,7 @@ class WaveEstimate:
             "dos": self._find_density,
             "spectral_function": self._find_spectra,
             "modes": self._find_modes,
+            "branches": self._find_branches,
             "count_modes": self._find_counts,
             "response": self._find_response,
             "transmit": self._find_pulse,
@@ -101,12 +105,12 @@ class WaveEstimate:
             parts=(f"{words} of {counted(n_balls, 'ball')}, by factors",),
         )
 
-    def _make_dense(self, words: str) -> Cost:
-        """Return the cost of a dense matrix of D."""
+    def _make_dense(self, words: str, count: float = 1.0) -> Cost:
+        """Return the cost of ``count`` dense matrices of D, one after the other."""
         size = self.operator.size
         return Cost(
             4.0 * 8.0 * size**2,
-            units=(Units(float(size) ** 3, lambda: _DENSE_TIME),),
+            units=(Units(count * float(size) ** 3, lambda: _DENSE_TIME),),
             parts=(f"{words} of {counted(self.operator.balls.size, 'ball')}",),
         )
 
@@ -148,6 +152,21 @@ class WaveEstimate:
         if work.factors:
             return self._make_factors(counted(count, "mode"), work.factors)
         return self._make(counted(count, "mode"), work.products, work.together, work.memory)
+
+    def _find_branches(self, q: Any, count: int = 6) -> Cost:
+        """Return the cost of branches; complex numbers take twice the time and memory."""
+        operator = self.operator
+        wavevectors = read_wavevectors(operator, q)
+        words = (
+            f"{counted(count, 'branch', 'branches')} at {counted(len(wavevectors), 'wave vector')}"
+        )
+        if operator.size <= DENSE:
+            return self._make_dense(words, float(len(wavevectors)))
+        together = size_block(whole_number("count", count, 1))
+        products, memory = estimate_lowest(operator, together)
+        return self._make(
+            words, 2.0 * len(wavevectors) * products, together, 2.0 * memory + self._matrix_bytes
+        )
 
     def _find_counts(self, frequencies: Any) -> Cost:
         """Return the cost of counts of modes."""

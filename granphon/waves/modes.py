@@ -4,7 +4,8 @@ Small matrices are dense. Larger matrices are factorised at a shift, and Lanczos
 nearest to the shift; the factors also say, by Sylvester's law of inertia, how many eigenvalues are
 below a value, so that none is missed.
 
-Where the factors would be too large, modes of a window of frequencies are filtered out of random
+Where the factors would be too large, the lowest modes are found by a block of vectors
+(:mod:`granphon.waves.lowest`), and modes of a window of frequencies are filtered out of random
 vectors. With omega = top cos(phi/2) the polynomials T_n(2 D / top^2 - 1) are cos(n phi). A filter
 is a sum of polynomials up to the order M that lies in a window of phi, of the width 2 H, as much as
 the order allows: its coefficients are one of Slepian's sequences (Bell Syst. Tech. J. 57, 1371
@@ -41,6 +42,7 @@ from granphon.dynamics.damping import DampedModes, Losses, damp_evenly, damp_une
 from granphon.dynamics.deformation_rows import network_unit_rows
 from granphon.dynamics.factors import Elimination, Factors, factorise
 from granphon.dynamics.linalg import find_nearest, lanczos_converges
+from granphon.dynamics.lowest_modes import size_block
 from granphon.dynamics.sensitivities import (
     FrequencySensitivities,
     ModeEnergies,
@@ -53,6 +55,7 @@ from granphon.dynamics.sensitivities import (
 from granphon.networks.network import ContactNetwork
 from granphon.observables.validity import network_warnings
 from granphon.waves.chebyshev import Kernel, Moments, polynomials
+from granphon.waves.lowest import RESIDUAL, estimate_lowest, find_lowest
 from granphon.waves.operator import WaveOperator, explain_instability
 
 #: most motions of a network all of whose modes are found at once, by a dense matrix
@@ -61,9 +64,6 @@ DENSE = 600
 ZERO = 1e-6
 #: square of a frequency of a ball that moves alone, over top^2, up to which it is rounding of zero
 _FREE_SQUARE = 1e-14
-#: largest |D x - omega^2 x| / top^2 of a mode x of norm one; the error of omega^2 is the square of
-#: this residual over the distance of other modes
-RESIDUAL = 1e-8
 #: random vectors of the density of states from which the window follows
 _VECTORS = 4
 #: Chebyshev moments of that density
@@ -202,6 +202,16 @@ class Problem:
         entries = vectors[balls, :, modes][is_held]
         starts = m * np.arange(len(entries) + 1)
         return csc_array((entries.ravel(), rows[is_held].ravel(), starts), (size, len(entries)))
+
+    def find_idle(self) -> Any:
+        """Return sparse, orthonormal motions (size, k) that cost no energy: those without a spring,
+        and :attr:`free_motions`.
+        """
+        from scipy.sparse import eye_array, hstack
+
+        unit = eye_array(self.operator.size, format="csc")
+        loose = np.setdiff1d(np.arange(self.operator.size), self.live)
+        return hstack([unit[:, loose], unit[:, self.live] @ self.free_motions], format="csr")
 
     @cached_property
     def _entries(self) -> list[Any]:
@@ -696,6 +706,10 @@ def estimate_modes(operator: WaveOperator, count: int, nearest: float | None) ->
         return ModesWork(is_dense=True)
     if _has_factors(operator):
         return ModesWork(factors=_FACTORS_OF_MODES)
+    if _read_target(nearest) <= ZERO * problem.top:
+        together = size_block(count + _count_rigid(operator))
+        products, memory = estimate_lowest(operator, together)
+        return ModesWork(products=products, together=together, memory=memory)
     search = _FilterSearch(problem, count, _read_target(nearest))
     window, starts = search.choose_window()
     _require_affordable(problem, window, starts, count, InputError)
@@ -998,7 +1012,7 @@ def find_modes(operator: WaveOperator, count: int, nearest: float | None) -> Net
     elif size <= LARGEST_FACTORS[operator.network.dimension]:
         pairs = _find_factored(problem, count, target)
     else:
-        pairs = find_filtered(problem, count, target) or _find_dense(problem, count, target)
+        pairs = _find_large(problem, count, target)
     network = operator.network
     motions = operator.motions
     vectors = np.zeros((count, network.n_balls, motions.count))
@@ -1428,6 +1442,45 @@ def _find_factored(problem: Problem, count: int, target: float) -> Eigenpairs:
                     omega[chosen], modes[:, chosen], largest_residual, problem.loose + known_zeros
                 )
     return _find_dense(problem, count, target)
+
+
+def _find_large(problem: Problem, count: int, target: float) -> Eigenpairs:
+    """Return the ``count`` modes nearest to ``target``, rad/s, of a network too large to be
+    factorised: the lowest ones by a block of vectors, unless many modes cost no energy; all others
+    by filters.
+    """
+    pairs = _follow_lowest(problem, count) if target <= ZERO * problem.top else None
+    pairs = pairs or find_filtered(problem, count, target)
+    return pairs or _find_dense(problem, count, target)
+
+
+def _follow_lowest(problem: Problem, count: int) -> Eigenpairs | None:
+    """Return the ``count`` lowest modes by a block of vectors; None if the network is small, or if
+    more modes cost no energy than the block is to hold, besides motions of single balls, which are
+    known.
+    """
+    operator = problem.operator
+    known = problem.find_idle()
+    n_expected = _count_rigid(operator)
+    while n_expected <= _ZEROS and _SHARE * size_block(count + n_expected) <= operator.size:
+        found = find_lowest(operator, operator.matrix, count + n_expected, known)
+        is_elastic = find_roots(operator, found.values) > ZERO * problem.top
+        n_zeros = int(np.count_nonzero(~is_elastic))
+        if n_zeros <= n_expected:
+            vectors = found.vectors[problem.live][:, is_elastic][:, :count]
+            omega, modes, residuals = problem.refine(vectors)
+            return Eigenpairs(omega, modes, float(residuals.max()), known.shape[1] + n_zeros)
+        n_expected = max(2 * n_expected, n_zeros)
+    return None
+
+
+def _count_rigid(operator: WaveOperator) -> int:
+    """Return the number of motions of the whole network, if nothing holds it."""
+    network = operator.network
+    if not np.all(network.moving) or np.any(operator.anchors):
+        return 0
+    motions = operator.motions
+    return len(motions.translations) if np.any(network.pbc) else motions.count
 
 
 def _prove_complete(

@@ -348,11 +348,25 @@ class WaveOperator(LinearOperator):
     @cached_property
     def matrix(self) -> csr_array[Any]:
         """D, (size, size), (rad/s)^2."""
-        springs = self.weigh()
-        if self._carried is None:
+        return self._add_carried(self.weigh(), self._carried)
+
+    def at_wavevector(self, q: Array) -> csr_array[Any]:
+        """Return D (size, size), complex, (rad/s)^2, of waves whose wave vector is ``q`` (p,), in
+        fractions of the reciprocal vectors of the periods: balls of the next cell move with the
+        phase exp(2 pi i q) more.
+        """
+        axes = np.flatnonzero(self.network.pbc)
+        phase = np.exp(2.0j * np.pi * (self.network.shift[:, axes] @ q))
+        return self._add_carried(self.weigh(phase=phase), self._carry(phase))
+
+    @staticmethod
+    def _add_carried(springs: csr_array[Any], carried: csr_array[Any] | None) -> csr_array[Any]:
+        """Return the matrix of ``springs`` and the Hermitian part of what static tangential forces
+        add, if these act.
+        """
+        if carried is None:
             return springs
-        symmetric_part = 0.5 * (self._carried + self._carried.T)
-        matrix: csr_array[Any] = (springs + symmetric_part).tocsr()
+        matrix: csr_array[Any] = (springs + 0.5 * (carried + carried.conj().T)).tocsr()
         return matrix
 
     def make_lossy_product(self, losses: Array) -> Callable[[Complex], Complex]:
@@ -454,12 +468,18 @@ class WaveOperator(LinearOperator):
     @cached_property
     def _carried(self) -> csr_array[Any] | None:
         """G, (size, size), (rad/s)^2, of static tangential forces; None if none act."""
+        return self._carry()
+
+    def _carry(self, phase: Any = 1.0) -> csr_array[Any] | None:
+        """Return G, (size, size), (rad/s)^2, where balls j of contacts move with a ``phase``
+        (n_c,); None if no static tangential forces act.
+        """
         if not self._pairs:
             return None
         pull, move = self._pairs
-        pull_matrix = self._make_matrix(*pull)
-        move_matrix = self._make_matrix(*move)
-        carried: csr_array[Any] = (pull_matrix.T.tocsr() @ move_matrix).tocsr()
+        pull_matrix = self._make_matrix(*pull, phase)
+        move_matrix = self._make_matrix(*move, phase)
+        carried: csr_array[Any] = (pull_matrix.conj().T.tocsr() @ move_matrix).tocsr()
         return carried
 
     @cached_property

@@ -21,6 +21,7 @@ from granphon.dynamics.damping import DampedModes, Losses
 from granphon.media.cost import Cost
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.observables.validity import network_warnings
+from granphon.waves.branches import find_branches
 from granphon.waves.chebyshev import Kernel
 from granphon.waves.dos import (
     MOST_MOMENTS,
@@ -108,8 +109,8 @@ class Waves:
 
         Parameters
         ----------
-        name : the method that finds it: "dos", "spectral_function", "modes", "count_modes",
-            "response" or "transmit".
+        name : the method that finds it: "dos", "spectral_function", "modes", "branches",
+            "count_modes", "response" or "transmit".
         arguments, options : those of the method.
 
         :attr:`~granphon.media.cost.Cost.text` says it in words; ``memory`` is in bytes, and
@@ -232,11 +233,12 @@ class Waves:
         Up to 600 motions that contacts resist, and where more than a third of the modes are
         requested, all modes are found (dense). Larger networks are factorised, and counted by the
         signs of the pivots so that no mode is missed, up to 300,000 motions in the plane and
-        120,000 in space. Beyond, modes of a window of frequencies are filtered out of random
-        vectors by Chebyshev polynomials, and fresh random vectors, freed of the modes that were
-        found, show whether one is missed; that goes wrong less than once in a thousand times. The
-        work grows as the square of the number of motions, and is the same for one mode as for tens
-        of them.
+        120,000 in space. Beyond, the lowest modes are found by a block of vectors, which are
+        followed down with a preconditioner of two levels: the work grows as the number of motions.
+        Modes ``nearest`` to a frequency, and the lowest ones where more than 48 modes cost no
+        energy, are filtered out of random vectors by Chebyshev polynomials: that work grows as the
+        square of the number of motions, and is the same for one mode as for tens of them. In both
+        ways fresh random vectors, freed of the modes that were found, show whether one is missed.
 
         Raises :class:`~granphon.base.errors.InputError` for a frequency above the top, more modes
         than there are, or, before any filter is applied, for modes that take more than 4 GiB or two
@@ -246,6 +248,28 @@ class Waves:
         ``nearest`` is wide.
         """
         return find_modes(self._stable_operator, count, nearest)
+
+    def branches(self, q: ArrayLike, count: int = 6) -> Array:
+        """Return the lowest branches of a network that repeats, (n_q, count) Hz, ascending, at
+        given wave vectors.
+
+        Only the lowest ones are found, so that the network may have 1e5 balls;
+        :meth:`gp.Phonons.frequencies <granphon.Phonons.frequencies>` has all branches of cells of a
+        few thousand balls. Frequencies up to 1e-6 of the top one are zero, and are among them.
+
+        Parameters
+        ----------
+        q : (n_q, p) or (p,) wave vectors, in fractions of the reciprocal vectors of the p periods,
+            in their order.
+        count : number of branches at each wave vector.
+
+        Raises :class:`~granphon.base.errors.InputError` for a network without a period, wave
+        vectors of another shape, and more branches than a third of all, or so;
+        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero;
+        :class:`~granphon.base.errors.ConvergenceError` if the branches are not found, as where
+        hundreds of them are zero.
+        """
+        return find_branches(self.operator, q, count)
 
     def count_modes(self, frequencies: ArrayLike) -> Any:
         """Return the number of modes below each frequency, with those that cost no energy.

@@ -387,7 +387,7 @@ def test_a_state_and_a_sample_are_drawn_by_their_networks():
         gp.plot(gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force([1.0, 2.0]))
 
 
-@pytest.mark.parametrize("color", ["force", "overlap", "contacts", "numbers"])
+@pytest.mark.parametrize("color", ["force", "overlap", "contacts", "spin", "numbers"])
 def test_balls_of_a_network_are_coloured_by_numbers(color):
     """The colours ascend with the numbers, and a bar names them; texts stay on the page."""
     network = gp.ContactNetwork.from_lammps(
@@ -402,17 +402,27 @@ def test_balls_of_a_network_are_coloured_by_numbers(color):
         "force": np.bincount(ends, np.tile(network.normal_force, 2)) / counts,
         "overlap": np.bincount(ends, np.tile(overlap, 2)) / counts,
         "contacts": counts,
+        "spin": gp.find_nonaffine(network).rotations[:, 2],
         "numbers": np.linspace(-1.0, 2.0, network.n_balls),
     }[color]
     figure = gp.plot(network, color=numbers if color == "numbers" else color)
     ax, *bars = figure.axes
-    names = {"force": "Mean contact force", "overlap": "Mean overlap", "contacts": "Contacts"}
+    names = {
+        "force": "Mean contact force",
+        "overlap": "Mean overlap",
+        "contacts": "Contacts",
+        "spin": "Rotation per shear",
+    }
     labels = [bar.get_ylabel() + bar.get_xlabel() for bar in bars]
     assert any(label.startswith(names.get(color, "Value")) for label in labels)
     balls = with_gid(ax, "balls")
     colours = balls.get_facecolor()
-    low, high = (np.min(numbers), np.max(numbers)) if color != "numbers" else (-2.0, 2.0)
-    name = "RdBu_r" if color == "numbers" else "cividis"
+    has_signs = np.min(numbers) < 0.0 < np.max(numbers)
+    assert has_signs == (color in ("spin", "numbers"))
+    greatest = np.max(np.abs(numbers))
+    low, high = (-greatest, greatest) if has_signs else (np.min(numbers), np.max(numbers))
+    # dark where numbers are large, as contacts are where forces are large
+    name = "RdBu_r" if has_signs else "cividis_r"
     order = np.argsort(network.positions[:, 2], kind="stable")
     expected = matplotlib.colormaps[name]((numbers[order] - low) / (high - low))
     assert_allclose(colours, expected, atol=1e-2)
@@ -423,7 +433,10 @@ def test_a_colour_that_a_network_does_not_have_is_refused():
     network = gp.AveragedLattice(gp.Packing(packings.MATERIAL, 2e-3)).at_force(1.0).network
     whole = network.repeat((3, 3))
     with pytest.raises(InputError, match="color"):
-        plot_forces(whole, color="spin")
+        plot_forces(whole, color="speed")
+    smooth = gp.AveragedLattice(gp.Packing(packings.MATERIAL, 2e-3, friction=False)).at_force(1.0)
+    with pytest.raises(InputError, match="turn"):
+        plot_forces(smooth.network.repeat((3, 3)), color="spin")
     with pytest.raises(InputError, match="shape"):
         plot_forces(whole, color=[1.0, 2.0])
 

@@ -7,7 +7,9 @@ import inspect
 import re
 import tracemalloc
 import warnings
+from contextlib import suppress
 from dataclasses import fields, replace
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -310,6 +312,29 @@ def test_packed_dumps(tmp_path):
     (tmp_path / "a.zst").write_bytes(b"\x28\xb5\x2f\xfd" + raw)
     with pytest.raises(gp.GranphonError, match=r"Zstandard|unpacked"):
         gp.ContactNetwork.from_lammps(tmp_path / "a.zst", pairs, GLASS)
+
+
+def test_dumps_packed_by_zstandard(tmp_path):
+    """In one frame or several, where a module of the form of the standard library is there."""
+    for name in ("compression.zstd", "backports.zstd"):
+        with suppress(ImportError):
+            zstandard = import_module(name)
+            break
+    else:
+        pytest.skip("nothing is installed that reads Zstandard")
+    atoms, pairs = dumps("balls")
+    expected = gp.ContactNetwork.from_lammps(atoms, pairs, GLASS)
+    raw = atoms.read_bytes()
+    packed = zstandard.compress(raw[:500]) + zstandard.compress(raw[500:])
+    file = tmp_path / "atoms.dump.zst"
+    file.write_bytes(packed)
+    assert gp.ContactNetwork.from_lammps(file, pairs, GLASS) == expected
+    file.write_bytes(packed[:-40])
+    with pytest.raises(InputError, match="not whole"):
+        gp.ContactNetwork.from_lammps(file, pairs, GLASS)
+    file.write_bytes(packed[:50] + b"\xff" * 40 + packed[90:])
+    with pytest.raises(InputError, match=r"unpacked|not whole"):
+        gp.ContactNetwork.from_lammps(file, pairs, GLASS)
 
 
 def test_notes_name_what_is_passed_over(tmp_path):
