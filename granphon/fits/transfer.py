@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls import hertz
-from granphon.balls.packing import LOSSES
+from granphon.balls.packing import LOSS_PARAMETERS, LOSSES, SECOND_LOSSES
 from granphon.base.arrays import ROUNDED, Array
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import FREQUENCY, Quantity
@@ -45,23 +45,11 @@ from granphon.waves.waves import Waves
 
 #: residual, over its standard error, of which sums of squares and their products stay finite
 _FARTHEST = 1e70
-#: losses of all motions that may be fitted, and those of other motions than the first kind
-_OTHERS = {
-    "damping": "tangential_damping",
-    "loss_factor": "tangential_loss_factor",
-    "drag": "rotational_drag",
-    "dashpot": "tangential_dashpot",
-}
 _RESTITUTION = "restitution"
-#: the loss that each parameter is one of, by the name of its argument
-_LOSS_OF = {
-    **{name: name for name in (*_OTHERS, _RESTITUTION)},
-    **{other: name for name, other in _OTHERS.items()},
-}
 #: what may be fitted, and its unit; of stiffness, load, springs to the ground and gain it is the
 #: ratio to those of the network
 PARAMETERS = {
-    **{name: LOSSES[loss] or "1" for name, loss in _LOSS_OF.items()},
+    **{name: LOSSES[loss] or "1" for name, loss in LOSS_PARAMETERS.items()},
     "stiffness": "1",
     "load": "1",
     "on_site": "1",
@@ -495,7 +483,7 @@ class _Model:
         losses: dict[str, Any] = {_RESTITUTION: self.given[_RESTITUTION]}
         if _RESTITUTION in values:
             losses[_RESTITUTION] = max(math.exp(-values[_RESTITUTION]), LEAST_RESTITUTION)
-        for name, other in _OTHERS.items():
+        for name, other in SECOND_LOSSES.items():
             first, second = _make_pair(self.given[name])
             first = values.get(name, first)
             second = values.get(other, first if name in values else second)
@@ -519,7 +507,7 @@ class _Model:
             "dashpot": stiffness / omega,
             _RESTITUTION: stiffness / (omega * root * SMALL_LOSS),
         }
-        return scales.get(_LOSS_OF.get(name, name), 1.0)
+        return scales.get(LOSS_PARAMETERS.get(name, name), 1.0)
 
     def __call__(self, parameters: Array) -> NDArray[np.complex128]:
         """Return the complex transfer function (n,), in the unit of the measured one, at these
@@ -786,7 +774,7 @@ def fit_damping(
         parameters=names,
         values=values,
         covariance=covariance,
-        **{name: _average_contacts(losses[name]) for name in _OTHERS},
+        **{name: _average_contacts(losses[name]) for name in SECOND_LOSSES},
         restitution=float(np.mean(losses[_RESTITUTION])),
         measured=with_errors,
         quantity=Places(network, direction, polarisation, distance).refine(quantity, source),
@@ -825,7 +813,7 @@ class _Comparison:
         if measured.phase is not None:
             self.phasor = np.exp(1j * measured.phase)
         self.scale = np.array([model.find_scale(name) for name in self.names])
-        self.is_loss = np.array([name in _LOSS_OF for name in self.names])
+        self.is_loss = np.array([name in LOSS_PARAMETERS for name in self.names])
         self._respond = lru_cache(maxsize=16)(self._find_response)
 
     @property

@@ -351,6 +351,10 @@ _PARAMETERS = {
     "drag": "drag of balls",
     "dashpot": "viscosity of a contact",
     "restitution": "restitution of a collision",
+    "tangential_damping": "viscosity over stiffness, but of normal motion",
+    "tangential_loss_factor": "loss factor of a contact, but of normal motion",
+    "rotational_drag": "drag of rotations",
+    "tangential_dashpot": "viscosity of a contact in slip",
 }
 _OBSERVABLES = (
     _make_state_entry("force", "mean contact force", label="Contact force", told=True),

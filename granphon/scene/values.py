@@ -19,7 +19,7 @@ from granphon.base.settings import describe_settings
 from granphon.base.tables import Heading, table_text
 from granphon.base.text import MOST_SCENE_BYTES, dump_yaml, spell
 from granphon.base.validation import read_inside, require
-from granphon.media.arrangement import Arrangement
+from granphon.media.arrangement import Arrangement, find_kinds
 from granphon.media.choice import (
     MediumChoice,
     default_medium,
@@ -45,6 +45,7 @@ from granphon.waves.settings import (
     SurfaceSettings,
     WaveSettings,
     require_losses,
+    require_walls,
 )
 
 #: the settings of a spectrum by default
@@ -57,6 +58,8 @@ _CHECKED = {
     **{name: rules.PHONOPY[name] for name in ("band_points", "mesh", "dim")},
     "direction": rules.DIRECTION,
 }
+#: what a sweep may vary of losses and of walls
+_ALLOWED_IN_SWEEP = "a parameter of what is observed, which no block gives"
 #: greatest number of directions of sound that the description of a scene names
 _MOST_DESCRIBED = 4
 #: number of cells along each period below which the smallest possible supercell is sought
@@ -466,8 +469,9 @@ class SceneValues:
         if self.parameters:
             observed = [*map(self.observed_settings, WAVE_BLOCKS)]
             for name, _ in self.parameters:
-                with rules.refusing(name, "a parameter of what is observed", "sweep"):
+                with rules.refusing(name, _ALLOWED_IN_SWEEP, "sweep"):
                     require_losses([name], observed)
+                    require_walls([name], observed, find_kinds(self.packing))
         for conflict in self._list_conflicts():
             if conflict.name in self.observe and conflict.holds:
                 found = f"{conflict.name!r} {conflict.problem}"
