@@ -368,7 +368,9 @@ def _fit_response(
     function in the table ``data``; InputError unless the scene in the file ``scene`` has one state
     and a block response.
     """
+    from granphon.fits.pressed import PressedCrystal
     from granphon.fits.transfer import TransferFunction, fit_damping
+    from granphon.media.arrangement import Arrangement
     from granphon.waves.settings import find_place
 
     settings = plan.response
@@ -380,11 +382,17 @@ def _fit_response(
         problem = f"{scene} has {plan.n_states} states"
         raise InputError(problem, "A transfer function is of one", "Keep one load and medium")
     measured = TransferFunction.read(data, columns, settings.quantity)
-    network = settings.shape(plan.plan.cases[0].case.state.network)
+    case = plan.plan.cases[0].case
+    x: Any
+    if isinstance(case.packing, Arrangement):
+        load = case.load[0]
+        x = PressedCrystal(case.packing.crystal, load, case.request.finite_overlap, settings.shape)
+    else:
+        x = settings.shape(case.state.network)
     sources = [find_place(words) for words in settings.source]
     receivers = [find_place(words) for words in settings.receiver]
     return fit_damping(
-        network,
+        x,
         measured,
         sources,
         receivers,
