@@ -1088,6 +1088,7 @@ class ModesSettings(NetworkSettings):
     """
 
     block = "modes"
+    of_network = ("repeat", "cut", "count")
 
     count: int = setting(
         whole_from(1, 10_000),
