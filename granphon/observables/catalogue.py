@@ -716,7 +716,7 @@ _OBSERVABLES = (
     ),
     *(
         _of_network(f"motion_{name}", "J", f"{title} over time", dims=("motion_time",))
-        for name, title in _ENERGIES
+        for name, title in (("kinetic", "kinetic energy"), *_ENERGIES)
     ),
     _of_network(
         "motion_force", "N", "greatest normal force of a contact over time", dims=("motion_time",)

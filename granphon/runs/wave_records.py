@@ -118,7 +118,8 @@ NUMBERS = (
     "energy_supplied",
 )
 OVER_TIME = tuple(
-    f"motion_{name}" for name in ("translation", "rotation", "stored", "lost", "supplied", "force")
+    f"motion_{name}"
+    for name in ("kinetic", "translation", "rotation", "stored", "lost", "supplied", "force")
 )
 _WITH_ERRORS = NUMBERS[:3]
 #: least number of steps in a period of a shaker
@@ -685,6 +686,7 @@ def record_motion(
         "energy_supplied": supplied[-1],
     }
     over_time = (
+        motion.translation + motion.rotation,
         motion.translation,
         motion.rotation,
         motion.stored,

@@ -6,15 +6,18 @@ import re
 
 import numpy as np
 import pytest
+import xarray as xr
 from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import GranphonError
 from granphon.base.text import read_yaml
 from granphon.cli import main
+from granphon.figures.motions import motions_figure
 from granphon.scene.report import read_report
 from granphon.scene.uncertainty import Spread
 from tests.conftest import one_error
+from tests.scene.mistakes import BALLS
 
 SCENE = (
     "material: {young_modulus: 211.65 +- 2 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}\n"
@@ -373,3 +376,55 @@ def test_the_report_has_errors_of_sweeps_gaps_and_tensors(tmp_path):
     _, sections = read_report(tmp_path / "many")
     states = next(part for part in sections if part.title == "States").blocks[0]
     assert "+/-" in states.rows[1][2]
+
+
+OSCILLATOR = (
+    BALLS + "crystal: {lattice: chain, kinds: [S], cut: {axis: 0, layers: 3, edges: clamped}}\n"
+    "load: {force: 20 N}\nobserve: [response]\n"
+    "response: {frequencies: {from: 4 kHz, to: 8 kHz, points: 20}, source: 1 x, receiver: 1 x,"
+    " drag: 400 +- 8 1/s}\n"
+)
+HIT = OSCILLATOR.replace("[response]", "[motion]") + (
+    "motion: {duration: 20 us, frames: 3, drive: {balls: [1], impact: 10 +- 0.2 mm/s}}\n"
+)
+
+
+def test_a_second_run_into_a_folder_has_the_same_errors(tmp_path):
+    scene = gp.Scene.from_text(SCENE.replace("FORCE", "18.4 N +- 0.2 N"))
+    runs = [scene.run(tmp_path, force=again, figures=False) for again in (False, True)]
+    assert runs[0].summary() == runs[1].summary()
+
+
+@pytest.mark.claim("errors-waves")
+def test_the_q_and_the_height_of_a_peak_go_as_one_over_the_drag(tmp_path):
+    numbers = gp.Scene.from_text(OSCILLATOR).run(tmp_path, figures=False).summary()
+    (peak,) = numbers["peaks"]["1 x"]
+    for name in ("quality", "height"):
+        assert_allclose(peak[f"{name}_error"] / peak[name], 0.02, rtol=2e-3)
+    assert numbers["peak_quality_error"] == peak["quality_error"]
+
+
+@pytest.mark.slow
+@pytest.mark.claim("errors-waves")
+def test_energies_of_a_motion_go_as_the_square_of_the_impact(tmp_path):
+    result = gp.Scene.from_text(HIT).run(tmp_path)
+    kinetic = result.dataset["motion_kinetic"]
+    errors = result.dataset["motion_kinetic_error"]
+    assert_allclose(errors.values.ravel()[0] / kinetic.values.ravel()[0], 0.04, rtol=1e-9)
+    for figure in (result.figure("motion.png"), motions_figure(result.dataset)):
+        bands = [band for ax in figure.axes for band in ax.collections]
+        assert any("errors" in str(band.get_gid()) for band in bands)
+
+
+def test_receivers_with_more_peaks_at_one_end_have_no_errors_of_peaks():
+    def make(*rows):
+        return xr.Dataset({"peaks_frequency": (("receiver", "response_peak"), np.array(rows))})
+
+    spread = Spread(
+        ["p"],
+        [(make([1.0, 3.0], [2.0, np.nan]), make([1.2, 3.2], [2.1, 4.0]))],
+        np.eye(1),
+    )
+    found = spread.add_to(make([1.1, 3.1], [2.05, np.nan]))["peaks_frequency_error"]
+    assert_allclose(found.values, [[0.1, 0.1], [np.nan, np.nan]])
+    assert list(spread.lacking) == ["peaks_frequency"]
