@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -77,7 +78,7 @@ def find_velocity(
       granphon velocity traces.csv --method correlation -o velocity.pdf
       granphon velocity near.csv far.csv --distances "0 mm, 152.4 mm"
     """
-    from granphon.base.quantities import FREQUENCY, TIME, split_error
+    from granphon.base.quantities import FREQUENCY, TIME, read_with_error
     from granphon.base.staging import ResultFiles
     from granphon.base.validation import require
     from granphon.fits.trace_files import PLACES, TIMES
@@ -90,9 +91,10 @@ def find_velocity(
     places: list[float] | None = None
     errors: Sequence[float] = ()
     if distances is not None:
-        parts = [split_error(text) or (text.strip(), "0 m") for text in distances.split(",")]
-        places = [require("--distances", PLACES.read, place) for place, _ in parts]
-        errors = [require("--distances", PLACES.read, error) for _, error in parts]
+        read = partial(read_with_error, quantity=PLACES)
+        pairs = [require("--distances", read, text.strip()) for text in distances.split(",")]
+        places = [place for place, _ in pairs]
+        errors = [error for _, error in pairs]
     step = None if time_step is None else require("--time-step", TIME.read, time_step)
     traces = Traces.read(data, places, step)
     cutoff: float | str | None = lowpass

@@ -102,7 +102,8 @@ class WrittenErrors:
         if not math.isfinite(error):
             found = f"{name_of_file}, whose standard errors are not known"
             raise Refused(found, "a fit whose errors are known", "Write the value itself.", keys)
-        unit = fit.units_of_values[number].removeprefix("1").replace(" ", "*")
+        unit = fit.units_of_values[number]
+        unit = "" if unit == "1" else unit.replace(" ", "*")
         self._add(keys, f"{value!r} {unit}" if unit else value, f"{error!r} {unit}".strip())
         return number
 
