@@ -287,7 +287,8 @@ def draw_results(
     distance: Annotated[
         str | None,
         typer.Option(
-            metavar="M", help="Distance of the times of flight in the data, such as '0.4 m'."
+            metavar="M",
+            help="Distance of the times of flight in the data, such as '0.4 m +- 1 mm'.",
         ),
     ] = None,
     asymptotes: Annotated[

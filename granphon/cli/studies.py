@@ -64,7 +64,7 @@ def fit_measurements(
     ] = None,
     distance: Annotated[
         str | None,
-        typer.Option(metavar="M", help="Distance of the time of flight, such as '0.4 m'."),
+        typer.Option(metavar="M", help="Distance of the time of flight, such as '0.4 m +- 1 mm'."),
     ] = None,
     sigma: Annotated[
         str | None,

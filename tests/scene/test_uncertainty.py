@@ -472,7 +472,7 @@ def test_losses_of_a_fit_have_its_errors_and_correlations(tmp_path):
     assert_allclose(errors["response", "restitution"], 0.0095, rtol=1e-12)
     assert len(errors) == len(names)
     assert_allclose([value for *_, value in scene.correlations], 0.5, rtol=1e-12)
-    assert gp.Scene.from_text(scene.to_yaml()) == scene
+    assert dict(gp.Scene.from_text(scene.to_yaml()).errors) == errors
 
 
 TIMES = "force (N),time (us)\n4,500\n8,446\n16,397\n32,354\n"
