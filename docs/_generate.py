@@ -49,7 +49,7 @@ from typer.models import OptionInfo
 
 from granphon.balls.diameters import Normal
 from granphon.balls.material import Material
-from granphon.balls.packing import LOSSES, PARAMETERS, Packing, find_unit
+from granphon.balls.packing import LOSS_PARAMETERS, PARAMETERS, Packing, find_unit
 from granphon.base.errors import Refused
 from granphon.base.quantities import DENSITY, FREQUENCY, LENGTH, LOADS, MODULUS, TIME, WIDTH
 from granphon.base.results import Result
@@ -375,7 +375,7 @@ def _option_default(key: str, value: Any) -> str:
 def sweep_parameters() -> str:
     """What a block ``sweep`` may hold."""
     rows = []
-    for name in (*PARAMETERS, *LOSSES):
+    for name in (*PARAMETERS, *LOSS_PARAMETERS):
         unit = find_unit(name)
         allowed = told(lambda name=name: rules.SWEEP.kind.read({name: object()}, Context()))
         several = "a list" if unit is None else "one, a list, or a [range](#ranges)"

@@ -90,6 +90,10 @@ PACKINGS = {
     "drag": "drag of balls, likewise",
     "dashpot": "viscosity of contacts, likewise",
     "restitution": "restitution of collisions, likewise",
+    "tangential_damping": "the second of a pair, of all other than normal motion",
+    "tangential_loss_factor": "likewise",
+    "rotational_drag": "the second of a pair, of rotations",
+    "tangential_dashpot": "the second of a pair, of slip",
 }
 RANGE = {
     "from": "the first value",

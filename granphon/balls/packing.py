@@ -434,11 +434,24 @@ LOSSES: Mapping[str, str] = {
     "dashpot": "N s/m",
     "restitution": "",
 }
+#: the losses that may be two, of which one name is that of all motions; and the name of the second:
+#: of all other motion than the normal one, and of rotations
+SECOND_LOSSES: Mapping[str, str] = {
+    "damping": "tangential_damping",
+    "loss_factor": "tangential_loss_factor",
+    "drag": "rotational_drag",
+    "dashpot": "tangential_dashpot",
+}
+#: the loss of which each parameter of losses is, by name
+LOSS_PARAMETERS: Mapping[str, str] = {
+    **{name: name for name in LOSSES},
+    **{second: name for name, second in SECOND_LOSSES.items()},
+}
 #: the parameters of a sweep that are not those of a kind of ball or a wall, and their SI units
 SWEPT: Mapping[str, str | None] = {
     **PARAMETERS,
     **SPRING_PARAMETERS,
-    **{name: unit or "1" for name, unit in LOSSES.items()},
+    **{name: LOSSES[loss] or "1" for name, loss in LOSS_PARAMETERS.items()},
 }
 
 
@@ -571,7 +584,7 @@ def _require_parameter(name: str) -> None:
         parameters = [f"{kind}.{parameter}" for parameter in KIND_PARAMETERS]
     else:
         owner = "a packing"
-        parameters = [*PARAMETERS, *LOSSES]
+        parameters = [*PARAMETERS, *LOSS_PARAMETERS]
     if name in parameters:
         return
     guess = closest(name, parameters)

@@ -399,6 +399,20 @@ def split_error(text: str) -> tuple[Any, str] | None:
     return f"{number} {unit}" if unit else plain, f"{error} {unit_of_error}".strip()
 
 
+def read_with_error(text: str, quantity: Quantity) -> tuple[float, float]:
+    """Return the value of a ``quantity`` and its standard error, SI, of a text such as "8 mm +- 4
+    um"; the error of "8 mm" is zero. :class:`~granphon.base.errors.Refused` for another text.
+    """
+    parts = split_error(text)
+    if parts is None:
+        return quantity.read(text), 0.0
+    value = quantity.read(parts[0])
+    error = parts[1]
+    if error.endswith(PERCENT):
+        return value, 0.01 * abs(value) * float(error.removesuffix(PERCENT))
+    return value, quantity.read(error)
+
+
 def find_factor(unit: str, wanted: str) -> float | None:
     """Return the factor from a ``unit`` to another, ``wanted``; None where a unit is not known, or
     if their dimensions differ.

@@ -9,7 +9,7 @@ import sys
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -308,7 +308,8 @@ def draw_results(
     distance: Annotated[
         str | None,
         typer.Option(
-            metavar="M", help="Distance of the times of flight in the data, such as '0.4 m'."
+            metavar="M",
+            help="Distance of the times of flight in the data, such as '0.4 m +- 1 mm'.",
         ),
     ] = None,
     asymptotes: Annotated[
@@ -348,7 +349,7 @@ def draw_results(
       granphon plot out --where "width=2 um, medium=ema" --columns diameter -o some.pdf
       granphon plot steel glass --x pressure --data steel.csv -o both.pdf
     """
-    from granphon.base.quantities import LENGTH
+    from granphon.base.quantities import LENGTH, read_with_error
     from granphon.base.validation import require
     from granphon.figures.choices import read_wishes
     from granphon.scene.redraw import View, draw_together, redraw
@@ -356,7 +357,11 @@ def draw_results(
     require_name("--out", out)
     if distance is not None and not data:
         raise InputError("--distance is for times of flight", mend="Give them by --data")
-    distance_of_data = None if distance is None else require("--distance", LENGTH.read, distance)
+    distance_of_data: Any = None
+    if distance is not None:
+        distance_of_data = require(
+            "--distance", partial(read_with_error, quantity=LENGTH), distance
+        )
     view = View(read_wishes(", ".join(where or ())), rows, columns)
     is_one_folder = len(runs) == 1 and not os.path.isfile(runs[0])
     if is_one_folder and x is None and not data:

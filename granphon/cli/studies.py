@@ -4,11 +4,11 @@ with each other.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, cast
 
 import typer
 
@@ -32,9 +32,14 @@ from granphon.cli.terminal import (
 if TYPE_CHECKING:
     from granphon.balls.packing import Packing
     from granphon.base.staging import ResultFiles
+    from granphon.fits.fit import WidthFit
     from granphon.fits.measurements import Measurements
+    from granphon.fits.traces import TraceVelocity
     from granphon.fits.transfer import DampingFit
     from granphon.scene.scene import Scene
+
+#: a fit of velocities, or of a response
+FitT = TypeVar("FitT", "WidthFit", "DampingFit")
 
 
 @command("fit", rich_help_panel=COMPARISONS)
@@ -59,7 +64,7 @@ def fit_measurements(
     ] = None,
     distance: Annotated[
         str | None,
-        typer.Option(metavar="M", help="Distance of the time of flight, such as '0.4 m'."),
+        typer.Option(metavar="M", help="Distance of the time of flight, such as '0.4 m +- 1 mm'."),
     ] = None,
     sigma: Annotated[
         str | None,
@@ -117,6 +122,7 @@ def fit_measurements(
     from granphon.base.tables import Table
     from granphon.fits.fit import fit_width
     from granphon.fits.trace_files import has_traces
+    from granphon.fits.traces import Traces
     from granphon.fits.transfer import TransferFunction, has_transfer
     from granphon.scene.scene import Scene
 
@@ -136,14 +142,18 @@ def fit_measurements(
             "--direction": direction,
         }
         _refuse_options(options_of_velocities, data, "a transfer function")
-        response_fit = _fit_response(scene_file, scene, data, columns, parameters)
-        rows = describe_response_fit(response_fit)
+
+        def find_response_fit(scene_of_inputs: Scene, _: str | None) -> DampingFit:
+            return _fit_response(scene_file, scene_of_inputs, data, columns, parameters)
+
+        response_fit, of_inputs = _fit_with_errors(find_response_fit, scene)
+        rows = [*describe_response_fit(response_fit), *of_inputs]
         _finish_fit(out, files, response_fit, response_fit.warnings, rows)
         return
     is_of_responses = scene.packing.kind_names or scene.response is not None
     if is_of_responses and not has_sound:
         TransferFunction.read(data, columns)  # names the column that a transfer function lacks
-    packing = _require_one_packing("A fit", scene_file, scene)
+    _require_one_packing("A fit", scene_file, scene)
     sound_direction = _choose_direction(scene_file, scene, direction)
     if len(scene.media) > 1:
         raise InputError(f"{scene_file} has several media", mend="Keep only the one to fit with")
@@ -152,36 +162,47 @@ def fit_measurements(
     # averaged
     takes_ema = width and scene.media[0].name == "ala" and not scene.balls_differ
     medium: Any = "ema" if takes_ema else scene.media[0]
+    traced = None
     if has_traces(table):
         options_of_tables = {"--distance": distance, "--sigma": sigma}
         _refuse_options(options_of_tables, data, "traces")
-        measured = _read_traces(scene_file, data, scene, packing, medium, parameters)
-    else:
-        measured = _read_velocities(
-            data,
-            columns,
-            distance,
-            scene,
+        traced = Traces.read(data).velocity()
+        warn(traced.warnings)
+    fitted_names = ("width", *parameters) if width else parameters
+
+    def find_velocity_fit(scene_of_inputs: Scene, distance_of_inputs: str | None) -> WidthFit:
+        packing = _require_one_packing("A fit", scene_file, scene_of_inputs)
+        if traced is not None:
+            measured = _place_traced(
+                scene_file, data, traced, scene_of_inputs, packing, medium, parameters
+            )
+        else:
+            measured = _read_velocities(
+                data,
+                columns,
+                distance_of_inputs,
+                scene_of_inputs,
+                packing,
+                medium,
+                parameters,
+                branch=branch,
+                direction=sound_direction,
+            )
+        velocity_sigma, pulse_frequency = _choose_sigma_and_frequency(measured, sigma, frequency)
+        return fit_width(
             packing,
-            medium,
-            parameters,
+            measured.force,
+            measured.velocity,
+            velocity_sigma,
+            pulse_frequency,
+            medium=medium,
+            parameters=tuple(dict.fromkeys(fitted_names)),
             branch=branch,
             direction=sound_direction,
+            finite_overlap=scene_of_inputs.finite_overlap,
         )
-    velocity_sigma, pulse_frequency = _choose_sigma_and_frequency(measured, sigma, frequency)
-    fitted_names = ("width", *parameters) if width else parameters
-    fit = fit_width(
-        packing,
-        measured.force,
-        measured.velocity,
-        velocity_sigma,
-        pulse_frequency,
-        medium=medium,
-        parameters=tuple(dict.fromkeys(fitted_names)),
-        branch=branch,
-        direction=sound_direction,
-        finite_overlap=scene.finite_overlap,
-    )
+
+    fit, of_inputs = _fit_with_errors(find_velocity_fit, scene, distance)
     notes = list[str]()
     if takes_ema:
         notes.append(
@@ -196,7 +217,55 @@ def fit_measurements(
             f" is given: the fit takes {write_direction(fit.waves.direction)}. Give --direction,"
             f" or direction in {scene_file}"
         )
-    _finish_fit(out, files, fit, (*notes, *fit.warnings), describe_fit(fit))
+    _finish_fit(out, files, fit, (*notes, *fit.warnings), [*describe_fit(fit), *of_inputs])
+
+
+def _fit_with_errors(
+    find: Callable[[Scene, str | None], FitT], scene: Scene, distance: str | None = None
+) -> tuple[FitT, list[tuple[str, str]]]:
+    """Return the fit that ``find`` returns of a scene and of the option --distance, whose standard
+    errors hold the part that follows from those of the scene and of the distance; and rows of a
+    table about this part, empty where inputs have no errors.
+
+    The fit is found again at both ends of each error.
+    """
+    import numpy as np
+
+    from granphon.base.quantities import LENGTH, read_with_error
+    from granphon.base.scales import write_quantity
+    from granphon.base.text import spell
+    from granphon.base.validation import require
+    from granphon.scene.uncertainty import make_matrix
+    from granphon.scene.written_errors import name_keys
+
+    way = distance
+    ends = [(lower, upper, way, way) for lower, upper in scene.shifted]
+    inputs = [name_keys(keys) for keys, _ in scene.errors]
+    if distance is not None:
+        read = partial(read_with_error, quantity=LENGTH)
+        value, error = require("--distance", read, distance)
+        way = f"{value!r} m"
+        ends = [(lower, upper, way, way) for lower, upper in scene.shifted]
+        if error:
+            ends.append((scene, scene, f"{value - error!r} m", f"{value + error!r} m"))
+            inputs.append("--distance")
+    fit = find(scene, way)
+    if not ends:
+        return fit, []
+    changes = [
+        0.5 * (find(upper, upper_way).values - find(lower, lower_way).values)
+        for lower, upper, lower_way, upper_way in ends
+    ]
+    correlation = make_matrix(inputs, scene.correlations)
+    rows = []
+    for number, (name, unit) in enumerate(zip(fit.parameters, fit.units_of_values, strict=True)):
+        of_inputs = np.array([change[number] for change in changes])
+        parts = of_inputs * (correlation @ of_inputs)
+        error = float(np.sqrt(max(np.sum(parts), 0.0)))
+        largest = inputs[int(np.argmax(parts))]
+        size = write_quantity(error, "" if unit == "1" else unit)
+        rows.append((f"{spell(name)}, of inputs", f"+/- {size}, most from {largest}"))
+    return fit.with_input_errors(changes, correlation), rows
 
 
 def _prepare_files(
@@ -223,8 +292,6 @@ def _list_unused(scene_file: str, scene: Scene, data: str) -> list[str]:
         notes.append(
             f"the {n_loads} loads of {scene_file} are not used: a fit takes the loads of {data}"
         )
-    if scene.errors:
-        notes.append(f"the standard errors in {scene_file} are not used: a fit takes the values")
     return notes
 
 
@@ -312,16 +379,17 @@ def _read_velocities(
     )
 
 
-def _read_traces(
+def _place_traced(
     scene_file: str,
     data: str,
+    traced: TraceVelocity,
     scene: Scene,
     packing: Packing,
     medium: Any,
     parameters: tuple[str, ...],
 ) -> Measurements:
-    """Return the velocity that the traces in the file ``data`` show, with its standard error, under
-    the one load of the scene in the file ``scene_file``.
+    """Return the velocity that the traces in the file ``data`` show, ``traced``, with its standard
+    error, under the one load of the ``scene`` in the file ``scene_file``.
 
     Pressures are converted for the ``packing`` in the ``medium``, whose ``parameters`` are fitted.
     """
@@ -330,7 +398,6 @@ def _read_traces(
     from granphon.balls.loads import force_of_frame
     from granphon.fits.fit import convert_pressure
     from granphon.fits.measurements import Measurements
-    from granphon.fits.traces import Traces
 
     load = scene.load
     if load.size != 1:
@@ -347,9 +414,7 @@ def _read_traces(
         problem = f"the load of {scene_file} is of the kind {load.kind}"
         why = "A fit to traces takes a force, pressure or side_force"
         raise InputError(problem, why, "Give the load that the balls had")
-    measured = Traces.read(data).velocity()
-    warn(measured.warnings)
-    return Measurements(np.array([force]), np.array([measured.velocity]), measured.stderr)
+    return Measurements(np.array([force]), np.array([traced.velocity]), traced.stderr)
 
 
 def _choose_sigma_and_frequency(
@@ -395,7 +460,9 @@ def _fit_response(
     function in the table ``data``; InputError unless the scene, of the file ``scene_file``, has one
     state and a block response.
     """
+    from granphon.fits.pressed import PressedCrystal
     from granphon.fits.transfer import TransferFunction, fit_damping
+    from granphon.media.arrangement import Arrangement
     from granphon.waves.settings import find_place
 
     settings = scene.response
@@ -407,11 +474,17 @@ def _fit_response(
         problem = f"{scene_file} has {scene.n_states} states"
         raise InputError(problem, "A transfer function is of one", "Keep one load and medium")
     measured = TransferFunction.read(data, columns, settings.quantity)
-    network = settings.shape(scene.plan.cases[0].case.state.network)
+    case = scene.plan.cases[0].case
+    x: Any
+    if isinstance(case.packing, Arrangement):
+        load = case.load[0]
+        x = PressedCrystal(case.packing.crystal, load, case.request.finite_overlap, settings.shape)
+    else:
+        x = settings.shape(case.state.network)
     sources = [find_place(words) for words in settings.source]
     receivers = [find_place(words) for words in settings.receiver]
     return fit_damping(
-        network,
+        x,
         measured,
         sources,
         receivers,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -122,13 +123,14 @@ def _read_distances(option: str) -> tuple[list[float], list[float]]:
     """Return the distances of the sensors in the text of the ``option``, such as "0 mm, 40 +- 0.2
     mm", and their standard errors, both m; an error is zero where none is written.
     """
-    from granphon.base.quantities import split_error
+    from granphon.base.quantities import read_with_error
     from granphon.base.validation import require
     from granphon.fits.trace_files import PLACES
 
-    pairs = [split_error(text) or (text.strip(), "0 m") for text in option.split(",")]
-    distances = [require("--distances", PLACES.read, distance) for distance, _ in pairs]
-    errors = [require("--distances", PLACES.read, error) for _, error in pairs]
+    read = partial(read_with_error, quantity=PLACES)
+    pairs = [require("--distances", read, text.strip()) for text in option.split(",")]
+    distances = [distance for distance, _ in pairs]
+    errors = [error for _, error in pairs]
     return distances, errors
 
 

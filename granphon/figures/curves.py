@@ -995,7 +995,7 @@ def plot_together(
     y: str | None = None,
     data: Any = (),
     balls_per_side: int | None = None,
-    distance: float | None = None,
+    distance: float | tuple[float, float] | None = None,
     legend: bool = True,
 ) -> Axes:
     """Draw several results on one Axes.
@@ -1016,7 +1016,8 @@ def plot_together(
         :class:`~granphon.fits.measurements.Measurements`.
     balls_per_side : number of balls at a side of the hexagonal frame, for files of data with side
         forces.
-    distance : distance of times of flight, m, for files of data that do not give one.
+    distance : distance of times of flight, m, for files of data that do not give one; or
+        (distance, standard error).
     legend : whether to draw the legend, and the title.
 
     A line is solid where its medium is valid, thin and dashed elsewhere; a simulation has points,
@@ -1112,7 +1113,7 @@ def _draw_run_in_panels(
     y: str | None = None,
     data: Any = (),
     balls_per_side: int | None = None,
-    distance: float | None = None,
+    distance: float | tuple[float, float] | None = None,
 ) -> Figure | None:
     """Draw the sweep of a run in small panels, with measured points in each; None if it has so few
     curves that each has a colour.
@@ -1152,7 +1153,7 @@ def _draw_together(
     y: str | None = None,
     data: Any = (),
     balls_per_side: int | None = None,
-    distance: float | None = None,
+    distance: float | tuple[float, float] | None = None,
 ) -> _Drawn:
     """Draw the curves of :func:`plot_together`; return the entries of the legend, and the facts
     that all curves share.
@@ -1507,7 +1508,7 @@ def _read_points(
     x: str,
     y: str,
     balls_per_side: int | None,
-    distance: float | None,
+    distance: float | tuple[float, float] | None,
 ) -> Curve:
     """Return the curve of measured velocities over the load ``x``, from a file or
     :class:`~granphon.fits.measurements.Measurements`; InputError if ``y`` is no velocity.
@@ -1547,7 +1548,10 @@ def _read_points(
 
 
 def _read_measurements(
-    path: Any, runs: Sequence[Run], balls_per_side: int | None, distance: float | None
+    path: Any,
+    runs: Sequence[Run],
+    balls_per_side: int | None,
+    distance: float | tuple[float, float] | None,
 ) -> Measurements:
     """Return the measurements of a file, whose pressures act on the packing of ``runs``, and whose
     side forces on a hexagonal frame with ``balls_per_side``; ``distance``, m, is that of times of

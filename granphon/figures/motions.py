@@ -4,7 +4,7 @@ harmonics.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 from granphon.figures.scales import (
@@ -148,22 +148,33 @@ def _average_layers(layers: Array, coordinates: Array, values: Array) -> tuple[A
     return mean_coordinates, mean_values
 
 
-def plot_energies(motion: Motion, ax: Axes) -> Axes:
+def plot_energies(motion: Motion, ax: Axes, errors: Mapping[str, Array] | None = None) -> Axes:
     """Draw kinetic energies of translation and rotation, the energy of contacts, and the lost
-    energy over time.
+    energy over time; ``errors`` are the standard errors (n,), J, of those of the attributes
+    "translation", "rotation", "stored" and "lost" that have some, which are drawn as bands.
     """
+    known = errors or {}
     greatest = max(float((motion.energy + motion.lost).max()), _TINY)
     scale, unit = prefixed(greatest, "J")
     seconds, unit_of_time = prefixed(float(motion.times[-1]), "s")
-    for label, values, colour in (
-        ("translation", motion.translation, COLOURS[0]),
-        ("rotation", motion.rotation, COLOURS[1]),
-        ("contacts", motion.stored, COLOURS[2]),
-        ("lost", motion.lost, "0.4"),
+    for name, label, colour in (
+        ("translation", "translation", COLOURS[0]),
+        ("rotation", "rotation", COLOURS[1]),
+        ("stored", "contacts", COLOURS[2]),
+        ("lost", "lost", "0.4"),
     ):
-        is_always_drawn = label in ("translation", "contacts")
-        if is_always_drawn or np.any(values > _NO_ENERGY * scale):
-            ax.plot(motion.times / seconds, values / scale, color=colour, label=label)
+        values = getattr(motion, name)
+        is_always_drawn = name in ("translation", "stored")
+        if not (is_always_drawn or np.any(values > _NO_ENERGY * scale)):
+            continue
+        times = motion.times / seconds
+        if name in known:
+            draw_error_band(
+                ax, times, values / scale, known[name] / scale, colour, f"{name}-errors"
+            )
+        ax.plot(times, values / scale, color=colour, label=label)
+    if known:
+        ax.add_line(make_error_handle())
     ax.set(
         xlabel=f"Time ({write_unit(unit_of_time)})",
         ylabel=f"Energy ({write_unit(unit)})",
@@ -263,8 +274,15 @@ def plot_harmonics(
     return ax
 
 
-def motion_figure(motion: Motion, *, show: Show | None = None, axis: int | None = None) -> Figure:
-    """Draw a figure across the page: the motion, and its energies over time.
+def motion_figure(
+    motion: Motion,
+    *,
+    show: Show | None = None,
+    axis: int | None = None,
+    errors: Mapping[str, Array] | None = None,
+) -> Figure:
+    """Draw a figure across the page: the motion, and its energies over time, with the ``errors`` of
+    :func:`plot_energies`.
 
     Of a chain, and with ``show``, the motion is a map over time and the position along ``axis``,
     see :func:`plot_motion`. Of any other array the balls are drawn at three frames after the first,
@@ -275,7 +293,7 @@ def motion_figure(motion: Motion, *, show: Show | None = None, axis: int | None 
         with styled_figure(2.7, PAGE_WIDTH) as figure:
             left, right = figure.subplots(1, 2, width_ratios=[1.35, 1.0])
             plot_motion(motion, left, show=show or "velocities", axis=axis)
-            plot_energies(motion, right)
+            plot_energies(motion, right, errors)
         return figure
     greatest_speeds = np.linalg.norm(motion.velocities, axis=2).max(axis=1)  # of each frame
     frames = pick_evenly(len(motion.times), 4)[1:]  # the first frame shows little motion
@@ -291,7 +309,7 @@ def motion_figure(motion: Motion, *, show: Show | None = None, axis: int | None 
         figure.colorbar(
             balls, ax=snapshots, location="bottom", aspect=50, extend="max", label=label
         )
-        plot_energies(motion, energies)
+        plot_energies(motion, energies, errors)
     return figure
 
 
@@ -307,17 +325,16 @@ def motions_figure(dataset: Dataset) -> Figure:
     seconds, unit_of_time = prefixed(float(times[-1]), "s")
     with styled_figure(3.6) as figure:
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.3, 1.0])
-        has_errors = "motion_force_error" in dataset
-        force_curves = []
-        energy_curves = []
-        for colour, read_variable in states:
-            force_errors = read_variable("motion_force_error") if has_errors else None
-            force_curves.append((colour, read_variable("motion_force"), force_errors))
-            energy = read_variable("motion_translation") + read_variable("motion_rotation")
-            # the error of a sum does not follow from those of its terms
-            energy_curves.append((colour, energy, None))
-        _draw_courses(above, times / seconds, force_curves, "Greatest force", "N")
-        _draw_courses(below, times / seconds, energy_curves, "Kinetic energy", "J")
+        for ax, variable, label, si_unit in (
+            (above, "motion_force", "Greatest force", "N"),
+            (below, "motion_kinetic", "Kinetic energy", "J"),
+        ):
+            has_errors = f"{variable}_error" in dataset
+            curves = []
+            for colour, read_variable in states:
+                errors = read_variable(f"{variable}_error") if has_errors else None
+                curves.append((colour, read_variable(variable), errors))
+            _draw_courses(ax, times / seconds, curves, label, si_unit)
         below.set(xlabel=f"Time ({write_unit(unit_of_time)})", xlim=(0.0, None))
         if has_errors:
             handles.append(make_error_handle())

@@ -43,6 +43,10 @@ _SYMBOLS = {
     "drag": ("γ", "1/s"),
     "dashpot": ("c", "N s/m"),
     "restitution": ("e", ""),
+    "tangential_damping": ("τ_t", "s"),
+    "tangential_loss_factor": ("η_t", ""),
+    "rotational_drag": ("γ_r", "1/s"),
+    "tangential_dashpot": ("c_t", "N s/m"),
 }
 #: words for the default motions, stiffness of rolling, and terms of finite overlap: a title leaves
 #: them out

@@ -689,6 +689,17 @@ class Fitted(Result):
         """Correlations (p, p) of the errors of the parameters, from -1 to 1."""
         return np.asarray(self.covariance / np.outer(self.stderrs, self.stderrs))
 
+    def with_input_errors(self, changes: ArrayLike, correlation: ArrayLike) -> Self:
+        """Return the fit whose covariance holds the standard errors of inputs too, to first order.
+
+        ``changes`` (inputs, p) are by how much the values change when each of the inputs is larger
+        by its standard error, and ``correlation`` (inputs, inputs) the correlations of the inputs.
+        """
+        changed = np.asarray(changes, float)
+        of_inputs = changed.T @ np.asarray(correlation, float) @ changed
+        fields: dict[str, Any] = {"covariance": self.covariance + of_inputs}
+        return replace(self, **fields)
+
     @property
     def p(self) -> float:
         """Probability that errors of the given sigma make a larger ``chi2``.

@@ -24,7 +24,7 @@ from granphon.base.quantities import (
 from granphon.base.results import Result, held, result_class
 from granphon.base.tables import Table
 from granphon.base.text import list_names, suggest
-from granphon.base.validation import finite_list, positive
+from granphon.base.validation import finite_list, not_negative, positive
 
 #: quantities in measurements, read with any of their units: velocity, m/s; frequency, Hz; time of
 #: flight, s
@@ -118,7 +118,7 @@ class Measurements(Result):
         cls,
         path: str | os.PathLike[str],
         columns: Mapping[str, str] | None = None,
-        distance: float | None = None,
+        distance: float | tuple[float, float] | None = None,
         frame: Callable[[float], float] | None = None,
         pressed: Callable[[float], float] | None = None,
         periods: int = 2,
@@ -134,7 +134,8 @@ class Measurements(Result):
             the pulse.
         columns : headings of columns that go by other names, perhaps with a unit: {"velocity": "v
             (km/s)"}.
-        distance : distance that sound travels in each of the times, m, where no column gives it.
+        distance : distance that sound travels in each of the times, m, where no column gives it; or
+            (distance, standard error), whose error all velocities have beside their own.
         frame : converts a side force to the contact force, both in N.
         pressed : converts a pressure to the contact force, N.
         periods : number of periods of the lattice: a pressure is in N for 1, in N/m for 2, in Pa
@@ -167,11 +168,15 @@ class Measurements(Result):
         force = source.read_force(load, {"side_force": frame, "pressure": pressed}.get(load))
         if distance is not None:
             _require_no_second_distance(source, measured)
+        way, error_of_way = distance if isinstance(distance, tuple) else (distance, 0.0)
         if measured == "cutoff" and carried is not None:
             velocity = carried(force, source.column("cutoff"))
         else:
-            velocity = source.read_velocity(measured, distance)
+            velocity = source.read_velocity(measured, way)
         sigma = None if error is None else source.read_sigma(error, velocity)
+        if way is not None and error_of_way:
+            of_way = velocity * (not_negative("error of distance", error_of_way, "m") / way)
+            sigma = of_way if sigma is None else np.hypot(sigma, of_way)
         frequency = None if pulse is None else source.column("frequency")
         try:
             return cls(force, velocity, sigma, frequency)

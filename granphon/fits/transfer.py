@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls import hertz
-from granphon.balls.packing import LOSSES
+from granphon.balls.packing import LOSS_PARAMETERS, LOSSES, SECOND_LOSSES
 from granphon.base.arrays import ROUNDED, Array
-from granphon.base.errors import InputError, brief
+from granphon.base.errors import GranphonError, InputError, brief
 from granphon.base.quantities import FREQUENCY, Quantity
 from granphon.base.results import Result, held, result_class
 from granphon.base.tables import Table
@@ -36,6 +36,7 @@ from granphon.dynamics.damping import (
     find_reduced_masses,
 )
 from granphon.fits.fit import LARGE_ERROR, SAME_EFFECT, Fitted, WidthFit, judge_residuals
+from granphon.fits.pressed import PressedCrystal
 from granphon.fits.traces import Traces
 from granphon.fits.velocity_model import require_fitted
 from granphon.networks.network import ContactNetwork, given_network
@@ -45,23 +46,11 @@ from granphon.waves.waves import Waves
 
 #: residual, over its standard error, of which sums of squares and their products stay finite
 _FARTHEST = 1e70
-#: losses of all motions that may be fitted, and those of other motions than the first kind
-_OTHERS = {
-    "damping": "tangential_damping",
-    "loss_factor": "tangential_loss_factor",
-    "drag": "rotational_drag",
-    "dashpot": "tangential_dashpot",
-}
 _RESTITUTION = "restitution"
-#: the loss that each parameter is one of, by the name of its argument
-_LOSS_OF = {
-    **{name: name for name in (*_OTHERS, _RESTITUTION)},
-    **{other: name for name, other in _OTHERS.items()},
-}
 #: what may be fitted, and its unit; of stiffness, load, springs to the ground and gain it is the
 #: ratio to those of the network
 PARAMETERS = {
-    **{name: LOSSES[loss] or "1" for name, loss in _LOSS_OF.items()},
+    **{name: LOSSES[loss] or "1" for name, loss in LOSS_PARAMETERS.items()},
     "stiffness": "1",
     "load": "1",
     "on_site": "1",
@@ -89,6 +78,11 @@ _ANGLES = {"rad": 1.0, "deg": math.pi / 180.0, "°": math.pi / 180.0}
 _LEAST_SEGMENT = 16
 #: probability with which noise alone exceeds the coherence of a frequency that is kept
 _BY_CHANCE = 0.01
+#: warning of a fit of springs to the ground of a network whose crystal is not known
+KEPT_FORCES = (
+    "contacts keep their forces over the springs that are fitted, though springs bear a part of"
+    " the load: give the crystal with its load, as pressure=20.0, in place of its state"
+)
 #: columns of a table
 _COLUMNS = ("frequency", "magnitude", "phase", "real", "imag", "sigma", "phase_sigma")
 _MAGNITUDES = {
@@ -506,10 +500,11 @@ class _Model:
     (p,), SI.
 
     ``given`` are the losses that are not fitted, and ``places`` the other arguments of
-    :meth:`granphon.Waves.response`.
+    :meth:`granphon.Waves.response`. ``pressed`` is the crystal of the network, if it is known.
     """
 
     network: ContactNetwork
+    pressed: PressedCrystal | None
     names: tuple[str, ...]
     given: Mapping[str, Any]
     frequencies: Array
@@ -522,7 +517,7 @@ class _Model:
         losses: dict[str, Any] = {_RESTITUTION: self.given[_RESTITUTION]}
         if _RESTITUTION in values:
             losses[_RESTITUTION] = max(math.exp(-values[_RESTITUTION]), LEAST_RESTITUTION)
-        for name, name_of_others in _OTHERS.items():
+        for name, name_of_others in SECOND_LOSSES.items():
             given_loss, given_loss_of_others = _make_pair(self.given[name])
             loss = values.get(name, given_loss)
             default_of_others = loss if name in values else given_loss_of_others
@@ -546,17 +541,39 @@ class _Model:
             "dashpot": stiffness / omega,
             _RESTITUTION: stiffness / (omega * root * SMALL_LOSS),
         }
-        return scales.get(_LOSS_OF.get(name, name), 1.0)
+        return scales.get(LOSS_PARAMETERS.get(name, name), 1.0)
+
+    def _find_network(self, values: Mapping[str, float]) -> ContactNetwork:
+        """Return the network over springs to the ground and on a wall with these ``values``: at
+        rest anew, where its crystal is known, and else with the forces that contacts have.
+        """
+        network = self.network
+        ratio = values.get("on_site", 1.0)
+        modulus = values.get("wall_modulus")
+        pressed = self.pressed
+        if pressed is not None:
+            is_of_crystal = modulus is not None and bool(pressed.walls)
+            network = pressed.find_network(ratio, modulus if is_of_crystal else None)
+            if is_of_crystal:
+                modulus = None
+        elif network.on_site is not None:
+            network = replace(network, on_site=ratio * network.on_site)
+        if modulus is not None:
+            material = replace(network.wall.solid, young_modulus=modulus)
+            network = network.with_wall(material)
+        return network
 
     def __call__(self, parameters: Array) -> NDArray[np.complex128]:
         """Return the complex transfer function (n,), in the unit of the measured one, at these
-        ``parameters`` (p,), SI.
+        ``parameters`` (p,), SI; nan over springs over which no balls come to rest.
         """
         values = dict(zip(self.names, parameters.tolist(), strict=True))
-        network = self.network
-        if "wall_modulus" in values:
-            material = replace(network.wall.solid, young_modulus=values["wall_modulus"])
-            network = network.with_wall(material)
+        try:
+            network = self._find_network(values)
+        except GranphonError:
+            if self.pressed is None:
+                raise
+            return np.full(self.frequencies.shape, np.nan, complex)
         load = values.get("load", 1.0)
         # Hertz's stiffness goes as the cubic root of the force
         stiffening = hertz.stiffness_under(load) / hertz.stiffness_under(1.0)
@@ -568,8 +585,6 @@ class _Model:
             "bending_stiffness": factor * network.bending_stiffness,
             "normal_force": load * network.normal_force,
         }
-        if "on_site" in values:
-            scaled["on_site"] = values["on_site"] * network.on_site
         if network.tangential_force is not None:
             scaled["tangential_force"] = load * network.tangential_force
         # a frequency that was measured several times is solved once
@@ -719,6 +734,8 @@ def fit_damping(
     direction: ArrayLike | None = None,
     polarisation: str | ArrayLike = "longitudinal",
     distance: float | None = None,
+    finite_overlap: bool | None = None,
+    **load: float,
 ) -> DampingFit:
     """Find the losses of contacts and balls at which the response of a network is a measured
     transfer function.
@@ -726,7 +743,7 @@ def fit_damping(
     Parameters
     ----------
     x : a state, a sample or a network, as for :class:`granphon.Waves`, finite or cut as in the
-        experiment.
+        experiment; or a :class:`granphon.Crystal`, with its load.
     measured : the transfer function, :class:`TransferFunction`.
     source, receiver, quantity, direction, polarisation, distance : as for
         :meth:`granphon.Waves.response`; of several receivers, those of a plane say, the mean is
@@ -740,6 +757,9 @@ def fit_damping(
         "gain", by which the whole response is, where sensors are not calibrated.
     damping, loss_factor, drag, dashpot, restitution : losses that are not fitted, as for
         :meth:`granphon.Waves.response`.
+    load, finite_overlap : of a crystal, the load by its kind, as ``pressure=20.0`` (N), and as for
+        its states. It then comes to rest anew over springs, or on a wall, that are fitted. Contacts
+        of a state or network keep their forces, and a warning says so of springs.
 
     Returns
     -------
@@ -752,7 +772,10 @@ def fit_damping(
     :meth:`granphon.Waves.response` refuses.
     """
     names = texts("parameters", parameters)
-    network = given_network(x)
+    pressed = x if isinstance(x, PressedCrystal) else None
+    if load:
+        pressed = PressedCrystal.of(x, load, finite_overlap)
+    network = given_network(x if pressed is None else pressed)
     _require_fittable(names, network, measured)
     # wrong values are refused before the fit
     fixed_losses = {
@@ -771,7 +794,7 @@ def fit_damping(
         "polarisation": polarisation,
         "distance": distance,
     }
-    model = _Model(network, names, fixed_losses, measured.frequencies, places)
+    model = _Model(network, pressed, names, fixed_losses, measured.frequencies, places)
     comparison = _Comparison(model, measured)
     sigma_given = measured.sigma is not None
     dof = comparison.dof
@@ -786,6 +809,8 @@ def fit_damping(
     if sigma_given or not dof:
         warnings += judge_residuals(chi2, dof, len(names))
     warnings += _judge_errors(names, values, np.sqrt(np.diag(covariance)))
+    if "on_site" in names and pressed is None:
+        warnings.append(KEPT_FORCES)
     losses = model.losses(dict(zip(names, values.tolist(), strict=True)))
     values, covariance = _find_restitution(names, values, covariance)
     with_errors = replace(
@@ -797,7 +822,7 @@ def fit_damping(
         parameters=names,
         values=values,
         covariance=covariance,
-        **{name: _average_contacts(losses[name]) for name in _OTHERS},
+        **{name: _average_contacts(losses[name]) for name in SECOND_LOSSES},
         restitution=float(np.mean(losses[_RESTITUTION])),
         measured=with_errors,
         quantity=Places(network, direction, polarisation, distance).refine(quantity, source),
@@ -861,7 +886,7 @@ class _Comparison:
         if measured.phase is not None:
             self.phasor = np.exp(1j * measured.phase)
         self.scale = np.array([model.find_scale(name) for name in self.names])
-        self.is_loss = np.array([name in _LOSS_OF for name in self.names])
+        self.is_loss = np.array([name in LOSS_PARAMETERS for name in self.names])
         self._respond = lru_cache(maxsize=16)(self._find_response)
 
     @property
@@ -921,6 +946,8 @@ class _Comparison:
         ratios = np.array([stiffer ** _POWERS.get(name, 0.0) for name in self.names])
         scaled = np.where(self.is_loss, loss / max(int(np.sum(self.is_loss)), 1), ratios)
         differences = self.compare_logarithms(scaled)
+        if not np.all(np.isfinite(differences)):  # no balls come to rest
+            return math.inf, scaled
         if "gain" in self.names:
             # the gain that fits best is the mean ratio of magnitudes, in logarithms
             differences_of_magnitudes = differences[: self.measured.magnitude.size]
@@ -937,7 +964,9 @@ class _Comparison:
         losses = _LOSSES.tolist() if np.any(self.is_loss) else [0.0]
         starts = [self.find_start(loss, ratio) for ratio in ratios for loss in losses]
         starts.sort(key=lambda misfit_and_parameters: misfit_and_parameters[0])
-        return [parameters for _, parameters in starts[: len(ratios)]]
+        best = starts[: len(ratios)]
+        finite = [parameters for misfit, parameters in best if math.isfinite(misfit)]
+        return finite or [parameters for _, parameters in best]
 
     def _find_best_ratios(self) -> list[float]:
         """Return the ratios of stiffness, to that of the network as it is, at which broad lines fit

@@ -408,6 +408,11 @@ def _change_ball(ball: Ball, parameter: str, value: Any) -> Ball:
 Balls = Packing | Arrangement | NetworkFiles
 
 
+def find_kinds(balls: Balls) -> dict[str, Ball]:
+    """Return the ball of each kind by name, of a crystal; empty where balls have no kinds."""
+    return dict(balls.kinds) if isinstance(balls, Arrangement) else {}
+
+
 def given_balls(packing: Any) -> Packing | Arrangement:
     """Return ``packing``, the argument of a public call: a packing, or an arrangement, also of a
     crystal. Raises InputError for any other, as files, which have one load and no parameters.

@@ -356,6 +356,10 @@ _PARAMETERS = {
     "drag": "drag of balls",
     "dashpot": "viscosity of a contact",
     "restitution": "restitution of a collision",
+    "tangential_damping": "viscosity over stiffness, but of normal motion",
+    "tangential_loss_factor": "loss factor of a contact, but of normal motion",
+    "rotational_drag": "drag of rotations",
+    "tangential_dashpot": "viscosity of a contact in slip",
 }
 _OBSERVABLES = (
     _make_state_entry("force", "mean contact force", label="Contact force", told=True),
@@ -717,7 +721,7 @@ _OBSERVABLES = (
     ),
     *(
         _of_network(f"motion_{name}", "J", f"{title} over time", dims=("motion_time",))
-        for name, title in _ENERGIES
+        for name, title in (("kinetic", "kinetic energy"), *_ENERGIES)
     ),
     _of_network(
         "motion_force", "N", "greatest normal force of a contact over time", dims=("motion_time",)

@@ -97,7 +97,7 @@ def parameter_sensitivities(
     if not callable(function):
         mend = "Give a function of a state, as lambda s: gp.moduli(s).bulk"
         raise InputError(f"find is {brief(function)}", mend=mend)
-    applied = _read_load(load)
+    applied = read_load(load)
     default_medium = "ema" if isinstance(balls, Packing) else "crystal"
     choice = MediumChoice(medium or default_medium)
     names = None if parameters is None else texts("parameters", parameters)
@@ -182,7 +182,7 @@ def _find_slope(
     return np.asarray(course.differentiate(find_shaped))
 
 
-def _read_load(load: Mapping[str, Any]) -> Load:
+def read_load(load: Mapping[str, Any]) -> Load:
     """Return the load of one kind and one value; InputError for none or several."""
     if not load:
         raise InputError("there is no load", mend="Give one by its kind, as force=18.4")

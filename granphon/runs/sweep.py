@@ -24,7 +24,7 @@ from granphon.base.errors import InputError
 from granphon.base.progress import Progress, silent
 from granphon.base.settings import IN_PYTHON, make_rules, read_block
 from granphon.base.validation import block, require, truth
-from granphon.media.arrangement import Arrangement, given_balls
+from granphon.media.arrangement import Arrangement, find_kinds, given_balls
 from granphon.media.choice import MediumChoice, default_medium, require_finite_overlap
 from granphon.media.crystal import Crystal
 from granphon.phonons.paths import BandPath
@@ -43,6 +43,7 @@ from granphon.waves.settings import (
     SpectrumSettings,
     WaveSettings,
     require_losses,
+    require_walls,
 )
 
 Array = NDArray[Any]
@@ -131,9 +132,13 @@ def sweep(
         of its kinds, as {"A.young_modulus": [...]}, any of
         :data:`~granphon.balls.packing.KIND_PARAMETERS` but the diameter, of its walls,
         {"wall.young_modulus": [...]}, and of springs to the ground, ``on_site`` of all
-        displacements, N/m, {"on_site.rotation": [...]}, N m, and the like. The losses ``damping``,
+        displacements, N/m, {"on_site.rotation": [...]}, N m, and the like; a wall in a cut of the
+        response, motion or modes has the name of the block before it,
+        {"response.wall.young_modulus": [...]}. The losses ``damping``,
         s, ``loss_factor``, ``drag``, 1/s, ``dashpot``, N s/m, and ``restitution`` stand for those
-        of the response, motion and pulse. A ``width`` (W, m) scales
+        of the response, motion and pulse, which then do not give them; ``tangential_damping``,
+        ``tangential_loss_factor``, ``rotational_drag`` and ``tangential_dashpot`` are the second of
+        a pair. A ``width`` (W, m) scales
         the spread and keeps its shape, which is uniform if the packing has no spread; a
         ``diameter`` leaves the spread as it is. Lattices must have the same number of periods.
 
@@ -202,6 +207,7 @@ def sweep(
     waves = _read_waves(dos, spectrum, pulse, networks, directions, lattice)
     settings_with_losses = [] if waves is None else [waves.pulse, *waves.of_networks]
     require_losses(parameters, settings_with_losses)
+    require_walls(parameters, settings_with_losses, find_kinds(packing))
     path_of_bands = None if bands is None else (bands, npoints, labels)
     # what is found of the whole zone of wave vectors, and whether it is asked for
     zone_flags = {

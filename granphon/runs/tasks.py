@@ -28,10 +28,11 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.balls.ball import Ball
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import (
-    LOSSES,
+    LOSS_PARAMETERS,
     Axis,
     change_packing,
     combine,
@@ -52,7 +53,12 @@ from granphon.phonons.paths import interpolate_path, special_points
 from granphon.runs.execution import Task
 from granphon.runs.store import TaskResult
 from granphon.runs.workers import packages
-from granphon.waves.settings import BandsSettings, SurfaceSettings, WaveSettings
+from granphon.waves.settings import (
+    BandsSettings,
+    SurfaceSettings,
+    WaveSettings,
+    is_of_wall,
+)
 
 if TYPE_CHECKING:
     from granphon.array.pressed_sample import PressedSample
@@ -165,6 +171,14 @@ class Request:
         """Return the request with other ``losses``, by name, in all settings that have them."""
         waves = self.waves and self.waves.with_losses(losses)
         return replace(self, waves=waves, bands=self.bands and self.bands.with_losses(losses))
+
+    def with_walls(self, values: Mapping[str, float], kinds: Mapping[str, Ball]) -> Request:
+        """Return the request with other ``values`` of the parameters of walls at which networks and
+        surfaces end; ``kinds`` are the kinds of balls.
+        """
+        waves = self.waves and self.waves.with_walls(values, kinds)
+        surface = self.surface and self.surface.with_walls(values, kinds)
+        return replace(self, waves=waves, surface=surface)
 
     def find_path(self, structure: Lattice) -> tuple[Array, tuple[str, ...]] | None:
         """Find the points along the path of the bands, (s, p, 3), and the labels of its corners;
@@ -366,10 +380,16 @@ class Grid:
 
     def change(self, values: Mapping[str, Any]) -> tuple[Balls, Request]:
         """Return the packing and the request with other ``values`` of parameters, by name."""
-        losses = {name: value for name, value in values.items() if name in LOSSES}
-        of_balls = {name: value for name, value in values.items() if name not in LOSSES}
+        losses = {name: value for name, value in values.items() if name in LOSS_PARAMETERS}
+        walls = {name: value for name, value in values.items() if is_of_wall(name)}
+        of_balls = {name: x for name, x in values.items() if name not in losses | walls}
+        packing = change_packing(self.packing, of_balls)
         request = self.request.with_losses(losses) if losses else self.request
-        return change_packing(self.packing, of_balls), request
+        if walls:
+            from granphon.media.arrangement import find_kinds  # other sweeps have no kinds
+
+            request = request.with_walls(walls, find_kinds(packing))
+        return packing, request
 
 
 def require_arrays(

@@ -57,6 +57,7 @@ from granphon.media.state import ContactState, NetworkState, ideal_lattice
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.waves.chebyshev import Kernel
 from granphon.waves.dos import SpectralDensity
+from granphon.waves.modes import require_motions
 from granphon.waves.motion import Motion, fit_velocity
 from granphon.waves.operator import WaveOperator
 from granphon.waves.path_spectra import PathSpectra, find_path_points
@@ -118,7 +119,8 @@ NUMBERS = (
     "energy_supplied",
 )
 OVER_TIME = tuple(
-    f"motion_{name}" for name in ("translation", "rotation", "stored", "lost", "supplied", "force")
+    f"motion_{name}"
+    for name in ("kinetic", "translation", "rotation", "stored", "lost", "supplied", "force")
 )
 _WITH_ERRORS = NUMBERS[:3]
 #: least number of steps in a period of a shaker
@@ -225,6 +227,9 @@ def require_network(
             PreparedMotion(state if array is None else network, settings)
             continue
         shaped_network = settings.shape(network)
+        if isinstance(settings, ModesSettings) and key == "count":
+            motions = shaped_network.ball_motions.count
+            require_motions(settings.count, motions * int(np.sum(shaped_network.moving)))
         if isinstance(settings, ResponseSettings) and key in ("source", "receiver"):
             places = [find_place(words) for words in getattr(settings, key)]
             options = _choose_plane(settings)
@@ -684,6 +689,7 @@ def record_motion(
         "energy_supplied": supplied[-1],
     }
     over_time = (
+        motion.translation + motion.rotation,
         motion.translation,
         motion.rotation,
         motion.stored,

@@ -342,27 +342,27 @@ def _list_onsets(run: Any) -> dict[str, Any]:
 
 
 def _list_peaks(run: Any) -> dict[str, Any]:
-    """Return the peaks of the response at each receiver: frequency, Hz, height and Q."""
+    """Return the peaks of the response at each receiver: frequency, Hz, height and Q, with their
+    standard errors where these are known.
+    """
     data = run.dataset
     receivers = data["receiver"].values.tolist()
     peaks: dict[str, list[dict[str, float]]] = {receiver: [] for receiver in receivers}
     if "peaks_frequency" not in data:
         return {"peaks": peaks}
     quantity = next(name for name in RESPONSES.values() if name in data)
-    variables = {
-        "frequency": "peaks_frequency",
-        "height": f"peaks_{quantity}",
-        "quality": "peaks_quality",
-    }
     # (receivers, peaks), nan beyond the number of peaks
+    names = {"frequency": "frequency", "height": quantity, "quality": "quality"}
     tables = {
-        name: data[variable].values.reshape(len(peaks), -1).tolist()
-        for name, variable in variables.items()
+        f"{word}{ending}": data[f"peaks_{name}{ending}"].values.reshape(len(peaks), -1).tolist()
+        for word, name in names.items()
+        for ending in ("", "_error")
+        if f"peaks_{name}{ending}" in data
     }
     for row, receiver in enumerate(peaks):
         for column, frequency in enumerate(tables["frequency"][row]):
             if np.isfinite(frequency):
-                peak = {name: table[row][column] for name, table in tables.items()}
+                peak = {word: table[row][column] for word, table in tables.items()}
                 peaks[receiver].append(peak)
     return {"peaks": peaks}
 
@@ -592,9 +592,26 @@ def _draw_curves(
 
 def _draw_motion(results: Any, where: Wishes | None = None) -> Any:
     """Return the figure of the motion of a single state, or of the energies of several."""
-    if not where and results["balls_in_motion"] is not None:
-        return _plot("balls_in_motion", results)
-    return _draw_dataset("motion", results, where)
+    motion = results["balls_in_motion"]
+    if where or motion is None:
+        return _draw_dataset("motion", results, where)
+    from granphon.figures.motions import motion_figure
+
+    return motion_figure(motion, errors=_find_energy_errors(motion, results["states"]))
+
+
+def _find_energy_errors(motion: Any, data: Any) -> dict[str, Any]:
+    """Return the standard errors (n,), J, of the energies of a motion over time, by the names of
+    its attributes; empty for the first of several samples, whose means the data set has.
+    """
+    is_mean = data is None or not np.array_equal(
+        data["motion_stored"].values.ravel(), motion.stored
+    )
+    if is_mean:
+        return {}
+    names = ("translation", "rotation", "stored", "lost")
+    errors = {name: data.get(f"motion_{name}_error") for name in names}
+    return {name: error.values.ravel() for name, error in errors.items() if error is not None}
 
 
 def _draw_bands(results: Any, asymptotes: Any = None) -> Any:

@@ -174,7 +174,7 @@ def draw_together(
     x: str | None = None,
     y: str | None = None,
     data: Sequence[str | os.PathLike[str]] = (),
-    distance: float | None = None,
+    distance: float | tuple[float, float] | None = None,
     backend: str | None = None,
     view: View = WHOLE,
     tell: Tell | None = None,

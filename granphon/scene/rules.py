@@ -32,7 +32,7 @@ from granphon.balls.material import Material
 from granphon.balls.motions import allowed_motions, default_motions
 from granphon.balls.on_site import DISPLACEMENTS, ROTATION, ROTATIONS, SPRING_PARAMETERS
 from granphon.balls.packing import (
-    LOSSES,
+    LOSS_PARAMETERS,
     MINDLIN,
     PARAMETERS,
     Axis,
@@ -94,7 +94,7 @@ from granphon.media.choice import MEDIA, MediumChoice, read_medium
 from granphon.observables.catalogue import CATALOGUE
 from granphon.phonons.paths import BandPath, read_labels
 from granphon.scene.outputs import DIAMETERS_FILE
-from granphon.waves.settings import CUT, LOSS_KINDS, NETWORK_BLOCKS, REPEAT
+from granphon.waves.settings import CUT, LOSS_KINDS, NETWORK_BLOCKS, REPEAT, is_of_wall
 
 #: version number of the layout of a scene file, its key "schema"
 SCENE_SCHEMA = 1
@@ -408,7 +408,9 @@ def _read_parameters(value: Any, context: Context) -> tuple[tuple[str, tuple[Any
     """Return the parameters of a sweep, in the order of their block, each as its name and its
     values.
     """
-    names = [*(context.parameters or PARAMETERS), *LOSSES]
+    names = [*(context.parameters or PARAMETERS), *LOSS_PARAMETERS]
+    if isinstance(value, Mapping):  # other blocks say which walls there are
+        names += [name for name in value if isinstance(name, str) and is_of_wall(name)]
     if not context.parameters and isinstance(value, Mapping) and "lattice" in value:
         # motions must be allowed on each of the lattices
         lattices = tuple(map(find_lattice, read_lattices(value["lattice"])))
@@ -423,7 +425,9 @@ def _find_kind(name: str) -> Kind:
     """Return the kind of the values of a parameter of a sweep."""
     if name in SPRING_PARAMETERS:
         return _SPRING_KINDS.get(name.partition(".")[2], _SPRING)
-    return LOSS_KINDS[name] if name in LOSSES else PARTS[name.rpartition(".")[2]]
+    if name in LOSS_PARAMETERS:
+        return LOSS_KINDS[LOSS_PARAMETERS[name]]
+    return PARTS[name.rpartition(".")[2]]
 
 
 def _read_axis(value: Any, name: str, context: Context) -> tuple[Any, ...]:

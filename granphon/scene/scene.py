@@ -307,6 +307,8 @@ class Scene(SceneValues):
         """
         from granphon.scene.uncertainty import Spread, warn_of_lacking
 
+        # the folder may have the errors of an earlier run, which would count as errors of sampling
+        result.values["errors"] = {}
         shifted = []
         with progress.step("standard errors", len(self.errors)) as step:
             for lower, upper in self.shifted:

@@ -43,6 +43,9 @@ _ROUNDING = 1e-12
 #: dimensions along which a density has its own frequencies in each state: densities at one index
 #: have no common frequency, so that their difference says nothing
 _OF_DENSITIES = "node"
+#: the dimension of the peaks of a response, and the variable that has a number for each
+_OF_PEAKS = "response_peak"
+_PEAKS = "peaks_frequency"
 
 
 def settle_errors(scene: Any) -> tuple[tuple[Keys, float], ...]:
@@ -273,8 +276,23 @@ class Spread:
             if errors is not None:
                 attributes = {"units": unit} if unit else {}
                 attributes["mostly_from"] = errors[1]
-                added[f"{name}{_ERROR}"] = (variable.dims, errors[0], attributes)
+                numbers = errors[0]
+                if _OF_PEAKS in variable.dims:
+                    numbers = np.where(self._have_same_peaks(dataset), numbers, np.nan)
+                    if np.any(np.isnan(numbers) & np.isfinite(variable.values)):
+                        self.lacking[str(name)] = None
+                added[f"{name}{_ERROR}"] = (variable.dims, numbers, attributes)
         return dataset.assign(added)
+
+    def _have_same_peaks(self, dataset: Dataset) -> Array:
+        """Return whether each receiver, (..., receivers, 1), has as many peaks at both ends of all
+        errors as in the data set: others have no peak that is the same.
+        """
+        counts = [
+            np.sum(np.isfinite(results[_PEAKS].values), axis=-1, keepdims=True)
+            for results in (dataset, *(end for pair in self.pairs for end in pair))
+        ]
+        return np.asarray(np.ptp(counts, axis=0) == 0)
 
 
 def warn_of_lacking(dataset: Dataset, spreads: Sequence[Spread]) -> Dataset:

@@ -43,6 +43,7 @@ from granphon.waves.settings import (
     SurfaceSettings,
     WaveSettings,
     require_losses,
+    require_walls,
 )
 
 if TYPE_CHECKING:
@@ -59,6 +60,8 @@ _CHECKED = {
     **{name: rules.PHONOPY[name] for name in ("band_points", "mesh", "dim")},
     "direction": rules.DIRECTION,
 }
+#: what a sweep may vary of losses and of walls
+_ALLOWED_IN_SWEEP = "a parameter of what is observed, which no block gives"
 #: greatest number of directions of sound that the description of a scene names
 _MOST_DESCRIBED = 4
 #: number of cells along each period below which the smallest possible supercell is sought
@@ -478,10 +481,13 @@ class SceneValues:
                 choice.require_for(self.packing)
         self._require_arrays()
         if self.parameters:
+            from granphon.media.arrangement import find_kinds  # other scenes have no kinds
+
             observed = [*map(self.observed_settings, WAVE_BLOCKS)]
             for name, _values in self.parameters:
-                with rules.refusing(name, "a parameter of what is observed", "sweep"):
+                with rules.refusing(name, _ALLOWED_IN_SWEEP, "sweep"):
                     require_losses([name], observed)
+                    require_walls([name], observed, find_kinds(self.packing))
         for conflict in self._list_conflicts():
             if conflict.name in self.observe and conflict.holds:
                 found = f"{conflict.name!r} {conflict.problem}"

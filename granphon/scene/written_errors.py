@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from granphon.balls.packing import SECOND_LOSSES
 from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import NUMBER, split_error
 from granphon.base.text import list_names, read_yaml, show
@@ -28,13 +29,6 @@ Keys = tuple[str | int, ...]
 _ALLOWED = "a quantity with its standard error, such as '8 mm +- 4 um' or '211 GPa +- 1 %'"
 #: the number of a spread of each kind that a fit of the width gives
 _NUMBERS_OF_SPREADS = {"uniform": "width", "normal": "std"}
-#: the losses that stand second in a list, by the key of the list
-_SECOND_LOSSES = {
-    "damping": "tangential_damping",
-    "loss_factor": "tangential_loss_factor",
-    "drag": "rotational_drag",
-    "dashpot": "tangential_dashpot",
-}
 
 
 def name_keys(keys: Keys) -> str:
@@ -108,7 +102,8 @@ class WrittenErrors:
         if not math.isfinite(error):
             found = f"{name_of_file}, whose standard errors are not known"
             raise Refused(found, "a fit whose errors are known", "Write the value itself.", keys)
-        unit = fit.units_of_values[number].removeprefix("1").replace(" ", "*")
+        unit = fit.units_of_values[number]
+        unit = "" if unit == "1" else unit.replace(" ", "*")
         self._add(keys, f"{value!r} {unit}" if unit else value, f"{error!r} {unit}".strip())
         return number
 
@@ -160,5 +155,5 @@ def _find_parameter(keys: Keys, fit: Any) -> tuple[str, float]:
         return "width", getattr(spread, number) / fit.width
     key = keys[-1]
     if isinstance(key, int):
-        key = keys[-2] if key == 0 else _SECOND_LOSSES.get(str(keys[-2]), key)
+        key = keys[-2] if key == 0 else SECOND_LOSSES.get(str(keys[-2]), key)
     return str(key), 1.0

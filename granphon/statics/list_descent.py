@@ -231,10 +231,25 @@ class LatticeDescent(ListDescent):
         error = explain(self.problem, self.options, residual=self.trail.best)
         if laws.adhere and isinstance(error, ConvergenceError):
             contact = int(np.argmin(place.overlap - laws.least))
-            problem = f"{self.problem.load.words} pulls contact {contact} apart"
             tension = laws.tension[contact] + 0.0  # of contacts that only push, no -0
-            why = f"It bears a tension of up to {tension:.6g} N"
             if not tension and np.any(np.isinf(laws.tension)):
-                why += ", and springs or bonds bear the load in its place"
+                return self._explain_unloaded(place, contact)
+            problem = f"{self.problem.load.words} pulls contact {contact} apart"
+            why = f"It bears a tension of up to {tension:.6g} N"
             return InputError(problem, why, "Press the crystal more")
         return error
+
+    def _explain_unloaded(self, place: Configuration, contact: int) -> InputError:
+        """Return the error of a ``contact`` that only pushes, and has no force as springs to the
+        ground or bonds bear the load.
+        """
+        laws = self.problem.assembly.laws
+        never_opens = np.isinf(laws.tension)
+        stiffness = laws.stiffness(place.overlap)
+        stiffest_contact = float(np.max(stiffness[~never_opens]))
+        words = f"{self.problem.load.words} leaves no force to contact {contact}"
+        why = "Springs to the ground or bonds bear the load in its place"
+        if stiffest_contact > 0.0:
+            ratio = float(np.max(stiffness[never_opens])) / stiffest_contact
+            why += f", of up to {ratio:.3g} times the stiffness of the stiffest contact"
+        return InputError(words, why, "Take softer ones, fewer balls in a row, or a greater load")

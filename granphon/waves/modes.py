@@ -346,6 +346,16 @@ def find_roots(operator: WaveOperator, squares: Array) -> Array:
     return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
 
 
+def require_motions(count: int, available: int) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` for a request of more modes than the motions
+    that are ``available``.
+    """
+    if count > available:
+        request = counted(count, "mode is", "modes are")
+        fault = f"{request} asked for, and the network has {counted(available, 'motion')}"
+        raise InputError(fault, mend="Ask for fewer")
+
+
 def make_too_few(available: int, count: int) -> InputError:
     """Return the error of a request of ``count`` modes where fewer are ``available``."""
     request = counted(count, "mode is", "modes are")
@@ -1003,10 +1013,7 @@ def find_modes(operator: WaveOperator, count: int, nearest: float | None) -> Net
         )
     problem = Problem.of(operator)
     size = problem.live.size
-    if count > size:
-        request = counted(count, "mode is", "modes are")
-        fault = f"{request} asked for, and the network has {counted(size, 'motion')}"
-        raise InputError(fault, mend="Ask for fewer")
+    require_motions(count, size)
     if _is_dense(problem, count):
         pairs = _find_dense(problem, count, target)
     elif size <= LARGEST_FACTORS[operator.network.dimension]:

@@ -15,10 +15,10 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from granphon.balls.ball import Wall
+from granphon.balls.ball import Ball, Wall, name_walls
 from granphon.balls.layers import read_axis, read_edge, read_edges
 from granphon.balls.material import Material
-from granphon.balls.packing import LOSSES
+from granphon.balls.packing import LOSS_PARAMETERS, LOSSES, SECOND_LOSSES, WALL_PARAMETERS
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import (
@@ -358,9 +358,35 @@ class LossSettings(Block, kw_only=True):
         losses = {name: getattr(self, name, None) for name in LOSSES}
         return {name: loss for name, loss in losses.items() if loss is not None}
 
-    def with_losses(self, losses: Mapping[str, float]) -> Self:
-        """Return the settings with those of other ``losses``, by name, that they have."""
-        return replace(self, **{name: x for name, x in losses.items() if hasattr(self, name)})
+    def list_given(self) -> list[str]:
+        """Return the :data:`~granphon.balls.packing.LOSS_PARAMETERS` that are given: both of a
+        pair, and of one value for all motions the first.
+        """
+        names = []
+        for setting_of_loss in fields(self):
+            name = setting_of_loss.name
+            value = getattr(self, name)
+            if name in LOSSES and value != setting_of_loss.default:
+                names += [name, SECOND_LOSSES[name]] if isinstance(value, tuple) else [name]
+        return names
+
+    def with_losses(self, values: Mapping[str, float]) -> Self:
+        """Return the settings with other ``values`` of losses that they have, by the names of
+        :data:`~granphon.balls.packing.LOSS_PARAMETERS`. The second of a pair is the first unless it
+        has a value of its own.
+        """
+        changed: dict[str, Any] = {}
+        for name in dict.fromkeys(LOSS_PARAMETERS[parameter] for parameter in values):
+            if not hasattr(self, name):
+                continue
+            given = getattr(self, name) or 0.0
+            first, second = given if isinstance(given, tuple) else (given, given)
+            first = values.get(name, first)
+            if name in values:
+                second = first
+            other = values.get(SECOND_LOSSES.get(name, ""), second)
+            changed[name] = first if other == first else (first, other)
+        return replace(self, **changed)
 
 
 class LinearLossSettings(LossSettings, kw_only=True):
@@ -381,15 +407,95 @@ class LinearLossSettings(LossSettings, kw_only=True):
 
 def require_losses(names: Iterable[str], settings: Sequence[Block | None]) -> None:
     """Raise :class:`InputError` for a loss, of ``names`` of swept parameters, that none of the
-    ``settings`` of what is observed has.
+    ``settings`` of what is observed has, or that one of them gives.
     """
     for name in names:
-        if name in LOSSES and not any(hasattr(block, name) for block in settings):
+        loss = LOSS_PARAMETERS.get(name)
+        if loss is None:
+            continue
+        with_loss = [block for block in settings if hasattr(block, loss)]
+        if not with_loss:
             raise InputError(
                 f"nothing that is observed depends on {name}",
                 "Losses are those of a response, a motion, a pulse, or of bands with a block bands",
                 "Observe one of these, or leave the parameter out",
             )
+        for lossy in with_loss:
+            if isinstance(lossy, LossSettings) and name in lossy.list_given():
+                raise InputError(
+                    f"{name} is swept, and given in the block {lossy.block}",
+                    "Each state has one value",
+                    f"Leave {lossy.block}.{loss} out, or do not sweep over {name}",
+                )
+
+
+class EdgeSettings(Block, kw_only=True):
+    """Settings with edges, at which walls may stand."""
+
+    @property
+    def edges(self) -> tuple[str | Wall, ...]:
+        """How each edge is held."""
+        raise NotImplementedError
+
+    def with_edges(self, edges: Sequence[str | Wall]) -> Self:
+        """Return the settings with other :attr:`edges`."""
+        raise NotImplementedError
+
+    def list_walls(self, kinds: Mapping[str, Ball]) -> dict[str, Wall]:
+        """Return the walls at the edges, "response.wall" by name; ``kinds`` are the kinds of balls,
+        of whose materials walls may be.
+        """
+        walls = [edge for edge in name_walls(self.edges, kinds, ()) if isinstance(edge, Wall)]
+        return {f"{self.block}.{wall.name}": wall for wall in walls}
+
+    def with_walls(self, values: Mapping[str, float], kinds: Mapping[str, Ball]) -> Self:
+        """Return the settings with other ``values``, SI, of the parameters of their walls, by name,
+        as "response.wall.young_modulus".
+        """
+        walls = self.list_walls(kinds)
+        for name, value in values.items():
+            wall_name, _, parameter = name.rpartition(".")
+            if wall_name in walls:
+                wall = walls[wall_name]
+                material = replace(wall.solid, **{parameter: value})
+                walls[wall_name] = replace(wall, material=material)
+        changed = [
+            walls[f"{self.block}.{named.name}"] if isinstance(named, Wall) else edge
+            for edge, named in zip(self.edges, name_walls(self.edges, kinds, ()), strict=True)
+        ]
+        return self.with_edges(changed)
+
+
+def is_of_wall(name: str) -> bool:
+    """Return whether a swept parameter has the ``name`` of one of a wall at an edge of a block, as
+    "response.wall.young_modulus".
+    """
+    first, _, rest = name.partition(".")
+    wall, _, parameter = rest.rpartition(".")
+    return bool(wall) and first in _EDGE_BLOCKS and parameter in WALL_PARAMETERS
+
+
+def require_walls(
+    names: Iterable[str], settings: Sequence[Block | None], kinds: Mapping[str, Ball]
+) -> None:
+    """Raise :class:`InputError` for a parameter of a wall, of ``names`` of swept parameters, that
+    no edge of the ``settings`` of what is observed has; ``kinds`` are the kinds of balls.
+    """
+    of_walls = list(filter(is_of_wall, names))
+    if not of_walls:
+        return
+    walls = [
+        wall
+        for block in settings
+        if isinstance(block, EdgeSettings)
+        for wall in block.list_walls(kinds)
+    ]
+    for name in of_walls:
+        wall = name.rpartition(".")[0]
+        if wall not in walls:
+            known = f"The walls are {', '.join(walls)}" if walls else "No edge has a wall"
+            mend = "Use one of these" if walls else "Give a wall in the cut of the block"
+            raise InputError(f"nothing that is observed has a wall {wall}", known, mend)
 
 
 class SpectrumSettings(Block):
@@ -475,7 +581,7 @@ class PulseSettings(LossSettings):
     )
 
 
-class SurfaceSettings(Block):
+class SurfaceSettings(EdgeSettings):
     """Waves of an edge, along the path of its own zone; see :class:`granphon.Surface`.
 
     Attributes
@@ -503,8 +609,18 @@ class SurfaceSettings(Block):
         _POINTS, "wave vectors between two corners of the path along the edge", default=31
     )
 
+    @property
+    def edges(self) -> tuple[str | Wall, ...]:
+        """How the one edge is held."""
+        return (self.edge,)
 
-class NetworkSettings(Block, kw_only=True):
+    def with_edges(self, edges: Sequence[str | Wall]) -> Self:
+        """Return the settings with another edge."""
+        (edge,) = edges
+        return replace(self, edge=edge)
+
+
+class NetworkSettings(EdgeSettings, kw_only=True):
     """Settings of a result for the network of each state, or of each sample of a simulation.
 
     Attributes
@@ -525,6 +641,17 @@ class NetworkSettings(Block, kw_only=True):
         default=(),
         absent="none",
     )
+
+    @property
+    def edges(self) -> tuple[str | Wall, ...]:
+        """How the lower and the upper edge of each cut are held, one after the other."""
+        return tuple(edge for _, _, edges in self.cut for edge in edges)
+
+    def with_edges(self, edges: Sequence[str | Wall]) -> Self:
+        """Return the settings with other edges of the cuts."""
+        pairs = zip(edges[::2], edges[1::2], strict=True)
+        cuts = zip(self.cut, pairs, strict=True)
+        return replace(self, cut=tuple((axis, layers, pair) for (axis, layers, _), pair in cuts))
 
     def count_balls(self, number: int) -> int:
         """Return the number of balls, or of cells, of a network once it is repeated and cut;
@@ -962,6 +1089,7 @@ class ModesSettings(NetworkSettings):
     """
 
     block = "modes"
+    of_network = ("repeat", "cut", "count")
 
     count: int = setting(
         whole_from(1, 10_000),
@@ -989,6 +1117,8 @@ BLOCKS: dict[str, type[Block]] = {
         BandsSettings,
     )
 }
+#: the names of the blocks with edges
+_EDGE_BLOCKS = [name for name, settings in BLOCKS.items() if issubclass(settings, EdgeSettings)]
 #: the blocks about the network of a state, by the word with which a scene observes them
 NETWORK_BLOCKS: dict[str, type[NetworkSettings]] = {
     "response": ResponseSettings,
@@ -1029,6 +1159,13 @@ class WaveSettings:
         )
         pulse = self.pulse and self.pulse.with_losses(losses)
         return replace(self, pulse=pulse, of_networks=tuple(networks))
+
+    def with_walls(self, values: Mapping[str, float], kinds: Mapping[str, Ball]) -> WaveSettings:
+        """Return the settings with other ``values`` of the parameters of walls, by name, at the
+        edges of networks; ``kinds`` are the kinds of balls.
+        """
+        networks = tuple(settings.with_walls(values, kinds) for settings in self.of_networks)
+        return replace(self, of_networks=networks)
 
     @property
     def names(self) -> tuple[str, ...]:

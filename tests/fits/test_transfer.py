@@ -15,6 +15,7 @@ from scipy.optimize import curve_fit
 import granphon as gp
 from granphon.base.errors import InputError
 from granphon.base.text import read_yaml
+from granphon.fits.pressed import PressedCrystal
 from granphon.scene.redraw import redraw
 
 UNITS = gp.Units(8e-3, 3e6, 2e-3)
@@ -205,6 +206,86 @@ def test_springs_and_the_modulus_of_a_wall_are_those_of_the_closed_form(name):
     expected = {"on_site": 1.7, "wall_modulus": true_modulus}[name]
     assert_allclose(found.values, [drag, expected], rtol=1e-6)
     assert np.all(found.stderrs > 0.0)
+
+
+SPRING = 4e6  # N/m
+
+
+def ball_on_wall(spring, modulus=3e9):
+    """A ball of steel on a wall of this modulus, over a spring to the ground."""
+    ball = gp.Ball(gp.Material(193e9, 0.30, 8000.0), 8e-3)
+    wall = gp.Wall(gp.Material(modulus, 0.35, 1200.0))
+    return gp.Crystal.on("chain", [ball], on_site=spring).cut(0, 1, (wall, "free"))
+
+
+def measure_ball_on_wall(spring, modulus, pressure, drag):
+    """The closed form: a wall and a spring share the load, P = (4/3) E* R^(1/2) d^(3/2) + k_g d."""
+    radius, mass = 4e-3, gp.Ball(gp.Material(193e9, 0.30, 8000.0), 8e-3).mass
+    contact_modulus = 1.0 / ((1.0 - 0.30**2) / 193e9 + (1.0 - 0.35**2) / modulus)
+    hertz = 4.0 / 3.0 * contact_modulus * math.sqrt(radius)
+    roots = np.roots([hertz, spring, 0.0, -pressure])  # of d^(1/2)
+    (root,) = roots[(np.abs(roots.imag) < 1e-12) & (roots.real > 0.0)].real
+    stiffness = 2.0 * contact_modulus * math.sqrt(radius) * root + spring
+    resonance = math.sqrt(stiffness / mass)
+    omega = resonance * np.array([0.97, 1.0, 1.03])
+    values = 1.0 / (stiffness - mass * omega**2 + 1j * omega * mass * drag)
+    errors = 0.02 * np.abs(values)
+    return gp.TransferFunction(omega / 2.0 / math.pi, np.abs(values), np.angle(values), errors)
+
+
+@pytest.mark.claim("fit-springs-at-rest")
+@pytest.mark.parametrize(("ratio", "modulus"), [(1.7, None), (1.0, 9e9), (0.3, 20e9)])
+def test_the_network_of_a_fit_is_at_rest_over_its_springs_and_on_its_wall(ratio, modulus):
+    pressed = PressedCrystal.of(ball_on_wall(SPRING), {"pressure": 20.0})
+    network = pressed.find_network(ratio, modulus)
+    expected = measure_ball_on_wall(ratio * SPRING, modulus or 3e9, 20.0, 4e3)
+    found = gp.Waves(network).response(expected.frequencies, (0, "x"), (0, "x"), drag=4e3)
+    assert_allclose(np.abs(found.coherent), expected.magnitude, rtol=1e-9)
+    assert_allclose(pressed.network.on_site, [[SPRING], [0.0]])
+
+
+@pytest.mark.slow
+@pytest.mark.claim("fit-springs-at-rest")
+@pytest.mark.parametrize(("name", "value"), [("on_site", 1.7), ("wall_modulus", 9e9)])
+def test_a_crystal_comes_to_rest_anew_over_the_springs_that_are_fitted(name, value):
+    ratio, modulus = {"on_site": (1.7, 3e9), "wall_modulus": (1.0, 9e9)}[name]
+    measured = measure_ball_on_wall(ratio * SPRING, modulus, 20.0, 4e3)
+    call = {"source": (0, "x"), "receiver": (0, "x"), "parameters": ("drag", name)}
+    found = gp.fit_damping(ball_on_wall(SPRING), measured, **call, pressure=20.0)
+    assert_allclose(found.values, [4e3, value], rtol=1e-6)
+    assert not any("keep" in warning for warning in found.warnings)
+
+
+@pytest.mark.slow
+@pytest.mark.claim("fit-springs-at-rest")
+def test_a_state_keeps_its_forces_over_springs_that_are_fitted_and_says_so():
+    measured = measure_ball_on_wall(1.7 * SPRING, 3e9, 20.0, 4e3)
+    state = ball_on_wall(SPRING).at_pressure(20.0)
+    call = {"source": (0, "x"), "receiver": (0, "x"), "parameters": ("drag", "on_site")}
+    found = gp.fit_damping(state, measured, **call)
+    assert any("keep" in warning for warning in found.warnings)
+    # the spring is too soft by the stiffness that its contact loses in truth
+    network = ball_on_wall(1.7 * SPRING).at_pressure(20.0).network
+    lost = float(state.network.normal_stiffness[0] - network.normal_stiffness[0])
+    assert_allclose(found.values[1], 1.7 - lost / SPRING, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("x", "load", "word"),
+    [
+        ("crystal", {}, "at_force"),
+        ("crystal", {"presure": 20.0}, "Did you mean 'pressure'"),
+        ("crystal", {"pressure": [1.0, 2.0]}, "2 values"),
+        ("crystal", {"pressure": 1.0, "force": 1.0}, "one of"),
+        ("state", {"pressure": 20.0}, "its load"),
+    ],
+)
+def test_loads_of_a_crystal_that_are_refused(x, load, word):
+    measured = measure_ball_on_wall(SPRING, 3e9, 20.0, 4e3)
+    crystal = ball_on_wall(SPRING)
+    given = {"crystal": crystal, "state": crystal.at_pressure(20.0)}[x]
+    with pytest.raises(InputError, match=word):
+        gp.fit_damping(given, measured, (0, "x"), (0, "x"), **load)
 
 
 def test_stiffness_and_gain_are_found_with_the_damping_and_errors_follow_from_the_scatter():

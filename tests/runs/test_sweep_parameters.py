@@ -56,6 +56,35 @@ def test_a_sweep_over_a_loss_is_the_damped_oscillator_at_each_value(name, values
     assert data[name].attrs["units"] in ("1/s", "N s/m", "s")
 
 
+@pytest.mark.claim("sweep-losses")
+@pytest.mark.parametrize("given", [{"dashpot": 3.0}, {"drag": 500.0}, {}])
+def test_a_sweep_over_both_of_a_pair_moves_the_ball_by_the_second_across(given):
+    crystal = gp.Crystal.on("chain", [BEAD], motions="in_plane").cut(0, 3, edges="clamped")
+    heard = {"frequencies": FREQUENCIES, "source": "1 y", "receiver": "1 y", **given}
+    axes = {} if "dashpot" in given else {"dashpot": [7.0]}
+    data = gp.sweep(crystal, force=20.0, response=heard, tangential_dashpot=[0.0, 2.0], **axes)
+    found = np.squeeze(complex_response(data))
+    omega = 2.0 * np.pi * FREQUENCIES
+    for number, across in enumerate((0.0, 2.0)):
+        viscosity = 2.0 * across + BEAD.mass * given.get("drag", 0.0)
+        k = data["shear_stiffness"].values.ravel()[number]
+        expected = 1.0 / (2.0 * k - BEAD.mass * omega**2 + 1j * omega * viscosity)
+        assert_allclose(found[number], expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("losses", "swept"),
+    [
+        ({"drag": 2.0}, "drag"),
+        ({"dashpot": (2.0, 1.0)}, "tangential_dashpot"),
+        ({"restitution": 0.9}, "restitution"),
+    ],
+)
+def test_a_loss_that_is_given_is_not_swept(losses, swept):
+    with pytest.raises(InputError, match=f"{swept} is swept, and given in the block response"):
+        gp.sweep(ONE_BALL, force=20.0, response=HEARD | losses, **{swept: [0.5, 0.6]})
+
+
 def test_a_sweep_varies_the_losses_of_response_and_motion_together():
     values = [0.5, 0.9]
     data = gp.sweep(ONE_BALL, force=20.0, response=HEARD, motion=DRIVEN, restitution=values)
@@ -87,6 +116,35 @@ def test_a_sweep_over_a_wall_has_hertz_of_each_material():
     expected = (0.75 * 20.0 * compliance / np.sqrt(BEAD.radius)) ** (2.0 / 3.0)
     assert_allclose(data["overlap"].values.ravel(), expected, rtol=1e-12)
     assert data["wall.young_modulus"].attrs["long_name"] == "Young modulus of wall"
+
+
+@pytest.mark.claim("sweep-walls")
+def test_a_sweep_over_a_wall_of_a_response_is_that_of_one_ball_on_each_material():
+    moduli = np.array([3e9, 50e9])
+    cut = [(0, 2, (gp.Wall(SOFT), "clamped"))]
+    heard = {"frequencies": FREQUENCIES, "source": "0 x", "receiver": "0 x", "cut": cut}
+    chain = gp.Crystal.on("chain", [BEAD])
+    data = gp.sweep(chain, force=20.0, response=heard, **{"response.wall.young_modulus": moduli})
+    compliance = (1.0 - 0.30**2) / 193e9 + (1.0 - SOFT.poisson_ratio**2) / moduli
+    at_wall = (6.0 * BEAD.radius * 20.0 / compliance**2) ** (1.0 / 3.0)  # (6 E*^2 R f)^(1/3)
+    k = data["normal_stiffness"].values.ravel() + at_wall
+    omega = 2.0 * np.pi * FREQUENCIES
+    expected = 1.0 / (k[:, None] - BEAD.mass * omega**2)
+    assert_allclose(np.squeeze(complex_response(data)), expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("response.wall_2.young_modulus", "walls are response.wall"),
+        ("motion.wall.young_modulus", "no.* wall motion.wall"),
+        ("response.wall.density", "no parameter"),
+    ],
+)
+def test_walls_of_a_response_that_are_not_there_are_refused(name, message):
+    heard = HEARD | {"cut": [(0, 3, (gp.Wall(SOFT), "free"))]}
+    with pytest.raises(InputError, match=message):
+        gp.sweep(gp.Crystal.on("chain", [BEAD]), force=20.0, response=heard, **{name: [1e9]})
 
 
 @pytest.mark.claim("sweep-springs")
@@ -169,6 +227,8 @@ def test_a_scene_with_a_sweep_over_losses_walls_and_springs(tmp_path):
         ("drag: [0 1/s, 40 1/ms]", "restitution: [0, 1]", "sweep.restitution.0"),
         ("drag: [0 1/s, 40 1/ms]", "drag: [[1 1/s, 2 1/s]]", "sweep.drag.0"),
         ("observe: [response]", "observe: [modes]", "sweep: .*drag"),
+        ("damping: 1 us", "drag: 1 1/s", "sweep: .*drag"),
+        ("wall.young_modulus", "response.wall.young_modulus", "sweep: .*wall"),
     ],
 )
 def test_mistakes_of_such_sweeps_are_told_with_their_place(old, new, place):

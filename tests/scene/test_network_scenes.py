@@ -128,6 +128,7 @@ MISTAKES = {
     "three": (("{folder}/disks_pairs.dump", "a.dump, b.dump"), ("network", "3", "dump", "pairs")),
     "missing": (("disks_pairs.dump", "no.dump"), ("no.dump",)),
     "spectrum": (("dos, modes", "spectrum, modes"), ("observe", "spectrum")),
+    "modes": (("count: 3", "count: 9999"), ("modes.count", "9999", "motions")),
     "unit": (("70 GPa", "70 mm"), ("network.material.young_modulus",)),
 }  # fmt: skip
 

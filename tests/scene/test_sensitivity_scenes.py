@@ -12,6 +12,7 @@ import granphon as gp
 from granphon.base.errors import InputError
 from granphon.cli import main
 from granphon.figures.sensitivities import sensitivities_figure
+from granphon.scene.report import read_report
 
 SCENE = """\
 balls:
@@ -69,6 +70,11 @@ def test_one_state_says_which_parameter_matters_most(tmp_path, capsys):
     assert main(["run", str(scene), "-o", str(tmp_path / "out"), "--no-figures"]) == 0
     printed = capsys.readouterr().out
     assert "matters most" in printed
+    _, sections = read_report(tmp_path / "out")
+    rows = {
+        row[0]: row[1] for section in sections for row in getattr(section.blocks[0], "rows", ())
+    }
+    assert "longitudinal density" in rows["matters most"]
     again = gp.Scene.from_yaml(scene).run(tmp_path / "out", resume=True, figures=False)
     assert again.summary()["matters_most"]["longitudinal"] == "density"
     assert_allclose(
@@ -118,6 +124,9 @@ def test_derivatives_of_arrays_are_in_the_cost():
     assert derivatives.equilibria == 0
     assert "6 parameters" in derivatives.parts[0]
     assert derivatives.units[0].number == 4 * 6 * states.units[0].number
+    uncertain = text.replace("211.65 GPa", "211.65 +- 2 GPa")
+    costs = [gp.Scene.from_text(words).cost() for words in (text, uncertain)]
+    assert costs[1].units[0].number == 3 * costs[0].units[0].number
     plain = gp.Scene.from_text(text.replace("sensitivities", "velocities")).plan.parts[1]
     assert not plain[2].units
 

@@ -6,15 +6,19 @@ import re
 
 import numpy as np
 import pytest
+import xarray as xr
 from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import GranphonError
 from granphon.base.text import read_yaml
 from granphon.cli import main
+from granphon.figures.motions import motions_figure
+from granphon.fits.measurements import Measurements
 from granphon.scene.report import read_report
 from granphon.scene.uncertainty import Spread
 from tests.conftest import one_error
+from tests.scene.mistakes import BALLS
 
 SCENE = (
     "material: {young_modulus: 211.65 +- 2 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}\n"
@@ -373,3 +377,142 @@ def test_the_report_has_errors_of_sweeps_gaps_and_tensors(tmp_path):
     _, sections = read_report(tmp_path / "many")
     states = next(part for part in sections if part.title == "States").blocks[0]
     assert "+/-" in states.rows[1][2]
+
+
+OSCILLATOR = (
+    BALLS + "crystal: {lattice: chain, kinds: [S], cut: {axis: 0, layers: 3, edges: clamped}}\n"
+    "load: {force: 20 N}\nobserve: [response]\n"
+    "response: {frequencies: {from: 4 kHz, to: 8 kHz, points: 10}, source: 1 x, receiver: 1 x,"
+    " drag: 400 +- 8 1/s}\n"
+)
+HIT = OSCILLATOR.replace("[response]", "[motion]") + (
+    "motion: {duration: 20 us, frames: 3, drive: {balls: [1], impact: 10 +- 0.2 mm/s}}\n"
+)
+
+
+def test_a_second_run_into_a_folder_has_the_same_errors(tmp_path):
+    text = SCENE.replace("FORCE", "18.4 N +- 0.2 N").replace(" +- 2 GPa", " GPa")
+    scene = gp.Scene.from_text(text.replace(" +- 4 um", ""))
+    runs = [scene.run(tmp_path, force=again, figures=False) for again in (False, True)]
+    assert runs[0].summary() == runs[1].summary()
+
+
+@pytest.mark.claim("errors-waves")
+def test_the_q_and_the_height_of_a_peak_go_as_one_over_the_drag(tmp_path):
+    numbers = gp.Scene.from_text(OSCILLATOR).run(tmp_path, figures=False).summary()
+    (peak,) = numbers["peaks"]["1 x"]
+    for name in ("quality", "height"):
+        assert_allclose(peak[f"{name}_error"] / peak[name], 0.02, rtol=2e-3)
+    assert numbers["peak_quality_error"] == peak["quality_error"]
+
+
+@pytest.mark.slow
+@pytest.mark.claim("errors-waves")
+def test_energies_of_a_motion_go_as_the_square_of_the_impact(tmp_path):
+    result = gp.Scene.from_text(HIT).run(tmp_path)
+    kinetic = result.dataset["motion_kinetic"]
+    errors = result.dataset["motion_kinetic_error"]
+    assert_allclose(errors.values.ravel()[0] / kinetic.values.ravel()[0], 0.04, rtol=1e-9)
+    for figure in (result.figure("motion.png"), motions_figure(result.dataset)):
+        bands = [band for ax in figure.axes for band in ax.collections]
+        assert any("errors" in str(band.get_gid()) for band in bands)
+
+
+def test_receivers_with_more_peaks_at_one_end_have_no_errors_of_peaks():
+    def make(*rows):
+        return xr.Dataset({"peaks_frequency": (("receiver", "response_peak"), np.array(rows))})
+
+    spread = Spread(
+        ["p"],
+        [(make([1.0, 3.0], [2.0, np.nan]), make([1.2, 3.2], [2.1, 4.0]))],
+        np.eye(1),
+    )
+    found = spread.add_to(make([1.1, 3.1], [2.05, np.nan]))["peaks_frequency_error"]
+    assert_allclose(found.values, [[0.1, 0.1], [np.nan, np.nan]])
+    assert list(spread.lacking) == ["peaks_frequency"]
+
+
+def test_losses_of_a_fit_have_its_errors_and_correlations(tmp_path):
+    """Both of each pair, a number, and a restitution."""
+    names = ("drag", "rotational_drag", "dashpot", "tangential_dashpot", "loss_factor")
+    names += ("damping", "tangential_damping", "restitution")
+    values = np.array([400.0, 900.0, 2.0, 1.0, 0.02, 2e-7, 3e-7, 0.95])
+    correlation = 0.5 * np.eye(len(names)) + 0.5
+    scale = 0.01 * values
+    gp.DampingFit(
+        parameters=names,
+        values=values,
+        covariance=correlation * np.outer(scale, scale),
+        damping=values[5:7],
+        loss_factor=np.full(2, 0.02),
+        measured=gp.TransferFunction(np.ones(1), np.ones(1), sigma=np.ones(1)),
+        quantity="displacement",
+        sigma_given=True,
+        magnitude=np.ones(1),
+        phase=np.zeros(1),
+        chi2=0.0,
+        dof=0,
+        warnings=(),
+    ).write(tmp_path)
+    fitted = "{fit: fit.yaml}"
+    pair = f"[{fitted}, {fitted}]"
+    losses = f"drag: {pair}, dashpot: {pair}, damping: {pair}, loss_factor: {fitted}"
+    text = OSCILLATOR.replace("drag: 400 +- 8 1/s", f"{losses}, restitution: {fitted}")
+    path = tmp_path / "scene.yaml"
+    path.write_text(text)
+    scene = gp.Scene.from_yaml(path)
+    assert scene.response.losses == {
+        "drag": (400.0, 900.0),
+        "dashpot": (2.0, 1.0),
+        "damping": (2e-7, 3e-7),
+        "loss_factor": 0.02,
+        "restitution": 0.95,
+    }
+    errors = dict(scene.errors)
+    assert_allclose(errors["response", "drag", 1], 9.0, rtol=1e-12)
+    assert_allclose(errors["response", "restitution"], 0.0095, rtol=1e-12)
+    assert len(errors) == len(names)
+    assert_allclose([value for *_, value in scene.correlations], 0.5, rtol=1e-12)
+
+
+TIMES = "force (N),time (us)\n4,500\n8,446\n16,397\n32,354\n"
+CHAIN = (
+    "material: {young_modulus: 211 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}\n"
+    "packing: {lattice: chain, diameter: 8 mm}\nload: {force: [4 N, 16 N]}\n"
+)
+
+
+@pytest.mark.claim("errors-fit")
+@pytest.mark.parametrize(
+    ("density", "distance", "relative"),
+    [
+        pytest.param("7840 kg/m^3 +- 2 %", "0.3 m", 3.0 / 2.0 * 0.02, marks=pytest.mark.slow),
+        pytest.param("7840 kg/m^3", "300 +- 6 mm", 3.0 * 0.02, marks=pytest.mark.slow),
+        ("7840 kg/m^3 +- 2 %", "0.3 m +- 2 %", 3.0 * np.hypot(0.02, 0.01)),
+    ],
+)
+def test_a_fit_holds_the_errors_of_its_inputs(work, capsys, density, distance, relative):
+    """E of a chain goes as v^3 rho^(3/2), and a velocity as the distance of the sensors."""
+    (work / "times.csv").write_text(TIMES)
+    words = ["--no-width", "--parameter", "young_modulus", "--sigma", "1 %", "-o", "out"]
+    covariances = []
+    for changed, way in (("7840 kg/m^3", "0.3 m"), (density, distance)):
+        (work / "scene.yaml").write_text(CHAIN.replace("7840 kg/m^3", changed))
+        command = ["fit", "scene.yaml", "times.csv", "--distance", way, *words, "--force"]
+        assert main(command) == 0
+        fit = gp.WidthFit.from_dict(read_yaml(work / "out" / "fit.yaml"))
+        covariances.append(fit.covariance[0, 0] / fit.values[0] ** 2)
+    assert_allclose(np.sqrt(covariances[1] - covariances[0]), relative, rtol=2e-3)
+    assert "of inputs" in capsys.readouterr().out
+
+
+def test_times_of_flight_have_the_error_of_their_distance(work):
+    (work / "times.csv").write_text(TIMES)
+    measured = Measurements.read(work / "times.csv", distance=(0.3, 0.003))
+    assert_allclose(measured.sigma, 0.01 * measured.velocity)
+    (work / "scene.yaml").write_text(CHAIN)
+    assert main(["run", "scene.yaml", "-o", "out", "--no-figures"]) == 0
+    words = ["plot", "out", "--data", "times.csv", "-o", "drawn.svg"]
+    assert main([*words, "--distance", "0.3 m +- 1 %"]) == 0
+    assert (work / "drawn.svg").exists()
+    assert main([*words, "--force", "--distance", "0.3 m +- -1 mm"]) == 2

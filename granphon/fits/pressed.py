@@ -1,0 +1,100 @@
+"""A crystal that comes to rest anew whenever its springs to the ground or its wall change.
+
+Springs bear a part of the load, and so does a wall between which and a clamp balls are pressed:
+contacts have other forces over springs that are stiffer, and Hertz's contacts other stiffnesses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import Any, Self
+
+from granphon.balls.ball import Wall
+from granphon.balls.loads import Load
+from granphon.base.errors import InputError, brief
+from granphon.media.arrangement import Arrangement, CrystalMedium, given_balls
+from granphon.media.crystal import Crystal
+from granphon.networks.network import ContactNetwork
+from granphon.observables.parameters import read_load
+
+#: networks that are kept: a fit changes its other parameters between two rests
+_KEPT = 8
+
+
+def _keep(network: ContactNetwork) -> ContactNetwork:
+    """Return the network as it is."""
+    return network
+
+
+@dataclass(frozen=True, eq=False)
+class PressedCrystal:
+    """A crystal under a load.
+
+    Attributes
+    ----------
+    crystal : the crystal.
+    load : one load.
+    finite_overlap : as for the states of the crystal.
+    shape : the network that is heard, of that of the state, as a cut of it is.
+    """
+
+    crystal: Crystal
+    load: Load
+    finite_overlap: bool | None = None
+    shape: Callable[[ContactNetwork], ContactNetwork] = _keep
+
+    @classmethod
+    def of(cls, x: Any, load: Mapping[str, float], finite_overlap: bool | None = None) -> Self:
+        """Return a crystal ``x`` under a load by its kind, {"pressure": 20.0}, SI;
+        :class:`~granphon.base.errors.InputError` for what is no crystal, and for another load.
+        """
+        if not isinstance(x, Crystal | Arrangement):
+            problem = f"{brief(x)} has its load, and another one is given"
+            mend = "Give the crystal with a load, or its state or network alone"
+            raise InputError(problem, mend=mend)
+        balls: Any = given_balls(x)
+        return cls(balls.crystal, read_load(load).flat[0], finite_overlap)
+
+    @property
+    def has_springs(self) -> bool:
+        """Whether springs to the ground hold balls of the crystal."""
+        return self.crystal.on_site is not None
+
+    @cached_property
+    def walls(self) -> dict[str, Wall]:
+        """The walls at the faces of the crystal, by name."""
+        edges = [edge for face in self.crystal.faces for edge in face.edges]
+        return {edge.name: edge for edge in edges if isinstance(edge, Wall)}
+
+    @cached_property
+    def network(self) -> ContactNetwork:
+        """The network that is heard, of the crystal as it is."""
+        return self.find_network()
+
+    def find_network(
+        self, on_site: float = 1.0, wall_modulus: float | None = None
+    ) -> ContactNetwork:
+        """Return the network that is heard at rest over springs to the ground that are ``on_site``
+        times those of the crystal, on its one wall with a Young modulus ``wall_modulus``, Pa, or as
+        it is.
+        """
+        return self._find_network(on_site, wall_modulus)
+
+    @cached_property
+    def _find_network(self) -> Callable[[float, float | None], ContactNetwork]:
+        return lru_cache(maxsize=_KEPT)(self._rest)
+
+    def _rest(self, on_site: float, wall_modulus: float | None) -> ContactNetwork:
+        crystal = self.crystal
+        if crystal.on_site is not None and on_site != 1.0:
+            crystal = crystal.with_springs(on_site * crystal.on_site)
+        if wall_modulus is not None:
+            ((name, wall),) = self.walls.items()
+            material = replace(wall.solid, young_modulus=wall_modulus)
+            crystal = crystal.with_walls({name: replace(wall, material=material)})
+        medium = CrystalMedium(Arrangement.of(crystal))
+        state = medium.at(self.load, finite_overlap=self.finite_overlap)
+        network: ContactNetwork = state.network
+        return self.shape(network)
