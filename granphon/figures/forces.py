@@ -162,9 +162,8 @@ def plot_forces(
     edges = _choose_window(layer, window) if shown == "window" else layer.edges
     if ax is None:
         is_default_window = shown == "window" and window is None
-        height = _WINDOW_HEIGHT if is_default_window else layer.height
-        rows_of_legend = min(_MOST_LEGEND_ROWS, math.ceil(len(layer.kinds) / 2))
-        with styled_figure(height + ROW_HEIGHT * rows_of_legend) as new_figure:
+        with styled_figure(_find_height(layer, is_default_window=is_default_window)) as new_figure:
+            # the same call with Axes: its style is set by now
             axes = new_figure.subplots()
             return plot_forces(sample, axes, show=shown, window=window, color=color)
     remark = ""  # the end of the label of the colours
@@ -251,6 +250,15 @@ class _BallValues:
             name_axis(bar.yaxis, greatest, self.name, self.unit, short=True)
         else:
             bar.set_ylabel(self.name)
+
+
+def _find_height(layer: _Map, *, is_default_window: bool) -> float:
+    """Return the height, inches, of a figure of a ``layer``, or of the window that is shown by
+    default, with a legend of two kinds of balls in each row.
+    """
+    height = _WINDOW_HEIGHT if is_default_window else layer.height
+    rows_of_legend = min(_MOST_LEGEND_ROWS, math.ceil(len(layer.kinds) / 2))
+    return height + ROW_HEIGHT * rows_of_legend
 
 
 def _set_axes(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> None:

@@ -719,8 +719,10 @@ class RunResult(Results):
         that no output has. ``tell`` is told which panels the figure has chosen.
         """
         rows = [row for _name, row in OUTPUTS.items() if row.figure == name]
-        (row,) = rows or [OUTPUTS["sweep"]]
-        return row.make_figure(self, tell and (lambda sentence: tell(f"{name}: {sentence}")))
+        row = rows[0] if rows else OUTPUTS["sweep"]
+        if tell is None:
+            return row.make_figure(self)
+        return row.make_figure(self, lambda sentence: tell(f"{name}: {sentence}"))
 
 
 def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
