@@ -27,11 +27,14 @@ class Picture:
     keyword : the keyword under which the function takes the result.
     height : where the function draws on an Axes, the height of a figure of the Axes, inches; else
         0.
+    of_state : the variable of data sets of a single state, which have no curves over the load, that
+        are drawn so; empty for none.
     """
 
     figure: str
     keyword: str = "dataset"
     height: float = 0.0
+    of_state: str = ""
 
     def load(self) -> Callable[..., Any]:
         """Import the function."""
@@ -65,8 +68,8 @@ PICTURES = {
 #: the pictures of data sets, by the names of the outputs whose figures they are
 OF_DATASETS = {
     "sweep": Picture("curves.sweep_figure"),
-    "response": Picture("waves.responses_figure"),
-    "motion": Picture("motions.motions_figure"),
+    "response": Picture("waves.responses_figure", of_state="response_phase"),
+    "motion": Picture("motions.motions_figure", of_state="motion_force"),
     "sweep_dos": Picture("waves.sweep_dos_figure"),
     "sweep_spectra": Picture("waves.sweep_spectra_figure"),
     "sweep_gaps": Picture("gaps.sweep_gaps_figure"),
@@ -200,13 +203,9 @@ def _choose_of_dataset(result: Any, dataset: Any) -> tuple[Picture, dict[str, An
         for drawn in (getattr(result, "surface", None), motion):
             if drawn is not None:
                 return _choose_of_object(drawn)
-    name = "sweep"
-    if dataset["valid"].size == 1:  # a single state has no curves over the load
-        if "response_phase" in dataset:
-            name = "response"
-        elif "motion_force" in dataset:
-            name = "motion"
-    picture = OF_DATASETS[name]
+    is_single = dataset["valid"].size == 1
+    of_states = (one for one in OF_DATASETS.values() if is_single and one.of_state in dataset)
+    picture = next(of_states, OF_DATASETS["sweep"])
     return picture, {picture.keyword: dataset}
 
 
