@@ -208,7 +208,7 @@ class ExactPlace:
         measure_turned(*grid.ends, vector, is_flat, displacement, strain, loss, current, distance)
         shape = geometry.means.shape
         by_kind = current[:, :p].reshape(shape[0], -1, p)
-        parts = np.einsum("cka,cna->kcn", geometry.axes(), by_kind).reshape(p, *shape)
+        parts = np.einsum("cka,cba->kcb", geometry.axes(), by_kind).reshape(p, *shape)
         self.vector: _Vector = geometry.sort(parts)
         self.size = distance.reshape(shape)
         self.normal = _times(1.0 / self.size, self.vector)

@@ -43,6 +43,11 @@ class Trail(Generic[P]):
         self.stalled = 0
         self.nearest: P | None = None
 
+    @property
+    def left(self) -> float:
+        """The residual of the nearest place; infinite if there is none."""
+        return math.inf if self.nearest is None else self.nearest.residual
+
     def add(self, place: P) -> None:
         """Go on to a place."""
         residual = place.residual
@@ -99,7 +104,7 @@ class Descent(ABC, Generic[P]):
                 continue
             place = self._advance(place)
             self.steps += 1
-        if self.trail.best <= self.required:
+        if self.trail.left <= self.required:
             return self._finish(self._nearest)
         raise self._explain_failure(place)
 
@@ -113,8 +118,8 @@ class Descent(ABC, Generic[P]):
     def _has_arrived(self) -> bool:
         """Whether the balls are at rest, or as near as rounding lets them come."""
         trail = self.trail
-        comes_no_nearer = trail.best <= self.required and trail.stalled > 2
-        return trail.best <= self.tolerance or comes_no_nearer
+        comes_no_nearer = trail.left <= self.required and trail.stalled > 2
+        return trail.left <= self.tolerance or comes_no_nearer
 
     def _is_stuck(self, place: P) -> bool:
         """Return whether the way ends here without rest."""

@@ -152,26 +152,21 @@ class GridPlace:
         return max(0.0 if is_rounding else self.left / scale, missed)
 
     @property
-    def is_at_rest(self) -> bool:
-        """Whether the balls are at rest, and carry something."""
-        return not self.carries_nothing and self.residual <= self.options.grid_tolerance
-
-    @property
     def carries_nothing(self) -> bool:
         """Whether contacts hardly touch under a given strain."""
         if self.problem.is_free or self.force >= self.options.threshold:
             return False
         return not np.all(self.root)
 
-    def find_overlaps(self) -> Array:
-        """Return the overlaps (kinds, cells); at rest those of light contacts of balls that differ
-        are not above zero: their force may be a residual only, and their stiffness would hold a
-        ball.
+    def find_overlaps(self, at_rest: bool) -> Array:
+        """Return the overlaps (kinds, cells); ``at_rest`` those of light contacts of balls that
+        differ are not above zero: their force may be a residual only, and their stiffness would
+        hold a ball.
         """
         overlap = self.problem.measure_losses(self.balls)
         np.subtract(self.problem.offset, overlap, out=overlap)
         overlap += self.common[:, None]
-        if self.problem.spread and self.is_at_rest:
+        if self.problem.spread and at_rest:
             light = float(hertz.overlap_of(self.options.carried * self.left))
             np.minimum(overlap, 0.0, out=overlap, where=overlap <= light)
         return np.asarray(overlap)
@@ -219,7 +214,8 @@ class GridDescent(Descent[GridPlace]):
     """The way to rest on a grid."""
 
     def __init__(self, problem: GridProblem, options: RestOptions) -> None:
-        super().__init__(options, options.grid_tolerance, options.grid_tolerance)
+        tolerance = options.grid_tolerance
+        super().__init__(options, tolerance, max(tolerance, options.required))
         # places are large, and the last one is the nearest in the end
         self.trail = Trail(keeps=False)
         self.problem = problem
@@ -282,11 +278,15 @@ class GridDescent(Descent[GridPlace]):
         return ahead
 
     def _finish(self, place: GridPlace) -> Rest:
+        """Return the state of a place that is at rest."""
+        return self._make_state(place, True)
+
+    def _make_state(self, place: GridPlace, at_rest: bool) -> Rest:
         """Return the state of a place."""
         on_grid = self.problem
         problem = on_grid.problem
         assembly = problem.assembly
-        overlap = place.find_overlaps()
+        overlap = place.find_overlaps(at_rest)
         overlap *= on_grid.unit
         closed = float(np.mean(overlap > 0.0))
         p = assembly.periods
@@ -304,7 +304,7 @@ class GridDescent(Descent[GridPlace]):
 
     def _explain_failure(self, place: GridPlace) -> GranphonError:
         """Return the error of a way that has not led to rest."""
-        rest = self._finish(place)
+        rest = self._make_state(place, False)
         problem = self.problem.problem
         error = explain(problem, self.options, opened=place.carries_nothing, residual=rest.residual)
         if isinstance(error, ConvergenceError):

@@ -77,16 +77,16 @@ def find_rest(
 
 def _find_start(problem: Problem, descent: Descent[Any], options: RestOptions) -> Rest | None:
     """Return the rest at which the way to another begins; None where it begins at the sites."""
-    loosened = options.loosen()
     if problem.turns:
         # rest in exact directions is farther off than what an array is left with
-        numbers = loosened if problem.assembly.grid else options
+        numbers = options.loosen() if problem.assembly.grid else options
         return find_rest(problem.assembly, problem.load, "lattice", problem.boundary, None, numbers)
     if not descent.needs_more_load:
         return None
     heavier = problem.load.scale(options.detours[-1])
     assert heavier is not None
-    return find_rest(problem.assembly, heavier, "lattice", problem.boundary, None, loosened)
+    numbers = options.loosen()
+    return find_rest(problem.assembly, heavier, "lattice", problem.boundary, None, numbers)
 
 
 def _lead_round(problem: Problem, start: Rest, options: RestOptions) -> Rest | None:

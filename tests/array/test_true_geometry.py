@@ -698,23 +698,28 @@ def test_where_the_straight_way_ends_one_over_more_load_leads_to_the_same_rest(m
 def test_near_the_threshold_there_is_rest_or_no_load(
     lattice, shape, spacing, seeds, boundary, geometry
 ):
-    """Contacts carry no load in exact directions only where they carry none in the directions of
-    the lattice, whose problem is convex.
+    """Contacts carry no load in exact directions only where they carry next to none in the
+    directions of the lattice, whose problem is convex.
     """
     stencils = Stencils(shape, lattice=find_lattice(lattice))
     load = ReducedLoad(overlap=spacing - 0.5)
-    ratio = STEEL_WIDTH if geometry == "exact" else 0.0
+
+    def find(x, ratio):
+        """The state, or None of balls that carry no load."""
+        try:
+            if boundary == "stress":
+                return equilibrate_sheared(x, load, ratio, stencils)
+            return equilibrate(x, load, stencils, ratio=ratio or None)
+        except InputError:
+            return None
+
     for seed in range(seeds):
         x = gp.Uniform(1.0).sample(shape, seed)
         x = x - np.mean(x)
-        try:
-            if boundary == "stress":
-                state = equilibrate_sheared(x, load, ratio, stencils)
-            else:
-                state = equilibrate(x, load, stencils, ratio=ratio or None)
-        except InputError:
-            with pytest.raises(InputError):
-                equilibrate(x, load, stencils)
+        state = find(x, STEEL_WIDTH if geometry == "exact" else 0.0)
+        if state is None:
+            limit = find(x, 0.0)
+            assert limit is None or limit.force < 1e-2 * STEEL_WIDTH
             continue
         assert state.residual <= 1e-10
 
