@@ -54,8 +54,8 @@ _BORNE_OF_MOTIONS = 1e-11
 _ROUNDS = 20
 #: part of the forces that a round of refinement has left, from which it comes no nearer
 _STALLED = 0.5
-#: error of an iteration in the norm of the energy; that of an elastic tensor is its square, or a few
-#: times that near the rigidity threshold
+#: error of an iteration in the norm of the energy; that of an elastic tensor is its square,
+#: and a few times its square near the rigidity threshold
 _REDUCTION = 1e-5
 #: the same, where motions are asked for, or no factors can be
 _REDUCTION_OF_MOTIONS = 1e-9
