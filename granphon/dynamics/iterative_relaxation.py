@@ -2,10 +2,9 @@
 such cells in space would not fit into memory.
 
 Conjugate gradients for all strains at once, which share each product with the sparse matrix; every
-strain has its own step. The preconditioner holds each ball alone and boxes of balls as rigid bodies
-(:mod:`granphon.dynamics.two_levels`). Motions of single balls that deform no contact, as the
-rotation about the line through two contacts, are left out; other motions that cost nothing take no
-part, as no strain pushes them.
+strain has its own step. The inverse of what holds each ball alone is the preconditioner. Motions of
+single balls that deform no contact, as the rotation about the line through two contacts, are left
+out by it; other motions that cost nothing take no part, as no strain pushes them.
 
 The energy of a strain is the least that inner motions leave. So it has twice the digits of the
 motions, and comes from above.
@@ -24,12 +23,12 @@ from granphon.base.errors import ConvergenceError, InstabilityError
 from granphon.base.progress import Progress, silent
 from granphon.dynamics.compatibility import Compatibility
 from granphon.dynamics.linalg import NO_ENERGY
-from granphon.dynamics.two_levels import BallFrame, TwoLevels, compose_boxes, invert_blocks
+from granphon.dynamics.two_levels import invert_blocks
 
 #: size of the residual, over that at the start, with which the iteration is content: waves of
 #: motions that cost nothing are told from sound by nine digits
 _REDUCTION = 1e-11
-#: most iterations; random packings of 1e5 balls take some fifty
+#: most iterations; random packings of 1e5 balls take some hundred
 _MOST = 20_000
 
 
@@ -48,10 +47,9 @@ class IterativeRelaxation:
         self._rows = difference
         self._columns = difference.T.tocsr()
         self._progress = progress
-        count = lattice.motions.count
-        matrix = (self._columns @ difference).tocsr()
-        _, self._free = invert_blocks(matrix, count)
-        self._precondition = TwoLevels(matrix, count, compose_boxes(_describe_balls(lattice)))
+        self._held, self._free = invert_blocks(
+            (self._columns @ difference).tocsr(), lattice.motions.count
+        )
 
     @property
     def free(self) -> Array:
@@ -110,7 +108,7 @@ class IterativeRelaxation:
         """
         motions = np.zeros_like(right)
         residual = right.copy()
-        preconditioned = self._precondition(residual)
+        preconditioned = np.asarray(self._held @ residual)
         direction = preconditioned.copy()
         sizes = np.einsum("nm,nm->m", residual, preconditioned)
         limits = _REDUCTION**2 * sizes
@@ -131,7 +129,7 @@ class IterativeRelaxation:
                 lengths = np.divide(sizes, curvature, out=np.zeros_like(sizes), where=is_open)
                 motions += lengths * direction
                 residual -= lengths * forces
-                preconditioned = self._precondition(residual)
+                preconditioned = np.asarray(self._held @ residual)
                 previous = sizes
                 sizes = np.einsum("nm,nm->m", residual, preconditioned)
                 growth = np.divide(sizes, previous, out=np.zeros_like(sizes), where=is_open)
@@ -141,16 +139,3 @@ class IterativeRelaxation:
                 step.advance(max(gained, 0.0))
                 reached += max(gained, 0.0)
         raise ConvergenceError(f"the balls of the network do not relax within {_MOST} iterations")
-
-
-def _describe_balls(lattice: Compatibility) -> BallFrame:
-    """Return where the balls of a ``lattice`` are, and what they weigh, in reduced units."""
-    missing = 3 - lattice.positions.shape[1]
-    return BallFrame(
-        np.pad(lattice.positions, ((0, 0), (0, missing))),
-        np.pad(lattice.cell, ((0, 0), (0, missing))),
-        0.5,
-        lattice.masses,
-        lattice.gyration,
-        lattice.motions,
-    )

@@ -24,8 +24,9 @@ RESIDUAL = 1e-8
 #: with packings of 1e4 and 1e5 balls in space
 _TURNS = 50.0
 _PRODUCTS_OF_TURN = 10.0
-#: copies of the block that are held: vectors, their images, and both for the space of a turn
-_COPIES = 12.0
+#: copies of the block that are held: vectors, their images, and both for the space of a turn; with
+#: the matrices of the preconditioner, measured likewise
+_COPIES = 22.0
 
 
 def estimate_lowest(operator: WaveOperator, together: int) -> tuple[float, float]:
