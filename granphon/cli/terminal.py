@@ -166,6 +166,8 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
         rows += _describe_state(scene)
     else:
         rows.append(("sweep", _count_states(scene)))
+    if "design" in scene.observe:
+        rows += [(name, _write(value, unit)) for name, value, unit in scene.posed_design.describe()]
     cost = scene.cost()
     if cost is not None:
         rows.append(("will take", f"{cost.text} on one processor"))
@@ -266,6 +268,8 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
     if gaps is not None:
         text = _describe_gaps(gaps, numbers.get("gaps_error"))
         rows.append(("gaps" if len(gaps) > 1 else "gap", text))
+    if "design" in numbers:
+        rows += _describe_design(numbers["design"])
     sources = {}
     for name, parameter in numbers.get("errors_from", {}).items():
         entry = result.entry(name)
@@ -278,6 +282,17 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
     ]
     rows += [(f"{name} matters most", f"to {words}") for name, words in join_alike(strongest)]
     return rows
+
+
+def _describe_design(numbers: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return the rows on a design, from its ``numbers`` of the summary."""
+    unit = numbers["unit"]
+    values = [_write(numbers[name], unit) for name in ("value", "start_value")]
+    evaluations = counted(numbers["evaluations"], "evaluation")
+    return [
+        ("design", f"{values[0]}, from {values[1]} at the start"),
+        ("search", f"{counted(numbers['unknowns'], 'unknown')}, {evaluations}"),
+    ]
 
 
 def _write_number(value: Any, error: Any, unit: str, digits: int) -> str:

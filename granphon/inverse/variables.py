@@ -32,6 +32,17 @@ VARIED = {
     "bending": {"bending_stiffness": "bending"},
     "on_site": {"on_site": "on_site"},
 }
+#: the SI unit of each
+UNITS = {
+    "mass": "kg",
+    "inertia": "kg m^2",
+    "stiffness": "N/m",
+    "normal_stiffness": "N/m",
+    "shear_stiffness": "N/m",
+    "torsion": "N m",
+    "bending": "N m",
+    "on_site": "N/m",
+}
 #: what may be zero in a network; masses, inertias and normal stiffnesses are above zero
 _MAY_BE_ZERO = ("shear_stiffness", "torsion", "bending", "on_site")
 #: what has a variable of its own: every ball or contact, or every kind

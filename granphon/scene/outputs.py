@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 SUMMARY_SCHEMA = 1
 #: name of the table of measured diameters that are too many for the scene file
 DIAMETERS_FILE = "diameters.csv"
+#: most variables of a design that the summary lists
+_MOST_VARIABLES = 20
 #: ending of the files that hold figures
 _FIGURE = ".png"
 #: the number of states of a run in words, for the reference
@@ -316,6 +318,13 @@ def _find_kept(name: str, kind: str, run: Any) -> Any:
     return restore_result(run.records[0], name, getattr(granphon, kind))
 
 
+def _find_design(run: Any) -> Any:
+    """Return the best network for the goal of a scene."""
+    from granphon.scene.design import find_design
+
+    return find_design(run)
+
+
 def _find_pulse(run: Any) -> Any:
     """Return the mean of the pulses through the samples; None if no sample carries one."""
     from granphon.runs.wave_records import restore_pulse
@@ -356,6 +365,18 @@ def _list_peaks(run: Any) -> dict[str, Any]:
                 peak = {"frequency": frequency, "height": height, "quality": quality}
                 peaks[receiver].append(peak)
     return {"peaks": peaks}
+
+
+def _summarise_design(run: Any) -> dict[str, Any]:
+    """Return the goal of a design at its start and at its end, and its variables, if they are
+    few.
+    """
+    design = run["design"]
+    numbers = {"value": design.value, "start_value": design.start_value, "unit": design.unit}
+    numbers |= {"unknowns": len(design.labels), "evaluations": design.evaluations}
+    if len(design.labels) <= _MOST_VARIABLES:
+        numbers |= dict(zip(design.labels, design.variables.tolist(), strict=True))
+    return {"design": numbers}
 
 
 def _list_strongest(run: Any) -> dict[str, Any]:
@@ -457,6 +478,23 @@ def _write_fields(
     headings = [Heading(heading, unit) for heading, unit, _ in columns]
     rows = np.transpose([getattr(value, field) for _, _, field in columns]).tolist()
     (folder / f"{name}.csv").write_text(table_text(headings, rows), encoding="utf-8")
+
+
+def _write_design(run: Any, folder: Path) -> None:
+    """Write a design as JSON, its variables and its history as tables."""
+    design = run["design"]
+    _write_json(design, folder / "design.json")
+    units = run.scene.posed_design.units
+    headings = [Heading(name, "") for name in ("variable", "unit", "start", "best", "low", "high")]
+    columns = (design.start_variables, design.variables, *design.bounds.T)
+    rows = [
+        [label, units[label.partition(" of ")[0]], *numbers]
+        for label, numbers in zip(design.labels, np.transpose(columns).tolist(), strict=True)
+    ]
+    (folder / "design.csv").write_text(table_text(headings, rows), encoding="utf-8")
+    steps = enumerate(design.history.tolist(), start=1)
+    history = table_text([Heading("evaluation", ""), Heading("goal", design.unit)], steps)
+    (folder / "design_history.csv").write_text(history, encoding="utf-8")
 
 
 def _write_json(value: Any, path: Path) -> None:
@@ -814,6 +852,21 @@ for _row in (
         rank=4,
         words="spectrum of the outer layer: `gp.SurfaceSpectrum.from_dict`; waves of the edge; map",
         caption="Waves of the edge",
+    ),
+    Export(
+        "design",
+        ("design.json", "design.csv", "design_history.csv", "design.png"),
+        observed="design",
+        states="one",
+        find=_find_design,
+        summarise=_summarise_design,
+        write=_write_design,
+        read=partial(_read_json, "Design"),
+        draw=partial(_plot, "design"),
+        rank=1,
+        words="the best network, its goal and the certificate: `gp.Design.from_dict`; the variables"
+        " at the start, at the end, and their bounds; the goal at each evaluation; figure",
+        caption="The goal during the search, and the network at its start and at its end",
     ),
     Export(
         "bands",
