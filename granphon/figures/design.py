@@ -9,6 +9,7 @@ from granphon.figures.scales import name_axis, styled_figure
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from granphon.base.scales import HertzPrefix
 from granphon.figures.bands import plot_bands
@@ -71,10 +72,12 @@ def _draw_history(design: Design, ax: Axes) -> None:
         ax.legend(loc="lower right")
     if design.unit == "1" and np.all(history > 0.0):
         ax.set_yscale("log")
-    ax.set(xlabel="Evaluation", title="Search")
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    kept = f"random start {design.best_start}" if design.best_start else "the given network"
+    ax.set(xlabel="Evaluation", title=f"Search from {kept}")
     most = float(np.max(np.abs([*history, design.value]), initial=0.0))
     label = "Gap" if is_smooth else "Goal"
-    name_axis(ax.yaxis, most, label, design.unit)
+    name_axis(ax.yaxis, most, label, design.unit, short=is_smooth)
 
 
 def _draw_variables(design: Design, ax: Axes) -> None:
@@ -86,9 +89,7 @@ def _draw_variables(design: Design, ax: Axes) -> None:
         (design.variables, VERMILION, "full", "best"),
     ):
         parts = (values - low) / (high - low)
-        ax.plot(
-            numbers, parts, "o", color=colour, fillstyle=fill, markersize=3.0, label=label
-        )
+        ax.plot(numbers, parts, "o", color=colour, fillstyle=fill, markersize=3.0, label=label)
     ax.set(xlabel="Variable", ylabel="Place between the bounds", title="Variables")
     ax.set_yticks(_ENDS, ["least", "greatest"])
     ax.margins(y=0.08)

@@ -19,7 +19,7 @@ import numpy as np
 from granphon.balls.loads import Load
 from granphon.balls.on_site import SPRING_PARAMETERS
 from granphon.balls.packing import LOSSES, PARAMETERS, change_packing, find_unit
-from granphon.base.errors import InputError, Refused
+from granphon.base.errors import Refused
 from granphon.base.quantities import (
     FREQUENCY,
     INERTIA,
@@ -43,8 +43,9 @@ from granphon.base.settings import (
     word_of,
 )
 from granphon.base.tables import Table
-from granphon.base.text import closest, show
+from granphon.base.text import closest, counted, show
 from granphon.base.validation import (
+    Rule,
     choice,
     each,
     fraction,
@@ -231,8 +232,7 @@ def _list_names(context: Any) -> tuple[list[str], list[str]]:
 
 def _choose_kind(name: str, context: Any) -> Kind:
     """Return the kind of the bounds of a variable."""
-    parameters, numbers = _list_names(context)
-    if name in numbers:
+    if name in _list_names(context)[1]:
         return _NUMBERS[name]
     if name in LOADS:
         return with_unit(load_quantities(context.lattice.pressed_axes)[name])
@@ -251,7 +251,7 @@ def _read_vary(value: Any, context: Any) -> tuple[tuple[str, tuple[float, float]
         name = str(written)
         for prefix in _PREFIXES:
             name = name.removeprefix(prefix)
-        rule = real_number
+        rule: Rule = real_number
         if context.written:
             names = [*_list_names(context)[0], *_list_names(context)[1]]
             if name not in names:
@@ -299,7 +299,8 @@ class DesignSettings(NetworkSettings):
     block = "design"
 
     goal: Any = setting(
-        Kind(_read_goal, _write_goal), f"`{'`, `'.join(GOALS)}`, with its numbers, see [design](#design)"
+        Kind(_read_goal, _write_goal),
+        f"`{'`, `'.join(GOALS)}`, with its numbers, see [design](#design)",
     )
     vary: Any = setting(
         Kind(_read_vary, _write_vary),
@@ -425,15 +426,16 @@ def _make_problem(case: Case, load: Load, settings: DesignSettings, of_parameter
         if load.kind in changes:
             array = np.full(load.array.shape, changes.pop(load.kind))
             changed_load = replace(load, array=array).applied.flat
-        packing = change_packing(case.packing, changes) if changes else case.packing
-        state = replace(case, packing=packing, load=changed_load).state
+        changed = change_packing(case.packing, changes) if changes else case.packing
+        state = replace(case, packing=changed, load=changed_load).state
         network: ContactNetwork = settings.shape(given_network(state))
         return network
 
+    packing: Any = case.packing
     low, high = np.transpose([bounds for _, bounds in settings.vary])
     start = np.array(
         [
-            float(np.ravel(load.array)[0]) if name == load.kind else read_number(case.packing, name)
+            float(np.ravel(load.array)[0]) if name == load.kind else read_number(packing, name)
             for name in names
         ]
     )
@@ -528,13 +530,11 @@ class PosedDesign:
         problem = self.problem
         space = problem.space
         goal = problem.goals[0]
-        measure = partial(
-            costs.time_once, lambda: space.differentiate(goal.evaluate, space.start)
-        )
+        measure = partial(costs.time_once, lambda: space.differentiate(goal.evaluate, space.start))
         units = costs.Units(problem.count * problem.steps, measure)
         words = (
-            f"design of {len(space.labels)} unknowns from {problem.count} starts, at most"
-            f" {problem.steps} steps each"
+            f"design of {counted(len(space.labels), 'unknown')} from"
+            f" {counted(problem.count, 'start')}, at most {problem.steps} steps each"
         )
         return costs.Cost(units=(units,), parts=(words,))
 
@@ -557,10 +557,3 @@ class PosedDesign:
             Found(result["history"], result["best"], str(result["stopped"])) for result in results
         ]
         return choose_best(self.problem, found, self.warnings)
-
-
-def find_design(run: Any) -> Design:
-    """Return the design of the results of a run; finished starts are kept in its store."""
-    posed = run.scene.posed_design
-    identity = {"scene": run.scene.to_yaml().splitlines(), "versions": packages()}
-    return posed.finish(run.means.solve("design", posed.tasks, identity))

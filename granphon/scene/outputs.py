@@ -27,6 +27,7 @@ from granphon.base.tables import Heading, table_text
 from granphon.base.text import dump_yaml, parse_yaml, read_yaml, require_schema
 from granphon.media.network_file import TABLES, NetworkMedium
 from granphon.observables.catalogue import CATALOGUE, is_free
+from granphon.runs.workers import packages
 from granphon.waves.settings import RESPONSES
 
 if TYPE_CHECKING:
@@ -319,10 +320,11 @@ def _find_kept(name: str, kind: str, run: Any) -> Any:
 
 
 def _find_design(run: Any) -> Any:
-    """Return the best network for the goal of a scene."""
-    from granphon.scene.design import find_design
-
-    return find_design(run)
+    """Return the best network for the goal of a scene; the starts are tasks of the run."""
+    scene = run.scene
+    identity = {"scene": parse_yaml(scene.to_yaml(), "scene").data, "versions": packages()}
+    posed = scene.posed_design
+    return posed.finish(run.means.solve("design", posed.tasks, identity))
 
 
 def _find_pulse(run: Any) -> Any:
