@@ -49,7 +49,7 @@ from granphon.media.network_file import NetworkFiles, NetworkMedium
 from granphon.phonons.paths import BandPath
 from granphon.runs.plan import Places
 from granphon.scene import rules
-from granphon.scene.design import DesignSettings, named_tables_of_goal
+from granphon.scene.design_settings import DesignSettings, named_tables_of_goal
 from granphon.scene.rules import (
     PARTS,
     Context,

@@ -30,7 +30,7 @@ from granphon.phonons.paths import MESHES, BandPath, read_paths
 from granphon.runs.plan import list_parameters_of_branches
 from granphon.runs.tasks import require_arrays
 from granphon.scene import rules
-from granphon.scene.design import DesignSettings, require_variables
+from granphon.scene.design_settings import DesignSettings, require_variables
 from granphon.scene.file import SETTINGS, SceneSource, write_blocks
 from granphon.scene.rules import Context
 from granphon.waves.settings import BLOCKS as WAVE_BLOCKS
