@@ -666,7 +666,8 @@ class SceneSource(Places):
         names = [name for name in map(table_named, spreads) if name is not None]
         if "motion" in data:
             names += named_tables(data["motion"].get("drive", []))
-        names += named_tables_of_goal(data.get("design", {}).get("goal"))
+        if "design" in data:
+            names += named_tables_of_goal(data["design"]["goal"])
         files = data.get("network", {}).get("files", [])
         names += [files] if isinstance(files, str) else files
         paths = [self.folder / name for name in names] + list(self.fits)
