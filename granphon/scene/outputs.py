@@ -591,6 +591,11 @@ def _draw_dataset(name: str, results: Any, where: Wishes | None = None, **option
     return draw_dataset(_choose_states(results, where), name, **options)
 
 
+def _draw_sensitivities(results: Any, where: Wishes | None = None, tell: Tell | None = None) -> Any:
+    """Return the figure of the derivatives by parameters; ``tell`` is told what it leaves out."""
+    return _draw_dataset("sensitivities", results, where, tell=tell)
+
+
 def _draw_panels(
     name: str,
     results: Any,
@@ -803,7 +808,7 @@ for _row in (
         observed="sensitivities",
         summarise=_list_strongest,
         write=partial(_write_table, "sensitivities.csv", ("sensitivity_of", "sensitivity_to")),
-        draw=partial(_draw_dataset, "sensitivities"),
+        draw=_draw_sensitivities,
         words="logarithmic derivatives of velocities, moduli and, if observed, cut-off frequencies"
         " by the parameters of the balls and the load; in `summary.yaml`, `matters_most`, the"
         " parameter on which each depends most",
