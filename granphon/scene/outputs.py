@@ -872,7 +872,8 @@ for _row in (
         draw=partial(_plot, "design"),
         rank=1,
         words="the best network, its goal and the certificate: `gp.Design.from_dict`; the variables"
-        " at the start, at the end, and their bounds; the goal at each evaluation; figure",
+        " at the start, at the end, and their bounds; the goal at each evaluation; figure; in"
+        " `summary.yaml`, `design`, the goal at both ends and up to twenty variables",
         caption="The goal during the search, and the network at its start and at its end",
     ),
     Export(
