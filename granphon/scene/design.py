@@ -96,6 +96,10 @@ class DesignTask(Task):
         }
         return f"design-{self.number}-{hashlib.sha256(to_json(data).encode()).hexdigest()}"
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a worker needs: it poses the problem itself."""
+        return {name: value for name, value in vars(self).items() if name != "problem"}
+
     @cached_property
     def problem(self) -> Problem:
         """The problem of the design."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -151,6 +152,14 @@ def test_a_run_that_was_cut_off_goes_on_with_the_starts_that_are_missing(
     again = gp.Scene.from_text(MASSES).run(tmp_path / "out", figures=False)
     assert searched == [0, 1, 1, 2]
     assert again.design == result.design
+
+
+def test_a_worker_searches_as_this_process_does():
+    (task,) = gp.Scene.from_text(EDGE).posed_design.tasks
+    sent = pickle.loads(pickle.dumps(task))
+    assert sent.name == task.name
+    result = sent.solve()
+    assert_allclose(result["best"], task.solve()["best"], rtol=1e-12)
 
 
 @pytest.mark.parametrize(
