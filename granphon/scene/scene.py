@@ -141,6 +141,7 @@ class Scene(SceneValues):
         given as a mapping, as {"young_modulus, diameter": 0.3}.
     response, motion, modes : which response of the network of each state to find, how its balls
         move, and which of its lowest modes to find, if the scene observes it.
+    design : what network is sought, from the state as its start, if the scene observes a design.
     dim : supercell of the exported force constants, a number for each period; None for the smallest
         that suffices.
     source : path of the file that the scene was read from; None for a scene made in Python.
