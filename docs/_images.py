@@ -62,6 +62,16 @@ def panels(*ratios: float, height: float = 2.8) -> tuple[Any, Any]:
     )
 
 
+def draw_design() -> Any:
+    """The design of a chain of two masses of given sum, of how-to/design.md."""
+    ball = gp.Ball(STEEL, 19.05e-3)
+    chain = gp.Crystal.on("chain", [ball, ball], friction=False).at_force(20.0).network
+    mass = chain.masses[0]
+    bounds = (0.3 * mass, 1.8 * mass)
+    sums = {"mass": 2.0 * mass}
+    return gp.plot(gp.design(chain, gp.WidestGap(), bounds=bounds, constraints=sums))
+
+
 def draw_errors() -> Any:
     """Bands with their standard errors, and velocities over the load with theirs."""
     text = (
@@ -493,6 +503,7 @@ IMAGES: dict[str, Callable[[], Any] | str] = {
     "law": draw_laws,
     "losses": of_example("losses"),
     "errors": draw_errors,
+    "design": draw_design,
     "edges": of_example("zigzag_edge"),
     "response": of_example("transfer_function"),
     "traces": of_example("time_of_flight"),

@@ -166,6 +166,8 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
         rows += _describe_state(scene)
     else:
         rows.append(("sweep", _count_states(scene)))
+    if "design" in scene.observe:
+        rows += [(name, _write(value, unit)) for name, value, unit in scene.posed_design.describe()]
     cost = scene.cost()
     if cost is not None:
         rows.append(("will take", f"{cost.text} on one processor"))
@@ -276,6 +278,8 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
     if gaps is not None:
         text = _describe_gaps(gaps, numbers.get("gaps_error"))
         rows.append(("gaps" if len(gaps) > 1 else "gap", text))
+    if "design" in numbers:
+        rows += _describe_design(numbers["design"])
     rows += _tell_sources(_name_sources(result, numbers.get("errors_from", {})))
     strongest = [
         (name.replace("_", " "), parameter)
@@ -297,6 +301,17 @@ def _name_sources(result: RunResult, parameters: dict[str, str]) -> dict[str, st
         elif name == "gaps":  # an output, and no entry of the catalogue
             sources[name] = parameter
     return sources
+
+
+def _describe_design(numbers: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return the rows on a design, from its ``numbers`` of the summary."""
+    unit = numbers["unit"]
+    values = [_write(numbers[name], unit) for name in ("value", "start_value")]
+    evaluations = counted(numbers["evaluations"], "evaluation")
+    return [
+        ("design", f"{values[0]}, from {values[1]} at the start"),
+        ("search", f"{counted(numbers['unknowns'], 'unknown')}, {evaluations}"),
+    ]
 
 
 def _write_number(value: Any, error: Any, unit: str, digits: int) -> str:

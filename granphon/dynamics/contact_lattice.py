@@ -64,6 +64,9 @@ _STILL = 1e-12
 _FEW_BALLS = 8
 #: number of balls in a cell above which its top frequency hardly depends on the wave vector
 _MANY_BALLS = 200
+#: modes whose deformations are found at once: in blocks of 32 to 128 they take a sixth of the time
+#: of all together
+_MODES_AT_ONCE = 64
 
 
 @result_class
@@ -487,6 +490,10 @@ class ContactLattice(LongWaves):
         rows = self.unit_rows
         count = len(self.contacts)
         head, tail = compose_ends(self, rows, np.ones((len(rows), count)))
+        if len(q) == 1:
+            flat_squares = self._square_by_blocks(q[0], head, tail, vectors[0])
+            sums_by_kind = sum_kinds(rows, flat_squares)
+            return {name: sums[None, : self.n_between] for name, sums in sums_by_kind.items()}
         half_angle = 0.5 * q @ self.contacts.vector[:, : self.periods].T
         phase = np.exp(1j * half_angle).T[None, :, :, None]  # kinds, n_c, n_q, m
         motions = np.moveaxis(vectors, 1, 0)
@@ -497,6 +504,21 @@ class ContactLattice(LongWaves):
         squares = (deformations.real**2 + deformations.imag**2).reshape(-1, *motions.shape[1:])
         by_kind = sum_kinds(rows, squares)
         return {name: sums[: self.n_between].swapaxes(0, 1) for name, sums in by_kind.items()}
+
+    def _square_by_blocks(self, q: Array, head: Any, tail: Any, vectors: Complex) -> Array:
+        """Return the squares (rows x n_c, m) of the deformations in modes with the ``vectors``
+        (n_branches, m) at one wave vector q (p,): by one sparse matrix, a few modes at a time,
+        which stay in the cache of the processor.
+        """
+        phase = np.exp(-1j * (self.contacts.vector[:, : self.periods] @ q))
+        by_row = np.tile(phase, head.shape[0] // len(phase))
+        matrix = (head - tail.multiply(by_row[:, None])).tocsr()
+        squares = np.empty((head.shape[0], vectors.shape[1]))
+        for first in range(0, vectors.shape[1], _MODES_AT_ONCE):
+            block = slice(first, first + _MODES_AT_ONCE)
+            deformations = matrix @ np.ascontiguousarray(vectors[:, block])
+            squares[:, block] = deformations.real**2 + deformations.imag**2
+        return squares
 
     def _require_room(self, points: int, numbers: int) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if so many ``numbers`` of each branch, 1

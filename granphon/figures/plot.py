@@ -50,6 +50,7 @@ PICTURES = {
     "phonons.dos.DensityOfStates": Picture("bands.bands_figure", "dos"),
     "phonons.bands.ComplexBands": Picture("waves.complex_bands_figure", "bands"),
     "phonons.surfaces.SurfaceSpectrum": Picture("waves.plot_surface", "spectrum", 3.1),
+    "inverse.design.Design": Picture("design.design_figure", "design"),
     "fits.fit.WidthFit": Picture("curves.fit_figure", "fit"),
     "fits.transfer.DampingFit": Picture("waves.transfer_fit_figure", "fit"),
     "fits.traces.Traces": Picture("traces.traces_figure", "traces"),
@@ -91,12 +92,13 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
 
     ``result`` is bands, complex bands, a transmission, a density of states (of a lattice or of a
     sample), a sweep, a fit, a trade-off, spectra along a path or at single wave vectors, a pulse, a
-    response, a motion, traces of sensors (``velocity`` adds their arrivals), modes of a network
-    (``mode`` is the number of the mode), a state at one load, a sample, a network of contacts, or
-    the result of a scene's run, of which bands, density of states or sweep are drawn. A state whose
-    contacts follow from a law is drawn as some cells of its network. ``options`` go to the function
-    of :mod:`granphon.figures` that draws the result, such as ``asymptotes`` of ``bands_figure`` and
-    ``variable`` of ``sweep_figure``. The same modules have functions that draw on your own Axes.
+    response, a motion, a design, traces of sensors (``velocity`` adds their arrivals), modes of a
+    network (``mode`` is the number of the mode), a state at one load, a sample, a network of
+    contacts, or the result of a scene's run, of which bands, density of states or sweep are drawn.
+    A state whose contacts follow from a law is drawn as some cells of its network. ``options`` go
+    to the function of :mod:`granphon.figures` that draws the result, such as ``asymptotes`` of
+    ``bands_figure`` and ``variable`` of ``sweep_figure``. The same modules have functions that draw
+    on your own Axes.
 
     A list of results, or a mapping that names results, is one picture: sweeps, fits and results of
     scenes over the load, with measured points, or bands, or densities of states. ``options`` are
@@ -177,9 +179,9 @@ def _choose_of_object(result: Any) -> tuple[Picture, dict[str, Any]]:
     refuse_unpressed(result)
     drawable = (
         "bands (complex ones too), a transmission, a density of states, a sweep, a fit, a"
-        " trade-off, spectra (of an edge too), a pulse, a response, a motion, traces, modes, a"
-        " state, a sample, a network, or the result of a run of a scene with bands, a density of"
-        " states or a sweep"
+        " trade-off, spectra (of an edge too), a pulse, a response, a motion, a design, traces,"
+        " modes, a state, a sample, a network, or the result of a run of a scene with bands, a"
+        " density of states or a sweep"
     )
     raise InputError(f"{brief(result)} has no default picture", mend=f"Give {drawable}")
 

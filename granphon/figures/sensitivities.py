@@ -5,6 +5,7 @@ each parameter has a bar.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from textwrap import fill
 
 from granphon.figures.scales import styled_figure
@@ -15,7 +16,8 @@ from matplotlib.figure import Figure
 
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
-from granphon.figures.style import BLUE, STYLE, VERMILION, pick_evenly
+from granphon.base.text import counted
+from granphon.figures.style import BLUE, STYLE, VERMILION
 from granphon.observables.catalogue import CATALOGUE, axis_label
 from granphon.runs.dataset import Dataset
 
@@ -31,12 +33,13 @@ _LETTERS = 16
 _WIDTH = 0.7
 
 
-def sensitivities_figure(dataset: Dataset) -> Figure:
+def sensitivities_figure(dataset: Dataset, tell: Callable[[str], object] | None = None) -> Figure:
     """Draw a figure of the logarithmic derivatives of a data set, one column wide: a panel for each
     quantity, in which each parameter has a bar, blue above zero and red below. Of many states a bar
     is the mean, and a line reaches from the least to the greatest.
 
-    Of more than twelve quantities, twelve are drawn. Raises
+    Of more than twelve quantities, twelve are drawn: velocities and moduli, then the ends of the
+    lowest branches. The title says so, and ``tell`` is told what is left out. Raises
     :class:`~granphon.base.errors.InputError` if the data set has no derivatives.
     """
     if "sensitivity" not in dataset:
@@ -46,25 +49,38 @@ def sensitivities_figure(dataset: Dataset) -> Figure:
     parameters = dataset["sensitivity_to"].values.tolist()
     table = dataset["sensitivity"].transpose(..., "sensitivity_of", "sensitivity_to").values
     by_state = table.reshape(-1, len(quantities), len(parameters))
-    drawn_numbers = pick_evenly(len(quantities), _MOST_PANELS)
-    n_columns = min(_MOST_COLUMNS, len(drawn_numbers))
-    n_rows = math.ceil(len(drawn_numbers) / n_columns)
+    order = sorted(range(len(quantities)), key=lambda number: _find_rank(quantities[number]))
+    chosen = order[:_MOST_PANELS]
+    n_columns = min(_MOST_COLUMNS, len(chosen))
+    n_rows = math.ceil(len(chosen) / n_columns)
     with styled_figure(n_rows * (_MARGINS + _BAR * len(parameters)) + 0.2) as figure:
         axes = figure.subplots(n_rows, n_columns, sharex=True, sharey=True, squeeze=False)
-        for ax, number in zip(axes.flat, drawn_numbers, strict=False):
+        for ax, number in zip(axes.flat, chosen, strict=False):
             _draw_bars(ax, by_state[:, number])
             ax.set_title(fill(_name_quantity(quantities[number]), _LETTERS), pad=3.0)
         axes[0, 0].set_yticks(range(len(parameters)), [axis_label(name, "") for name in parameters])
         axes[0, 0].invert_yaxis()
-        for ax in axes.flat[len(drawn_numbers) :]:
+        for ax in axes.flat[len(chosen) :]:
             ax.set_axis_off()
-        for ax in axes.flat[max(0, len(drawn_numbers) - n_columns) : len(drawn_numbers)]:
+        for ax in axes.flat[max(0, len(chosen) - n_columns) : len(chosen)]:
             ax.tick_params(labelbottom=True)
         figure.supxlabel("Logarithmic derivative", fontsize=STYLE["axes.labelsize"])
-        if len(drawn_numbers) < len(quantities):
-            remark = f"{len(drawn_numbers)} of {len(quantities)} quantities"
+        if len(chosen) < len(quantities):
+            remark = f"The first {len(chosen)} of {len(quantities)} quantities"
             figure.suptitle(remark, fontsize=STYLE["axes.titlesize"])
+    if tell is not None and len(chosen) < len(quantities):
+        left_out = [_name_quantity(quantities[number]) for number in order[_MOST_PANELS:]]
+        words = f"from {left_out[0]!r} to {left_out[-1]!r}" if left_out[1:] else left_out[0]
+        tell(f"{counted(len(left_out), 'quantity', 'quantities')} left out, {words}")
     return figure
+
+
+def _find_rank(name: str) -> tuple[int, int]:
+    """Return the place of a quantity among all: velocities and moduli come first, then branches
+    from the lowest on.
+    """
+    _, _, branch = name.partition(" ")
+    return (1, int(branch)) if branch else (0, 0)
 
 
 def _draw_bars(ax: Axes, derivatives: Array) -> None:

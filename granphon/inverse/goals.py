@@ -42,6 +42,7 @@ NAMES = (
     "mass",
     "inertia",
     "normal_force",
+    "on_site",
 )
 #: points of the mesh of a gap along each of one, two and three periods
 _MESHES = (48, 12, 6)
@@ -182,6 +183,15 @@ class WidestGap:
         is_gap = below == self.branches
         return float(np.sum(np.diff(gaps[is_gap], axis=1)))
 
+    def judge_history(self, history: Array) -> str:
+        """Return a sentence if the gap closes in the ``history`` (h,) of a search, or nothing."""
+        was_open = np.maximum.accumulate(history) > 0.0
+        count = int(np.count_nonzero(was_open & (history <= 0.0)))
+        if not count:
+            return ""
+        times = f"{count} of {history.size} evaluations"
+        return f"the gap closes on the way, at {times}; the widest is kept"
+
     def judge(self, network: ContactNetwork, value: float) -> str:
         """Return a sentence if there is no gap, or nothing."""
         if value > 0.0:
@@ -286,8 +296,9 @@ class MatchFrequencies:
         for name in NAMES:
             values = getattr(sensitivities, name)
             if values is not None:
-                by_row = values.reshape(frequencies.size, -1)[order]
-                slopes[name] = np.nan_to_num(by_row) / errors[:, None]
+                rest = values.shape[sensitivities.frequencies.ndim :]
+                by_row = np.nan_to_num(values.reshape(frequencies.size, *rest)[order])
+                slopes[name] = (by_row.T / errors).T
         return residuals, slopes
 
     def _pair(self, modes: NetworkModes) -> tuple[Index, Array]:
@@ -316,7 +327,7 @@ class MatchFrequencies:
         derivatives (n_c,), or (n,) of balls.
         """
         residuals, slopes = self.find_residuals(network)
-        doubled = {name: 2.0 * residuals @ slope for name, slope in slopes.items()}
+        doubled = {name: np.tensordot(2.0 * residuals, slope, 1) for name, slope in slopes.items()}
         return float(residuals @ residuals), doubled
 
     def judge(self, network: ContactNetwork, value: float) -> str:
@@ -425,8 +436,9 @@ def _add(slopes: dict[str, Any], sensitivities: Any, weights: Array) -> None:
     """Add to ``slopes``, in place, the derivatives of b results in the fields of their
     ``sensitivities``, (b, ...), times the ``weights`` (b,) of the results.
     """
+    n_axes = sensitivities.mass.ndim - 1
     for name in NAMES:
         derivatives = getattr(sensitivities, name)
         if derivatives is not None:
-            rows = np.nan_to_num(derivatives.reshape(len(weights), -1))
-            slopes[name] = slopes.get(name, 0.0) + weights @ rows
+            rows = derivatives.reshape(len(weights), *derivatives.shape[n_axes:])
+            slopes[name] = slopes.get(name, 0.0) + np.tensordot(weights, np.nan_to_num(rows), 1)

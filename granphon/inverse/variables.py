@@ -30,9 +30,21 @@ VARIED = {
     "shear_stiffness": {"shear_stiffness": "shear_stiffness"},
     "torsion": {"torsion_stiffness": "torsion"},
     "bending": {"bending_stiffness": "bending"},
+    "on_site": {"on_site": "on_site"},
+}
+#: the SI unit of each
+UNITS = {
+    "mass": "kg",
+    "inertia": "kg m^2",
+    "stiffness": "N/m",
+    "normal_stiffness": "N/m",
+    "shear_stiffness": "N/m",
+    "torsion": "N m",
+    "bending": "N m",
+    "on_site": "N/m",
 }
 #: what may be zero in a network; masses, inertias and normal stiffnesses are above zero
-_MAY_BE_ZERO = ("shear_stiffness", "torsion", "bending")
+_MAY_BE_ZERO = ("shear_stiffness", "torsion", "bending", "on_site")
 #: what has a variable of its own: every ball or contact, or every kind
 PER = ("each", "kind")
 #: relative distance by which a start may lie outside of its bounds: rounding
@@ -105,7 +117,7 @@ class Variables:
             if smallest == 0.0 and group.name not in _MAY_BE_ZERO:
                 fault = f"the bounds of {group.name} begin at zero"
                 raise InputError(fault, "In a network it is above zero", "Begin above zero")
-            values = getattr(network, next(iter(group.fields)))[group.members]
+            values = _read_values(network, next(iter(group.fields)), group.members)
             sums = np.bincount(group.numbers, values, group.count)
             start.append(sums / np.bincount(group.numbers, minlength=group.count))
             low.append(np.full(group.count, smallest))
@@ -116,15 +128,11 @@ class Variables:
 
     def _require_inside(self) -> None:
         """Raise InputError for a start outside of its bounds."""
-        margin = _ROUNDING * self.high
-        outside = (self.start < self.low - margin) | (self.start > self.high + margin)
-        if np.any(outside):
-            number = int(np.argmax(outside))
-            raise InputError(
-                f"the {self.labels[number]} of the network is {self.start[number]:.6g}, outside of"
-                f" its bounds, {self.low[number]:.6g} to {self.high[number]:.6g}",
-                mend="Widen the bounds, or start from another network",
-            )
+        outside = list_outside(self)
+        if outside:
+            more = f", and {len(outside) - 1} more" if len(outside) > 1 else ""
+            mend = "Widen the bounds, or start from another network"
+            raise InputError(f"in the network {outside[0]}{more}", mend=mend)
 
     @property
     def labels(self) -> list[str]:
@@ -141,8 +149,11 @@ class Variables:
         for group, of_group in zip(self.groups, self.split(values), strict=True):
             new_values = of_group[group.numbers]
             main = next(iter(group.fields))
-            old_values = getattr(self.network, main)[group.members]
+            old_values = _read_values(self.network, main, group.members)
             for name in group.fields:
+                if name == "on_site":
+                    fields[name] = _put_springs(self.network, group.members, new_values)
+                    continue
                 changed = np.array(getattr(self.network, name))
                 if name == main:
                     changed[group.members] = new_values
@@ -158,14 +169,16 @@ class Variables:
         columns = []
         for group in self.groups:
             main = next(iter(group.fields))
-            values = getattr(network, main)[group.members]
+            values = _read_values(network, main, group.members)
             total: Any = 0.0
             for field, name in group.fields.items():
                 slope = slopes.get(name)
                 if slope is None:
                     continue
                 by_all = finite_array(f"the derivatives by {name}", slope)
-                size = len(getattr(network, field))
+                if name == "on_site":  # against all displacements alike
+                    by_all = by_all[..., network.ball_motions.translating].sum(axis=-1)
+                size = network.n_balls if name == "on_site" else len(getattr(network, field))
                 if by_all.shape[-1:] != (size,):
                     fault = f"the derivatives by {name} have the shape {by_all.shape}"
                     raise InputError(fault, f"There are {size} of each value of the goal")
@@ -206,10 +219,45 @@ class Variables:
         return sums
 
 
+def _read_values(network: ContactNetwork, field: str, members: Index) -> Array:
+    """Return the values (m,) of a ``field`` of some balls or contacts; of springs to the ground the
+    mean of those against the displacements of a ball, zero without any.
+    """
+    values = getattr(network, field)
+    if field != "on_site":
+        return np.asarray(values[members])
+    if values is None:
+        return np.zeros(len(members))
+    return np.asarray(values[members][:, network.ball_motions.translating].mean(axis=1))
+
+
+def _put_springs(network: ContactNetwork, members: Index, values: Array) -> Array:
+    """Return the springs to the ground (n, motions) of a network with the same stiffness, of
+    ``values`` (m,), against all displacements of each of some balls.
+    """
+    springs = np.zeros((network.n_balls, network.ball_motions.count))
+    if network.on_site is not None:
+        springs[:] = network.on_site
+    springs[members, network.ball_motions.translating] = values[:, None]
+    return springs
+
+
+def list_outside(space: Any) -> list[str]:
+    """Return a clause on each variable of a space whose start is outside of its bounds."""
+    low, high, start = space.low, space.high, space.start
+    margin = _ROUNDING * np.maximum(np.abs(low), np.abs(high))
+    outside = np.flatnonzero((start < low - margin) | (start > high + margin))
+    return [
+        f"the {space.labels[number]} is {start[number]:.6g}, outside of its bounds,"
+        f" {low[number]:.6g} to {high[number]:.6g}"
+        for number in outside.tolist()
+    ]
+
+
 def _make_group(network: ContactNetwork, name: str, per: str) -> _Group:
     """Return the variables of a ``name``: those of bodies that do not move are left out."""
     kinds: list[tuple[str, ...]] | None = None
-    of_balls = "masses" in VARIED[name] or "inertias" in VARIED[name]
+    of_balls = not {"masses", "inertias", "on_site"}.isdisjoint(VARIED[name])
     if of_balls:
         members = np.flatnonzero(network.moving)
         noun = "ball"

@@ -144,7 +144,7 @@ def _change_parameter(
     if name == load.kind:
         medium = choice.of(balls)
         return lambda step: (medium, replace(load, array=(1.0 + step) * load.array))
-    number = _read_number(balls, name)
+    number = read_number(balls, name)
 
     @lru_cache(maxsize=_KEPT)
     def change(step: float) -> tuple[Any, Load]:
@@ -217,7 +217,7 @@ def name_parameters(balls: Balls) -> tuple[str, ...]:
 def _may_change(balls: Packing | Arrangement, name: str) -> bool:
     """Return whether the parameter of a ``name`` may change while all others stay."""
     try:
-        change_packing(balls, {name: (1.0 + _STEP) * _read_number(balls, name)})
+        change_packing(balls, {name: (1.0 + _STEP) * read_number(balls, name)})
     except InputError:
         return False
     return True
@@ -228,7 +228,7 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, float | int) and value != 0.0
 
 
-def _read_number(balls: Packing | Arrangement, name: str) -> float:
+def read_number(balls: Packing | Arrangement, name: str) -> float:
     """Return the value of a parameter, SI; InputError unless it is a number."""
     value = _read_value(balls, name)
     if isinstance(value, bool) or not isinstance(value, float | int):

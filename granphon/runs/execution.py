@@ -15,6 +15,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, wait
 from contextlib import closing, nullcontext, suppress
+from dataclasses import dataclass
 from heapq import heappop, heappush
 from itertools import chain
 from queue import SimpleQueue
@@ -167,6 +168,25 @@ def solve_all(
                 result = task.solve(result)
             results.append(result)
     return results
+
+
+@dataclass(frozen=True)
+class Means:
+    """By what the tasks of a run are done; see :func:`solve_all`."""
+
+    executor: Executor | None = None
+    progress: Progress = silent
+    store: Store | None = None
+
+    def solve(
+        self, label: str, tasks: Sequence[Task], identity: Mapping[str, Any]
+    ) -> list[TaskResult]:
+        """Do ``tasks`` and return their results in the order of the tasks. The store is claimed for
+        the work that ``identity``, plain data, describes, see :meth:`Store.claim`.
+        """
+        if self.store is not None:
+            self.store.claim(identity, lambda: [task.name for task in tasks])
+        return solve_all(label, tasks, self.executor, self.progress, self.store)
 
 
 class _Work:

@@ -41,7 +41,7 @@ from granphon.base.quantities import (
     find_written_unit,
 )
 from granphon.base.scales import write_quantity
-from granphon.base.settings import NEEDED, Setting, list_settings
+from granphon.base.settings import NEEDED, Block, Setting, list_settings
 from granphon.base.text import Document, parse_yaml, plain_yaml, read_text, show
 from granphon.base.validation import block, read_inside, refuse_unknown_key
 from granphon.media.medium import CRYSTAL, NETWORK
@@ -49,6 +49,7 @@ from granphon.media.network_file import NetworkFiles
 from granphon.phonons.paths import BandPath
 from granphon.runs.plan import Places
 from granphon.scene import rules
+from granphon.scene.design_settings import DesignSettings, named_tables_of_goal
 from granphon.scene.rules import (
     PARTS,
     Context,
@@ -76,6 +77,8 @@ _REMARK_OF_PRESETS = (
 )
 
 
+#: the blocks of settings of what a scene observes, by name
+SETTINGS: dict[str, type[Block]] = {**WAVE_BLOCKS, DesignSettings.block: DesignSettings}
 #: the keys of each block, as they are declared; a value at the top level stands alone under an
 #: empty key
 BLOCKS: dict[str, Mapping[str, Setting]] = {
@@ -91,7 +94,7 @@ BLOCKS: dict[str, Mapping[str, Setting]] = {
     "correlations": {"": rules.CORRELATIONS},
     "observe": {"": rules.OBSERVE},
     "direction": {"": rules.DIRECTION},
-    **{name: list_settings(settings) for name, settings in WAVE_BLOCKS.items()},
+    **{name: list_settings(settings) for name, settings in SETTINGS.items()},
     "phonopy": rules.PHONOPY,
 }
 #: the attribute of a scene that has the values of a block, or the value of a key, where it has not
@@ -148,8 +151,8 @@ def write_blocks(scene: Any, context: Context) -> dict[str, Any]:
     if scene.packing.is_network:
         absent_blocks |= {"load", "medium"}
     for name, settings in BLOCKS.items():
-        has_no_waves = name in WAVE_BLOCKS and _find_value(scene, name, "") is None
-        if name in absent_blocks or has_no_waves:
+        is_not_set = name in SETTINGS and _find_value(scene, name, "") is None
+        if name in absent_blocks or is_not_set:
             continue
         for key, declared in settings.items():
             value = _find_value(scene, name, key)
@@ -662,8 +665,8 @@ class SceneSource(Places):
 
     @property
     def inputs(self) -> tuple[Path, ...]:
-        """Paths of the files that were read: the scene file, and the tables of measured diameters
-        and of the drives of a motion, and the fits, that it names.
+        """Paths of the files that were read: the scene file, and the tables of measured diameters,
+        of the drives of a motion and of measured frequencies, and the fits, that it names.
         """
         if self.document is None:
             return ()
@@ -672,6 +675,8 @@ class SceneSource(Places):
         names = [name for name in map(table_named, spreads) if name is not None]
         if "motion" in data:
             names += named_tables(data["motion"].get("drive", []))
+        if "design" in data:
+            names += named_tables_of_goal(data["design"]["goal"])
         files = data.get("network", {}).get("files", [])
         names += [files] if isinstance(files, str) else files
         paths = [self.folder / name for name in names] + list(self.fits)
@@ -826,7 +831,7 @@ class SceneSource(Places):
         for key in ("medium", "sweep", "observe", "direction"):
             if key in blocks:
                 arguments[_ATTRIBUTES.get(key, key)] = blocks[key]
-        for key, settings in WAVE_BLOCKS.items():
+        for key, settings in SETTINGS.items():
             if key in blocks:
                 arguments[key] = settings(**blocks[key])
         if "finite_overlap" in blocks["packing"]:

@@ -27,6 +27,7 @@ from granphon.base.tables import Heading, table_text
 from granphon.base.text import dump_yaml, parse_yaml, read_yaml, require_schema
 from granphon.media.network_file import TABLES
 from granphon.observables.catalogue import CATALOGUE, is_free
+from granphon.runs.workers import packages
 from granphon.waves.settings import RESPONSES
 
 if TYPE_CHECKING:
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
 SUMMARY_SCHEMA = 1
 #: name of the table of measured diameters that are too many for the scene file
 DIAMETERS_FILE = "diameters.csv"
+#: most variables of a design that the summary lists
+_MOST_VARIABLES = 20
 #: ending of the files that hold figures
 _FIGURE = ".png"
 #: the number of states of a run in words, for the reference
@@ -321,6 +324,14 @@ def _find_kept(name: str, kind: str, run: Any) -> Any:
     return restore_result(run.records[0], name, getattr(granphon, kind))
 
 
+def _find_design(run: Any) -> Any:
+    """Return the best network for the goal of a scene; the starts are tasks of the run."""
+    scene = run.scene
+    identity = {"scene": parse_yaml(scene.to_yaml(), "scene").data, "versions": packages()}
+    posed = scene.posed_design
+    return posed.finish(run.means.solve("design", posed.tasks, identity))
+
+
 def _find_pulse(run: Any) -> Any:
     """Return the mean of the pulses through the samples; None if no sample carries one."""
     from granphon.runs.wave_records import restore_pulse
@@ -365,6 +376,18 @@ def _list_peaks(run: Any) -> dict[str, Any]:
                 peak = {word: table[row][column] for word, table in tables.items()}
                 peaks[receiver].append(peak)
     return {"peaks": peaks}
+
+
+def _summarise_design(run: Any) -> dict[str, Any]:
+    """Return the goal of a design at its start and at its end, and its variables, if they are
+    few.
+    """
+    design = run["design"]
+    numbers = {"value": design.value, "start_value": design.start_value, "unit": design.unit}
+    numbers |= {"unknowns": len(design.labels), "evaluations": design.evaluations}
+    if len(design.labels) <= _MOST_VARIABLES:
+        numbers |= dict(zip(design.labels, design.variables.tolist(), strict=True))
+    return {"design": numbers}
 
 
 def _list_strongest(run: Any) -> dict[str, Any]:
@@ -468,6 +491,23 @@ def _write_fields(
     (folder / f"{name}.csv").write_text(table_text(headings, rows), encoding="utf-8")
 
 
+def _write_design(run: Any, folder: Path) -> None:
+    """Write a design as JSON, its variables and its history as tables."""
+    design = run["design"]
+    _write_json(design, folder / "design.json")
+    units = run.scene.posed_design.units
+    headings = [Heading(name, "") for name in ("variable", "unit", "start", "best", "low", "high")]
+    columns = (design.start_variables, design.variables, *design.bounds.T)
+    rows = [
+        [label, units[label.partition(" of ")[0]], *numbers]
+        for label, numbers in zip(design.labels, np.transpose(columns).tolist(), strict=True)
+    ]
+    (folder / "design.csv").write_text(table_text(headings, rows), encoding="utf-8")
+    steps = enumerate(design.history.tolist(), start=1)
+    history = table_text([Heading("evaluation", ""), Heading("goal", design.unit)], steps)
+    (folder / "design_history.csv").write_text(history, encoding="utf-8")
+
+
 def _write_json(value: Any, path: Path) -> None:
     """Write a whole result as one line of JSON."""
     path.write_text(json.dumps(value.to_dict()) + "\n", encoding="utf-8")
@@ -558,6 +598,11 @@ def _draw_dataset(name: str, results: Any, where: Wishes | None = None, **option
     from granphon.figures.plot import draw_dataset
 
     return draw_dataset(_choose_states(results, where), name, **options)
+
+
+def _draw_sensitivities(results: Any, where: Wishes | None = None, tell: Tell | None = None) -> Any:
+    """Return the figure of the derivatives by parameters; ``tell`` is told what it leaves out."""
+    return _draw_dataset("sensitivities", results, where, tell=tell)
 
 
 def _draw_panels(
@@ -789,7 +834,7 @@ for _row in (
         observed="sensitivities",
         summarise=_list_strongest,
         write=partial(_write_table, "sensitivities.csv", ("sensitivity_of", "sensitivity_to")),
-        draw=partial(_draw_dataset, "sensitivities"),
+        draw=_draw_sensitivities,
         words="logarithmic derivatives of velocities, moduli and, if observed, cut-off frequencies"
         " by the parameters of the balls and the load; in `summary.yaml`, `matters_most`, the"
         " parameter on which each depends most",
@@ -840,6 +885,22 @@ for _row in (
         rank=4,
         words="spectrum of the outer layer: `gp.SurfaceSpectrum.from_dict`; waves of the edge; map",
         caption="Waves of the edge",
+    ),
+    Export(
+        "design",
+        ("design.json", "design.csv", "design_history.csv", "design.png"),
+        observed="design",
+        states="one",
+        find=_find_design,
+        summarise=_summarise_design,
+        write=_write_design,
+        read=partial(_read_json, "Design"),
+        draw=partial(_plot, "design"),
+        rank=1,
+        words="the best network, its goal and the certificate: `gp.Design.from_dict`; the variables"
+        " at the start, at the end, and their bounds; the goal at each evaluation; figure; in"
+        " `summary.yaml`, `design`, the goal at both ends and up to twenty variables",
+        caption="The goal during the search, and the network at its start and at its end",
     ),
     Export(
         "bands",

@@ -20,6 +20,7 @@ from granphon.base.arrays import Array
 from granphon.base.errors import InputError, MissingFileError
 from granphon.base.scales import prefixed, write_quantity, write_uncertain, write_unit
 from granphon.base.staging import read_written_files
+from granphon.base.tables import Table
 from granphon.base.text import join_alike, read_bytes, read_text, read_yaml, spell
 from granphon.figures.style import pick_evenly
 from granphon.observables.catalogue import CATALOGUE
@@ -31,7 +32,7 @@ _PICTURES = (".png", ".svg")
 #: keys of summary.yaml that are no numbers of the result
 _NO_NUMBERS = {
     "schema", "versions", "source", "observe", "finite_overlap", "sizes", "warnings", "files",
-    "units", "validity", "ok", "medium", "peaks", "errors_from",
+    "units", "validity", "ok", "medium", "peaks", "errors_from", "design",
 }  # fmt: skip
 #: greatest number of rows of the table of states, about a page
 MOST_STATES = 40
@@ -214,6 +215,23 @@ def _read_errors(source: Path) -> list[Block]:
     return [Rows(("parameter", "gives most of the error of"), tuple(rows))] if rows else []
 
 
+def _read_design(source: Path) -> list[Block]:
+    """Return the goal of a design, and the table of its variables."""
+    numbers = read_summary(source).get("design", {})
+    unit = numbers.get("unit", "")
+    goal = [_write_number(numbers[name], unit) for name in ("value", "start_value")]
+    table = Table.read(source / "design.csv")
+    names = [heading.name for heading in table.headings]
+    rows = list(zip(*table.columns, strict=True))
+    blocks: list[Block] = [
+        Text(f"The goal is {goal[0]}, from {goal[1]} at the start."),
+        Rows(tuple(names), tuple(rows[:MOST_STATES])),
+    ]
+    if len(rows) > MOST_STATES:
+        blocks.append(Text(f"{MOST_STATES} of {len(rows)} variables; design.csv has all of them."))
+    return blocks
+
+
 def _read_limits(source: Path) -> list[Block]:
     """Return the table of the limits of the model at a single state, from the summary in the folder
     ``source``; nothing for a sweep, whose summary has none.
@@ -378,6 +396,7 @@ def _cite(source: Path) -> list[Block]:
 PARTS = (
     Part("Numbers", ("summary.yaml",), _read_numbers),
     Part("Standard errors", ("summary.yaml",), _read_errors),
+    Part("Design", ("design.csv",), _read_design),
     Part("Fit", ("fit.yaml",), _read_fit),
     Part("Warnings", ("summary.yaml",), _read_warnings),
     Part("Figures", (), _read_figures),

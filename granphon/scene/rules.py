@@ -111,6 +111,7 @@ OBSERVABLES = (
     "spectrum",
     "pulse",
     *NETWORK_BLOCKS,
+    "design",
 )
 
 #: greatest number of measured diameters that a scene file lists itself; more are written to a table
@@ -421,7 +422,7 @@ def _read_parameters(value: Any, context: Context) -> tuple[tuple[str, tuple[Any
     return tuple(block(value, rules).items())
 
 
-def _find_kind(name: str) -> Kind:
+def find_kind(name: str) -> Kind:
     """Return the kind of the values of a parameter of a sweep."""
     if name in SPRING_PARAMETERS:
         return _SPRING_KINDS.get(name.partition(".")[2], _SPRING)
@@ -434,7 +435,7 @@ def _read_axis(value: Any, name: str, context: Context) -> tuple[Any, ...]:
     """Return the values of the parameter ``name`` of a sweep, numbers in SI units; Refused for a
     value that is given twice.
     """
-    rule = _find_kind(name).rule(context)
+    rule = find_kind(name).rule(context)
     values: tuple[Any, ...]
     if find_unit(name):
         values = read_values(value, rule)
@@ -457,7 +458,7 @@ def _write_parameters(
 
     def write(name: str, values: tuple[Any, ...]) -> Any:
         """Return plain data for the values of a parameter."""
-        kind = _find_kind(name)
+        kind = find_kind(name)
         has_words = any(isinstance(value, str) for value in values)
         if find_unit(name) and not has_words:
             return write_values(values, lambda value: kind.write(value, context))

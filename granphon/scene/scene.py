@@ -45,6 +45,7 @@ from granphon.observables.catalogue import (
 from granphon.observables.validity import Validity
 from granphon.observables.velocities import Moduli, SoundVelocities
 from granphon.runs.dataset import list_finite_overlap
+from granphon.runs.execution import Means
 from granphon.runs.plan import Plan, keep_incomplete
 from granphon.runs.store import Store, open_store
 from granphon.runs.tasks import Grid, Request, Written
@@ -67,12 +68,14 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from granphon.dynamics.local_field import LocalField
+    from granphon.inverse.design import Design
     from granphon.phonons.bands import Bands
     from granphon.phonons.dos import DensityOfStates
     from granphon.phonons.phonons import Phonons
     from granphon.phonons.surfaces import SurfaceSpectrum
     from granphon.runs.dataset import Dataset
     from granphon.runs.wave_records import SampleWaves
+    from granphon.scene.design import PosedDesign
 
 
 #: the file, in the folder of the result, in which finished tasks are kept until the result has been
@@ -119,8 +122,8 @@ class Scene(SceneValues):
     finite_overlap : keep the terms of relative order delta/d; True if all media are simulations in
         their exact geometry, which always have them.
     observe : which of "velocities", "bands", "gaps", "cutoffs", "onsets", "sensitivities", "dos",
-        "surface", "spectrum", "pulse", "response", "motion", "modes" to compute; spectrum, pulse
-        and the density of states of the array itself, of a simulation.
+        "surface", "spectrum", "pulse", "response", "motion", "modes", "design" to compute;
+        spectrum, pulse and the density of states of the array itself, of a simulation.
     direction : Cartesian direction of sound, a number for each period of the lattice, or a tuple of
         such directions; None for x, on which velocities do not depend where sound is isotropic.
     band, band_points : path of the bands, None for that of the lattice, and number of points on
@@ -138,6 +141,7 @@ class Scene(SceneValues):
         given as a mapping, as {"young_modulus, diameter": 0.3}.
     response, motion, modes : which response of the network of each state to find, how its balls
         move, and which of its lowest modes to find, if the scene observes it.
+    design : what network is sought, from the state as its start, if the scene observes a design.
     dim : supercell of the exported force constants, a number for each period; None for the smallest
         that suffices.
     source : path of the file that the scene was read from; None for a scene made in Python.
@@ -288,8 +292,11 @@ class Scene(SceneValues):
         yet, with the values of the outputs of the ``rows``; the ``store`` keeps finished tasks, if
         the scene has any.
         """
-        dataset = self.plan.sweep(progress, executor, store=store)
-        result = RunResult(target, self, tuple(rows), values={"states": dataset})
+        # the starts of a design, whose state is found at once, have a store of their own
+        has_design = "design" in self.observe
+        dataset = self.plan.sweep(progress, executor, store=None if has_design else store)
+        means = Means(executor, progress, store)
+        result = RunResult(target, self, tuple(rows), values={"states": dataset}, means=means)
         with self.origin.where_it_buckles():
             for row in rows:
                 if row.find is not None:
@@ -346,7 +353,8 @@ class Scene(SceneValues):
         """How the states of the scene are checked and found."""
         has_velocities = "velocities" in self.observe
         # a mechanism has other observables, but no velocities
-        of_mechanisms = {"bands", "gaps", "cutoffs", "onsets", "dos", "surface", *NETWORK_BLOCKS}
+        of_mechanisms = {"bands", "gaps", "cutoffs", "onsets", "dos", "surface", "design"}
+        of_mechanisms |= {*NETWORK_BLOCKS}
         path = None
         if "bands" in self.observe:
             path = (self.path.arrays, self.band_points, self.path.labels)
@@ -385,9 +393,18 @@ class Scene(SceneValues):
     @property
     def has_tasks(self) -> bool:
         """Whether the work is cut into tasks, which can be done elsewhere: a sweep, or the samples
-        of one state.
+        or the starts of the design of one state.
         """
-        return self.plan.has_tasks
+        return self.plan.has_tasks or "design" in self.observe
+
+    @cached_property
+    def posed_design(self) -> PosedDesign:
+        """The design that the scene observes, before the search; errors of its goal and variables
+        are placed in the block.
+        """
+        from granphon.scene.design import PosedDesign
+
+        return PosedDesign.of(self)
 
     def state(self) -> ContactState:
         """Return the state of the contacts under the load.
@@ -428,6 +445,10 @@ class Scene(SceneValues):
         machine now, or more than 10,000 days on one processor.
         """
         cost = self.plan.cost()
+        if "design" in self.observe:
+            of_design = self.posed_design.cost
+            if of_design.tells:
+                cost = of_design if cost is None else cost + of_design
         count = 1.0 + 2.0 * len(self.errors)
         return cost if cost is None or not self.errors else cost.times(count)
 
@@ -487,6 +508,7 @@ class RunResult(Results):
     failures : one sentence for each figure that could not be drawn, with the reason.
     remarks : one sentence for each figure that shares out its states among panels, or leaves some
         out.
+    means : by what tasks are done while outputs are found.
     """
 
     scene: Scene
@@ -494,6 +516,7 @@ class RunResult(Results):
     files: tuple[Path, ...] = ()
     failures: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
+    means: Means = field(default=Means(), repr=False)
 
     @property
     def bands(self) -> Bands | None:
@@ -511,6 +534,11 @@ class RunResult(Results):
         for.
         """
         return self._value("gaps")
+
+    @property
+    def design(self) -> Design | None:
+        """Of a single state, the best network that was met; None if it was not asked for."""
+        return self._value("design")  # type: ignore[no-any-return]
 
     @property
     def surface(self) -> SurfaceSpectrum | None:
@@ -607,9 +635,9 @@ class RunResult(Results):
         each figure that failed.
         """
         sentences = json.loads(self.dataset.attrs["warnings"])
-        for spectrum in (self.bands, self.dos):
-            if spectrum is not None:
-                sentences += spectrum.warnings
+        for found in (self.bands, self.dos, self.design):
+            if found is not None:
+                sentences += found.warnings
         return tuple(dict.fromkeys((*sentences, *self.failures)))
 
     @property

@@ -28,7 +28,8 @@ from granphon.phonons.paths import MESHES, BandPath, read_paths
 from granphon.runs.plan import list_parameters_of_branches
 from granphon.runs.tasks import require_arrays
 from granphon.scene import rules
-from granphon.scene.file import SceneSource, write_blocks
+from granphon.scene.design_settings import DesignSettings, require_variables
+from granphon.scene.file import SETTINGS, SceneSource, write_blocks
 from granphon.scene.rules import Context
 from granphon.waves.settings import BLOCKS as WAVE_BLOCKS
 from granphon.waves.settings import (
@@ -110,6 +111,7 @@ class SceneValues:
     motion: MotionSettings | None = None
     modes: ModesSettings | None = None
     bands: BandsSettings | None = None
+    design: DesignSettings | None = None
     #: paths in the file of the parameters that have a standard error, and the error, SI
     errors: tuple[tuple[tuple[str | int, ...], Any], ...] = ()
     #: names of two such parameters, and the correlation of their errors
@@ -285,7 +287,7 @@ class SceneValues:
             rows.append(("path", path, ""))
         if "bands" in self.observe:
             rows.append(("points of a segment", self.band_points, ""))
-        for name in WAVE_BLOCKS:
+        for name in SETTINGS:
             settings = self.observed_settings(name)
             if settings is not None:
                 rows += describe_settings(settings)
@@ -352,7 +354,7 @@ class SceneValues:
                 f"Waves of this kind need a period: write observe: [{first_block}].",
             )
             for name in rules.OBSERVABLES
-            if name not in ("spectrum", "pulse", *NETWORK_BLOCKS)
+            if name not in ("spectrum", "pulse", *NETWORK_BLOCKS, "design")
         ]
         pulse = Conflict(
             "pulse",
@@ -376,6 +378,7 @@ class SceneValues:
             pulse,
             *self._list_conflicts_of_networks(),
             *self._list_conflicts_of_bands(),
+            *self._list_conflicts_of_design(),
         ]
 
     def _list_conflicts_of_surface(self) -> list[Conflict]:
@@ -467,6 +470,36 @@ class SceneValues:
         with rules.refusing(waves[0], allowed, "observe"):
             require_arrays(self.media, dict(self.parameters), waves)
 
+    def _list_conflicts_of_design(self) -> list[Conflict]:
+        """Return the reasons for which no design can be sought."""
+        design = partial(Conflict, "design")
+        return [
+            design(
+                self.design is None,
+                "without a goal",
+                "design with a block 'design'",
+                "Add a block such as design: {goal: widest_gap, vary: {mass: [10 g, 40 g]}}.",
+            ),
+            design(
+                not self.is_single,
+                "of several states",
+                "design of one state",
+                "Keep one load, one medium, and no block 'sweep'.",
+            ),
+            design(
+                any(choice.simulates for choice in self.media),
+                "of a simulation",
+                "design of a lattice or crystal",
+                "Take another medium: gp.design takes the network of a sample.",
+            ),
+            design(
+                self.errors,
+                "of quantities with standard errors",
+                "design of exact quantities",
+                "The best for other values is another network: make a scene without errors.",
+            ),
+        ]
+
     def _require_consistency(self) -> None:
         """Raise :class:`~granphon.base.errors.Refused` if values that are allowed one by one
         exclude each other.
@@ -492,6 +525,8 @@ class SceneValues:
             if conflict.name in self.observe and conflict.holds:
                 found = f"{conflict.name!r} {conflict.problem}"
                 raise Refused(found, conflict.allowed, conflict.mend, ("observe",))
+        if "design" in self.observe:
+            require_variables(self)
         surface = self.observed_settings("surface")
         if surface is not None:
             allowed = "an axis across which the balls repeat"

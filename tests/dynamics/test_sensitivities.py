@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose
 import granphon as gp
 from granphon.base.errors import InputError
 from granphon.dynamics.linalg import MANY_COLUMNS
-from tests.dynamics.test_network_lattice import CASES, random_network
+from tests.dynamics.test_network_lattice import CASES, hold, random_network
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 ALUMINIUM = gp.Material(young_modulus=73.5e9, poisson_ratio=0.33, density=2700.0)
@@ -238,14 +238,17 @@ def test_equal_branches_have_the_derivative_of_their_mean():
     found = gp.Phonons(network).sensitivities(q)
     pairs = found.degenerate & (found.frequencies > 0.0)
     assert np.count_nonzero(pairs) >= 2
-    change = changes(network, "normal_stiffness")
 
     def find(changed):
         values = gp.Phonons(changed).frequencies(q)
         return np.array([np.mean(values[pairs])])
 
-    wanted = difference(find, network, "normal_stiffness", change)
-    assert_allclose(found.normal_stiffness[pairs] @ change, wanted[0], rtol=1e-8)
+    for name in ("normal_stiffness", "shear_stiffness", "mass", "inertia"):
+        change = changes(network, name)
+        wanted = difference(find, network, name, change)
+        by_pair = getattr(found, name)[pairs] @ change
+        atol = 1e-8 * np.max(found.frequencies)
+        assert_allclose(np.mean(by_pair), wanted[0], rtol=1e-8, atol=atol, err_msg=name)
     first, second = found.normal_stiffness[pairs][:2]
     assert_allclose(first, second, rtol=1e-12)
 
@@ -299,6 +302,44 @@ def test_edges_of_a_random_crystal_move_as_their_derivatives_say():
     edges = gp.Phonons(network).gap_sensitivities()
     assert len(edges.frequencies)
     compare(network, lambda changed: gp.Phonons(changed).gaps(), edges, np.max(edges.frequencies))
+
+
+@pytest.mark.slow
+def test_edges_of_a_gap_in_the_plane_move_as_their_derivatives_say():
+    """A random crystal whose masses differ by a factor of 40: edges lie inside of the zone."""
+    network = random_network("square", (2, 1), "out_of_plane", seed=2)
+    network = replace(network, masses=network.masses * np.array([1.0, 40.0]))
+    edges = gp.Phonons(network).gap_sensitivities((8, 8))
+    assert len(edges.frequencies)
+    change = changes(network, "mass")
+    wanted = difference(lambda one: gp.Phonons(one).gaps((8, 8)), network, "mass", change)
+    atol = 1e-8 * np.max(edges.frequencies)
+    assert_allclose(contract(edges.mass, change), wanted, rtol=0.0, atol=atol)
+
+
+@pytest.mark.claim("sensitivities-differences")
+@pytest.mark.slow
+def test_a_sample_and_a_finite_network_have_the_derivatives_of_differences():
+    """Branches of a simulated sample, and the lowest modes of a network with a clamp."""
+    packing = gp.Packing(STEEL, 8e-3, spread=gp.Uniform(2e-6))
+    sample = gp.DirectSimulation(packing, shape=(3, 3)).at_force(18.0).sample.network
+    q = [[0.21, 0.13]]
+    found = gp.Phonons(sample).sensitivities(q)
+    assert not np.any(found.degenerate)
+    compare(
+        sample,
+        lambda changed: gp.Phonons(changed).frequencies(q),
+        found,
+        np.max(found.frequencies),
+    )
+    network = hold(random_network("sc", (2, 2, 1)), [0]).cut(2, 2)
+    modes = gp.Waves(network).modes(6)
+    compare(
+        network,
+        lambda changed: gp.Waves(changed).modes(6).frequencies,
+        modes.sensitivities,
+        np.max(modes.frequencies),
+    )
 
 
 def test_the_gap_below_held_balls_has_one_edge():

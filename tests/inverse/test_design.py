@@ -153,6 +153,30 @@ def test_kinds_have_one_variable():
     assert_allclose(np.sort(best.variables), bounds, rtol=1e-6)
 
 
+def test_a_spring_to_the_ground_puts_the_lowest_branch_where_it_is_wanted(chain):
+    """omega^2 = g/m at Gamma, of all balls on the same spring."""
+    frequency = 2e3
+    goal = gp.MatchFrequencies([frequency], q=[[0.0]])
+    best = gp.design(chain, goal, "on_site", (0.0, 1e8), per="kind", restarts=1)
+    wanted = chain.masses[0] * (2.0 * math.pi * frequency) ** 2
+    assert_allclose(best.variables, [wanted], rtol=1e-7)
+    assert_allclose(best.network.on_site, wanted, rtol=1e-7)
+    assert best.labels == ("on_site of A",)
+    assert best.start_variables == [0.0]
+    assert_allclose(best.start_value, 1.0, rtol=1e-2)
+    assert best.starts.size == 2
+
+
+def test_equal_starts_do_not_depend_on_their_number(chain):
+    mass = chain.masses[0]
+    goal = gp.ResponseAt(5e3, (0, "x"), (1, "x"), loss_factor=0.1)
+    bounds = (0.5 * mass, 2.0 * mass)
+    few = gp.design(chain, goal, bounds=bounds, restarts=1, steps=5)
+    many = gp.design(chain, goal, bounds=bounds, restarts=3, steps=5)
+    assert many.starts[:2].tolist() == few.starts.tolist()
+    assert many.value == many.starts.min()
+
+
 # -- what is refused, or said ----------------------------------------------------------------------
 
 
@@ -275,6 +299,37 @@ def test_a_goal_out_of_reach_is_said_and_the_best_kept(chain):
     k = chain.normal_stiffness[0]
     closed = gp.design(chain, gp.WidestGap(), "stiffness", (0.999999 * k, k), restarts=0)
     assert closed.value >= 0.0
+
+
+def test_a_gap_that_closes_on_the_way_is_said_and_the_widest_is_kept(chain):
+    """The masses are equal at both ends of the parameter, and most unlike at a quarter of it."""
+    mass = chain.masses[0]
+
+    def make(place):
+        excess = 4.0 * place * (1.0 - place) ** 3
+        return replace(chain, masses=mass * np.array([1.0, 1.0 + excess]))
+
+    best = gp.design(make, gp.WidestGap(branches=1), "place", (0.0, 1.0), restarts=0)
+    assert np.min(best.history) <= 0.0
+    assert_allclose(best.variables, 0.25, rtol=1e-3)
+    (warning,) = best.warnings
+    assert "closes on the way" in warning
+    assert best.value > best.start_value > 0.0
+
+
+def test_a_gap_that_is_closed_on_the_finer_mesh_is_passed_over(chain):
+    """At Gamma alone equal light masses have the widest distance of branches, and no gap."""
+    mass = chain.masses[0]
+    unlike = replace(chain, masses=mass * np.array([1.0, 2.0]))
+    goal = gp.WidestGap(branches=1, mesh=(1,))
+    best = gp.design(unlike, goal, bounds=(0.5 * mass, 2.0 * mass), restarts=0)
+    (warning,) = best.warnings
+    assert "given network" in warning
+    assert best.value == best.start_value > 0.0
+    assert best.network.masses.tolist() == unlike.masses.tolist()
+    closed = gp.design(chain, goal, bounds=(0.5 * mass, 2.0 * mass), restarts=0)
+    assert closed.value == 0.0
+    assert "no gap opens" in closed.warnings[-1]
 
 
 def test_variables_without_effect_are_named(chain):

@@ -94,6 +94,38 @@ def test_each_quantity_has_a_panel_with_a_bar_for_each_parameter(result):
         sensitivities_figure(data.drop_vars("sensitivity"))
 
 
+def test_of_many_quantities_those_of_the_lowest_branches_are_drawn(result):
+    """Beside velocities and moduli; what is left out is told, with its number."""
+    data = result.dataset
+    count = data.sizes["sensitivity_of"]
+    n_branches = 10
+    branches = [f"cutoff_{end} {n}" for end in ("lower", "upper") for n in range(1, n_branches)]
+    known = [name for name in data["sensitivity_of"].values if " " not in name]
+    row = data["sensitivity"].isel(sensitivity_of=[0] * (len(known) + len(branches)))
+    many = data.drop_dims("sensitivity_of").assign(sensitivity=row.drop_vars("sensitivity_of"))
+    many = many.assign_coords(sensitivity_of=[*known, *branches])
+    told = []
+    figure = sensitivities_figure(many, told.append)
+    titles = [" ".join(ax.get_title().split()) for ax in figure.axes if ax.axison]
+    assert len(titles) == 12
+    assert sum("branch" not in title for title in titles) == len(known)
+    numbers = [int(title.split()[-1]) for title in titles if "branch" in title]
+    assert numbers == [1 + n // 2 for n in range(12 - len(known))]
+    (sentence,) = told
+    assert f"{len(known) + len(branches) - 12} quantities" in sentence
+    assert sensitivities_figure(data, told.append)
+    assert len(told) == (2 if count > 12 else 1)
+
+
+def test_the_report_says_what_matters_most(tmp_path):
+    folder = tmp_path / "out"
+    gp.Scene.from_text(PACKING).run(folder)
+    sections = {section.title: section.blocks for section in read_report(folder)[1]}
+    rows = dict(sections["Numbers"][0].rows)
+    assert "longitudinal density" in rows["matters most"]
+    assert "sensitivities.png" in [picture.name for picture in sections["Figures"]]
+
+
 def test_balls_that_are_held_have_no_velocities_to_differentiate():
     held = SCENE.replace(
         "friction: false}", "friction: false, cut: {axis: 0, layers: 3, edges: floor}}"

@@ -58,6 +58,7 @@ BALLS = [(1, "x"), (2, (0.6, 0.8))]
             [(1, "x"), (2, (0.6, 0.8))],
             marks=pytest.mark.slow,
         ),
+        ("fcc", {"damping": 1e-7}, [(1, "z")]),
         ("held", {"loss_factor": 0.02, "quantity": "force"}, [(1, "y"), (4, "x")]),
         ("held", {"quantity": "stiffness"}, [(1, "y"), (4, "x")]),
     ],

@@ -1,0 +1,202 @@
+"""Scenes that seek a design: closed forms, files, resumed runs, and what is refused."""
+
+from __future__ import annotations
+
+import csv
+import math
+import pickle
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import granphon as gp
+from granphon.base.errors import InputError
+from granphon.cli import main
+from granphon.inverse.search import Problem
+from granphon.scene.report import read_report
+
+BALLS = """\
+balls:
+  S: {material: {young_modulus: 193 GPa, poisson_ratio: 0.30, density: 8000 kg/m^3}, diameter: 19 mm}
+  A: {material: {young_modulus: 73.5 GPa, poisson_ratio: 0.33, density: 2700 kg/m^3}, diameter: 19 mm}
+"""
+CHAIN = (
+    BALLS
+    + "crystal: {lattice: chain, kinds: [S, S], friction: false}\n"
+    + "load: {force: 20 N}\n"
+    + "observe: [design]\n"
+)
+MASSES = CHAIN + (
+    "design:\n"
+    "  goal: widest_gap\n"
+    "  vary: {mass: [9 g, 50 g]}\n"
+    "  constraints: {mass: 57 g}\n"
+    "  restarts: 2\n"
+)
+EDGE = CHAIN.replace("[S, S]", "[A, S]") + (
+    "design:\n"
+    "  goal: {match_frequencies: {measured: [8 kHz], sigma: 1 Hz, q: [[0]], branches: [1]}}\n"
+    "  vary: {load.force: [1 N, 300 N]}\n"
+    "  restarts: 0\n"
+)
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("design") / "out"
+    return gp.Scene.from_text(MASSES).run(folder)
+
+
+@pytest.mark.claim("design-scene")
+def test_two_masses_of_given_sum_have_the_widest_gap_at_the_extreme_ratio(result):
+    design = result.design
+    assert_allclose(np.sort(design.variables), [9e-3, 48e-3], rtol=1e-9)
+    k = result.state.network.normal_stiffness[0]
+    edges = [math.sqrt(2.0 * k / mass) / (2.0 * math.pi) for mass in (48e-3, 9e-3)]
+    assert_allclose(design.value, edges[1] - edges[0], rtol=1e-9)
+    assert result.summary()["design"]["value"] == design.value
+    assert result.warnings == ()
+
+
+def read_rows(path):
+    """The rows of a table."""
+    return list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
+
+
+def test_the_folder_has_the_design_its_tables_and_its_figure(result):
+    read = gp.Scene.from_text(MASSES).run(result.folder, resume=True)
+    assert read.design == result.design
+    rows = read_rows(result.folder / "design.csv")
+    assert [row["variable"] for row in rows] == list(result.design.labels)
+    assert [float(row["best"]) for row in rows] == result.design.variables.tolist()
+    assert {row["unit"] for row in rows} == {"kg"}
+    history = read_rows(result.folder / "design_history.csv")
+    assert [float(row["goal (Hz)"]) for row in history] == result.design.history.tolist()
+    assert (result.folder / "design.png").is_file()
+    titles = [section.title for section in read_report(result.folder)[1]]
+    assert "Design" in titles
+
+
+def test_the_figure_has_the_history_and_the_bands_at_both_ends(result):
+    left, start, best = result.figure("design.png").axes
+    assert_allclose(left.lines[0].get_ydata(), result.design.history)
+    assert not [patch for patch in start.patches if patch.get_height() > 1.0]
+    lower, upper = gp.Phonons(result.design.network).gaps()[0] / 1e3
+    assert any(np.allclose(patch.get_bbox().intervaly, (lower, upper)) for patch in best.patches)
+    network = gp.Scene.from_text(CHAIN.replace("[design]", "[velocities]")).state().network
+    wall = network.cut(0, 2, edges=("clamped", "free"))
+    goal = gp.MatchFrequencies(0.9 * gp.Waves(wall).modes(2).frequencies)
+    finite = gp.design(wall, goal, bounds=(9e-3, 50e-3), restarts=0)
+    _left, right = gp.plot(finite).axes
+    assert len(right.lines) == 2
+
+
+def test_a_load_puts_a_band_edge_where_the_scene_wants_it(tmp_path, capsys):
+    """At Gamma the optical frequency goes as the sixth root of the force."""
+    path = tmp_path / "scene.yaml"
+    path.write_text(EDGE, encoding="utf-8")
+    assert main(["check", str(path)]) == 0
+    printed = capsys.readouterr().out
+    assert "1: force" in printed
+    assert main(["run", str(path), "-o", str(tmp_path / "out"), "--no-figures"]) == 0
+    assert "1 unknown" in capsys.readouterr().out
+    design = gp.Scene.from_yaml(path).run(tmp_path / "out", resume=True, figures=False).design
+    edge = gp.Phonons(design.start).frequencies([[0.0]])[0, 1]
+    assert_allclose(design.variables, 20.0 * (8e3 / edge) ** 6, rtol=1e-7)
+
+
+def test_measured_frequencies_may_stand_in_a_table(tmp_path):
+    table = tmp_path / "measured.csv"
+    table.write_text("frequency (kHz),sigma (Hz)\n8,1\n", encoding="utf-8")
+    path = tmp_path / "scene.yaml"
+    text = EDGE.replace("[8 kHz]", "measured.csv").replace("1 Hz", "measured.csv")
+    path.write_text(text, encoding="utf-8")
+    scene = gp.Scene.from_yaml(path)
+    assert scene.design.goal == gp.Scene.from_text(EDGE.replace("1 Hz", "[1 Hz]")).design.goal
+    assert table in scene.origin.inputs
+
+
+@pytest.mark.parametrize(
+    "design",
+    [
+        "goal: {widest_gap: {near: 5 kHz, mesh: [24]}}\n  vary: {S.density: [7000 kg/m^3, 9 g/cm^3]}",
+        "goal: lowest_velocity\n  vary: {stiffness: [1 MN/m, 30 MN/m], mass: [1 g, 40 g]}",
+        "goal: {response_at: {frequency: 5 kHz, source: 2 x, receiver: [3 x], loss_factor: 0.1}}\n"
+        "  vary: {on_site: [0 N/m, 1 MN/m]}\n  per: kind\n  repeat: 4",
+        EDGE.partition("design:\n  ")[2].strip(),
+    ],
+)
+def test_a_design_is_written_as_it_is_read(design):
+    scene = gp.Scene.from_text(f"{CHAIN}design:\n  {design}\n")
+    assert gp.Scene.from_text(scene.to_yaml()) == scene
+
+
+def test_a_run_that_was_cut_off_goes_on_with_the_starts_that_are_missing(
+    result, tmp_path, monkeypatch
+):
+    searched = []
+    search = Problem.search
+
+    def stop(problem, number):
+        searched.append(number)
+        if searched == [0, 1]:
+            raise KeyboardInterrupt
+        return search(problem, number)
+
+    monkeypatch.setattr(Problem, "search", stop)
+    scene = gp.Scene.from_text(MASSES)
+    with pytest.raises(KeyboardInterrupt):
+        scene.run(tmp_path / "out", figures=False)
+    assert not list((tmp_path / "out").glob("design*"))
+    again = gp.Scene.from_text(MASSES).run(tmp_path / "out", figures=False)
+    assert searched == [0, 1, 1, 2]
+    assert again.design == result.design
+
+
+def test_a_worker_searches_as_this_process_does():
+    (task,) = gp.Scene.from_text(EDGE).posed_design.tasks
+    sent = pickle.loads(pickle.dumps(task))
+    assert sent.name == task.name
+    result = sent.solve()
+    assert_allclose(result["best"], task.solve()["best"], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("goal: widest_gap", "goal: widest_gaps", "design.goal"),
+        ("goal: widest_gap", "goal: {widest_gap: {near: 1 MHz}}", "no gap can be near"),
+        ("57 g}", "1 kg}", "out of reach"),
+        ("mass: [9 g", "mass: [40 g", "outside of its bounds"),
+        ("mass: [9 g", "colour: [9 g", "design.vary.colour"),
+        ("[9 g, 50 g]", "[50 g, 9 g]", "design.vary.mass"),
+        ("mass: [9 g, 50 g]", "mass: [9 g, 50 g], force: [1 N, 50 N]", "beside force"),
+        ("load: {force: 20 N}", "load: {force: [20 N, 30 N]}", "several states"),
+        ("force: 20 N", "force: 20 +- 1 N", "standard errors"),
+        ("observe: [design]", "observe: [design]\nsweep: {S.mass: [20 g, 30 g]}", "several states"),
+        ("design:\n", "spare:\n", "spare"),
+    ],
+)
+def test_mistakes_are_told_in_one_line(old, new, words):
+    assert old in MASSES
+    with pytest.raises(InputError, match=words) as error:
+        gp.Scene.from_text(MASSES.replace(old, new)).cost()
+    assert "\n" not in str(error.value)
+
+
+def test_bounds_that_exclude_the_load_of_the_scene_are_refused():
+    with pytest.raises(InputError, match=r"design\.vary\.force"):
+        gp.Scene.from_text(EDGE.replace("[1 N", "[30 N"))
+
+
+def test_a_goal_that_depends_on_no_variable_names_them():
+    text = CHAIN + "design: {goal: widest_gap, vary: {shear_stiffness: [0 N/m, 1 MN/m]}}\n"
+    with pytest.raises(InputError, match="shear_stiffness of contact 1"):
+        gp.Scene.from_text(text).cost()
+
+
+def test_the_cost_counts_all_steps_of_all_starts():
+    cost = gp.Scene.from_text(MASSES).posed_design.cost
+    assert cost.units[0].number == 3 * 200
+    assert "2 unknowns" in cost.parts[0]
