@@ -384,7 +384,7 @@ def test_a_plain_scene_loads_no_arrays_no_crystals_and_no_statics(tmp_path):
     }
     for name in ("crystal", "arrangement", "simulation", "loading"):
         assert f"granphon.media.{name}" not in loaded
-    assert len(loaded) <= 114
+    assert len(loaded) <= 119
 
 
 def make_long_files(rows: int, folder: Path) -> dict[str, Callable[[], object]]:

@@ -18,8 +18,8 @@ from granphon.base.progress import Progress, silent
 from granphon.base.results import Result, held, result_class
 from granphon.base.validation import texts
 from granphon.inverse.goals import Goal
-from granphon.inverse.search import RESTARTS, SEED, STEPS, Found, Numbers, Parameters, Problem
-from granphon.inverse.variables import read_bounds
+from granphon.inverse.search import Found, Numbers, Parameters, Problem
+from granphon.inverse.variables import RESTARTS, SEED, STEPS, read_bounds
 from granphon.networks.network import ContactNetwork, given_network
 
 #: relative distance of a sum from its total that is rounding

@@ -22,7 +22,7 @@ from granphon.base.errors import GranphonError, InputError, brief, one_line
 from granphon.base.text import counted
 from granphon.base.validation import finite_array, one_of, whole_number
 from granphon.dynamics.sensitivities import Sensitivities
-from granphon.inverse.variables import Variables, list_outside
+from granphon.inverse.variables import RESTARTS, SEED, STEPS, Variables, list_outside
 from granphon.networks.network import ContactNetwork, given_network
 
 #: relative change of the goal, and of variables, at which a search ends
@@ -38,10 +38,6 @@ _INSIDE = 1e-6
 _DERIVATIVES = tuple(field.name for field in fields(Sensitivities))
 #: most variables that a message names
 _NAMED = 6
-#: random starts of a search by default, its seed, and the most steps from each start
-RESTARTS = 2
-SEED = 0
-STEPS = 200
 
 
 @dataclass(frozen=True)

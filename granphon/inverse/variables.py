@@ -15,6 +15,10 @@ from granphon.base.errors import InputError, brief
 from granphon.base.validation import finite_array, not_negative, one_of, texts
 from granphon.networks.network import ContactNetwork
 
+#: random starts of a search by default, its seed, and the most steps from each start
+RESTARTS = 2
+SEED = 0
+STEPS = 200
 #: what may vary: the field of a network that is the variable, the fields that change in proportion
 #: with it, and of each the name of its derivative
 VARIED = {

@@ -49,10 +49,8 @@ from granphon.base.validation import (
     real_number,
     truth,
 )
-from granphon.inverse.search import RESTARTS, SEED, STEPS
-from granphon.inverse.variables import PER, UNITS, VARIED
+from granphon.inverse.variables import PER, RESTARTS, SEED, STEPS, UNITS, VARIED
 from granphon.media.network_file import NetworkMedium
-from granphon.observables.parameters import read_number
 from granphon.scene.rules import find_kind, refusing
 from granphon.waves.settings import DIRECTION, NetworkSettings, ResponseSettings, find_place
 
@@ -384,6 +382,8 @@ def _find_start(scene: Any, name: str) -> float:
     """Return the value of a parameter in a scene, SI."""
     if name == scene.load.kind:
         return float(np.ravel(scene.load.array)[0])
+    from granphon.observables.parameters import read_number  # other scenes do not need it
+
     with refusing(name, "parameters of the balls", "design", "vary", name):
         return float(read_number(scene.packing, name))
 

@@ -316,7 +316,7 @@ class ResponseOptions:
     rounds : rounds of refinement, at most.
     stalled : part of the forces that a round of refinement has left, from which it comes no nearer.
     reduction : error of an iteration in the norm of the energy; that of an elastic tensor is its
-        square, or a few times that near the rigidity threshold.
+        square.
     reduction_of_motions : the same, where motions are asked for, or no factors can be.
     patience : iterations after which a grid that can be factorised is.
     most_iterations : iterations of a grid that cannot, at most.
@@ -336,7 +336,7 @@ class ResponseOptions:
     borne_of_motions: float = 1e-11
     rounds: int = 20
     stalled: float = 0.5
-    reduction: float = 1e-5
+    reduction: float = 1e-6
     reduction_of_motions: float = 1e-9
     patience: int = 60
     most_iterations: int = 60_000

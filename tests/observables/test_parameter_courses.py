@@ -16,7 +16,7 @@ from granphon.media import crystal as crystals
 from granphon.media.arrangement import given_balls
 from granphon.media.choice import MediumChoice
 from granphon.media.medium import Medium
-from granphon.observables.parameters import _read_number, find_parameter_sensitivities
+from granphon.observables.parameters import find_parameter_sensitivities, read_number
 from granphon.statics import rest_courses
 from granphon.statics.options import RestOptions
 
@@ -53,7 +53,7 @@ def compare(choice, balls, load, find, names, step, finite_overlap=None):
         if name == kind:
             load_there[kind] *= 1.0 + change
         else:
-            value = _read_number(balls, name)
+            value = read_number(balls, name)
             changed = change_packing(balls, {name: (1.0 + change) * value})
         medium = choice.of(changed)
         applied = Load(kind, load_there[kind])
