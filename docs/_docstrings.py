@@ -112,6 +112,10 @@ def skip(app: Any, what: str, name: str, obj: Any, skipped: bool, options: Any) 
     return True if what == "class" and name in INNER else None
 
 
+#: classes whose objects runs make, and nobody else
+_MADE_ALONE = {"granphon.RunResult"}
+
+
 def sign(
     app: Any,
     what: str,
@@ -124,6 +128,8 @@ def sign(
     """For ``autodoc-process-signature``: names that autodoc could not look up, and defaults made
     anew for each object.
     """
+    if name in _MADE_ALONE:
+        return "", ""
     return signature and say_types(signature.replace("<factory>", "...")), returned and say_types(
         returned
     )

@@ -61,6 +61,10 @@ _FOREIGN = {
     "BinaryIO",
     "ClassVar",
     "DataArray",
+    "Warning",
+    # of results that granphon alone makes
+    "Means",
+    "Units",
 }
 
 

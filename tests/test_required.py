@@ -135,8 +135,7 @@ ASKED: dict[str, tuple[dict[str, int], set[str], set[str]]] = {
     "sweep, effective medium": (EMA, NODES, SWEEP),
     "simulation": (BESIDE, SAMPLE | CONTACTS, {"sample.extxyz"}),
     "simulation, no friction": (BESIDE, SAMPLE | CONTACTS, {"sample.extxyz"}),
-    # too large for a list of contacts
-    "simulation in space": (BESIDE, SAMPLE | WAVES, {"sample.extxyz"}),
+    "simulation in space": (BESIDE, SAMPLE | CONTACTS, {"sample.extxyz"}),
     # no exponent, which takes two more of both; the sound velocity, one of the conditions of
     # validity, takes the response
     "bands of a simulation": (

@@ -139,7 +139,8 @@ def _make_slopes(network: ContactNetwork, products: dict[str, Array]) -> dict[st
     if not (network.ball_motions.rotate or np.any(network.shear_stiffness)):
         del by_contact["shear_stiffness"]
     for name, unit in by_contact.items():
-        values = products.get(name, np.zeros_like(example))
+        # a zero product is nan where there is no derivative of any parameter
+        values = products.get(name, 0.0 * example)
         fields[name] = np.moveaxis(values, 0, -1) / unit
     by_growth = fields.pop("tangential_growth")
     if network.prestress:

@@ -311,7 +311,7 @@ def test_a_sweep_that_was_cut_off_goes_on(tmp_path):
         one.run(tmp_path / "parts", figures=False, progress=Meter(stop=1))
     rest = Meter()
     assert one.run(tmp_path / "parts", figures=False, progress=rest).dataset.identical(whole)
-    assert ("sweep", 2) in rest.steps
+    assert ("states", 2) in rest.steps
 
 
 @pytest.mark.parametrize(
