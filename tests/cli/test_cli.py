@@ -54,7 +54,7 @@ def test_mistakes_in_a_scene(work, capsys, name):
     before = tree(work)
     assert main(["run", "scene.yaml", "-o", "out"]) == 2
     error = one_error(capsys)
-    assert error.startswith(f"scene.yaml:{place}")
+    assert error.startswith(f"scene.yaml:{place}: ")
     for word in words:
         assert word in error
     assert tree(work) == before
