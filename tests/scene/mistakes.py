@@ -1800,6 +1800,108 @@ MISTAKES: dict[str, tuple[str, ...]] = {
         "-0.41",
         "semidefinite",
     ),
+    # loads that no sample bears
+    "a force that crushes a sample": (
+        edit("force: 5 N", "force: 1e9 N", array("velocities")),
+        "3: load.force",
+        "'1e9 N'",
+        "34.72 diameters",
+    ),
+    "a force too low for a sample": (
+        edit("force: 5 N", "force: [5 N, 1e-9 N]", array("velocities")),
+        "3: load.force.1",
+        "nN",
+        "rigidity",
+    ),
+    "a sample without contacts": (
+        edit("force: 5 N", "overlap: -3 um", array("velocities")),
+        "3: load.overlap",
+        "'-3 um'",
+        "touch",
+    ),
+    # names of lattices
+    "a lattice with the name of another": (
+        pack("lattice: {name: fcc, cell: [[1, 0], [0, 1]]}"),
+        "2: packing.lattice",
+        "'fcc'",
+        "name",
+    ),
+    "a lattice in space with the name of another": (
+        pack("lattice: {name: fcc, cell: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}"),
+        "2: packing.lattice",
+        "'fcc'",
+        "name",
+    ),
+    "a lattice of no name": (
+        pack("lattice: {name: '', cell: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}"),
+        "2: packing.lattice.name",
+        "''",
+    ),
+    "two lattices of one name": (
+        pack(
+            "lattice: fcc",
+            more="sweep: {lattice: [{name: mine, cell: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]},"
+            " {name: mine, cell: [[1, 0, 0], [0, 1, 0], [0, -1, 1]]}]}",
+        ),
+        "4: sweep.lattice",
+        "'mine'",
+        "name",
+    ),
+    "a lattice that is read after its load": (
+        "load: {pressure: 10 kPa}\n"
+        "material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}\n"
+        "packing: {diameter: 8 mm, lattice: fc}",
+        "3: packing.lattice",
+        "'fc'",
+    ),
+    "torsion of lattices whose contacts do not twist": (
+        pack("lattice: fcc, torsion: 0.02", more="sweep: {lattice: [square, kagome]}"),
+        "2: packing.torsion",
+        "'in_plane'",
+        "square",
+    ),
+    # values of a sweep that make no packing
+    "the third of five values": (
+        pack("spread: {uniform: 2 um}", more="sweep: {width: [1 um, 2 um, 17 mm, 18 mm, 3 um]}"),
+        "4: sweep.width.2",
+        "'17 mm'",
+    ),
+    "two values that do not go together": (
+        pack("", more="sweep: {width: [1 um, 10 mm, 2 um], diameter: [8 mm, 4 mm]}"),
+        "4: sweep",
+        "width = 10 mm, diameter = 4 mm",
+    ),
+    "a value within a range": (
+        pack("", more="sweep: {width: {from: 1 um, to: 40 mm, points: 3, scale: linear}}"),
+        "4: sweep.width",
+        "2 of 3",
+        "'40 mm'",
+    ),
+    # balls of several kinds
+    "a ball heavier to turn than a shell": (
+        edit(
+            "mass: 28.84 g",
+            "inertia: 1 kg*m^2",
+            kinds("crystal: {lattice: chain}\nload: {force: 1 N}"),
+        ),
+        "3: balls.S.inertia",
+        "'1 kg*m^2'",
+        "shell",
+    ),
+    "a strain of a packing": (
+        pack("", "strain: [-1e-4, 0, 0]"),
+        "3: load.strain",
+        "packing",
+        "force",
+    ),
+    "more modes than a crystal has": (
+        kinds(
+            "crystal: {lattice: chain, kinds: [S]}\nload: {force: 1 N}\nobserve: [modes]\nmodes: {count: 30, repeat: 2}"
+        ),
+        "8: modes.count",
+        "30",
+        "2 motions",
+    ),
 }
 #: those that a run finds
 LATE: dict[str, tuple[str, ...]] = {
