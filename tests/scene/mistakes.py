@@ -1572,6 +1572,7 @@ MISTAKES: dict[str, tuple[str, ...]] = {
     "bounds that exclude the load": (
         edit("mass: [9 g, 50 g]}\n  constraints: {mass: 57 g}", "force: [30 N, 300 N]}", DESIGN),
         "10: design.vary.force",
+        "20 N",
     ),
     "a goal that depends on nothing": (
         edit(

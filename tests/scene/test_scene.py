@@ -1020,7 +1020,7 @@ def test_of_very_many_packings_the_ends_are_looked_at(medium):
     cost = scene.cost()
     states, left = scene.plan.survey()
     assert len(list(states)) == (0 if medium == "simulation" else 4)
-    assert left == "all but the ends of 100,000 states"
+    assert "100,000 states" in left
     assert "100,000 states" in cost.text
     if medium == "simulation":
         assert cost.equilibria == 300_000
