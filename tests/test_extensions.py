@@ -218,7 +218,7 @@ def test_a_reader_that_fails_is_named():
         (lambda: gp.register_law("my law", Soft, part=""), "cannot have 'my law'"),
         (lambda: gp.register_law("mine", Soft, part="furlong"), "cannot have 'furlong'"),
         (lambda: gp.register_law("mine", Soft), "'mine' .*missing"),
-        (lambda: gp.register_law("mine", Soft, other=""), "'mine' is not made of other"),
+        (lambda: gp.register_law("mine", Soft, other=""), "'mine' .*other"),
         (
             lambda: gp.register_lattice(gp.Lattice("nacl", ((1, 0), (0, 1)))),
             "'nacl' exists already",
@@ -378,7 +378,7 @@ def fail(*arguments):
     ("functions", "told"),
     [
         ({"write": fail}, "'mine' fails: ZeroDivisionError"),
-        ({"write": write_nothing}, "'mine' has not written mine.csv"),
+        ({"write": write_nothing}, "'mine' .*mine.csv"),
         ({"write": write_nothing, "find": fail}, "'mine' fails: ZeroDivisionError"),
         ({"write": write_nothing, "when": fail}, "'mine' fails: ZeroDivisionError"),
     ],

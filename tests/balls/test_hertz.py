@@ -342,12 +342,10 @@ def test_warning_counts_the_loads_that_fail():
     checks = gp.validity(medium.at_overlap(np.array([8e-9, 8e-7, 4e-4, 8e-4])))
     assert_allclose(checks["contact_radius"].ok, [True, True, False, False])
     assert re.search("2 of 4 loads .*radius .*31.62 %", checks["contact_radius"].warning)
-    assert gp.validity(medium.at_overlap([8e-7, 8e-4]))["load"].warning.startswith(
-        "At 1 of 2 loads the ratio (f/E d^2)^(1/6) is 0.47"
+    assert re.search(
+        "1 of 2 loads .*ratio .* 0.47", gp.validity(medium.at_overlap([8e-7, 8e-4]))["load"].warning
     )
-    assert gp.validity(medium.at_overlap([4e-4, 8e-4]))["load"].warning.startswith(
-        "At both loads the ratio"
-    )
+    assert gp.validity(medium.at_overlap([4e-4, 8e-4]))["load"].warning.startswith("At both loads")
     assert_allclose(checks.ok, [True, True, False, False])
     with pytest.raises(KeyError):
         checks["colour"]

@@ -124,7 +124,7 @@ def test_what_resists_rotations_without_friction(steel, motions, torsion, bendin
         ),
         (
             {"lattice": "chain", "motions": "in_plane", "torsion": 0.1},
-            "torsion without rotations about the normals",
+            "torsion without .*normals",
         ),
         (
             {"lattice": "kagome", "torsion": "mindlin"},

@@ -77,8 +77,8 @@ REFUSED = [
     (10**400, ".* 401 digits, .*too large"),
     ([1, 10**5000], "a list .*too large"),
     (Fraction(10**400, 3), "Fraction.*, which is too large"),
-    (ENDLESS, "a list nested more than 64 levels deep"),
-    (TWICE, "a list nested more than 64 levels deep"),
+    (ENDLESS, "a list .*64 levels"),
+    (TWICE, "a list .*64 levels"),
 ]
 
 

@@ -311,8 +311,8 @@ def test_only_regular_files_are_read(tmp_path, kind):
     _, read = LOADERS[kind]
     os.mkfifo(tmp_path / "pipe")
     for path, words in (
-        (tmp_path / "pipe", "a device or a pipe"),
-        ("/dev/zero", "a device or a pipe"),
+        (tmp_path / "pipe", "a device"),
+        ("/dev/zero", "a device"),
         (tmp_path, "a folder"),
         (f"{tmp_path}/\0", "cannot be read"),
         (tmp_path / ("x" * 5000), "cannot be read"),

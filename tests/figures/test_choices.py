@@ -5,6 +5,7 @@ read back, not the pixels.
 from __future__ import annotations
 
 import itertools
+import re
 
 import numpy as np
 import pytest
@@ -158,8 +159,8 @@ def test_too_many_curves_are_shared_out_among_panels(many):
     figure.draw_without_rendering()
     assert_inside_page(figure)
     (sentence,) = said
-    for words in ("columns of panels are poisson_ratio", "rows of panels are diameter", "--where"):
-        assert words in sentence
+    for words in ("columns [^,]*poisson_ratio", "rows [^,]*diameter", "--where"):
+        assert re.search(words, sentence)
 
 
 def test_rows_and_columns_are_those_that_a_user_names(many):

@@ -177,7 +177,7 @@ def test_the_figure_of_a_large_array_marks_its_window(wide):
         ({"show": "some"}, "all, window, density, auto"),
         ({"window": (3.0, 2.0, 1.0, 4.0)}, "left, lower, right"),
         ({"window": (1.0, 2.0)}, "left, lower, right"),
-        ({"window": (500.0, 0.0, 510.0, 9.0)}, "no ball of the array"),
+        ({"window": (500.0, 0.0, 510.0, 9.0)}, "no ball"),
     ],
 )
 def test_forces_that_cannot_be_shown(simulated, ax, options, told):

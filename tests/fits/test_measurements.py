@@ -121,7 +121,7 @@ def test_a_named_column_goes_before_one_found(tmp_path):
         (
             "force,velocity\n2,5\n",
             {},
-            "no unit for 'force' and",
+            "no unit for 'force'",
         ),
         (
             "v (m/s),F\n2,5\n",
@@ -135,7 +135,7 @@ def test_a_named_column_goes_before_one_found(tmp_path):
             "'pressure' and 'time'",
         ),
         ("force,time (s)\n2,5\n", {}, "no column named 'distance'"),
-        ("force (N),velocity (m/s),sigma\n2,5,1\n", {}, "has no unit for 'sigma'"),
+        ("force (N),velocity (m/s),sigma\n2,5,1\n", {}, "no unit for 'sigma'"),
         (
             "force (N),side_force (N),velocity (m/s)\n2,3,5\n",
             {},

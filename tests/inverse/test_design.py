@@ -207,7 +207,7 @@ class Fixed:
         ("bounds", {"vary": ("mass", "stiffness")}),
         ("bounds", {"bounds": (2.0, 1.0)}),
         ("none of the variables", {"vary": "shear_stiffness", "bounds": (0.0, 1e7)}),
-        ("no gap can be near", {"goal": gp.WidestGap(near=1e6)}),
+        ("no gap", {"goal": gp.WidestGap(near=1e6)}),
         ("the goal is", {"goal": 3.0}),
         ("the goal is", {"goal": gp.WidestGap}),
         ("the goal returns", {"goal": Fixed(1.0)}),

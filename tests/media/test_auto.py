@@ -620,7 +620,7 @@ def test_a_check_says_what_would_be_chosen(work, capsys):
     assert main(["check", "scene.yaml"]) == 0
     out = capsys.readouterr().out
     assert "ema, expected error 0.0" in out
-    assert "against arrays at rest without friction" in out
+    assert "against arrays at rest" in out
     (work / "scene.yaml").write_text(
         SCENE.replace("spread: {uniform: 2.04 um}", "friction: true"), encoding="utf-8"
     )

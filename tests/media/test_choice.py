@@ -79,7 +79,7 @@ def test_labels_say_what_is_not_the_default():
         ),
         (
             {"ala": None, "ema": None},
-            "medium: found a block of keys; .* ala, .* auto",
+            "medium: found a block.* ala, .* auto",
         ),
         (3, "medium: found 3; .* ala, .* auto"),
         ("cluster", "simulation: {shape: 64 64}"),

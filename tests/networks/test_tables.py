@@ -449,7 +449,7 @@ BAD_TABLES = {
         {},
         "125 of 125 .* table of balls: balls 123 and",
     ),
-    "part of a ball": (lambda b, c: c.update(i=c["i"] + 0.5), {}, "where a whole number is needed"),
+    "part of a ball": (lambda b, c: c.update(i=c["i"] + 0.5), {}, "whole number"),
     "ids": (lambda b, c: b.update(id=[1] * 36), {}, "36 with an id"),
     "tension": (
         lambda b, c: c.update(normal_force=-c["normal_force"]),

@@ -186,8 +186,8 @@ def test_atoms_of_other_masses_or_in_another_order_are_refused():
 def test_a_decay_that_has_no_digits_is_refused(lattice):
     phonons = gp.Phonons(bulk(lattice) if lattice != "chain" else chain([LIGHT, HEAVY], (K, K)))
     for f in (1e12, 1e18, 1e25):
-        told = f"at {f:g} Hz a wave decays by more than 1e+12 from layer to layer"
-        with pytest.raises(PrecisionError, match=re.escape(told)):
+        told = f"{re.escape(f'{f:g}')} Hz .*decays .*{re.escape('1e+12')}"
+        with pytest.raises(PrecisionError, match=told):
             phonons.complex_bands([1e3, f], 0)
 
 

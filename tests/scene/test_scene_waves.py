@@ -1,5 +1,5 @@
-"""Scenes that observe the waves in a simulated array: files, figures, what is read back, and what
-is refused.
+"""Scenes that observe the waves in a simulated array: files, figures, and what is read
+back.
 """
 
 import dataclasses
@@ -150,55 +150,6 @@ def test_path_of_an_array_has_the_wave_vectors_of_its_cell():
     first = np.argmin(found.spectra[0].wavenumber)
     bands = lattice.frequencies(q[first : first + 1] * packing.diameter)[0] * state.scales.frequency
     assert np.min(np.abs(bands / found.spectra[0].peak[first] - 1.0)) < 0.02
-
-
-REFUSED = {
-    "no array": (HEAD + "observe: [spectrum]\n", "medium: simulation"),
-    "no array for a pulse": (
-        HEAD + "observe: [pulse]\npulse: {frequency: 1 kHz}\n",
-        "medium: simulation",
-    ),
-    "several loads of a lattice": (
-        HEAD.replace("5 N", "[5 N, 6 N]") + "observe: [dos]\n",
-        "medium: simulation",
-    ),
-    "a medium beside": (
-        ARRAY.replace("medium: {", "medium: [ema, {").replace("18]}}", "18]}}]")
-        + "observe: [pulse]\npulse: {frequency: 4 kHz}\n",
-        "medium: simulation",
-    ),
-    "no frequency": (ARRAY + "observe: [pulse]\n", "frequency: 6.5 kHz"),
-    "an empty block": (ARRAY + "observe: [pulse]\npulse: {cycles: 3}\n", "frequency"),
-    "a frequency without unit": (
-        ARRAY + "observe: [pulse]\npulse: {frequency: 6500}\n",
-        "without a unit",
-    ),
-    "an unknown key": (ARRAY + "observe: [pulse]\npulse: {frequency: 1 kHz, cycle: 3}\n", "cycles"),
-    "an unknown polarisation": (
-        ARRAY + "observe: [spectrum]\nspectrum: {polarisation: long}\n",
-        "longitudinal",
-    ),
-    "a polarisation twice": (
-        ARRAY + "observe: [spectrum]\nspectrum: {polarisation: [transverse, transverse]}\n",
-        "once",
-    ),
-    "negative damping": (
-        ARRAY + "observe: [pulse]\npulse: {frequency: 1 kHz, damping: -1 us}\n",
-        "negative|zero",
-    ),
-    "two directions": (
-        ARRAY.replace("[0, 1]", "[[0, 1], [1, 0]]")
-        + "observe: [pulse]\npulse: {frequency: 1 kHz}\n",
-        "one direction",
-    ),
-}
-
-
-@pytest.mark.parametrize(("text", "said"), REFUSED.values(), ids=REFUSED.keys())
-def test_what_cannot_be_is_one_error_with_its_place(text, said):
-    with pytest.raises(gp.GranphonError, match=said) as caught:
-        gp.Scene.from_text(text)
-    assert "<scene>:" in str(caught.value)
 
 
 def test_settings_are_checked_in_python_too():

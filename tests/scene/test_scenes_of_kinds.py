@@ -247,24 +247,6 @@ def test_commands_take_a_scene_of_kinds(tmp_path, monkeypatch, command):
         assert json.loads((tmp_path / "m.json").read_text(encoding="utf-8"))
 
 
-def test_the_key_of_a_wrong_ball_is_named():
-    text = (
-        BALLS.replace("mass: 28.84 g", "inertia: 1 kg*m^2")
-        + "crystal: {lattice: chain}\nload: {force: 1 N}\n"
-    )
-    with pytest.raises(SceneError, match=r"balls\.S\.inertia: found '1 kg\*m\^2'"):
-        gp.Scene.from_text(text)
-
-
-def test_loads_of_crystals_are_refused_for_packings():
-    packing = (
-        "material: {young_modulus: 1 GPa, poisson_ratio: 0.3, density: 1 g/cm^3}\npacking:"
-        " {diameter: 1 mm}\n"
-    )
-    with pytest.raises(SceneError, match=r"load\.strain: .*packing"):
-        gp.Scene.from_text(packing + "load: {strain: [-1e-4, 0, 0]}\n")
-
-
 _LENGTHS = st.floats(1e-4, 1e-1)
 
 

@@ -1,4 +1,4 @@
-"""Scenes that observe the waves of an edge: their numbers, files, figures and errors."""
+"""Scenes that observe the waves of an edge: their numbers, files and figures."""
 
 from __future__ import annotations
 
@@ -164,22 +164,3 @@ def test_scenes_of_each_cut(lattice, axis):
     ribbon = scene(text, FORCE="20 N")
     assert ribbon.packing.structure.periods == len(edge.cell)
     assert gp.Phonons(ribbon.state()).frequencies(np.full((1, len(edge.cell)), 0.2)).max() > 0.0
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (("surface: {axis: AXIS, points: 3}", ""), "'surface' without an axis"),
-        (("axis: AXIS", "edge: free"), "axis"),
-        (("axis: AXIS", "axis: 5"), "axis"),
-        (("axis: AXIS", "axis: 1 1 1 1"), "2 Miller indices"),
-        (("axis: AXIS", "axis: one"), "a whole number"),
-        (("points: 3", "points: 1"), "from 2 to"),
-        (("points: 3", "edge: glued"), "free, clamped, floor"),
-        (("observe:", "medium: {simulation: {shape: 4 4}}\nobserve:"), "of a simulation"),
-        (("observe:", "sweep: {lattice: [square, triangular]}\nobserve:"), "sweep over lattice"),
-    ],
-)
-def test_what_is_refused(change, said):
-    with pytest.raises(SceneError, match=said):
-        scene(PACKING.replace(*change), LATTICE="square", AXIS="1", FORCE="18 N")

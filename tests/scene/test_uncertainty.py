@@ -183,30 +183,6 @@ def test_errors_are_written_in_several_ways(force):
     assert_allclose(dict(relative.errors)["load", "force"], 0.184, rtol=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "place"),
-    [
-        ("FORCE", "18.4 +- 2 mm", "force.*unit"),
-        ("FORCE", "18.4 N +- 2 mm", "load.force.*mm"),
-        ("FORCE", "18.4 N +- 0 N", "load.force.*above zero"),
-        ("FORCE", "18.4 +- -0.2 N", "load.force.*above zero"),
-        ("FORCE", "18.4 +- 20 N", "load.force.*as large"),
-        ("FORCE", "18.4 +- two N", "load.force.*18.4"),
-        ("FORCE", "18.4 +- 0.2 +- 0.1 N", "load.force.*18.4"),
-        ("0.276", "0.49 +- 0.02", "poisson_ratio.*0.51"),
-        ("8 mm", "8 mm, friction: true +- 1", "friction.*true"),
-        ("observe: [velocities]", "observe: velocities +- bands", "observe"),
-        ("observe: [velocities]", "phonopy: {band_points: 11 +- 1}", "band_points.*whole"),
-        ("observe: [velocities]", "medium: {simulation: {seed: 3 +- 1}}", "seed"),
-        ("211.65 +- 2 GPa", "{fit: nowhere.yaml}", "young_modulus.*nowhere"),
-        ("211.65 +- 2 GPa", "{fit: a.yaml, of: b}", "young_modulus.*fit"),
-    ],
-)
-def test_errors_that_are_none_are_refused(old, new, place):
-    with pytest.raises(GranphonError, match=place):
-        gp.Scene.from_text(SCENE.replace(old, new).replace("FORCE", "18.4 N"))
-
-
 SPREAD = (
     "material: {young_modulus: 211 +- 5 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}\n"
     "packing: {diameter: 8 mm, spread: {normal: 0.6 +- 0.05 um}}\n"
@@ -233,23 +209,6 @@ def test_correlated_errors_add_up_by_their_matrix(tmp_path):
     for number in (-1, 0.5):
         cross = 2.0 * number * parts[0] * parts[1] * stiffness**2
         assert_allclose(variances[number] - variances[0], cross, rtol=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("correlations", "place"),
-    [
-        ("0.3", "correlations"),
-        ("{young_modulus: 0.3}", "young_modulus.*two"),
-        ("{'young_modulus, density': 0.3}", "density"),
-        ("{'young_modulus, young_modulus': 0.3}", "twice"),
-        ("{'young_modulus, force': 0.3, 'force, young_modulus': 0.3}", "twice"),
-        ("{'young_modulus, force': 1.5}", "1.5"),
-        ("{'young_modulus, force': 1, 'force, std': 1, 'young_modulus, std': 0}", "semidefinite"),
-    ],
-)
-def test_correlations_that_no_errors_have_are_refused(correlations, place):
-    with pytest.raises(GranphonError, match=place):
-        gp.Scene.from_text(SPREAD + f"correlations: {correlations}\n")
 
 
 def test_numbers_of_a_fit_have_its_errors_and_correlations(tmp_path):

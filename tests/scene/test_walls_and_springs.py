@@ -9,22 +9,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon.base.errors import SceneError
 from granphon.cli.commands import main
-from tests.scene.mistakes import BALLS
+from tests.scene.mistakes import HELD, ROW, WALL
 
 STEEL = gp.Material(193e9, 0.30, 8000.0)
 BRASS = gp.Material(103e9, 0.34, 8500.0)
-WALL = "{wall: {young_modulus: 103 GPa, poisson_ratio: 0.34, density: 8500 kg/m^3}}"
-HELD = (
-    BALLS + "crystal: {lattice: chain, kinds: [S], motions: in_plane, on_site: {x: 1 MN/m,"
-    " rotation: 30 N*m}}\nload: {force: [10 N, 20 N]}\nobserve: [bands, gaps]\n"
-)
-ROW = (
-    BALLS + f"crystal: {{lattice: chain, kinds: [S], repeat: 4, cut: {{axis: 0, layers: 1, edges:"
-    f" [{WALL}, free]}}, on_site: 20 kN/m}}\nload: {{force: 20 N}}\nobserve: [response]\n"
-    "response: {frequencies: [1 kHz, 2 kHz], source: 3 x, receiver: 0 x, damping: 1 us}\n"
-)
 
 
 def steel_ball():
@@ -85,26 +74,3 @@ def test_check_tells_walls_and_springs(tmp_path, capsys):
     told = capsys.readouterr().out
     assert "wall with E = 103 GPa and free" in told
     assert "springs to the ground" in told
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "place"),
-    [
-        ("20 kN/m", "-20 kN/m", "crystal.on_site"),
-        ("20 kN/m", "20", "crystal.on_site"),
-        ("20 kN/m", "{w: 20 kN/m}", "crystal.on_site.w"),
-        ("20 kN/m", "{z: 20 kN/m}", "on_site.z"),
-        (WALL, "{wall: }", "crystal.cut.edges.0.wall"),
-        (WALL, "{wall: X}", "crystal.cut: .*'X'"),
-        (WALL, "{wal: S}", "crystal.cut.edges.0.wal"),
-        ("8500 kg/m^3", "8500", "crystal.cut.edges.0.wall.density"),
-    ],
-)
-def test_mistakes_are_told_with_their_place(old, new, place):
-    with pytest.raises(SceneError, match=place):
-        gp.Scene.from_text(ROW.replace(old, new))
-
-
-def test_velocities_of_balls_on_springs_are_refused():
-    with pytest.raises(SceneError, match="springs to the ground"):
-        gp.Scene.from_text(HELD.replace("[bands, gaps]", "[velocities]"))

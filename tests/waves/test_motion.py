@@ -252,7 +252,7 @@ def test_a_spectrum_and_harmonics_of_a_steady_motion():
         (lambda m: m.pulse_velocity([1, 1]), "each once"),
         (lambda m: m.spectrum(99), "ball"),
         (lambda m: m.harmonics(1.0), "periods in the run"),
-        (lambda m: m.harmonics(300.0), "frames are in a period"),
+        (lambda m: m.harmonics(300.0), "in a period"),
         (lambda m: late(m, 50).harmonics(20.0), "in the run"),
         (lambda m: late(m, 3).spectrum(0), "3 frames .*spectrum"),
         (lambda m: late(m, 1).harmonics(1.0), "0 frames"),

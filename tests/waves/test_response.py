@@ -969,7 +969,7 @@ def test_driven_array_of_lammps_has_the_amplitude_and_the_phase(count, omega, ti
         ({"receiver": []}, "there is no receiver"),
         ({"source": []}, "there is no source"),
         ({"source": (9, "x")}, "balls, 0 to 5"),
-        ({"source": (3, "y")}, "Balls move along x only"),
+        ({"source": (3, "y")}, "along x only"),
         ({"source": 3}, "the source is 3"),
         ({"source": (3, "r")}, "Use x, y, z, or a vector"),
         ({"frequencies": [2.0, 1.0]}, "ascending"),
