@@ -108,3 +108,41 @@ def test_mistakes_are_told_with_their_place(old, new, place):
 def test_velocities_of_balls_on_springs_are_refused():
     with pytest.raises(SceneError, match="springs to the ground"):
         gp.Scene.from_text(HELD.replace("[bands, gaps]", "[velocities]"))
+
+
+CUT = "  cut: {axis: 0, layers: 4, edges: [{wall: A}, free]}\n"
+RESPONSE = (
+    BALLS + "crystal: {lattice: chain, kinds: [S]}\nload: {force: 20 N}\nobserve: [response]\n"
+    "response:\n  {frequencies: [1 kHz, 2 kHz], source: 3 x, receiver: 0 x, damping: 1 us,\n"
+    f"{CUT.rstrip()}}}\n"
+)
+SURFACE = (
+    BALLS + "crystal: {lattice: triangular, kinds: [S], motions: in_plane}\nload: {force: 20 N}\n"
+    "observe: [surface]\nsurface: {axis: 1, points: 2, edge: {wall: A}}\n"
+)
+
+
+def test_a_wall_of_a_response_may_be_of_a_kind_that_the_crystal_does_not_have(tmp_path):
+    data = gp.Scene.from_text(RESPONSE).run(tmp_path / "out", figures=False).dataset
+    aluminium = dict(gp.Scene.from_text(RESPONSE).packing.kinds)["A"].material
+    network = gp.Crystal.on("chain", [steel_ball()]).at_force(20.0).network
+    row = network.cut(0, 4, edges=(gp.Wall(aluminium), "free"))
+    expected = gp.Waves(row).response([1e3, 2e3], (3, "x"), (0, "x"), damping=1e-6)
+    assert_allclose(data["receptance"].values.ravel(), expected.magnitude.ravel(), rtol=1e-12)
+
+
+def test_check_and_run_take_a_surface_at_a_wall_of_another_kind(tmp_path, capsys):
+    path = tmp_path / "scene.yaml"
+    path.write_text(SURFACE)
+    assert main(["check", str(path)]) == 0
+    assert "wall with E = " in capsys.readouterr().out
+    assert main(["run", str(path), "-o", str(tmp_path / "out"), "--no-figures"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "place"), [(RESPONSE, "response.cut: .*'X'"), (SURFACE, "surface.edge: .*'X'")]
+)
+@pytest.mark.parametrize("sweep", ["", "sweep: {S.young_modulus: [190 GPa, 200 GPa]}\n"])
+def test_a_wall_of_no_kind_is_refused_at_its_edge(text, place, sweep):
+    with pytest.raises(SceneError, match=place):
+        gp.Scene.from_text(sweep + text.replace("{wall: A}", "{wall: X}"))
