@@ -479,10 +479,12 @@ class EdgeSettings(Block, kw_only=True):
                 wall = walls[wall_name]
                 material = replace(wall.solid, **{parameter: value})
                 walls[wall_name] = replace(wall, material=material)
-        changed = [
-            walls[f"{self.block}.{named.name}"] if isinstance(named, Wall) else edge
-            for edge, named in zip(self.edges, name_walls(self.edges, kinds, ()), strict=True)
-        ]
+        changed = list[str | Wall]()
+        for edge, named in zip(self.edges, name_walls(self.edges, kinds, ()), strict=True):
+            if isinstance(edge, Wall) and isinstance(named, Wall):
+                # a wall without a name keeps none: that of the block may be one of a wall at rest
+                edge = replace(walls[f"{self.block}.{named.name}"], name=edge.name)
+            changed.append(edge)
         return self.with_edges(changed)
 
 

@@ -146,3 +146,18 @@ def test_check_and_run_take_a_surface_at_a_wall_of_another_kind(tmp_path, capsys
 def test_a_wall_of_no_kind_is_refused_at_its_edge(text, place, sweep):
     with pytest.raises(SceneError, match=place):
         gp.Scene.from_text(sweep + text.replace("{wall: A}", "{wall: X}"))
+
+
+def test_a_sweep_varies_the_wall_of_a_cut_across_that_on_which_the_crystal_rests():
+    wall = {"young_modulus": 70e9, "poisson_ratio": 0.33, "density": 2700.0}
+    crystal = gp.Crystal.on("triangular", [steel_ball()], motions="in_plane")
+    held = crystal.cut(1, 2, edges=(gp.Wall(BRASS), "free"))
+    response = {"frequencies": [1e3], "source": "3 x", "receiver": "4 x", "loss_factor": 0.02}
+    cut = {"axis": 0, "layers": 2, "edges": [{"wall": wall}, "free"]}
+    moduli = {"response.wall.young_modulus": [3e9, 70e9]}
+    data = gp.sweep(held, force=5.0, response=response | {"cut": cut}, **moduli)
+    network = held.at_force(5.0).network
+    for modulus, swept in zip((3e9, 70e9), data["receptance"].values.ravel(), strict=True):
+        row = network.cut(0, 2, edges=(gp.Wall(gp.Material(modulus, 0.33, 2700.0)), "free"))
+        expected = gp.Waves(row).response([1e3], (3, "x"), (4, "x"), loss_factor=0.02)
+        assert_allclose(swept, expected.magnitude[0, 0], rtol=1e-12)
