@@ -324,9 +324,7 @@ def _require_pair(drive: Traces, response: Traces) -> float:
         )
     for name, traces in (("drive", drive), ("response", response)):
         if not np.ptp(traces.signals):
-            raise InputError(
-                f"the trace of the {name} does not change", mend="Look at its channel"
-            )
+            raise InputError(f"the trace of the {name} does not change", mend="Look at its channel")
     return drive.time_step
 
 

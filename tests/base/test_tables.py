@@ -343,5 +343,5 @@ def test_every_table_that_granphon_writes_is_read_by_the_one_reader(tmp_path):
 
 def test_numbers_of_two_columns_of_one_heading_are_refused():
     table = Table.parse("t.csv", b"H,H (V)\n1,2\n")
-    with pytest.raises(InputError, match="two columns.*'H'"):
+    with pytest.raises(InputError, match=r"two columns.*'H'"):
         table.numbers("H")
