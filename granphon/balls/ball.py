@@ -248,7 +248,7 @@ def name_walls(
     named: list[str | Wall] = []
     for edge in edges:
         if isinstance(edge, Wall):
-            wall = _name_wall(_find_material(edge, kinds), kinds, walls)
+            wall = _name_wall(find_material(edge, kinds), kinds, walls)
             walls.append(wall)
             named.append(wall)
         else:
@@ -266,8 +266,10 @@ def replace_walls(
     return lower, upper
 
 
-def _find_material(wall: Wall, kinds: Mapping[str, Ball]) -> Wall:
-    """Return a wall with its material in place of the name of a kind of balls."""
+def find_material(wall: Wall, kinds: Mapping[str, Ball]) -> Wall:
+    """Return a wall with its material in place of the name of a kind of balls; InputError if there
+    is no such kind.
+    """
     if isinstance(wall.material, Material):
         return wall
     if wall.material not in kinds:

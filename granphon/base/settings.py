@@ -352,11 +352,14 @@ def block_kind(block_class: type[Block]) -> Kind:
 
 
 def describe_settings(settings: Block) -> list[tuple[str, Any, str]]:
-    """Return titles, values and SI units of the settings that have a title and a value."""
+    """Return titles, values and SI units of the settings that have a title and a value; a value
+    that describes itself, as a wall does, stands in its own words.
+    """
     rows = []
     for name, declared in list_settings(type(settings)).items():
         value = getattr(settings, name)
         if declared.title and value is not None:
+            value = value.describe() if hasattr(value, "describe") else value
             title = declared.title.format(block=settings.block)
             rows.append((title, value, declared.kind.unit))
     return rows

@@ -217,8 +217,7 @@ class Table:
                     content = f"found {cell[:_MOST_QUOTED]!r}"
                 else:
                     content = "found a text"
-                has_comma = re.fullmatch(NUMBER, cell.replace(",", ".", 1))
-                mend = _POINT if has_comma else ""
+                mend = _mend_comma(cell)
                 raise InputError(f"{where}: {content}, where a number is needed", mend=mend)
             try:
                 values.append(kind.read(f"{cell} {unit}"))
@@ -230,12 +229,17 @@ class Table:
         """Return the numbers of the column called ``name``, (rows,), in the unit of its heading;
         nan and inf are taken.
 
-        Raises KeyError if there is no such column, :class:`~granphon.base.errors.InputError` if a
-        cell is not a number.
+        Raises KeyError if there is no such column, :class:`~granphon.base.errors.InputError` if
+        there are two, or if a cell is not a number.
         """
         indices = self._find_columns(name)
         if not indices:
             raise KeyError(name)
+        if len(indices) > 1:
+            raise InputError(
+                f"two columns are headed {Heading.parse(name).name!r}",
+                mend="Give each column a heading of its own",
+            )
         cells = self.columns[indices[0]]
         convert = float if is_plain(cells) else plain_float
         values: list[float] = []
@@ -246,7 +250,8 @@ class Table:
             bad_row = len(values)
             cell = brief(cells[bad_row], _MOST_QUOTED)
             raise InputError(
-                f"line {self.lines[bad_row]}, {name}: found {cell}, where a number is needed"
+                f"line {self.lines[bad_row]}, {name}: found {cell}, where a number is needed",
+                mend=_mend_comma(cells[bad_row]),
             ) from None
         return np.array(values)
 
@@ -271,6 +276,11 @@ class Table:
         """Return the indices of the columns called ``name``, which may carry a unit."""
         requested_key = Heading.parse(name).key
         return [index for index, key in enumerate(self.keys) if key == requested_key]
+
+
+def _mend_comma(cell: str) -> str:
+    """Return the advice for a cell that is no number, where a decimal comma is the reason."""
+    return _POINT if re.fullmatch(NUMBER, cell.replace(",", ".", 1)) else ""
 
 
 def plain_float(cell: str) -> float:

@@ -187,8 +187,9 @@ def _find_distances(
 def _take_step(
     path: str | os.PathLike[str], lines: Sequence[str]
 ) -> tuple[list[str], float | None]:
-    """Return the ``lines`` of a table, with a comment in place of the line that gives the step of
-    time, so that lines keep their numbers; and the step, s, None if no line gives it.
+    """Return the ``lines`` of a table, with comments in place of the line that gives the step of
+    time and of those above it, which tell of the instrument, so that lines keep their numbers; and
+    the step, s, None if no line gives it.
     """
     step = None
     lines_of_table = []
@@ -201,7 +202,7 @@ def _take_step(
             step = TIME.read(f"{match[1]} {match[2] or 's'}")
         except Refused as refused:
             raise InputError(f"{path}:{number}: time step: {refused}") from None
-        lines_of_table.append("#")
+        lines_of_table = ["#"] * number
     return lines_of_table, step
 
 

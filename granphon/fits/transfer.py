@@ -216,8 +216,8 @@ class TransferFunction(Result):
         band : lowest and highest frequency that are kept, Hz; by default all above zero.
 
         Raises :class:`~granphon.base.errors.InputError` for traces of several sensors, or at
-        different times; segments of less than 16 samples, or of which less than two fit into the
-        record; and drive and response that nothing connects.
+        different times; a trace that does not change; segments of less than 16 samples, or of which
+        less than two fit into the record; and drive and response that nothing connects.
         """
         step = _require_pair(drive, response)
         n = drive.times.size
@@ -302,7 +302,7 @@ def _limit_noise(chance: float, n_independent: float) -> float:
 
 def _require_pair(drive: Traces, response: Traces) -> float:
     """Return the step of time, s, of two traces of one sensor each at the same times; InputError
-    for others.
+    for others, and for a trace that does not change.
     """
     trace: Any
     for name, trace in (("drive", drive), ("response", response)):
@@ -322,6 +322,9 @@ def _require_pair(drive: Traces, response: Traces) -> float:
         raise InputError(
             "drive and response have different times", mend="Interpolate them at the same times"
         )
+    for name, traces in (("drive", drive), ("response", response)):
+        if not np.ptp(traces.signals):
+            raise InputError(f"the trace of the {name} does not change", mend="Look at its channel")
     return drive.time_step
 
 

@@ -36,6 +36,7 @@ from granphon.waves.settings import (
     NETWORK_BLOCKS,
     WAVES,
     BandsSettings,
+    EdgeSettings,
     ModesSettings,
     MotionSettings,
     PulseSettings,
@@ -154,6 +155,9 @@ class SceneValues:
         if self.load.array.ndim > 1:
             problem = f"the load has the shape {self.load.shape}"
             raise InputError(problem, mend="Give one number, or a list of them")
+        for settings in map(self.observed_settings, SETTINGS):
+            if isinstance(settings, EdgeSettings) and settings.kinds_of_walls:
+                assign(settings.block, self._find_materials(settings))
         self._require_consistency()
         if self.errors or self.correlations:
             # imported here: few scenes have errors
@@ -499,6 +503,26 @@ class SceneValues:
                 "The best for other values is another network: make a scene without errors.",
             ),
         ]
+
+    def _find_materials(self, settings: EdgeSettings) -> EdgeSettings:
+        """Return settings with the materials of walls that are of kinds which the crystal does not
+        have; Refused for a kind that the scene does not have. The crystal knows its own kinds,
+        whose parameters may be swept.
+        """
+        from granphon.media.arrangement import Arrangement, find_kinds  # other scenes have no kinds
+
+        if not isinstance(self.packing, Arrangement):
+            return settings
+        kinds = find_kinds(self.packing)
+        unknown = sorted(settings.kinds_of_walls - set(kinds))
+        if unknown:
+            path = (settings.block, settings.key_of_edges)
+            allowed = f"a wall of a material, or of that of a kind of balls: {', '.join(kinds)}"
+            raise Refused(repr(unknown[0]), allowed, path=path)
+        of_crystal = self.packing.kind_names
+        return settings.with_materials(
+            {name: ball for name, ball in kinds.items() if name not in of_crystal}
+        )
 
     def _require_consistency(self) -> None:
         """Raise :class:`~granphon.base.errors.Refused` if values that are allowed one by one

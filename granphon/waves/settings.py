@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from granphon.balls.ball import Ball, Wall, name_walls
+from granphon.balls.ball import Ball, Wall, find_material, name_walls
 from granphon.balls.layers import read_axis, read_edge, read_edges
 from granphon.balls.material import Material
 from granphon.balls.packing import LOSS_PARAMETERS, LOSSES, SECOND_LOSSES, WALL_PARAMETERS
@@ -432,6 +432,9 @@ def require_losses(names: Iterable[str], settings: Sequence[Block | None]) -> No
 class EdgeSettings(Block, kw_only=True):
     """Settings with edges, at which walls may stand."""
 
+    #: key of the block that holds the edges
+    key_of_edges: ClassVar[str] = "cut"
+
     @property
     def edges(self) -> tuple[str | Wall, ...]:
         """How each edge is held."""
@@ -440,6 +443,23 @@ class EdgeSettings(Block, kw_only=True):
     def with_edges(self, edges: Sequence[str | Wall]) -> Self:
         """Return the settings with other :attr:`edges`."""
         raise NotImplementedError
+
+    @property
+    def kinds_of_walls(self) -> set[str]:
+        """Names of the kinds of balls of whose materials walls are."""
+        walls = [edge for edge in self.edges if isinstance(edge, Wall)]
+        return {wall.material for wall in walls if isinstance(wall.material, str)}
+
+    def with_materials(self, kinds: Mapping[str, Ball]) -> Self:
+        """Return the settings with the materials of ``kinds`` in place of the names of these."""
+        return self.with_edges(
+            [
+                find_material(edge, kinds)
+                if isinstance(edge, Wall) and edge.material in kinds
+                else edge
+                for edge in self.edges
+            ]
+        )
 
     def list_walls(self, kinds: Mapping[str, Ball]) -> dict[str, Wall]:
         """Return the walls at the edges, "response.wall" by name; ``kinds`` are the kinds of balls,
@@ -459,10 +479,12 @@ class EdgeSettings(Block, kw_only=True):
                 wall = walls[wall_name]
                 material = replace(wall.solid, **{parameter: value})
                 walls[wall_name] = replace(wall, material=material)
-        changed = [
-            walls[f"{self.block}.{named.name}"] if isinstance(named, Wall) else edge
-            for edge, named in zip(self.edges, name_walls(self.edges, kinds, ()), strict=True)
-        ]
+        changed = list[str | Wall]()
+        for edge, named in zip(self.edges, name_walls(self.edges, kinds, ()), strict=True):
+            if isinstance(edge, Wall) and isinstance(named, Wall):
+                # a wall without a name keeps none: that of the block may be one of a wall at rest
+                edge = replace(walls[f"{self.block}.{named.name}"], name=edge.name)
+            changed.append(edge)
         return self.with_edges(changed)
 
 
@@ -592,6 +614,7 @@ class SurfaceSettings(EdgeSettings):
     """
 
     block = "surface"
+    key_of_edges = "edge"
 
     axis: Any = setting(
         Kind.plain(read_axis),

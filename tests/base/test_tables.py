@@ -339,3 +339,9 @@ def test_every_table_that_granphon_writes_is_read_by_the_one_reader(tmp_path):
     assert there.unit("total_per_Hz") == "1/Hz"
     with pytest.raises(KeyError):
         there.numbers("absent")
+
+
+def test_numbers_of_two_columns_of_one_heading_are_refused():
+    table = Table.parse("t.csv", b"H,H (V)\n1,2\n")
+    with pytest.raises(InputError, match=r"two columns.*'H'"):
+        table.numbers("H")

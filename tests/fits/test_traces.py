@@ -129,7 +129,7 @@ def test_a_table_is_read_as_it_was_written(tmp_path: Path) -> None:
 def test_several_files_with_a_step_of_time_are_one_record(tmp_path: Path) -> None:
     traces = make_traces(4)
     for name, signal in zip(("near", "far"), traces.signals, strict=True):
-        lines = ["Sample Interval,1e-6,s", name, *map(repr, signal.tolist())]
+        lines = ["Model,A 1", "Sample Interval,1e-6,s", name, *map(repr, signal.tolist())]
         (tmp_path / f"{name}.csv").write_text("\n".join(lines))
     paths = [tmp_path / "near.csv", tmp_path / "far.csv"]
     read = gp.Traces.read(paths, distances={"near": 0.0, "far": 0.2})
@@ -159,6 +159,8 @@ def test_hdf5_is_read(tmp_path: Path) -> None:
         ("time (kg),a at 0 mm\n1,2\n", "kg"),
         ("# time step: 3 V\na at 0 mm\n1\n", "time step"),
         ("time (us),a at 0 mm\n1,x\n", "line 2"),
+        ("time (us);a at 0 mm\n1;0,5\n", "'0,5'.* point"),
+        ("time (us),a at 0 mm,a at 0 mm\n1,2,3\n", "two columns"),
         ("time (us),a,b\n" + "".join(f"{k},{k % 3},{k % 5}\n" for k in range(20)), "'a'"),
     ],
 )
@@ -333,6 +335,10 @@ def test_what_gives_no_transfer_function_is_refused() -> None:
         gp.TransferFunction.from_traces(drive, response)
     with pytest.raises(InputError, match="Traces"):
         gp.TransferFunction.from_traces(drive.signals, response)
+    silent = gp.Traces(times, np.zeros(4096), 0.0)
+    for pair, word in (((silent, response), "drive"), ((drive, silent), "response")):
+        with pytest.raises(InputError, match=word):
+            gp.TransferFunction.from_traces(*pair)
     later = gp.Traces(times + 1.0, response.signals[0], 0.0)
     with pytest.raises(InputError, match="times"):
         gp.TransferFunction.from_traces(drive, later)

@@ -9,8 +9,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 import granphon as gp
+from granphon.base.errors import SceneError
 from granphon.cli.commands import main
-from tests.scene.mistakes import HELD, ROW, WALL
+from tests.scene.mistakes import BALLS, HELD, ROW, WALL
 
 STEEL = gp.Material(193e9, 0.30, 8000.0)
 BRASS = gp.Material(103e9, 0.34, 8500.0)
@@ -74,3 +75,56 @@ def test_check_tells_walls_and_springs(tmp_path, capsys):
     told = capsys.readouterr().out
     assert "wall with E = 103 GPa and free" in told
     assert "springs to the ground" in told
+
+
+CUT = "  cut: {axis: 0, layers: 4, edges: [{wall: A}, free]}\n"
+RESPONSE = (
+    BALLS + "crystal: {lattice: chain, kinds: [S]}\nload: {force: 20 N}\nobserve: [response]\n"
+    "response:\n  {frequencies: [1 kHz, 2 kHz], source: 3 x, receiver: 0 x, damping: 1 us,\n"
+    f"{CUT.rstrip()}}}\n"
+)
+SURFACE = (
+    BALLS + "crystal: {lattice: triangular, kinds: [S], motions: in_plane}\nload: {force: 20 N}\n"
+    "observe: [surface]\nsurface: {axis: 1, points: 2, edge: {wall: A}}\n"
+)
+
+
+def test_a_wall_of_a_response_may_be_of_a_kind_that_the_crystal_does_not_have(tmp_path):
+    data = gp.Scene.from_text(RESPONSE).run(tmp_path / "out", figures=False).dataset
+    aluminium = dict(gp.Scene.from_text(RESPONSE).packing.kinds)["A"].material
+    network = gp.Crystal.on("chain", [steel_ball()]).at_force(20.0).network
+    row = network.cut(0, 4, edges=(gp.Wall(aluminium), "free"))
+    expected = gp.Waves(row).response([1e3, 2e3], (3, "x"), (0, "x"), damping=1e-6)
+    assert_allclose(data["receptance"].values.ravel(), expected.magnitude.ravel(), rtol=1e-12)
+
+
+def test_check_and_run_take_a_surface_at_a_wall_of_another_kind(tmp_path, capsys):
+    path = tmp_path / "scene.yaml"
+    path.write_text(SURFACE)
+    assert main(["check", str(path)]) == 0
+    assert "wall with E = " in capsys.readouterr().out
+    assert main(["run", str(path), "-o", str(tmp_path / "out"), "--no-figures"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "place"), [(RESPONSE, "response.cut: .*'X'"), (SURFACE, "surface.edge: .*'X'")]
+)
+@pytest.mark.parametrize("sweep", ["", "sweep: {S.young_modulus: [190 GPa, 200 GPa]}\n"])
+def test_a_wall_of_no_kind_is_refused_at_its_edge(text, place, sweep):
+    with pytest.raises(SceneError, match=place):
+        gp.Scene.from_text(sweep + text.replace("{wall: A}", "{wall: X}"))
+
+
+def test_a_sweep_varies_the_wall_of_a_cut_across_that_on_which_the_crystal_rests():
+    wall = {"young_modulus": 70e9, "poisson_ratio": 0.33, "density": 2700.0}
+    crystal = gp.Crystal.on("triangular", [steel_ball()], motions="in_plane")
+    held = crystal.cut(1, 2, edges=(gp.Wall(BRASS), "free"))
+    response = {"frequencies": [1e3], "source": "3 x", "receiver": "4 x", "loss_factor": 0.02}
+    cut = {"axis": 0, "layers": 2, "edges": [{"wall": wall}, "free"]}
+    moduli = {"response.wall.young_modulus": [3e9, 70e9]}
+    data = gp.sweep(held, force=5.0, response=response | {"cut": cut}, **moduli)
+    network = held.at_force(5.0).network
+    for modulus, swept in zip((3e9, 70e9), data["receptance"].values.ravel(), strict=True):
+        row = network.cut(0, 2, edges=(gp.Wall(gp.Material(modulus, 0.33, 2700.0)), "free"))
+        expected = gp.Waves(row).response([1e3], (3, "x"), (4, "x"), loss_factor=0.02)
+        assert_allclose(swept, expected.magnitude[0, 0], rtol=1e-12)
