@@ -30,8 +30,10 @@ _TOLERANCE = 1e-12
 #: derivative by a variable, times its range, over the largest, up to which the goal does not depend
 #: on it
 _NO_EFFECT = 1e-12
-#: step of differences by the parameters of a function, over their range
+#: step of differences by the parameters of a function, over their value; and the least value that
+#: counts, over the range, as of a parameter that may be zero: below it rounding would
 _STEP = 1e-5
+_LEAST_VALUE = 1e-4
 #: distance of a start from its bounds, over their range, where a search needs one
 _INSIDE = 1e-6
 #: names of the derivatives that a goal may return
@@ -76,7 +78,8 @@ class Parameters:
 
     def make_network(self, values: Array) -> ContactNetwork:
         """Return the network of values (n,) of the parameters."""
-        return given_network(self.make(values))
+        with about("vary"):
+            return given_network(self.make(values))
 
     def differentiate(self, find: Callable[..., Any], values: Array) -> tuple[Any, Array]:
         """Return what ``find`` gives of a network, and its derivatives (..., n), by differences
@@ -84,7 +87,9 @@ class Parameters:
         """
         value, _ = _read_goal(find(self.make_network(values)))
         columns = []
-        for number, step in enumerate((_STEP * (self.high - self.low)).tolist()):
+        span = self.high - self.low
+        steps = _STEP * np.clip(np.abs(values), _LEAST_VALUE * span, span)
+        for number, step in enumerate(steps.tolist()):
             ends = []
             for sign in (1.0, -1.0):
                 shifted = values.copy()

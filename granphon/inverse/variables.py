@@ -150,7 +150,7 @@ class Variables:
 
     def _require_inside(self) -> None:
         """Raise InputError for a start outside of its bounds."""
-        outside = find_outside(self)
+        outside = find_outside(self, self.units)
         if outside:
             first = min(outside)
             more = f", and {len(outside) - 1} more" if len(outside) > 1 else ""
@@ -163,6 +163,11 @@ class Variables:
     def labels(self) -> list[str]:
         """What each variable is called in messages."""
         return [f"{group.name} of {label}" for group in self.groups for label in group.labels]
+
+    @property
+    def units(self) -> list[str]:
+        """The SI unit of each variable."""
+        return [UNITS[group.name] for group in self.groups for _ in group.labels]
 
     def split(self, values: Array) -> list[Array]:
         """Return the values (n,) of the variables, group by group."""
@@ -275,18 +280,21 @@ def _put_springs(network: ContactNetwork, members: Index, values: Array) -> Arra
     return springs
 
 
-def find_outside(space: Any) -> dict[int, str]:
+def find_outside(space: Any, units: Sequence[str] = ()) -> dict[int, str]:
     """Return a clause on each variable of a space whose start is outside of its bounds, by the
-    number of the variable.
+    number of the variable, with the ``units`` where they are known.
     """
     low, high, start = space.low, space.high, space.start
     margin = _ROUNDING * np.maximum(np.abs(low), np.abs(high))
     outside = np.flatnonzero((start < low - margin) | (start > high + margin))
-    return {
-        number: f"the {space.labels[number]} is {start[number]:.6g}, outside of its bounds,"
-        f" {low[number]:.6g} to {high[number]:.6g}"
-        for number in outside.tolist()
-    }
+    clauses = {}
+    for number in outside.tolist():
+        unit = f" {units[number]}" if units else ""
+        clauses[number] = (
+            f"the {space.labels[number]} is {start[number]:.6g}{unit}, outside of its bounds,"
+            f" {low[number]:.6g} to {high[number]:.6g}{unit}"
+        )
+    return clauses
 
 
 def _make_group(network: ContactNetwork, name: str, per: str) -> _Group:

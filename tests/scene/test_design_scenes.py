@@ -187,7 +187,7 @@ def test_mistakes_are_told_in_one_line(old, new, words):
 
 
 def test_bounds_that_exclude_the_load_of_the_scene_are_refused():
-    with pytest.raises(InputError, match=r"design\.vary\.force"):
+    with pytest.raises(InputError, match=r":9: design\.vary\.load\.force"):
         gp.Scene.from_text(EDGE.replace("[1 N", "[30 N"))
 
 
