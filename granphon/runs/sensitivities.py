@@ -4,6 +4,7 @@ balls and their load: the variable ``sensitivity`` of a data set.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import cache, partial
 from typing import Any
@@ -155,7 +156,7 @@ def _measure_long_waves(dimension: int, n_balls: int, friction: bool) -> float:
     direction = np.eye(dimension)[0]
 
     def find() -> None:
-        analysis = Analysis(as_state(crystal.at_force(1.0)), direction)
-        find_all(analysis, ("velocities",), swept=True)
+        state: Any = as_state(crystal.at_force(1.0))
+        find_all(Analysis(state, direction), ("velocities",), swept=True)
 
-    return costs.time_once(find) * (n_balls / crystal.n_balls) ** growth
+    return costs.time_once(find) * math.pow(n_balls / crystal.n_balls, growth)
