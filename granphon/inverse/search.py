@@ -22,7 +22,7 @@ from granphon.base.errors import GranphonError, InputError, brief, one_line
 from granphon.base.text import counted
 from granphon.base.validation import finite_array, one_of, whole_number
 from granphon.dynamics.sensitivities import Sensitivities
-from granphon.inverse.variables import RESTARTS, SEED, STEPS, Variables, list_outside
+from granphon.inverse.variables import RESTARTS, SEED, STEPS, Variables, about, find_outside
 from granphon.networks.network import ContactNetwork, given_network
 
 #: relative change of the goal, and of variables, at which a search ends
@@ -30,8 +30,10 @@ _TOLERANCE = 1e-12
 #: derivative by a variable, times its range, over the largest, up to which the goal does not depend
 #: on it
 _NO_EFFECT = 1e-12
-#: step of differences by the parameters of a function, over their range
+#: step of differences by the parameters of a function, over their value; and the least value that
+#: counts, over the range, as of a parameter that may be zero: below it rounding would
 _STEP = 1e-5
+_LEAST_VALUE = 1e-4
 #: distance of a start from its bounds, over their range, where a search needs one
 _INSIDE = 1e-6
 #: names of the derivatives that a goal may return
@@ -70,13 +72,14 @@ class Parameters:
 
     def __post_init__(self) -> None:
         """Raise InputError for a start outside of its bounds."""
-        outside = list_outside(self)
+        outside = find_outside(self)
         if outside:
-            raise InputError(outside[0], mend="Widen the bounds, or start elsewhere")
+            raise InputError(outside[min(outside)], mend="Widen the bounds, or start elsewhere")
 
     def make_network(self, values: Array) -> ContactNetwork:
         """Return the network of values (n,) of the parameters."""
-        return given_network(self.make(values))
+        with about("vary"):
+            return given_network(self.make(values))
 
     def differentiate(self, find: Callable[..., Any], values: Array) -> tuple[Any, Array]:
         """Return what ``find`` gives of a network, and its derivatives (..., n), by differences
@@ -84,7 +87,9 @@ class Parameters:
         """
         value, _ = _read_goal(find(self.make_network(values)))
         columns = []
-        for number, step in enumerate((_STEP * (self.high - self.low)).tolist()):
+        span = self.high - self.low
+        steps = _STEP * np.clip(np.abs(values), _LEAST_VALUE * span, span)
+        for number, step in enumerate(steps.tolist()):
             ends = []
             for sign in (1.0, -1.0):
                 shifted = values.copy()
@@ -173,7 +178,9 @@ class Problem:
             raise InputError(f"the goal is {brief(goal)}", mend=mend)
         goals = [goal]
         if hasattr(goal, "choose"):
-            goals = goal.choose(space.make_network(space.start), count)
+            network = space.make_network(space.start)
+            with about("goal"):
+                goals = goal.choose(network, count)
         return cls(space, goals, sums, count, whole_seed, most)
 
     @property
@@ -195,9 +202,11 @@ class Problem:
         """
         space = self.space
         goal = self.goals[0]
-        value, slope = space.differentiate(goal.evaluate, space.start)
-        if np.ndim(value):
-            raise InputError(f"the value of the goal is {brief(value)}", mend="Return one number")
+        with about("goal"):
+            value, slope = space.differentiate(goal.evaluate, space.start)
+            if np.ndim(value):
+                fault = f"the value of the goal is {brief(value)}"
+                raise InputError(fault, mend="Return one number")
         sizes = np.abs(slope)
         with suppress(GranphonError):
             _, slope = space.differentiate(goal.evaluate, self._draw_start(0))
@@ -206,9 +215,9 @@ class Problem:
         largest = float(np.max(sizes))
         if not largest > 0.0:
             first = ", ".join(space.labels[:_NAMED])
-            raise InputError(
-                f"the goal depends on none of the variables: {first}", mend="Vary others"
-            )
+            fault = f"the goal depends on none of the variables: {first}"
+            with about("vary"):
+                raise InputError(fault, mend="Vary others")
         idle = np.flatnonzero(sizes <= _NO_EFFECT * largest)
         if not idle.size:
             return []

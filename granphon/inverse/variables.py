@@ -4,7 +4,8 @@ for all of a kind.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -55,6 +56,16 @@ PER = ("each", "kind")
 _ROUNDING = 1e-9
 
 
+@contextmanager
+def about(*keys: str) -> Iterator[None]:
+    """Let an InputError of the with-block say that it is about these ``keys`` of a design."""
+    try:
+        yield
+    except InputError as error:
+        error.block = error.block or ("design", *keys)
+        raise
+
+
 @dataclass(frozen=True)
 class _Group:
     """Variables of one name: ``members`` (m,) of the field, the number (m,) of the variable of
@@ -75,6 +86,19 @@ class _Group:
     def fields(self) -> dict[str, str]:
         """The fields of a network, the first of which is the variable, with their derivatives."""
         return VARIED[self.name]
+
+    def read_bounds(self, bounds: Any, names: Sequence[str]) -> tuple[float, float]:
+        """Return the bounds of the variables, of those of all ``names``; InputError if there is
+        nothing to vary, or if they begin at a zero that no network has.
+        """
+        if not self.count:
+            fault = f"the network has no {self.name} to vary"
+            raise InputError(fault, "It has no contact, or no ball that moves")
+        smallest, largest = read_bounds(self.name, bounds, names)
+        if smallest == 0.0 and self.name not in _MAY_BE_ZERO:
+            fault = f"the bounds of {self.name} begin at zero"
+            raise InputError(fault, "In a network it is above zero", "Begin above zero")
+        return smallest, largest
 
 
 @dataclass(frozen=True)
@@ -105,22 +129,16 @@ class Variables:
         for name in names:
             varied += VARIED[one_of("vary", name, tuple(VARIED))]
         if len(set(varied)) < len(varied):
-            raise InputError(
-                f"{' and '.join(names)} vary the same numbers of the network", mend="Leave one out"
-            )
+            fault = f"{' and '.join(names)} vary the same numbers of the network"
+            with about("vary"):
+                raise InputError(fault, mend="Leave one out")
         groups = tuple(_make_group(network, name, per) for name in names)
-        empty = [group.name for group in groups if not group.count]
-        if empty:
-            fault = f"the network has no {empty[0]} to vary"
-            raise InputError(fault, "It has no contact, or no ball that moves")
         low = []
         high = []
         start = []
         for group in groups:
-            smallest, largest = read_bounds(group.name, bounds, names)
-            if smallest == 0.0 and group.name not in _MAY_BE_ZERO:
-                fault = f"the bounds of {group.name} begin at zero"
-                raise InputError(fault, "In a network it is above zero", "Begin above zero")
+            with about("vary", group.name):
+                smallest, largest = group.read_bounds(bounds, names)
             values = _read_values(network, next(iter(group.fields)), group.members)
             sums = np.bincount(group.numbers, values, group.count)
             start.append(sums / np.bincount(group.numbers, minlength=group.count))
@@ -132,16 +150,24 @@ class Variables:
 
     def _require_inside(self) -> None:
         """Raise InputError for a start outside of its bounds."""
-        outside = list_outside(self)
+        outside = find_outside(self, self.units)
         if outside:
+            first = min(outside)
             more = f", and {len(outside) - 1} more" if len(outside) > 1 else ""
             mend = "Widen the bounds, or start from another network"
-            raise InputError(f"in the network {outside[0]}{more}", mend=mend)
+            names = [group.name for group in self.groups for _ in group.labels]
+            with about("vary", names[first]):
+                raise InputError(f"in the network {outside[first]}{more}", mend=mend)
 
     @property
     def labels(self) -> list[str]:
         """What each variable is called in messages."""
         return [f"{group.name} of {label}" for group in self.groups for label in group.labels]
+
+    @property
+    def units(self) -> list[str]:
+        """The SI unit of each variable."""
+        return [UNITS[group.name] for group in self.groups for _ in group.labels]
 
     def split(self, values: Array) -> list[Array]:
         """Return the values (n,) of the variables, group by group."""
@@ -205,22 +231,30 @@ class Variables:
             mend = 'Give a mapping of a varied name to a sum, as {"mass": 0.1}'
             raise InputError(f"constraints is {brief(total_of_name)}", mend=mend)
         sums = []
-        names = [group.name for group in self.groups]
-        for name, given_total in total_of_name.items():
-            one_of("constraints", name, tuple(names))
-            weights = np.zeros(len(self.start))
-            number = names.index(name)
-            group = self.groups[number]
-            # a view: a variable weighs as many balls or contacts as have it
-            self.split(weights)[number][:] = np.bincount(group.numbers, minlength=group.count)
-            total = not_negative("constraints", given_total)
-            if not weights @ self.low <= total <= weights @ self.high:
-                raise InputError(
-                    f"the sum of the {name}, {total:.6g}, is out of reach",
-                    f"The bounds allow {weights @ self.low:.6g} to {weights @ self.high:.6g}",
-                )
-            sums.append((weights, total))
+        for name, total in total_of_name.items():
+            with about("constraints", name):
+                sums.append(self._read_sum(name, total))
         return sums
+
+    def _read_sum(self, name: str, given_total: Any) -> tuple[Array, float]:
+        """Return weights (n,) and total of the sum that a ``name`` keeps."""
+        names = [group.name for group in self.groups]
+        one_of("constraints", name, tuple(names))
+        weights = np.zeros(len(self.start))
+        number = names.index(name)
+        group = self.groups[number]
+        # a view: a variable weighs as many balls or contacts as have it
+        self.split(weights)[number][:] = np.bincount(group.numbers, minlength=group.count)
+        total = not_negative("constraints", given_total)
+        least = float(weights @ self.low)
+        greatest = float(weights @ self.high)
+        if not least <= total <= greatest:
+            unit = UNITS[name]
+            raise InputError(
+                f"the sum of the {name}, {total:.6g} {unit}, is out of reach",
+                f"The bounds allow {least:.6g} to {greatest:.6g} {unit}",
+            )
+        return weights, total
 
 
 def _read_values(network: ContactNetwork, field: str, members: Index) -> Array:
@@ -246,16 +280,21 @@ def _put_springs(network: ContactNetwork, members: Index, values: Array) -> Arra
     return springs
 
 
-def list_outside(space: Any) -> list[str]:
-    """Return a clause on each variable of a space whose start is outside of its bounds."""
+def find_outside(space: Any, units: Sequence[str] = ()) -> dict[int, str]:
+    """Return a clause on each variable of a space whose start is outside of its bounds, by the
+    number of the variable, with the ``units`` where they are known.
+    """
     low, high, start = space.low, space.high, space.start
     margin = _ROUNDING * np.maximum(np.abs(low), np.abs(high))
     outside = np.flatnonzero((start < low - margin) | (start > high + margin))
-    return [
-        f"the {space.labels[number]} is {start[number]:.6g}, outside of its bounds,"
-        f" {low[number]:.6g} to {high[number]:.6g}"
-        for number in outside.tolist()
-    ]
+    clauses = {}
+    for number in outside.tolist():
+        unit = f" {units[number]}" if units else ""
+        clauses[number] = (
+            f"the {space.labels[number]} is {start[number]:.6g}{unit}, outside of its bounds,"
+            f" {low[number]:.6g} to {high[number]:.6g}{unit}"
+        )
+    return clauses
 
 
 def _make_group(network: ContactNetwork, name: str, per: str) -> _Group:

@@ -689,9 +689,11 @@ class Plan:
         sensitivities = self._cost_sensitivities()
         waves = self._cost_waves()
         networks = self._cost_networks()
+        derivatives = self._cost_derivatives()
         if not self.is_single:
             states = self._cost_states()
-            return [simulations, sensitivities, *networks, waves, *self._cost_edges(), states]
+            edges = self._cost_edges()
+            return [simulations, sensitivities, *networks, waves, *edges, states, *derivatives]
         spectra = self._cost_spectra()
         return [
             simulations,
@@ -701,6 +703,7 @@ class Plan:
             *self._cost_edges(),
             waves,
             *self._cost_force_constants(),
+            *derivatives,
         ]
 
     @cached_property
@@ -751,6 +754,27 @@ class Plan:
             total = self._add_costs(works)
         mend = "Take fewer balls (medium.simulation.shape), samples or loads"
         return ("medium",), mend, replace(total, parts=total.parts[:1])
+
+    def _cost_derivatives(self) -> list[CostPart]:
+        """Return the part of the work that finds derivatives by parameters of states that are no
+        arrays; empty without them.
+        """
+        request = self.grid.request
+        if not request.sensitivities:
+            return []
+        from granphon.runs.sensitivities import estimate_derivatives  # other runs do not need it
+
+        works = [
+            estimate_derivatives(serving, has_cutoffs=request.cutoffs)
+            for case in self.checked_cases
+            for serving in case.serving_media
+            if not serving.arrays
+        ]
+        if not works:
+            return []
+        total = self._add_costs(works)
+        mend = "Take fewer loads, values or balls, or leave sensitivities out"
+        return [(("observe",), mend, replace(total, parts=total.parts[:1]))]
 
     def _cost_waves(self) -> CostPart:
         """Return the part of the work that finds the waves in arrays; its cost is zero without

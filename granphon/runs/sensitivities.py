@@ -4,14 +4,24 @@ balls and their load: the variable ``sensitivity`` of a data set.
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
 
+from granphon.balls.ball import Ball
 from granphon.balls.loads import Load
+from granphon.balls.material import Material
 from granphon.base.arrays import Array
+from granphon.base.differences import N_VALUES
+from granphon.base.text import counted
+from granphon.media import cost as costs
 from granphon.media.arrangement import Balls
 from granphon.media.choice import ServingMedium
+from granphon.media.crystal import Crystal
+from granphon.media.state import as_state
 from granphon.observables.catalogue import CATALOGUE, Analysis, find_all
 from granphon.observables.parameters import (
     find_parameter_sensitivities,
@@ -23,6 +33,11 @@ from granphon.observables.parameters import (
 NAME = "sensitivity"
 #: magnitude of a logarithmic derivative that is rounding
 _ROUNDING = 1e-8
+#: for each dimension the lattice of a crystal whose velocities and moduli are timed, and the power
+#: of the number of balls with which their time grows, as measured from 200 to 2300 balls
+_TIMED = {1: ("chain", 1.0), 2: ("triangular", 1.0), 3: ("fcc", 1.75)}
+#: most balls of that crystal
+_TIMED_BALLS = 200
 
 
 def list_axes(balls: Balls, load: Load, *, has_cutoffs: bool) -> tuple[list[str], list[str]]:
@@ -106,3 +121,42 @@ class _Finder:
         frequencies = phonons.frequencies(self._points.reshape(-1, periods))
         by_point = frequencies.reshape(count, ends, -1)
         return by_point[np.arange(count), :, np.arange(count)]
+
+
+def estimate_derivatives(serving: ServingMedium, *, has_cutoffs: bool) -> costs.Cost:
+    """Return the estimated memory and time of the derivatives of the states of a medium that
+    simulates no arrays, at all its loads, beside those of the states.
+
+    Each value of a difference takes the velocities and moduli of one network, and with
+    ``has_cutoffs`` the frequencies at the wave vectors of both ends of all branches.
+    """
+    balls = serving.packing
+    structure = balls.structure
+    n_parameters = len(list_parameters(balls, serving.load.flat[0]))
+    n_networks = serving.load.size * (1 + N_VALUES * n_parameters)
+    measure = partial(_measure_long_waves, structure.dimension, structure.n_balls, balls.friction)
+    description = f"derivatives by {counted(n_parameters, 'parameter')}"
+    cost = costs.Cost(units=(costs.Units(n_networks, measure),), parts=(description,))
+    if has_cutoffs:
+        n_branches = balls.ball_motions.count * structure.n_balls
+        frequencies = costs.bands(2 * n_branches, n_branches, eigenvectors=False)
+        cost += replace(frequencies.times(n_networks), kept=0.0)
+    return replace(cost, parts=(description,))
+
+
+@cache
+def _measure_long_waves(dimension: int, n_balls: int, friction: bool) -> float:
+    """Return the time of the velocities and moduli of a crystal of so many balls, s: that of a
+    crystal of few balls, and of its state, is measured.
+    """
+    lattice, growth = _TIMED[dimension]
+    n_cells = max(round(min(n_balls, _TIMED_BALLS) ** (1.0 / dimension)), 1)  # along each period
+    ball = Ball(Material(1e9, 0.3, 1e3), 1e-2)
+    crystal = Crystal.on(lattice, [ball], friction=friction).repeat((n_cells,) * dimension)
+    direction = np.eye(dimension)[0]
+
+    def find() -> None:
+        state: Any = as_state(crystal.at_force(1.0))
+        find_all(Analysis(state, direction), ("velocities",), swept=True)
+
+    return costs.time_once(find) * math.pow(n_balls / crystal.n_balls, growth)

@@ -718,7 +718,8 @@ class SceneSource(Places):
             if self.document is None:
                 raise
             key_path, words = self._find_place_of_error(error, path, prefix)
-            placed: GranphonError = self.document.error(key_path, f"{words}{error}")
+            written_path = self._find_written_path(key_path)
+            placed: GranphonError = self.document.error(written_path, f"{words}{error}")
             if isinstance(error, ConvergenceError):
                 # the scene is not wrong, the computation has failed
                 placed = ConvergenceError(str(placed))
@@ -742,6 +743,22 @@ class SceneSource(Places):
         if block_of_error is not None:
             return block_of_error, ""
         return path or getattr(error, "path", ()), prefix
+
+    def _find_written_path(self, path: tuple[Any, ...]) -> tuple[Any, ...]:
+        """Return a ``path`` with its keys as the document writes them: a variable of a design may
+        have the name of its block before its own, as load.force.
+        """
+        assert self.document is not None
+        value: Any = self.document.data
+        written_path = []
+        for key in path:
+            written = key
+            if isinstance(value, Mapping) and key not in value:
+                longer = (name for name in value if str(name).endswith(f".{key}"))
+                written = next(longer, key)
+            written_path.append(written)
+            value = value.get(written) if isinstance(value, Mapping) else None
+        return tuple(written_path)
 
     def _find_option(self, option: str) -> tuple[tuple[Any, ...], str]:
         """Return the path of the one key of a medium that has the name ``option``, and its value in

@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 import granphon as gp
 from granphon.base.errors import InputError
 from granphon.dynamics.sensitivities import list_inertias
+from granphon.inverse.search import Parameters
 from tests.dynamics.test_network_lattice import random_network
 from tests.dynamics.test_sensitivities import changes, difference
 
@@ -360,3 +361,20 @@ def test_a_search_that_meets_an_impossible_network_keeps_its_best(chain):
     (warning,) = best.warnings
     assert "no such network" in warning
     assert best.value <= chain.masses.sum() * (1.0 + 1e-12)
+
+
+def test_derivatives_by_a_load_hold_over_decades_of_bounds():
+    """A frequency goes as the sixth root of the force, however far the bounds are apart."""
+    ball = gp.Ball(gp.Material(193e9, 0.3, 8e3), 19e-3)
+    crystal = gp.Crystal.on("chain", [ball, ball], friction=False)
+
+    def make(values):
+        return crystal.at_force(float(values[0])).network
+
+    ends = np.array([1e-3]), np.array([1e5])
+    space = Parameters(make, ["force"], *ends, np.array([20.0]))
+    for force in (0.1, 20.0, 1e4):
+        value, (slope,) = space.differentiate(
+            lambda network: (gp.Phonons(network).frequencies([[0.0]])[0, 1], {}), np.array([force])
+        )
+        assert_allclose(slope * force / value, 1.0 / 6.0, rtol=1e-6)

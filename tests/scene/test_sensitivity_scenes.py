@@ -163,6 +163,30 @@ def test_derivatives_of_arrays_are_in_the_cost():
     assert not plain[2].units
 
 
+def test_derivatives_of_crystals_are_in_the_cost():
+    """Each parameter takes the velocities and moduli, and the ends of the branches, of four
+    networks.
+    """
+    text = (
+        "balls: {S: {material: {young_modulus: 193 GPa, poisson_ratio: 0.3, density: 8 g/cm^3},"
+        " diameter: 19 mm}}\n"
+        "crystal: {lattice: fcc, repeat: [16, 16, 16], friction: false}\n"
+        "load: {force: [20 N, 30 N]}\n"
+        "observe: [sensitivities]\n"
+    )
+    (*_, (place, _, cost)) = gp.Scene.from_text(text).plan.parts
+    assert place == ("observe",)
+    assert "5 parameters" in cost.parts[0]
+    assert cost.units[0].number == 2 * (1 + 4 * 5)
+    assert gp.Scene.from_text(text).cost().seconds > cost.units[0].number * 0.01
+    ends = text.replace("[sensitivities]", "[sensitivities, cutoffs]")
+    (*_, (_, _, with_ends)) = gp.Scene.from_text(ends).plan.parts
+    n_branches = 3 * 16**3
+    cubes = with_ends.units[-1].number
+    assert np.isclose(cubes, cost.units[0].number * 2.0 * n_branches * n_branches**3)
+    assert not gp.Scene.from_text(text.replace("sensitivities", "velocities")).cost()
+
+
 def test_the_title_of_a_branch_keeps_its_number(result):
     titles = [ax.get_title() for ax in sensitivities_figure(result.dataset).axes]
     ends = [title for title in titles if "branch" in title]
