@@ -195,7 +195,7 @@ def test_places_that_are_not_in_metres_are_told():
     pair.positions *= 1e-3
     pair.set_array("radius", np.full(2, 4.0))
     with pytest.warns(InconsistencyWarning, match="8 m wide"):
-        calculator.get_property("energy", pair)
+        calculator.find_contacts(pair)
     pair.set_cell([16e-3, 1.0, 1.0])
     pair.pbc = (True, False, False)
     with pytest.raises(InputError, match="period"):
