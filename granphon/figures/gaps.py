@@ -30,6 +30,11 @@ from granphon.runs.dataset import Dataset
 #: look of the top frequency
 _TOP: dict[str, Any] = {"color": "black", "linewidth": 1.0}
 _FIELD: dict[str, Any] = {"facecolor": BLUE, "alpha": 0.3, "linewidth": 0.0}
+#: width of the field of a single state, points
+_BAR = 6.0
+_EDGE: dict[str, Any] = {
+    "color": BLUE, "linewidth": 0.8, "marker": "_", "markersize": _BAR, "markeredgewidth": 0.4,
+}  # fmt: skip
 _DOTS: dict[str, Any] = {"color": ORANGE, "marker": "o", "markersize": 2.0, "linewidth": 0.8}
 
 #: what draws a panel: from the states of a curve, the numbers on the axis of x (n,) and the unit
@@ -110,7 +115,7 @@ def _read_errors(states: Dataset, name: str, *dims: str) -> Array:
 
 def _draw_field(ax: Axes, x: Array, lower: Array, upper: Array, gid: str) -> None:
     """Draw a field over ``x`` (n,) between its edges (n,); at a single point, or at one whose
-    neighbours have no such field, a bar.
+    neighbours have no such field, a bar, whose ends are drawn so that a narrow one is seen.
     """
     ax.fill_between(x, lower, upper, gid=gid, **_FIELD)
     is_known = np.isfinite(lower)
@@ -118,10 +123,11 @@ def _draw_field(ax: Axes, x: Array, lower: Array, upper: Array, gid: str) -> Non
     has_neighbour[1:] |= is_known[:-1]
     has_neighbour[:-1] |= is_known[1:]
     alone = is_known & ~has_neighbour
-    if np.any(alone):
-        ax.vlines(x[alone], lower[alone], upper[alone], color=BLUE, alpha=0.3, linewidth=6.0)
+    ends = np.flatnonzero(alone).tolist()
+    if ends:
+        ax.vlines(x[ends], lower[ends], upper[ends], color=BLUE, alpha=0.3, linewidth=_BAR)
     for edge in (lower, upper):
-        ax.plot(x, edge, color=BLUE, linewidth=0.8, gid=f"{gid}-edge")
+        ax.plot(x, edge, markevery=ends, gid=f"{gid}-edge", **_EDGE)
 
 
 def sweep_surface_figure(dataset: Dataset, **options: Any) -> Figure:

@@ -387,9 +387,11 @@ _MATRIX_BYTES = 200.0
 #: the number of branches
 _MESH_POINT_NUMBERS = 50.0
 _MODE_NUMBERS = 4.0
-#: part of the branches of disordered cells below which there is a gap, number of wave vectors at
-#: which modes are found for each gap, and branches from which their matrices take the most time
+#: part of the branches of disordered cells below which there is a gap, of equal balls on a lattice
+#: and of packings in files; number of wave vectors at which modes are found for each gap, and
+#: branches from which their matrices take the most time
 _PART_BELOW_GAPS = 0.1
+_PART_BELOW_GAPS_OF_NETWORKS = 0.5
 _EDGE_SOLVES = 60.0
 _FEW_MATRIX_ROWS = 24
 #: bytes for each pair of atoms while force constants are made; and their time in numbers of text:
@@ -462,16 +464,20 @@ def density_of_states(mesh: tuple[int, ...], branches: int) -> Cost:
     return Cost(memory, units=(units,), parts=(description,))
 
 
-def band_edges(states: int, points: int, branches: int, of_all: bool) -> Cost:
+def band_edges(
+    states: int, points: int, branches: int, of_all: bool, *, of_network: bool = False
+) -> Cost:
     """Return the estimated cost of the edges of the bands of so many ``states``, sought from so
     many ``points`` of a mesh: of the edges ``of_all`` branches, or of those beside gaps.
 
     q and -q have the same frequencies. From the best points each edge is followed, and so are
     narrow gaps to where two branches may cross; measured on lattices and on samples of 4 to 36
-    balls, of whose branches one in ten is below a gap. A wave vector takes as long as one of a
-    density of states, and in large cells as a matrix that is timed.
+    balls, of whose branches one in ten is below a gap, and on a packing in files (``of_network``)
+    of 29 balls of three sizes, of whose branches every second one is. A wave vector takes as long
+    as one of a density of states, and in large cells as a matrix that is timed.
     """
-    gaps = branches if of_all else math.ceil(_PART_BELOW_GAPS * branches)
+    part = _PART_BELOW_GAPS_OF_NETWORKS if of_network else _PART_BELOW_GAPS
+    gaps = branches if of_all else math.ceil(part * branches)
     solves = states * (0.5 * points + _EDGE_SOLVES * gaps)
     numbers_of_point = _MESH_POINT_NUMBERS + _MODE_NUMBERS * branches**2
     units = [Units(solves * numbers_of_point, _measure_number)]

@@ -137,9 +137,9 @@ class Source:
     notes: tuple[str, ...] = ()
     tangential_law: str = "mindlin/force"
 
-    def complete(self, completion: Completion) -> dict[str, Any]:
-        """Return all fields of the network, by name, in SI units; arguments count before the fields
-        of the source.
+    def complete(self, completion: Completion) -> tuple[dict[str, Any], tuple[str, ...]]:
+        """Return all fields of the network, by name, in SI units, and notes on contacts that are
+        left out; arguments count before the fields of the source.
 
         For the arguments see :meth:`granphon.networks.network.ContactNetwork.from_table`, and for
         the warnings and errors too.
@@ -158,7 +158,7 @@ class Source:
         if material is not None:
             self._judge_material(material)
         masses = self._find_masses(material)
-        contact_fields = self._find_contacts(positions, pbc, completion)
+        contact_fields, notes = self._find_contacts(positions, pbc, completion)
         resists_slip = bool(np.any(contact_fields["shear_stiffness"]))
         lacks_tangential = dimension > 1 and resists_slip
         if source.prestress and lacks_tangential and "tangential_force" not in contact_fields:
@@ -166,7 +166,7 @@ class Source:
         motions = source.motions
         if motions is None:
             motions = default_motions(dimension).name
-        return {
+        network_fields = {
             "cell": self.cell,
             "pbc": tuple(pbc.tolist()),
             "positions": positions,
@@ -185,6 +185,7 @@ class Source:
             "on_site": self._list_on_site(motions, dimension),
             "tangential_law": source.tangential_law,
         }
+        return network_fields, notes
 
     def _find_inertias(self, masses: Array) -> Array:
         """Return the moments of inertia (n,), kg m^2: of the source, or of solid balls with these
@@ -198,9 +199,10 @@ class Source:
 
     def _find_contacts(
         self, positions: Array, pbc: Flags, completion: Completion
-    ) -> dict[str, Any]:
-        """Return the fields of the contacts of all lists, by name, each (n_c,) or (n_c, 3); no
-        tangential forces if no list has any but the rounding of normal forces.
+    ) -> tuple[dict[str, Any], tuple[str, ...]]:
+        """Return the fields of the contacts of all lists, by name, each (n_c,) or (n_c, 3), and
+        notes on those that are left out; no tangential forces if no list has any but the rounding
+        of normal forces.
 
         ``positions`` are (n, 3), m; ``pbc`` (3,) says along which vectors the network repeats.
         """
@@ -209,18 +211,27 @@ class Source:
         contact_fields = _concatenate(fields_of_lists)
         if all(joined.is_normal or joined.tangential_force is None for joined in joined_lists):
             contact_fields.pop("tangential_force", None)
-        return contact_fields
+        notes = []
+        for contacts_of_list, joined in zip(fields_of_lists, joined_lists, strict=True):
+            n_all = len(joined.contacts)
+            n_open = n_all - len(contacts_of_list["i"])
+            if n_open:
+                notes.append(
+                    f"{joined.contacts.name}: {n_open} of {counted(n_all, 'contact')} without force"
+                    " left out, as open contacts have no stiffness by Hertz's law."
+                )
+        return contact_fields, tuple(notes)
 
-    def describe(self, is_kept: Any) -> Reading:
+    def describe(self, is_kept: Any, notes: tuple[str, ...]) -> Reading:
         """Return what is known of a network of this source beside its numbers; ``is_kept`` says
-        which of the balls the network has, (n,).
+        which of the balls the network has, (n,), and ``notes`` what has been left out of it.
         """
         rounding = np.zeros((len(self.balls.radii), 3))
         rounding[:, : self.balls.rounding.shape[1]] = self.balls.rounding
         return Reading(
             balls=self.balls.name,
             contacts=self.contacts[0].name,
-            notes=self.notes,
+            notes=(*self.notes, *notes),
             rounding=rounding[is_kept],
             radius_rounding=self.balls.radius_rounding[is_kept],
         )

@@ -66,11 +66,11 @@ class Scales:
         InputError for an unknown style, for files of different styles, and for a style other than
         that of the files; :class:`~granphon.base.scales.Units` belong to the style "lj".
         """
-        styles_of_files = {frame.units for frame in frames if frame.units}
+        named = [frame for frame in frames if frame.units]  # the other files have the same
+        styles_of_files = {frame.units for frame in named}
         if len(styles_of_files) > 1:
-            first = frames[0]
-            fault = f"{first.name} is in units {first.units}, and {frames[1].name} in others"
-            raise InputError(fault, mend="Write both with the same units")
+            listed = ", and ".join(f"{frame.name} is in units {frame.units}" for frame in named)
+            raise InputError(listed, mend="Write both with the same units")
         if isinstance(units, Units):
             style = "lj"
             scales = (units.length, units.mass, units.force)
@@ -79,9 +79,9 @@ class Scales:
             style = require("units", lambda value: choice(value, [*_STYLES]), requested)
             scales = _STYLES[style]
         if styles_of_files and styles_of_files != {style}:
+            given = "a gp.Units, for units lj," if style == "lj" else f"units={style!r}"
             raise InputError(
-                f"{frames[0].name} says that its units are {styles_of_files.pop()},"
-                f" and units={style!r} is given",
+                f"{named[0].name} says that its units are {named[0].units}, and {given} is given",
                 mend="Leave units out",
             )
         return cls(*scales)

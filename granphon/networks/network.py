@@ -1241,7 +1241,8 @@ class ContactNetwork(Result):
         """Return the network of what a program has left, with or without its rattlers; warn of what
         its numbers contradict (:func:`~granphon.networks.consistency.compare_numbers`).
         """
-        whole_network = cls(**source.complete(completion))
+        network_fields, notes = source.complete(completion)
+        whole_network = cls(**network_fields)
         network = whole_network
         if not completion.keep_rattlers:
             network = whole_network.without_rattlers(completion.held_by)
@@ -1251,7 +1252,7 @@ class ContactNetwork(Result):
             if all_labels is None:
                 all_labels = np.arange(whole_network.n_balls)
             is_kept = np.isin(all_labels, network.labels)
-        network._cache[_READING] = source.describe(is_kept)
+        network._cache[_READING] = source.describe(is_kept, notes)
         warn_of_faults(network)
         return network
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import warnings
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -36,7 +35,7 @@ from granphon.balls.contact_model import ContactModel
 from granphon.balls.material import Material
 from granphon.balls.neighbours import find_pairs
 from granphon.base.arrays import Array, Index
-from granphon.base.errors import InconsistencyWarning, InputError, brief
+from granphon.base.errors import InconsistencyWarning, InputError, brief, warn_caller
 from granphon.base.text import list_names
 from granphon.base.validation import spell_out
 from granphon.contacts.laws import ContactLaws
@@ -45,9 +44,9 @@ from granphon.networks.sources import Completion, CompletionOptions
 from granphon.networks.tables import read_tables
 from granphon.phonons.phonopy_atoms import choose_symbols
 
-#: distance of balls, over their diameter, from which on their places are taken for those in another
-#: unit, as mm
-_FARTHEST = 100.0
+#: distance of balls over their diameter, or diameter over distance, from which on their places are
+#: taken for those in another unit, as mm or cm
+_FARTHEST = 50.0
 #: part by which balls are sought farther than they reach, so that rounding opens no contact
 _ROUNDING = 1e-12
 #: rows and columns of a matrix in Voigt order
@@ -104,8 +103,9 @@ class BallContacts(ContactCalculator):
     Raises
     ------
     InputError : no balls, or others; a law that is none. When used: Atoms of another kind, without
-        radii, or with radii that are not above zero; places that are not finite; a bond, which has
-        no end and so no neighbours.
+        radii, or with radii that are not above zero; places that are not finite; a period of
+        the cell far below the diameters, as in another unit; a bond, which has no end and so no
+        neighbours.
     """
 
     follows = ("radius", "kinds")
@@ -195,8 +195,20 @@ class BallContacts(ContactCalculator):
         reach = (radii + 0.5 * self._find_gap(sorts)) * (1.0 + _ROUNDING)
         periods = np.flatnonzero(atoms.pbc)
         longest = 2.0 * float(np.max(reach, initial=0.0))
+        shortest = float(np.min(np.linalg.norm(atoms.cell.array[periods], axis=1), initial=np.inf))
+        if longest > _FARTHEST * shortest:  # each ball would touch thousands of images
+            raise InputError(
+                f"balls are up to {longest:.3g} m wide, and a period of the cell is"
+                f" {shortest:.3g} m",
+                mend="Give the cell, the places and the radii in m",
+            )
         i, j, steps, vector = find_pairs(atoms.positions, atoms.cell.array[periods], longest)
-        touches = np.linalg.norm(vector, axis=1) < reach[i] + reach[j]
+        distance = np.linalg.norm(vector, axis=1)
+        touches = distance < reach[i] + reach[j]
+        if not np.any(touches):
+            _warn_of_far_balls(atoms, radii, shortest)
+        elif float(np.max(distance)) * _FARTHEST < 2.0 * float(np.min(radii)):
+            _warn_of_lengths(f"or less, and {2.0 * np.min(radii):.3g} m wide", np.max(distance))
         i = i[touches]
         j = j[touches]
         vector = vector[touches]
@@ -262,8 +274,6 @@ class BallContacts(ContactCalculator):
         balls = self.atoms
         radii = self.find_radii(balls)[1]
         i, j, _, vector, laws, _ = self.find_contacts(balls)
-        if len(balls) > 1 and not len(i):
-            _warn_of_lengths(balls, radii)
         distance = np.linalg.norm(vector, axis=1)
         overlap = radii[i] + radii[j] - distance
         pull = -(laws.force(overlap) / distance)[:, None] * vector  # of ball j on ball i
@@ -333,23 +343,27 @@ def _group_equal(numbers: Index) -> list[Index]:
     return np.split(order, np.flatnonzero(np.diff(numbers[order])) + 1)
 
 
-def _warn_of_lengths(atoms: Atoms, radii: Array) -> None:
-    """Warn if balls of ``radii`` (n,), m, that do not touch are so far from each other that their
-    places are not in m.
+def _warn_of_far_balls(atoms: Atoms, radii: Array, shortest: float) -> None:
+    """Warn if balls of ``radii`` (n,), m, that do not touch are so far from each other, and from
+    their images by the ``shortest`` period, m, that their places are not in m.
     """
     # imported only where needed, as the import loads much of scipy
     from scipy.spatial import cKDTree
 
-    # the nearest ball but the first, which is the ball itself
+    # the nearest ball but the first, which is the ball itself; inf of a single ball
     distances, _ = cKDTree(atoms.positions).query(atoms.positions, k=[2])
-    nearest = float(np.min(distances))
+    nearest = min(float(np.min(distances)), shortest)
     diameter = 2.0 * float(np.max(radii))
-    if nearest > _FARTHEST * diameter:
-        text = (
-            f"the balls are {nearest:.3g} m from each other or more, and {diameter:.3g} m wide:"
-            " none touch. Their places are to be in m"
-        )
-        warnings.warn(text, InconsistencyWarning, stacklevel=4)
+    if math.isfinite(nearest) and nearest > _FARTHEST * diameter:
+        _warn_of_lengths(f"or more, and {diameter:.3g} m wide: none touch", nearest)
+
+
+def _warn_of_lengths(words: str, distance: float) -> None:
+    """Warn of balls that are a ``distance``, m, from each other, and of which these ``words`` say
+    how wide they are.
+    """
+    text = f"the balls are {distance:.3g} m from each other {words}. Their places are to be in m"
+    warn_caller(text, InconsistencyWarning)
 
 
 # -- what ASE finds by entry points ----------------------------------------------------------------

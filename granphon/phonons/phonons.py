@@ -873,13 +873,13 @@ class Phonons:
         along = one_direction(axis, self._periods)
         frequencies, curvatures = self.lattice.find_onset(along)
         scales = self.scales
-        gaps = self.gaps()
-        starts_above_zero = len(gaps) and gaps[0, 0] == 0.0
+        lowest_gap = self._find_gap_edges(None, only_from_zero=True).frequencies
+        starts_above_zero = len(lowest_gap) and lowest_gap[0, 0] == 0.0
         return Onset(
             frequencies * scales.frequency,
             curvatures * scales.velocity * scales.length,
             along,
-            float(gaps[0, 1]) if starts_above_zero else 0.0,
+            float(lowest_gap[0, 1]) * scales.frequency if starts_above_zero else 0.0,
         )
 
     def find_gaps(self, mesh: Sequence[int] | None = None) -> tuple[Index, Array]:
@@ -918,8 +918,11 @@ class Phonons:
         qpoints[..., : self._periods] = gaps.points @ np.linalg.inv(self.lattice.reciprocal)
         return self._make_sensitivities(energies_of_edges, qpoints)
 
-    def _find_gap_edges(self, mesh: Sequence[int] | None) -> _Gaps:
-        """Return the gaps and their edges in reduced units; ``mesh`` is that of :meth:`gaps`."""
+    def _find_gap_edges(self, mesh: Sequence[int] | None, *, only_from_zero: bool = False) -> _Gaps:
+        """Return the gaps and their edges in reduced units; ``mesh`` is that of :meth:`gaps`.
+
+        With ``only_from_zero`` no edges are sought but those of the gap that begins at zero.
+        """
         zone = self._sample_zone(mesh)
         frequencies = zone.frequencies
         bottoms = frequencies.min(axis=0)
@@ -927,7 +930,10 @@ class Phonons:
         # the highest frequency of all branches below each branch
         floors = np.concatenate([[0.0], np.maximum.accumulate(tops)[:-1]])
         narrowest = _NO_GAP * float(tops[-1])
-        above_gaps = np.flatnonzero(bottoms - floors > narrowest)
+        is_open = bottoms - floors > narrowest
+        if only_from_zero:
+            is_open &= floors == 0.0
+        above_gaps = np.flatnonzero(is_open)
         if not above_gaps.size:
             return _Gaps(above_gaps, np.zeros((0, 2)), np.zeros((0, 2, self._periods)))
         edges = BandEdges.of(above_gaps)

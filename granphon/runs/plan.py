@@ -874,8 +874,20 @@ class Plan:
         structure = self.grid.packing.structure
         points = math.prod(choose_gap_mesh(structure.n_balls, structure.periods))
         n_states = self.n_cases * self.grid.load.size
-        cost = costs.band_edges(n_states, points, self._n_branches, request.cutoffs)
-        return [(("observe",), "Take fewer loads or values, or leave the edges of bands out", cost)]
+        estimate = partial(
+            costs.band_edges,
+            n_states,
+            points,
+            self._n_branches,
+            of_network=self.grid.packing.is_network,
+        )
+        # each result has a search of its own; that of onsets is for the lowest edge alone
+        searches = [estimate(of_all=True)] if request.cutoffs else []
+        if request.gaps or not searches:
+            searches.append(estimate(of_all=False))
+        total = sum(searches, Cost())
+        mend = "Take fewer loads or values, or leave the edges of bands out"
+        return [(("observe",), mend, replace(total, parts=total.parts[:1]))]
 
     def _cost_force_constants(self) -> list[CostPart]:
         """Return the part of the work that finds the force constants of a single state in a given

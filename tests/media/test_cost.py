@@ -488,3 +488,4 @@ def test_the_edges_of_the_bands_of_large_cells_take_long():
     assert cost.band_edges(3, 100, 300, of_all=False).units[-1].number == 3.0 * few
     assert cost.band_edges(1, 100, 600, of_all=False).units[-1].number > 8.0 * few
     assert cost.band_edges(1, 100, 300, of_all=True).units[-1].number > 5.0 * few
+    assert cost.band_edges(1, 100, 300, False, of_network=True).units[-1].number > 3.0 * few

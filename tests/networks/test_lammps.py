@@ -361,6 +361,22 @@ def spoil(*changes):
     return spoiled
 
 
+def test_contacts_without_force_are_counted_in_a_note(tmp_path):
+    """By Hertz's law such a contact is open; springs that are given stay."""
+    files = spoil((1, "^15 21 175.991614", "15 21 0"))("disks", tmp_path)
+    network = gp.ContactNetwork.from_lammps(*files, GLASS, keep_rattlers=True)
+    assert network.n_contacts == 63
+    assert any("1 of 64 contacts" in note and "pairs.dump" in note for note in network.notes)
+    whole = gp.ContactNetwork.from_lammps(*dumps("disks"), GLASS, keep_rattlers=True)
+    assert not any("64" in note for note in whole.notes)
+    with pytest.warns(InconsistencyWarning):  # two balls are out of balance now
+        springs = gp.ContactNetwork.from_lammps(
+            *files, normal_stiffness=1e6, shear_stiffness=0.0, keep_rattlers=True
+        )
+    assert springs.n_contacts == 64
+    assert not any("64" in note for note in springs.notes)
+
+
 BAD_DUMPS = {
     "steps": (
         spoil((0, r"TIMESTEP\n\d+", "TIMESTEP\n7")),
@@ -368,8 +384,13 @@ BAD_DUMPS = {
         "time step 7, and .* one step",
     ),
     "step": (spoil(), {"step": 3}, "no time step 3. It has .* alone"),
-    "units": (spoil((1, r"\A", "ITEM: UNITS\ncgs\n")), {}, "in units si, and .* in others"),
+    "units": (spoil((1, r"\A", "ITEM: UNITS\ncgs\n")), {}, "in units si, and .* in units cgs"),
     "units given": (spoil(), {"units": "cgs"}, "units are si, and units='cgs'"),
+    "units of pairs": (
+        spoil((0, r"ITEM: UNITS\nsi\n", ""), (1, r"\A", "ITEM: UNITS\nsi\n")),
+        {"units": "cgs"},
+        "pairs.*units are si, and units='cgs'",
+    ),
     "unknown units": (
         spoil(),
         {"units": "feet"},

@@ -186,6 +186,20 @@ def test_places_that_are_not_in_metres_are_told():
     assert "8 m" in str(warning.message)
     apart = ase.Atoms("X2", positions=2e-3 * pair.positions)  # by two diameters, as balls that fly
     assert calculator.get_property("energy", apart) == 0.0
+    # networks, and a ball that would touch its own image
+    alone = ase.Atoms("X", cell=[7.999, 1, 1], pbc=(True, False, False))
+    for balls in (pair, alone):
+        with pytest.warns(InconsistencyWarning, match="8 m"), pytest.raises(InputError):
+            calculator.contact_network(balls)
+    # radii in mm
+    pair.positions *= 1e-3
+    pair.set_array("radius", np.full(2, 4.0))
+    with pytest.warns(InconsistencyWarning, match="8 m wide"):
+        calculator.find_contacts(pair)
+    pair.set_cell([16e-3, 1.0, 1.0])
+    pair.pbc = (True, False, False)
+    with pytest.raises(InputError, match="period"):
+        calculator.get_property("energy", pair)
 
 
 @pytest.mark.filterwarnings("ignore:.*disks_pairs.dump.* law")  # forces are of another material

@@ -132,6 +132,10 @@ def test_at_one_load_the_figure_is_over_the_parameter(result):
     (bar,) = [artist for artist in ax.collections if hasattr(artist, "get_segments")]
     (segment,) = bar.get_segments()
     assert_allclose(segment[:, 0], 4000.0)
+    # its ends are drawn, or a narrow one would not be seen; those of a field are lines
+    edges = [line for line in ax.lines if line.get_gid() == "gap-1-edge"]
+    ends = [line.get_xydata()[line.get_markevery()][0] for line in edges]
+    assert_allclose(ends, segment)
 
 
 def test_waves_of_an_edge_are_drawn_over_the_load(result):
