@@ -161,44 +161,6 @@ def test_a_worker_searches_as_this_process_does():
     assert_allclose(result["best"], task.solve()["best"], rtol=1e-12)
 
 
-<<<<<<< HEAD
-=======
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("goal: widest_gap", "goal: widest_gaps", "design.goal"),
-        ("goal: widest_gap", "goal: {widest_gap: {near: 1 MHz}}", r":8: design\.goal: .*1e\+06"),
-        ("57 g}", "1 kg}", r":10: design\.constraints\.mass: .*out of reach"),
-        ("57 g}", "57 g, stiffness: 1 N/m}", r":10: design\.constraints\.stiffness: "),
-        ("mass: [9 g", "mass: [40 g", r":9: design\.vary\.mass: .*outside of its bounds"),
-        ("mass: [9 g", "colour: [9 g", "design.vary.colour"),
-        ("[9 g, 50 g]", "[50 g, 9 g]", "design.vary.mass"),
-        ("mass: [9 g, 50 g]", "mass: [9 g, 50 g], force: [1 N, 50 N]", "beside force"),
-        ("load: {force: 20 N}", "load: {force: [20 N, 30 N]}", "several states"),
-        ("force: 20 N", "force: 20 +- 1 N", "standard errors"),
-        ("observe: [design]", "observe: [design]\nsweep: {S.mass: [20 g, 30 g]}", "several states"),
-        ("design:\n", "spare:\n", "spare"),
-    ],
-)
-def test_mistakes_are_told_in_one_line(old, new, words):
-    assert old in MASSES
-    with pytest.raises(InputError, match=words) as error:
-        gp.Scene.from_text(MASSES.replace(old, new)).cost()
-    assert "\n" not in str(error.value)
-
-
-def test_bounds_that_exclude_the_load_of_the_scene_are_refused():
-    with pytest.raises(InputError, match=r":9: design\.vary\.load\.force"):
-        gp.Scene.from_text(EDGE.replace("[1 N", "[30 N"))
-
-
-def test_a_goal_that_depends_on_no_variable_names_them():
-    text = CHAIN + "design: {goal: widest_gap, vary: {shear_stiffness: [0 N/m, 1 MN/m]}}\n"
-    with pytest.raises(InputError, match=r"design\.vary: .*shear_stiffness of contact 1"):
-        gp.Scene.from_text(text).cost()
-
-
->>>>>>> s9-e2
 def test_the_cost_counts_all_steps_of_all_starts():
     cost = gp.Scene.from_text(MASSES).posed_design.cost
     assert cost.units[0].number == 3 * 200
