@@ -10,7 +10,7 @@ with y = (d - a)/W common to all contacts, and carries the force h_+^(3/2). Equi
 minimum of the sum of (2/5) h_+^(5/2) over all u; at given load, the minimum over y too, with the
 work of the load subtracted. This function is convex. The array is an assembly
 (:mod:`granphon.contacts.assembly`) on a grid, and comes to rest as others do
-(:mod:`granphon.statics.search`).
+(:mod:`granphon.statics.find_rest`).
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ The balls lie on the triangular lattice, n on each side of the hexagon, and each
 touches a wall. A wall moves along its normal alone and is pushed with the side force F. Contacts
 between balls, and between balls and walls, follow Hertz's law, without friction, and keep the
 directions of the lattice: balls and walls are an assembly of contacts that comes to rest as a
-crystal does (:mod:`granphon.statics.search`).
+crystal does (:mod:`granphon.statics.find_rest`).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from granphon.contacts.laws import ContactLaws
 from granphon.dynamics.compatibility import GYRATION
 from granphon.networks.network import ContactNetwork
 from granphon.statics.configuration import AppliedLoad
-from granphon.statics.search import find_rest
+from granphon.statics.find_rest import find_rest
 
 #: memory of a ball with its contacts, bytes
 _BALL_BYTES = 700.0

@@ -1,7 +1,7 @@
 """Arrays of balls that come to rest: as assemblies under loads, in units of W and c W^(3/2).
 
 Contacts keep the directions of the lattice, the limit of small spread, or turn with their balls, of
-which the ratio W/d tells. The search is that of :func:`~granphon.statics.search.find_rest`.
+which the ratio W/d tells. The search is that of :func:`~granphon.statics.find_rest.find_rest`.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from granphon.base.errors import ConvergenceError, InputError
 from granphon.contacts.assembly import Assembly, GridAssembly
 from granphon.contacts.grid import find_lattice_grid
 from granphon.statics.configuration import AppliedLoad
+from granphon.statics.find_rest import find_rest
 from granphon.statics.options import RestOptions
 from granphon.statics.rest import Rest
-from granphon.statics.search import find_rest
 
 #: part of the tolerance of forces to which a load is met in the directions of the lattice: the load
 #: is a number that the user gave

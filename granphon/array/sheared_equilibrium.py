@@ -4,9 +4,9 @@ hydrostatic.
 Elsewhere the cell of an array keeps its shape: the mean of its principal stresses is the pressure,
 and a small sample of balls that differ bears some shear stress. Here all strains of the cell are
 free, as those of a crystal are. The balls, as an assembly (:mod:`granphon.contacts.assembly`), come
-to rest under a pressure (:mod:`granphon.statics.search`). In the directions of the lattice the mean
-force follows from the pressure alone, by the virial; in true directions, and for a given overlap,
-the pressure is searched for.
+to rest under a pressure (:mod:`granphon.statics.find_rest`). In the directions of the lattice the
+mean force follows from the pressure alone, by the virial; in true directions, and for a given
+overlap, the pressure is searched for.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.contacts.assembly import Assembly
 from granphon.statics.configuration import Geometry
+from granphon.statics.find_rest import find_rest
 from granphon.statics.options import RestOptions
 from granphon.statics.rest import Rest
-from granphon.statics.search import find_rest
 
 #: pressures that are tried for a mean force or an overlap, at most
 _PRESSURES = 40

@@ -6,7 +6,7 @@ contact that carries a force f pushes the balls aside, with the stiffness -f W/d
 ball between two others in line may stay there. In truth it moves out until it touches a third,
 which then carries a force of the order f W/d. The array is an assembly
 (:mod:`granphon.contacts.assembly`) whose contacts turn, and comes to rest as others do
-(:mod:`granphon.statics.search`), from the equilibrium on the lattice.
+(:mod:`granphon.statics.find_rest`), from the equilibrium on the lattice.
 """
 
 from __future__ import annotations

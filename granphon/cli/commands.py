@@ -28,7 +28,7 @@ from granphon.cli import (  # noqa: F401  importing them adds their commands to 
     report,
     scenes,
     studies,
-    traces,
+    velocity,
 )
 from granphon.cli.app import GROUPS, app
 from granphon.cli.terminal import NOTHING_WRITTEN, Interrupted, fail, warn

@@ -189,7 +189,7 @@ def _describe_errors(scene: Scene) -> list[tuple[str, str]]:
         (f"correlation of {first}", f"with {second} {value:.3g}")
         for first, second, value in scene.correlations
     ]
-    exact = [row for row in list_outputs(scene) if row.is_without_errors]
+    exact = [row for row in list_outputs(scene) if row.lacks_errors]
     if exact:
         files = ", ".join(name for row in exact for name in row.numbers)
         rows.append(("without errors", f"{files}; sweep.nc has those of all other numbers"))

@@ -311,19 +311,21 @@ def _solve_theta(
 
 
 def _require_senses(factors: Complex, vectors: Complex) -> None:
-    """Raise :class:`~granphon.base.errors.PrecisionError` at the edge of a band, where waves of
-    both senses are one.
+    """Raise :class:`~granphon.base.errors.PrecisionError` if waves that run (|lambda| is 1 within
+    ``_EDGE``) and have the same lambda, within ``_EDGE``, have linearly dependent motions.
 
-    ``factors`` (b,) are the lambda of the waves, and ``vectors`` (n, b) their motions. At a
-    distance Delta w from the edge the lambda of both senses differ by the root of Delta w.
-    Where rounding decides on which side of the edge w is, rounding decides whether waves run, and
-    how fast.
+    So they have at the edge of a band, where the waves of both senses become one. At a distance
+    Delta w from the edge the lambda of both senses differ by the root of Delta w: so near the
+    edge, the rounding of w would decide whether waves run, and how fast.
+
+    ``factors`` (b,) are the lambda of the waves, and ``vectors`` (n, b) their motions.
     """
     running = np.flatnonzero(np.abs(np.abs(factors) - 1.0) < _EDGE)
     for number, wave in enumerate(running):
         wave_and_next = running[number:]
         neighbours = wave_and_next[np.abs(factors[wave_and_next] - factors[wave]) < _EDGE]
         motions = vectors[:, neighbours] / np.linalg.norm(vectors[:, neighbours], axis=0)
+        # more vectors than components are always dependent
         if neighbours.size > len(motions):
             raise PrecisionError(_ALIKE_WAVES, *_AT_EDGE)
         least_singular_value = np.linalg.svd(motions, compute_uv=False)[-1]

@@ -257,7 +257,7 @@ class Block:
             if np.any(frequencies[:, 0] == 0.0):
                 # branches that vanish everywhere have no order among themselves
                 joined[:, : self.free] = False
-            self._resolve(point, modes, slopes, joined, along)
+            self._split_degenerate(point, modes, slopes, joined, along)
         # d(omega^2)/dq over 2 omega; a branch that vanishes everywhere does not travel
         doubled = np.where(frequencies > 0.0, 2.0 * frequencies, np.inf)
         velocities = slopes.compute_gradients(modes) / doubled[..., None]
@@ -353,7 +353,7 @@ class Block:
         squares, turn = np.linalg.eigh(np.tensordot(along, forms, 1))
         return np.sqrt(np.maximum(squares, 0.0)), turn, forms
 
-    def _resolve(
+    def _split_degenerate(
         self,
         point: _Point,
         modes: NDArray[Any],
@@ -364,26 +364,29 @@ class Block:
         """Turn the vectors ``modes`` (n_q, n, n) of each degenerate set, in place, into those of
         the branches along a direction ``along`` (n_q, p).
 
+        Branches are told apart by the slopes of omega^2 along the direction, and those of equal
+        slope by the modes a small step further.
+
         ``joined`` (n_q, n - 1) says whether a branch has the frequency of the next; ``point`` is C
         at the wave vectors, and ``slopes`` finds the slopes of omega^2 there.
         """
-        alike: list[tuple[NDArray[np.intp], slice]] = []
+        equal_slopes: list[tuple[NDArray[np.intp], slice]] = []
         for points, branches in _find_runs(joined):
             vectors = modes[points, :, branches]
             matrices = slopes.compute_along(points, vectors, branches.start, along[points])
             slope, turn = np.linalg.eigh(matrices)
             modes[points, :, branches] = vectors @ turn
-            for rows, within in _find_runs(np.diff(slope, axis=1) <= _EQUAL_SLOPES):
-                run = slice(branches.start + within.start, branches.start + within.stop)
-                alike.append((points[rows], run))
-        if alike:
-            self._resolve_beside(point, modes, alike, along)
+            for sets, equal in _find_runs(np.diff(slope, axis=1) <= _EQUAL_SLOPES):
+                run = slice(branches.start + equal.start, branches.start + equal.stop)
+                equal_slopes.append((points[sets], run))
+        if equal_slopes:
+            self._split_equal_slopes(point, modes, equal_slopes, along)
 
-    def _resolve_beside(
+    def _split_equal_slopes(
         self,
         point: _Point,
         modes: NDArray[Any],
-        alike: list[tuple[NDArray[np.intp], slice]],
+        equal_slopes: list[tuple[NDArray[np.intp], slice]],
         along: Array,
     ) -> None:
         """Turn the vectors of branches of equal slope, in place, into those that are nearest to the
@@ -391,16 +394,17 @@ class Block:
 
         Branches of equal slope separate at second order only. The length of the step, not LAPACK's
         error, limits the accuracy. Branches that are still one after the step have no vectors of
-        their own. ``modes`` (n_q, n, n) are the vectors, ``along`` (n_q, p) the path, and ``alike``
-        pairs of the numbers of wave vectors (k,) and the branches that have one slope there.
+        their own. ``modes`` (n_q, n, n) are the vectors, ``along`` (n_q, p) the path, and
+        ``equal_slopes`` pairs of the numbers of wave vectors (k,) and the branches that have one
+        slope there.
         """
-        solved = np.unique(np.concatenate([points for points, _ in alike]))
+        solved = np.unique(np.concatenate([points for points, _ in equal_slopes]))
         beside = point.q[solved] + _STEP_BESIDE * along[solved]
         factors = self.deforming.compute_rows(beside)
         across = None if self.pushing is None else self.pushing.compute_rows(beside)
         matrices = self._make_matrix(factors, across)
         squares = np.linalg.eigvalsh(matrices)
-        for points, branches in alike:
+        for points, branches in equal_slopes:
             steps = np.searchsorted(solved, points)
             highest = squares[steps, branches.stop - 1]
             lowest = squares[steps, branches.start]

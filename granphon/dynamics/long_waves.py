@@ -117,18 +117,20 @@ class LongWaves(Compatibility):
         In a cell of many balls they are sparse, and those of all motions of each ball, the shift of
         all balls among them.
         """
-        if self._is_large:
+        if self._uses_sparse_matrices:
             head, tail = compose_ends(self, rows, root)
             return (head - tail).tocsr(), (head + tail).tocsr()
         difference, total = self._combine_ends(rows, root)
         return self._select_inner(difference), self._select_inner(total)
 
     @cached_property
-    def _is_large(self) -> bool:
-        """Whether there are so many motions in the cell that sparse factors are faster.
+    def _uses_sparse_matrices(self) -> bool:
+        """Whether inner motions are relaxed by sparse matrices: in a cell of many motions, where
+        they are faster, unless they find fewer free motions than the :attr:`_touching` lattice has.
 
-        Sparse factors relax all motions that deform contacts. Where some such motions stay behind,
-        as gears whose arms differ a little, dense matrices tell these apart.
+        Sparse matrices relax every motion that deforms contacts, by however little. Gears whose
+        lever arms differ within overlaps deform contacts as they turn, but the same turn is free
+        in the :attr:`_touching` lattice, and is to stay behind; dense matrices leave it behind.
         """
         if self.n_branches <= MANY_COLUMNS:
             return False
@@ -163,7 +165,7 @@ class LongWaves(Compatibility):
     @property
     def _relaxation(self) -> SparseRelaxation | IterativeRelaxation | None:
         """The relaxation of many inner motions; None where matrices are dense."""
-        return self._sparse if self._is_large else None
+        return self._sparse if self._uses_sparse_matrices else None
 
     @property
     def _n_gradients(self) -> int:
@@ -275,7 +277,7 @@ class LongWaves(Compatibility):
         """
         n_shifts = len(self.motions.translations)
         idle = self._touching._free
-        if self._touching._is_large:
+        if self._touching._uses_sparse_matrices:
             # from motions of balls to those of the frame, of which the first are shifts of all
             in_frame = self._frame.T @ idle.reshape(self.n_balls, -1)
             idle = in_frame.reshape(idle.shape)[n_shifts:]
@@ -333,7 +335,9 @@ class LongWaves(Compatibility):
         Products of very long columns are rounded too much to be made orthogonal by rotations.
         """
         relaxed = self._relaxed_rows
-        return np.asarray(np.linalg.qr(relaxed, mode="r")) if self._is_large else relaxed
+        if not self._uses_sparse_matrices:
+            return relaxed
+        return np.asarray(np.linalg.qr(relaxed, mode="r"))
 
     @property
     def _is_across(self) -> NDArray[np.bool_]:
@@ -509,7 +513,7 @@ class LongWaves(Compatibility):
         if prestress is None and not self.is_prestressed:
             relaxed = self._relaxed_rows
             return (relaxed.T @ relaxed).reshape(shape)
-        if prestress is not None and self._is_large and np.ndim(prestress):
+        if prestress is not None and self._uses_sparse_matrices and np.ndim(prestress):
             # sparse factors are of one load
             return np.stack([self.gradient_stiffness(load) for load in np.asarray(prestress)])
         load, push_forms = self._find_load(prestress)

@@ -404,10 +404,12 @@ class EffectiveCurve:
 
 
 def _integrate_over_steps(table: Array, rise: Array, start: float) -> Array:
-    """Return the table (n + 2, steps) of the integral over y of a function with the ``table`` (n,
-    steps); the integral is ``start`` where the first step begins.
+    """Return the coefficients (n + 2, steps) of the integral over y of the function with the
+    coefficients ``table`` (n, steps).
 
-    ``rise`` (2, steps) are the coefficients of dy/dt.
+    Coefficients are those of Chebyshev polynomials in t, which runs from -1 to 1 on each step;
+    ``rise`` (2, steps) are those of dy/dt, which is linear in t. Steps are in ascending order. The
+    integral is ``start`` at the lower end of the first, and continuous from step to step.
     """
     # the product of the function and dy/dt, as 2 T_1 T_m = T_(m + 1) + T_|m - 1|
     product = np.zeros((len(table) + 1, table.shape[1]))

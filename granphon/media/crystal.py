@@ -2,7 +2,7 @@
 
 A crystal is data: kinds of balls, a cell, positions at which neighbours touch, the law of each
 contact, and how the edges are held. The methods ``at_...`` of a crystal find the state at rest
-(:mod:`granphon.statics.search`). Velocities, bands and waves are found from the network of
+(:mod:`granphon.statics.find_rest`). Velocities, bands and waves are found from the network of
 contacts of that state.
 
 Where a crystal has been cut, the periods that remain lie along x, or in the xy plane, and the
@@ -90,8 +90,8 @@ from granphon.media.sample_on_grid import SampleOnGrid
 from granphon.media.state import read_finite_overlap
 from granphon.networks.network import ContactNetwork
 from granphon.statics.configuration import BOUNDARIES, AppliedLoad, Boundary, Geometry
+from granphon.statics.find_rest import find_rest
 from granphon.statics.rest import Rest
-from granphon.statics.search import find_rest
 
 #: most cells of a supercell along a period, and most layers of a cut
 _MOST_CELLS = 1_000_000
@@ -1166,7 +1166,9 @@ class Crystal(Result):
         boundary: Boundary,
         start: Rest | None = None,
     ) -> Rest:
-        """Return the state at rest under a load; see :func:`~granphon.statics.search.find_rest`."""
+        """Return the state at rest under a load; see
+        :func:`~granphon.statics.find_rest.find_rest`.
+        """
         on_grid = self._sample_on_grid
         if on_grid is None or np.any(load.force):
             return find_rest(self._assembly, load, geometry, boundary, start)

@@ -1238,14 +1238,20 @@ class ContactNetwork(Result):
 
     @classmethod
     def from_source(cls, source: Source, completion: Completion) -> Self:
-        """Return the network of what a program has left, with or without its rattlers; warn of what
-        its numbers contradict (:func:`~granphon.networks.consistency.compare_numbers`).
+        """Return the network that is read from a ``source``, without its rattlers unless
+        ``completion.keep_rattlers``.
+
+        The network keeps as its :attr:`reading` what is known of the source beside the numbers.
+        Warns where the numbers contradict each other
+        (:func:`~granphon.networks.consistency.compare_numbers`).
         """
         network_fields, notes = source.complete(completion)
         whole_network = cls(**network_fields)
         network = whole_network
         if not completion.keep_rattlers:
             network = whole_network.without_rattlers(completion.held_by)
+        # balls of the source that are left; where the source has no labels, those of the network
+        # are the numbers of the balls in the source
         is_kept: Any = slice(None)
         if network is not whole_network and network.labels is not None:
             all_labels = whole_network.labels

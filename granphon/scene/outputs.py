@@ -139,10 +139,12 @@ class Export:
         return path if path is not None and os.path.lexists(path) else None
 
     @property
-    def is_without_errors(self) -> bool:
-        """Whether the numbers of the output have no standard errors that follow from those of
-        parameters: those of one state that its data set does not have, and densities of states, as
-        their frequencies move with the parameters.
+    def lacks_errors(self) -> bool:
+        """Whether no standard errors are propagated from the parameters to the numbers of the
+        output.
+
+        So it is for outputs of a single state, which have files of their own and are not in
+        sweep.nc, and for densities of states, whose frequencies move with the parameters.
         """
         return self.write is not None and (self.states == "one" or self.observed == "dos")
 

@@ -98,7 +98,7 @@ class InteriorOptions:
 
 @dataclass(frozen=True)
 class RestOptions:
-    """Options of :func:`~granphon.statics.search.find_rest`.
+    """Options of :func:`~granphon.statics.find_rest.find_rest`.
 
     A residual is the largest force left, over the mean force of the contacts. Numbers of balls and
     of iterations are those on a line, in the plane and in space.

@@ -669,7 +669,7 @@ class ResponseWork:
     tolerance: float = TOLERANCE
 
     @cached_property
-    def even(self) -> tuple[float, float, float] | None:
+    def even_losses(self) -> tuple[float, float, float] | None:
         """(eta, tau, gamma) where all motions are damped alike, and no static forces act."""
         return self.losses.find_even()
 
@@ -714,7 +714,7 @@ class ResponseWork:
     @cached_property
     def unfit(self) -> str:
         """Why no Krylov space serves all frequencies; empty if one does."""
-        if self.even is not None:
+        if self.even_losses is not None:
             return ""
         if self.operator.whole is not None:
             return "Static tangential forces act, which have no potential"
@@ -727,14 +727,16 @@ class ResponseWork:
         """Whether dashpots or drags differ, so that the space is one of velocities and
         deformations.
         """
-        return self.even is None and bool(np.any(self.losses.times) or np.any(self.drags))
+        return self.even_losses is None and bool(np.any(self.losses.times) or np.any(self.drags))
 
     @cached_property
     def step_time(self) -> float:
-        """Time of a step of the Krylov space, s."""
+        """Expected time of a step of the Krylov space, s: that of a step of Lanczos, times a factor
+        where losses are uneven.
+        """
         if self.has_order_one:
             time_over_lanczos = _FIRST_ORDER
-        elif self.even is None:
+        elif self.even_losses is None:
             time_over_lanczos = _LOSSY
         else:
             time_over_lanczos = 1.0
@@ -863,7 +865,7 @@ class ResponseWork:
         for eta in _ADVISED_LOSSES:
             losses = Losses.of(self.operator.network, loss_factor=eta)
             damped_work = replace(self, losses=losses)
-            if damped_work.even is None:
+            if damped_work.even_losses is None:
                 continue
             steps = float(np.max(damped_work.steps))
             seconds = steps * damped_work.step_time
@@ -1094,8 +1096,8 @@ class _Problem:
         """Return the space that serves all frequencies of the ``work`` at once."""
         if work.has_order_one:
             return self._make_first_order(work)
-        if work.even is not None:
-            return self._make_even(work.omega, *work.even)
+        if work.even_losses is not None:
+            return self._make_even(work.omega, *work.even_losses)
         omega = work.omega
         return _Space(
             apply=self.operator.make_lossy_product(self.losses.factors),

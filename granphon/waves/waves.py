@@ -400,17 +400,20 @@ class Waves:
         Modes that creep have a real part of zero: they are the lowest, and the slowest of them is
         the first.
 
-        Where all motions are damped alike, the modes are those of :meth:`modes`, the nearest
-        without losses. Where they are damped unevenly, all modes are found up to 300 motions
-        that contacts resist. Larger networks are factorised, up to 300,000 motions in the plane and
-        120,000 in space, and the modes are those of the nearest complex frequencies: modes that
-        creep faster than others swing are not among the lowest then.
+        Where all motions are damped alike, the modes are those of :meth:`modes`: they are chosen by
+        their frequencies without losses, then damped.
+        Where motions are damped unevenly, and contacts resist up to 300 of them (up to 600 if many
+        modes are requested), all modes are computed, and chosen by their real parts.
+        Larger networks, up to 300,000 such motions in the plane and 120,000 in space, are
+        factorised, and modes are chosen among those nearest in the complex plane. Modes that creep
+        fast are far away there, though their real part is zero, and may then be missing.
 
         Raises :class:`~granphon.base.errors.InputError` for a damping below zero, for more modes
-        than there are, or than are found in a large network, and for a larger network that is
-        damped unevenly; :class:`~granphon.base.errors.PrecisionError` for dashpots that differ and
-        are far stiffer than springs; :class:`~granphon.base.errors.ConvergenceError` if the
-        iteration does not end; and what :meth:`modes` raises.
+        than there are, or than are found in a large network, and for more
+        unevenly damped motions than are factorised;
+        :class:`~granphon.base.errors.PrecisionError` for dashpots that differ and are far stiffer
+        than springs; :class:`~granphon.base.errors.ConvergenceError` if the iteration does not end;
+        and what :meth:`modes` raises.
         """
         losses = Losses.of(self.network, damping, loss_factor, drag, dashpot, restitution)
         return find_damped(self._stable_operator, count, nearest, losses)

@@ -63,7 +63,7 @@ def test_iteration_gives_the_moduli_and_sound_of_factors(name, monkeypatch):
     network = ITERATED[name]()
     monkeypatch.setattr(long_waves, "MANY_COLUMNS", 0)
     factored = ContactLattice.from_network(network)
-    assert factored._is_large
+    assert factored._uses_sparse_matrices
     monkeypatch.setattr(long_waves, "MOST_RELAXED_BY_FACTORS", 0)
     iterated = ContactLattice._make_of_network(network)
     assert type(iterated._sparse) is IterativeRelaxation
@@ -173,7 +173,7 @@ def test_mechanisms_are_among_the_cases(case):
 def test_a_crystal_in_a_large_cell_has_its_moduli_and_velocities():
     state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice="fcc", friction=True)).at_force(10.0)
     network = state.network.repeat((4, 4, 4))
-    assert ContactLattice.from_network(network)._is_large
+    assert ContactLattice.from_network(network)._uses_sparse_matrices
     assert_allclose(
         gp.moduli(network).tensor,
         gp.moduli(state.network).tensor,

@@ -11,7 +11,7 @@ from granphon.base.errors import InputError
 from granphon.contacts.assembly import Assembly, GridAssembly
 from granphon.contacts.grid import Grid
 from granphon.statics.configuration import AppliedLoad
-from granphon.statics.search import find_rest
+from granphon.statics.find_rest import find_rest
 
 #: N/m^(3/2), of a law, and spread of overlaps, m
 STIFF = 7e9

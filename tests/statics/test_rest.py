@@ -18,11 +18,11 @@ from granphon.base.errors import InputError, MechanismError
 from granphon.contacts.assembly import Assembly
 from granphon.contacts.laws import ContactLaws
 from granphon.statics.configuration import AppliedLoad, Problem
+from granphon.statics.find_rest import find_rest
 from granphon.statics.krylov import conjugate_gradients
 from granphon.statics.loose_balls import find_way_down
 from granphon.statics.newton import Equations, IteratedEquations
 from granphon.statics.options import RestOptions
-from granphon.statics.search import find_rest
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 
