@@ -280,7 +280,12 @@ class Equilibrium(Result):
 
     @cached_property
     def _derivatives(self) -> tuple[float, float]:
-        """First and second derivative of the mean force of contacts by the overlap."""
+        """First and second derivative of the mean force of contacts with respect to y, reduced: the
+        second and third of the energy per contact.
+
+        In equilibrium the first response r of the contacts' overlaps is enough for both, by the (2n
+        + 1)-theorem: they are the means <k r^2> and <k' r^3>, k' being the slope of k.
+        """
         response = self.response()
         stiffness = float(np.mean(self.stiffnesses * response**2))
         slope = float(np.mean(self.stiffness_slopes * response**3))
@@ -293,10 +298,7 @@ class Equilibrium(Result):
 
     @property
     def stiffness_slope(self) -> float:
-        """Slope of the stiffness, d^2f*/dy^2.
-
-        By the (2n + 1)-theorem the third derivative of the energy needs the first response only.
-        """
+        """Slope of the stiffness, d^2f*/dy^2, a reduced number."""
         return self._derivatives[1]
 
     def find_elasticity(

@@ -143,8 +143,11 @@ def fit_measurements(
         }
         _refuse_options(options_of_velocities, data, "a transfer function")
 
-        def find_response_fit(scene_of_inputs: Scene, _: str | None) -> DampingFit:
-            return _fit_response(scene_file, scene_of_inputs, data, columns, parameters)
+        def find_response_fit(varied_scene: Scene, _: str | None) -> DampingFit:
+            """Return the fit to the transfer function for the values that a scene has; see
+            :func:`_fit_with_errors`.
+            """
+            return _fit_response(scene_file, varied_scene, data, columns, parameters)
 
         response_fit, of_inputs = _fit_with_errors(find_response_fit, scene)
         rows = [*describe_response_fit(response_fit), *of_inputs]
@@ -170,18 +173,22 @@ def fit_measurements(
         warn(traced.warnings)
     fitted_names = ("width", *parameters) if width else parameters
 
-    def find_velocity_fit(scene_of_inputs: Scene, distance_of_inputs: str | None) -> WidthFit:
-        packing = _require_one_packing("A fit", scene_file, scene_of_inputs)
+    def find_velocity_fit(varied_scene: Scene, varied_distance: str | None) -> WidthFit:
+        """Return the fit to the velocities for the values that a scene and the option --distance
+        have: :func:`_fit_with_errors` calls this first with the given values, and again with each
+        of them moved by its error.
+        """
+        packing = _require_one_packing("A fit", scene_file, varied_scene)
         if traced is not None:
             measured = _place_traced(
-                scene_file, data, traced, scene_of_inputs, packing, medium, parameters
+                scene_file, data, traced, varied_scene, packing, medium, parameters
             )
         else:
             measured = _read_velocities(
                 data,
                 columns,
-                distance_of_inputs,
-                scene_of_inputs,
+                varied_distance,
+                varied_scene,
                 packing,
                 medium,
                 parameters,
@@ -196,10 +203,10 @@ def fit_measurements(
             velocity_sigma,
             pulse_frequency,
             medium=medium,
-            parameters=tuple(dict.fromkeys(fitted_names)),
+            parameters=tuple(dict.fromkeys(fitted_names)),  # each name once, in order
             branch=branch,
             direction=sound_direction,
-            finite_overlap=scene_of_inputs.finite_overlap,
+            finite_overlap=varied_scene.finite_overlap,
         )
 
     fit, of_inputs = _fit_with_errors(find_velocity_fit, scene, distance)

@@ -50,7 +50,7 @@ class Elimination:
         try:
             import rslab
         except ImportError:
-            return
+            return  # without rslab :meth:`factorise` takes SuperLU, which orders each matrix anew
         order = "amd" if approximate else "auto"
         self._symbolic = rslab.analyze(matrix.tocsc(), path="ldlt", ordering=order)
 

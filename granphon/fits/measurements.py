@@ -311,17 +311,17 @@ class _SourceColumns:
 def _require_conversion(
     path: Any,
     load: str,
-    frame: Callable[[float], float] | None,
-    pressed: Callable[[float], float] | None,
+    force_of_side_force: Callable[[float], float] | None,
+    force_of_pressure: Callable[[float], float] | None,
 ) -> None:
     """Raise InputError if the table at ``path`` has a ``load`` of side forces or pressures, and
-    nothing converts these to contact forces: the function ``frame`` or ``pressed`` is None.
+    the function that converts these to contact forces is None.
     """
-    if load == "side_force" and frame is None:
+    if load == "side_force" and force_of_side_force is None:
         why = "The contact forces depend on the number of balls on a side too"
         mend = "Give the scene's load as side_force and balls_per_side"
         raise InputError(f"{path} gives side forces", why, mend)
-    if load == "pressure" and pressed is None:
+    if load == "pressure" and force_of_pressure is None:
         why = "The contact forces depend on the packing too"
         mend = "Give pressed, a function that returns the contact forces"
         raise InputError(f"{path} gives pressures", why, mend)

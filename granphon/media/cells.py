@@ -39,10 +39,16 @@ class CrystalCell(Lattice):
     @classmethod
     def of(cls, crystal: Crystal, diameter: float) -> CrystalCell:
         """Return the cell of a crystal, whose contacts are in m, for a mean ``diameter``, m."""
-        reach = float(np.linalg.norm(crystal.contacts.vector, axis=1).max(initial=0.0)) / diameter
+        lengths = np.linalg.norm(crystal.contacts.vector, axis=1)
+        longest_contact = float(lengths.max(initial=0.0)) / diameter
         vectors, sites = _fill_cell(crystal.cell, crystal.positions, crystal.radii, diameter)
-        pressed_axes = max(1, crystal.periods + len(crystal.faces))
-        cell = cls(crystal.name, vectors, sites, reach, pressed_axes)
+        cell = cls(
+            name=crystal.name,
+            cell=vectors,
+            sites=sites,
+            reach=longest_contact,
+            pressed_axes=max(1, crystal.periods + len(crystal.faces)),
+        )
         # the cached property of Lattice, which would search for contacts of equal balls; lengths of
         # this table are in m
         cell.__dict__["contacts"] = crystal.contacts
@@ -54,14 +60,20 @@ class CrystalCell(Lattice):
         d = network.dimension
         moving = network.moving
         distances = network.distance[np.isfinite(network.distance)]
-        reach = float(distances.max(initial=0.0)) / diameter
+        longest_contact = float(distances.max(initial=0.0)) / diameter
         vectors, sites = _fill_cell(
             network.cell[np.flatnonzero(network.pbc), :d],
             network.positions[moving, :d],
             network.radii[moving],
             diameter,
         )
-        return cls("packing", vectors, sites, reach, max(1, sum(network.pbc)))
+        return cls(
+            name="packing",
+            cell=vectors,
+            sites=sites,
+            reach=longest_contact,
+            pressed_axes=max(1, sum(network.pbc)),  # 1 of a cluster, which has no periods
+        )
 
 
 def _fill_cell(

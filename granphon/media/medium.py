@@ -157,21 +157,23 @@ class Medium(ABC, Generic[StateT]):
     def follow(
         self, load: Load, changes: Sequence[Change], finite_overlap: bool | None = None
     ) -> tuple[Any, list[Course[Any]]]:
-        """Return the state at a single load, and how it follows each of the ``changes``.
+        """Return the state at a single load, and its course along each of the ``changes``.
 
-        A medium that knows the derivative of its states overrides this: here states are found anew
-        at each step, as where they depend on the way to the load.
+        A change maps a relative step of a parameter to the changed medium and load, and its course
+        maps the step to their state. Here each state is computed from scratch, which also holds
+        where states depend on the path to the load; a medium that knows the derivative of its
+        states overrides this.
         """
         state = self.at(load, finite_overlap=finite_overlap)
 
         def find_anew(change: Change) -> Course[Any]:
             """Return the course along a ``change`` whose states are computed anew at each step."""
 
-            def find(step: float) -> Any:
+            def find_state(step: float) -> Any:
                 medium, changed_load = change(step)
                 return medium.at(changed_load, finite_overlap=finite_overlap)
 
-            return Course(find, _STEP_ANEW)
+            return Course(find_state, _STEP_ANEW)
 
         return state, [find_anew(change) for change in changes]
 

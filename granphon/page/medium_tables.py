@@ -163,12 +163,14 @@ _SIMULATION_NOTE = (
 
 
 def _find_least_root(packing: Packing, choice: MediumChoice) -> float:
-    """Return the least eta^1/2 of the table: zero, unless the lattice is a mechanism there."""
+    """Return the least eta^1/2 of the table: zero, or ``_LEAST_FRICTION**0.5`` where the lattice
+    is a mechanism without friction. Raises what the medium refuses at any eta.
+    """
     try:
         _find_xi(packing, choice, 0.0)
     except MechanismError:
         least_root = _LEAST_FRICTION**0.5
-        _find_xi(packing, choice, least_root**2)  # raises what the medium refuses at any eta
+        _find_xi(packing, choice, least_root**2)
         return float(least_root)
     return 0.0
 

@@ -352,13 +352,16 @@ class _Limits(NamedTuple):
 
     @classmethod
     def of(cls, packing: Packing, forces: Sequence[float], torsion: float) -> _Limits:
-        """Return the ends for a packing under the ``forces`` of a contact, N, of the scene, the
-        first of which has a ``torsion`` over k d^2.
+        """Return the ends for a packing.
+
+        ``forces`` are the contact forces, N, at loads of the scene; ``torsion``, over k d^2, is
+        that of a contact at the first.
         """
         law = packing.law
-        # the force of the largest overlap, and the width at which the first load is as small as the
-        # reduced force may be; both at least as large as in the scene
+        # the slider of the force ends at the largest overlap, but not below the scene's own forces
         largest_force = max(float(law.force(_MOST_OVERLAP * packing.diameter)), max(forces))
+        # the slider of the width ends where f* of the first load falls to _LEAST_REDUCED, but not
+        # below a multiple of the packing's width, nor above a part of the diameter
         width_at_first_load = float(law.overlap(forces[0] / _LEAST_REDUCED))
         largest_width = max(width_at_first_load, _WIDENING * packing.width)
         return cls(

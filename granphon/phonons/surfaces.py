@@ -417,7 +417,7 @@ class Surface:
         ``below`` lowest ones.
 
         At a free edge it is the phase of the deformations of contacts, else of the motions of
-        balls. Where symmetry leaves but 0 and pi, pi means a wave of the edge in the gap above the
+        balls. Where symmetry leaves only 0 and pi, pi means a wave of the edge in the gap above the
         ``below`` lowest branches.
 
         Raises :class:`~granphon.base.errors.InputError` where the gap closes, and at a free edge

@@ -887,10 +887,13 @@ def average_waves(
     """
     observables = dict[str, Array]()
     notes = list[str]()
-    averages: list[tuple[Callable[..., Any], Any]] = [
-        (SAMPLE_RECORDS[name][1], settings) for name in settings.names
-    ]
-    averages += [(RECORDS[block.block][1], block) for block in settings.of_networks]
+    averages = list[tuple[Callable[..., Any], Any]]()
+    for name in settings.names:
+        _record, average = SAMPLE_RECORDS[name]
+        averages.append((average, settings))
+    for block in settings.of_networks:
+        _record, average = RECORDS[block.block]
+        averages.append((average, block))
     for average, settings_of_average in averages:
         means, notes_on_means = average(records, settings_of_average)
         observables |= means

@@ -823,8 +823,8 @@ def tradeoff(
         :class:`~granphon.tradeoffs.measure.Stopwatch` to count work instead of seconds.
     executor : does the study, a task that measures time where it runs. Times are meaningful on a
         machine that does nothing else.
-    store : where the finished study is kept. One that it holds of the same trade-off is used; the
-        caller clears it.
+    store : where the finished study is kept; a finished study of the same trade-off found there
+        is returned. The caller clears the store.
 
     Returns
     -------

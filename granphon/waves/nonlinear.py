@@ -210,9 +210,11 @@ class NonlinearWaves:
             raise InputError(
                 "static forces act sideways in this network", why, 'Give geometry="exact"'
             )
-        self.normal = self._find_laws(
+        self._laws = self._find_laws(
             law, state if isinstance(state, CrystalState) else None, isinstance(x, Crystal)
         )
+        self.normal = self._laws.normal
+        self.punch = self._laws.punch
         mu = real_number(friction_coefficient)
         self.mu = (
             mu if mu == math.inf else not_negative("friction_coefficient", friction_coefficient)
@@ -240,18 +242,8 @@ class NonlinearWaves:
         """(n_c,) overlaps at rest, m."""
         return self.normal.overlap
 
-    def _find_laws(self, law: Any, state: CrystalState | None, unloaded: bool) -> Powers | PairLaws:
-        """Return the laws of the contacts of the network; InputError if they are not known.
-
-        Keeps ``_known``, these laws, as :class:`ContactLaws` but where one exponent is given for
-        all; ``punch``, the stiffnesses 2E*a of contacts at rest, those of normal motion where laws
-        know no radii; and ``_find``, which returns the law of balls of two kinds that meet,
-        kappa/2E*a, and E*, or raises InputError if it is not known. Of one exponent ``_find``
-        returns the coefficient over the root of the radius in place of the law, and 1 for E*.
-        """
-        self._known: Powers | ContactLaws
-        self._find: Callable[..., tuple[Any, Any, Any]]
-        self.punch = self.network.normal_stiffness
+    def _find_laws(self, law: Any, state: CrystalState | None, unloaded: bool) -> _Laws:
+        """Return the laws of the contacts of the network; InputError if they are not known."""
         crystal = state.crystal if state is not None and law is None else law
         if isinstance(crystal, Crystal) and not (unloaded and law is not None):
             return self._take_crystal(crystal, unloaded)
@@ -264,9 +256,9 @@ class NonlinearWaves:
             return self._take_power(law)
         return self._take_law(law)
 
-    def _take_crystal(self, crystal: Crystal, unloaded: bool) -> Powers | PairLaws:
-        """Return the laws of the pairs of a crystal, at rest without forces if ``unloaded``, and
-        keep what :meth:`_find_laws` keeps; InputError for balls of other kinds.
+    def _take_crystal(self, crystal: Crystal, unloaded: bool) -> _Laws:
+        """Return the laws of the pairs of a crystal, at rest without forces if ``unloaded``;
+        InputError for balls of other kinds.
         """
         network = self.network
         force = network.normal_force
@@ -282,44 +274,44 @@ class NonlinearWaves:
             raise InputError(
                 "the balls of the network are not of the kinds of the crystal", mend="Give a law"
             )
-        self._find = lambda name, other: model.law_of(kinds[name], kinds[other])
+
+        def find_pair(name: str, other: str) -> tuple[Any, Any, Any]:
+            return model.law_of(kinds[name], kinds[other])
+
         groups = list[tuple[Any, Index]]()
         modulus = np.ones(force.size)
         for pair, contacts in self._group(network.i, network.j).items():
-            law, _, modulus[contacts] = self._find(*pair)
+            law, _, modulus[contacts] = find_pair(*pair)
             groups.append((law, contacts))
         laws = ContactLaws(groups, force.size, modulus)
-        self._known = laws
-        self._keep_punch(laws)
-        return _take_laws(laws, laws.overlap(np.zeros_like(force) if unloaded else force))
+        overlap = laws.overlap(np.zeros_like(force) if unloaded else force)
+        return _Laws(_take_laws(laws, overlap), laws, self._find_punch(laws), find_pair)
 
-    def _take_law(self, law: Any) -> Powers | PairLaws:
-        """Return one ``law`` of all contacts, and keep what :meth:`_find_laws` keeps."""
+    def _take_law(self, law: Any) -> _Laws:
+        """Return the laws of contacts that all have one ``law``."""
         network = self.network
         force = network.normal_force
         pairs = self._group(network.i, network.j)
         pair_law = law_between(law, RIGID_PLANE, RIGID_PLANE)
         overlap = np.asarray(pair_law.overlap(force), float)
-        # of balls that are not known, a modulus with which punches are as stiff at rest as contacts
+        # E* of the balls is not known: that is taken with which 2 E* a, a being the radius of
+        # contact, is the normal stiffness at rest; with E* = 1/2, 2 E* a is a itself
         radius = punch_stiffness(pair_law, overlap, 0.5)
         finite_radius = np.where(radius > 0.0, radius, np.inf)
         modulus = 0.5 * np.asarray(pair_law.stiffness(overlap)) / finite_radius
         laws = ContactLaws([(pair_law, np.arange(force.size))], force.size, modulus)
-        self._known = laws
-        self._keep_punch(laws)
-        eta = network.shear_stiffness / self.punch
+        punch = self._find_punch(laws)
+        eta = network.shear_stiffness / punch
 
         def find_alike(*pair: str) -> tuple[Any, Any, Any]:
             alike = pairs.get(pair, slice(None))
             return pair_law, np.mean(eta[alike]), np.mean(modulus[alike])
 
-        self._find = find_alike
-        return _take_laws(laws, overlap)
+        return _Laws(_take_laws(laws, overlap), laws, punch, find_alike)
 
-    def _take_power(self, law: Any) -> Powers:
+    def _take_power(self, law: Any) -> _Laws:
         """Return powers of the overlap with the exponent of a ``law``, whose coefficients follow
-        from forces and stiffnesses at rest; keep what :meth:`_find_laws` keeps, and the radii of
-        balls for coefficients, ``_sizes``. InputError for contacts without force.
+        from forces and stiffnesses at rest; InputError for contacts without force.
         """
         network = self.network
         force = network.normal_force
@@ -335,11 +327,10 @@ class NonlinearWaves:
         exponent = law.exponent if isinstance(law, PowerLaw) else hertz.EXPONENT
         overlap = exponent * force / stiffness
         powers = Powers(exponent, force / overlap**exponent, overlap)
-        self._known = powers
         # Hertz's coefficients go with the root of the radius of contacts, and a power has one
         # whatever the balls
-        self._sizes = np.ones_like(network.radii) if isinstance(law, PowerLaw) else network.radii
-        per_root = powers.coefficient / _root_radius(self._sizes, network.i, network.j)
+        sizes = np.ones_like(network.radii) if isinstance(law, PowerLaw) else network.radii
+        per_root = powers.coefficient / _root_radius(sizes, network.i, network.j)
 
         def find_alike(*pair: str) -> tuple[Any, Any, Any]:
             """Return the coefficient over the root of the radius, kappa/2E*a, and 1 in place of E*,
@@ -352,15 +343,16 @@ class NonlinearWaves:
                 )
             return np.mean(per_root[alike]), np.mean(eta[alike]), 1.0
 
-        self._find = find_alike
-        return powers
+        return _Laws(powers, powers, stiffness, find_alike, sizes)
 
-    def _keep_punch(self, laws: ContactLaws) -> None:
-        """Keep the stiffnesses 2 E* a of the contacts under their forces at rest; those of normal
-        motion stay where the ``laws`` know no radii.
+    def _find_punch(self, laws: ContactLaws) -> Array:
+        """Return the stiffnesses 2 E* a (n_c,), N/m, of the contacts under their forces at rest;
+        those of normal motion where the ``laws`` know no radii.
         """
+        network = self.network
         if laws.know_radii:
-            self.punch = laws.punch(laws.overlap(self.network.normal_force))
+            return laws.punch(laws.overlap(network.normal_force))
+        return network.normal_stiffness
 
     def _join_laws(
         self, i: Index, j: Index
@@ -371,7 +363,7 @@ class NonlinearWaves:
         Pairs without a law do not push: the numbers of their contacts come with what is wrong once
         they meet.
         """
-        laws = self._known
+        laws = self._laws.known
         n = self.network.n_contacts
         groups = []
         unknown = list[tuple[Index, str]]()
@@ -380,7 +372,7 @@ class NonlinearWaves:
         modulus = np.ones(len(i))
         for pair, members in self._group(i, j).items():
             try:
-                law, ratio[members], modulus[members] = self._find(*pair)
+                law, ratio[members], modulus[members] = self._laws.find(*pair)
                 groups.append((law, n + members))
             except InputError as error:
                 unknown.append((n + members, str(error).rstrip(".")))
@@ -391,7 +383,7 @@ class NonlinearWaves:
             return _take_laws(joint_laws, overlap, len(i)), ratio, unknown
         coefficient = np.append(laws.coefficient, np.zeros(len(i)))
         for per_root, members in groups:
-            pair_roots = _root_radius(self._sizes, i[members - n], j[members - n])
+            pair_roots = _root_radius(self._laws.sizes, i[members - n], j[members - n])
             coefficient[members] = per_root * pair_roots
         return Powers(laws.exponent, coefficient, overlap), ratio, unknown
 
@@ -674,6 +666,30 @@ _CTRL_C = "Ctrl-C"
 _TOO_LONG = "the step is too long for contacts that have become stiffer"
 _UNSOLVED = "an implicit step has no solution: scheme: verlet makes it"
 _RATTLED = "a contact whose force jumps opens and closes many times in a step"
+
+
+class _Laws(NamedTuple):
+    """Normal laws of the contacts of a network, and of balls that meet.
+
+    Attributes
+    ----------
+    normal : of the contacts, as steps take them.
+    known : the same laws by their groups; powers where one exponent is given for all contacts.
+    punch : (n_c,) stiffnesses 2 E* a of the contacts at rest, N/m; those of normal motion where
+        laws know no radii.
+    find : function of the names of two kinds of balls, which returns the law of such balls that
+        meet, kappa/2E*a and E*, or raises InputError if the law is not known. Where one exponent is
+        given for all contacts, the coefficient over the root of the radius takes the place of the
+        law, and 1 that of E*.
+    sizes : (n,) what takes the place of the radii of balls in coefficients, where one exponent is
+        given for all contacts; else empty.
+    """
+
+    normal: Powers | PairLaws
+    known: Powers | ContactLaws
+    punch: Array
+    find: Callable[..., tuple[Any, Any, Any]]
+    sizes: Array = _NOTHING
 
 
 def _take_laws(springs: ContactLaws, overlap: Array, apart: int = 0) -> Powers | PairLaws:
@@ -1155,13 +1171,13 @@ class _System:
 
     def _advance(self, end: float, explicit: bool) -> None:
         """Make a step that ends at the time ``end``, s, in parts where contacts join or part within
-        it; :class:`_Stop` where one does so too often, and as :meth:`_try` raises it.
+        it; :class:`_Stop` where one does so too often, and as :meth:`_try_step` raises it.
         """
         remaining = self.step
         has_jumps = len(self.contacts.law.jumps) > 0
         often: Index = np.zeros(len(self.at.e) if has_jumps else 0, np.intp)
         while remaining > 0.0:
-            trial = self._try(remaining, end, explicit)
+            trial = self._try_step(remaining, end, explicit)
             if has_jumps and self._find_overshoot(trial.after) > 0.0:
                 trial = self._cut(trial, end, explicit)
             speeds = (trial.strokes - self.strokes) / trial.step
@@ -1209,7 +1225,8 @@ class _System:
         while high - low > near:
             middle = low - low_overshoot * (high - low) / (high_overshoot - low_overshoot)
             middle = min(max(middle, low + 0.5 * near), high - 0.5 * near)
-            passed = self._find_overshoot(self._try(middle, start + middle, explicit).after)
+            trial_to_middle = self._try_step(middle, start + middle, explicit)
+            passed = self._find_overshoot(trial_to_middle.after)
             if passed > 0.0:
                 high = middle
                 high_overshoot = passed
@@ -1222,25 +1239,28 @@ class _System:
                 side = -1
         # tried again, as the arrays are those of the last trial
         return (
-            self._try(whole, end, explicit)
+            self._try_step(whole, end, explicit)
             if whole - high < near
-            else self._try(high, start + high, explicit)
+            else self._try_step(high, start + high, explicit)
         )
 
-    def _try(self, step: float, end: float, explicit: bool) -> _Trial:
-        """Return where a ``step``, s, that ends at the time ``end``, s, would come to, in spare
-        arrays; :class:`_Stop` for an implicit step without a solution, and where a drive is no
-        finite number.
+    def _try_step(self, step: float, end: float, explicit: bool) -> _Trial:
+        """Return the trial of a ``step``, s, that ends at the time ``end``, s: by Verlet's scheme
+        if ``explicit``, else by the implicit one.
+
+        The next trial overwrites its arrays. Raises :class:`_Stop` if the implicit step has no
+        solution, or a drive is no finite number at ``end``.
         """
         strokes, lifts = self._evaluate_drives(end)
         if not explicit:
             return self._solve(step, strokes, lifts)
-        moment = self._go(step, strokes, self.acceleration)
+        moment = self._drift(step, strokes, self.acceleration)
         return _Trial(step, strokes, lifts, self._spare_x, self._spare_v, moment)
 
-    def _go(self, step: float, strokes: Array, acceleration: Array) -> Moment:
-        """Return contacts after a ``step``, s, with an ``acceleration`` (size,), in spare arrays:
-        the motions of balls, and elongations unless the loops know the law.
+    def _drift(self, step: float, strokes: Array, acceleration: Array) -> Moment:
+        """Move balls through a ``step``, s, with a constant ``acceleration`` (size,), and bodies
+        to ``strokes``, in spare arrays. Return the contacts there: the motions of balls, and
+        elongations unless the loops know the law.
         """
         moment = self._spare
         drift(self.x, self.v, acceleration, step, self._spare_x, self._spare_v)
@@ -1288,7 +1308,7 @@ class _System:
         guess = 2.0 * self.acceleration - self.last
         change = math.inf
         for _ in range(_ITERATIONS):
-            moment = self._go(step, strokes, guess)
+            moment = self._drift(step, strokes, guess)
             contacts.press(moment, self.joined)
             spent, damped = contacts.follow_mean(self.at, moment, self.joined, step)
             acceleration = self._accelerate(contacts.on_balls, steady)
@@ -1384,9 +1404,11 @@ class _System:
         )
 
     def _find_drive_speeds(self, number: int) -> Array:
-        """Return the speeds, m/s, of displacements after this ``number`` of steps: differences over
-        two steps, or over one at the start, and where a drive is no finite number a step later, as
-        it may be after the end of the run.
+        """Return the speeds, m/s, of driven bodies after this ``number`` of steps: central
+        differences over two steps.
+
+        Differences are one-sided at the start, and where a drive is no finite number one step
+        later: it may end with the run.
         """
         time = number * self.step
         start, _ = self._evaluate_drives(max(time - self.step, 0.0))
@@ -1394,7 +1416,7 @@ class _System:
         try:
             end, _ = self._evaluate_drives(time + self.step)
         except _Stop:
-            end = self.strokes
+            end = self.strokes  # those now
             n_steps = 1
         return (end - start) / (n_steps * self.step)
 

@@ -420,7 +420,10 @@ def find_lines(kernel: Kernel, values: Array) -> tuple[Array, Array]:
 
     Between points, which are even in theta, the logarithm is a parabola at the peak and a straight
     line on the flanks: both are right for a Gaussian, as the kernel is one. The spectrum goes on
-    evenly below zero.
+    evenly below zero. If a line falls to half its height on one side only, the width is twice the
+    half width of this side.
+
+    Raises :class:`~granphon.base.errors.InputError` if a line does so on neither side.
     """
     peaks = np.empty(len(values))
     widths = np.empty(len(values))
@@ -448,6 +451,10 @@ def _find_line(kernel: Kernel, spectrum: Array) -> tuple[float, float]:
             share = (flank[k - 1] - half_height) / (flank[k - 1] - flank[k])
             crossing = highest + sign * float(k - 1 + share)
             half_widths.append(abs(kernel.top * math.sin(step * crossing) - peak))
+    if not half_widths:
+        fault = f"the highest line, at {peak:.6g} Hz, falls to half its height on neither side"
+        why = f"So it has no width at a resolution of {kernel.resolution:.4g} Hz"
+        raise InputError(fault, why, "Give a finer resolution, or more moments")
     has_two_flanks = len(half_widths) == 2
     width = sum(half_widths) if has_two_flanks else 2.0 * half_widths[0]
     return peak, width
@@ -582,6 +589,9 @@ class SpectralFunction(Refinable):
         The kernel's part is taken off as from a Lorentz curve that the kernel has broadened; a line
         that is not wider than the kernel has the width zero. See :attr:`resolved`. If the line
         falls to half its height on one side only, the width is twice the half width of this side.
+
+        Raises :class:`~granphon.base.errors.InputError`, as :attr:`peak` does, if it does so on
+        neither side: the resolution is too coarse.
         """
         return find_true_width(self._lines[1], self._kernel_width)
 

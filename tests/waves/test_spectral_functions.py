@@ -628,6 +628,13 @@ def test_width_of_a_line_is_found_without_that_of_the_kernel(width, accuracy):
     assert find_true_width(seen, own)[0] == pytest.approx(width, rel=accuracy)
 
 
+def test_a_line_as_broad_as_all_frequencies_is_refused():
+    """The kernel of four moments alone makes it so broad: the spectrum is a line of no width."""
+    kernel = Kernel(30e3, 4)
+    with pytest.raises(InputError, match="half its height"):
+        find_lines(kernel, kernel.line([0.565 * kernel.top]))
+
+
 def of_lines(peaks, widths, moments=300):
     """A spectral function with Lorentz curves, at wave vectors on a straight band."""
     kernel = Kernel(30e3, moments)
