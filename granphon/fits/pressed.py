@@ -57,11 +57,6 @@ class PressedCrystal:
         balls: Any = given_balls(x)
         return cls(balls.crystal, read_load(load).flat[0], finite_overlap)
 
-    @property
-    def has_springs(self) -> bool:
-        """Whether springs to the ground hold balls of the crystal."""
-        return self.crystal.on_site is not None
-
     @cached_property
     def walls(self) -> dict[str, Wall]:
         """The walls at the faces of the crystal, by name."""
