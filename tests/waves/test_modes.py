@@ -533,7 +533,7 @@ def test_filters_find_what_factors_do_in_space(target, limits):
     exact = waves.modes(6, target)
     limits("filtered")
     modes = waves.modes(6, target)
-    # products have the rounding of the top frequency squared, 1e4 times that of the lowest mode
+    # a residual of 1e-8 of the top frequency squared is 1e-4 of the lowest one: its square is left
     rtol = 1e-10 if target else 1e-9
     np.testing.assert_allclose(modes.frequencies, exact.frequencies, rtol=rtol)
     np.testing.assert_allclose(modes.participation_ratio, exact.participation_ratio, rtol=1e-4)
