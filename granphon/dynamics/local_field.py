@@ -326,7 +326,7 @@ def _list_kinds(medium: ContactLattice) -> list[list[tuple[Array, Array]]]:
     n_kinds = 3 if is_triangular else 1
     kinds: list[list[tuple[Array, Array]]] = [[] for _ in range(n_kinds)]
     for ball, centre in enumerate(medium.positions):
-        # vectors to the neighbours
+        # vectors to the neighbours of the ball
         spokes = np.concatenate([table.vector[table.i == ball], -table.vector[table.j == ball]])
         offsets = [0.5 * spokes]
         if is_triangular:

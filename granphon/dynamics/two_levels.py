@@ -95,7 +95,7 @@ def _find_boxes(frame: BallFrame) -> _Boxes:
     places[:, :p] += cells
     lengths = np.linalg.norm(axes, axis=1)
     lows = np.where(np.arange(3) < p, 0.0, places.min(axis=0))
-    # a layer of balls is as thick as a ball
+    # across the periods the balls fill the distance of the outermost centres and a diameter more
     extents = np.where(np.arange(3) < p, 1.0, np.ptp(places, axis=0) + 2.0 * frame.radius)
     dimension = int(np.count_nonzero(extents * lengths > 3.0 * frame.radius))
     balls_per_box = max(_BALLS_PER_BOX, n / _MOST_BOXES[max(dimension, 1)])
@@ -140,12 +140,15 @@ def compose_boxes(frame: BallFrame, q: Array | None = None) -> Any:
     n = len(boxes.box)
     chosen = [*motions.translations, *(3 + axis for axis in motions.rotations)]
     roots = np.sqrt(frame.masses)[:, None]
+    # motions of each ball, u and w, in the six motions of its box as a rigid body; rotations of a
+    # box are about its middle, and multiplied by its side
     effects = np.zeros((n, 6, 6))  # ball, its motion, motion of the box
     for axis, along in enumerate(np.eye(3)):
         effects[:, axis, axis] = roots[:, 0]
         effects[:, :3, 3 + axis] = roots * np.cross(along, boxes.vector) / boxes.side
         effects[:, 3 + axis, 3 + axis] = roots[:, 0] * frame.gyration / boxes.side
     effects = effects[:, chosen]
+    # combinations of the six that are independent are made orthonormal, box by box
     products = np.zeros((boxes.total, 6, 6))
     np.add.at(products, boxes.box, np.einsum("nki,nkj->nij", effects, effects))
     sizes, vectors = np.linalg.eigh(products)
