@@ -1,9 +1,9 @@
 """The contact law of the effective medium: equation (36) of Velicky and Caroli (2002), solved once
 for each shape of the distribution of diameters and each local-field factor Xi.
 
-F^Q and K^Q are the mean force and stiffness of the contacts of a ball of diameter Q, f and k those
-of all contacts, and y is the mean overlap; all are in reduced units. The neighbours of a ball are
-its corona. Their mean displacement vanishes, <(F^Q - f)/(K^Q + Xi k)> = 0. That is so if f = G(y,
+F^Q and K^Q are the mean force and stiffness of the contacts of a ball Q, f and k those of all
+contacts, and y is the mean overlap; all are in reduced units. The neighbours of a ball are its
+corona. Their mean displacement vanishes, <(F^Q - f)/(K^Q + Xi k)> = 0. That is so if f = G(y,
 k), the mean of F^Q with the weights 1/(K^Q + Xi k). As k = df/dy, it is a differential equation for
 k, k = dG(y, k(y))/dy. The equation is stiff: errors in k decay towards low pressure, at the rate
 1/(dG/dk), and grow without bound towards high pressure. So it is solved downwards, from the
@@ -191,8 +191,10 @@ class EffectiveLaw(SpreadLaw):
         return derivatives
 
     def _find_near_overlap(self, force: Array) -> Array:
-        """Return y for reduced forces f* below that at the start of the series; PrecisionError
-        below the start of the curve.
+        """Return the reduced overlap y at each reduced force f*, ``force`` (any shape), below that
+        at the start of the series.
+
+        Raises :class:`~granphon.base.errors.PrecisionError` below the start of the curve.
         """
         curve = self.curve
         if np.any(force < curve.least_force):
@@ -313,6 +315,7 @@ class EffectiveCurve:
         """
 
         def evaluate(index: Index, overlap: Array) -> Array:
+            """Return the derivatives (m,) at ``overlap`` (m,) on the steps ``index``."""
             return self._evaluate(index, np.sqrt(overlap - self.steps[0, index]), order)
 
         inner_edges, _ = self._edges
@@ -324,7 +327,6 @@ class EffectiveCurve:
         """Return the reduced overlap y at each reduced ``force`` (any shape), between the forces
         at the ends of the curve, by Newton's method.
         """
-
         rounding = 4.0 * np.finfo(float).eps
         _, (lower_force, upper_force) = self._edges
         # the force rises by at least its rounding on a step, so that no division is by zero
@@ -528,8 +530,8 @@ class DensityBalls:
         self.noise = np.minimum(_ROUNDING * amplification[:, 0], _WORST_NOISE)
 
     def balance(self, k: Array) -> tuple[Array, Array, Array]:
-        """Return G(y, k) less ``base_force``, and dG/dk, (B, s + 1), for ``k`` (B, s + 1); and G
-        at the lower ends (B,); all reduced.
+        """Return, for ``k`` (B, s + 1) at the points, G(y, k) less ``base_force`` (B, s + 1), dG/dk
+        (B, s + 1), and G at the lower ends of the steps (B,).
         """
         compliance = 1.0 / (self.stiffness + self.xi * k[..., None])
         weights = self.weights * compliance
@@ -960,8 +962,11 @@ def _sort_by_overlap(y: Array, ratio: Array) -> tuple[Array, Array]:
 
 
 def _divide_range(ends: list[float], longest: float) -> list[Step]:
-    """Return the initial steps between the reduced overlaps ``ends``, the openings and the start of
-    the series, in ascending order; no step is longer than ``longest`` in the square root u.
+    """Return the initial steps, in ascending order, between the reduced overlaps ``ends``, which
+    are the openings and the start of the series.
+
+    The lowest step above an opening is halved while the next opening below is near
+    (:data:`_NEAR`). No step is longer than ``longest`` in the square root u.
     """
     steps: list[Step] = []
     next_below = -np.inf
