@@ -268,6 +268,7 @@ class Block:
         point = self._compute(q)
         frequencies, modes = self._decompose(point)
         slopes = _Slopes(self, point, frequencies)
+        # (n_q, n - 1) whether a branch has the frequency of the next
         joined = frequencies[:, 1:] - frequencies[:, :-1] <= DEGENERATE * frequencies[:, 1:]
         if np.any(joined):
             if np.any(frequencies[:, 0] == 0.0):
@@ -280,6 +281,7 @@ class Block:
         if not frequencies.all():
             n_zeros = np.count_nonzero(frequencies == 0.0, axis=1)
             for number in np.flatnonzero(n_zeros > self.free).tolist():
+                # `_leave_zero` changes the modes and velocities, of which these are views
                 at_number = (frequencies[number], modes[number], velocities[number], along[number])
                 self._leave_zero(point, number, *at_number)
         return frequencies, self._turn_back(point, modes), velocities
@@ -648,6 +650,7 @@ class _Slopes:
     """
 
     def __init__(self, block: Block, point: _Point, frequencies: Array) -> None:
+        """Compute the derivatives of the rows at the wave vectors of the ``point``."""
         self.block = block
         self.point = point
         self.frequencies = frequencies

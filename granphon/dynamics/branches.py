@@ -152,7 +152,7 @@ def _find_nearest(
     frequencies = modes.frequencies[points, nearest]
     velocities = modes.group_velocities[points, nearest]
     if lattice.periods == 3:
-        # in the plane and on a line no axis of symmetry makes acoustic branches coincide
+        # only in space can acoustic branches coincide along an axis of symmetry
         directions = np.broadcast_to(along, (len(wavenumbers), 3))
         slopes = np.einsum("qbp,qp->qb", modes.group_velocities, directions)
         difference = np.abs(modes.frequencies - frequencies[:, None])

@@ -151,6 +151,9 @@ class Compatibility:
         on_site: Array | None = None,
         name: str = "of these contacts",
     ) -> None:
+        """Check the arguments, and keep them as read-only arrays, one number for each contact or
+        ball.
+        """
         self.name = name
         self.on_site = on_site
         self.cell: Array = read_only(real_array("cell", cell))

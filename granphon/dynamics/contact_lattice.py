@@ -453,18 +453,26 @@ class ContactLattice(LongWaves):
         # modes of one frequency are a group; all modes of the groups of the branches are needed
         groups = number_equal(frequencies)
         chosen = np.take_along_axis(groups, branches, axis=1)
-        is_needed = [np.isin(*pair) for pair in zip(groups, chosen, strict=True)]
+        is_needed = [
+            np.isin(groups_at_q, chosen_at_q)
+            for groups_at_q, chosen_at_q in zip(groups, chosen, strict=True)
+        ]
         columns = np.flatnonzero(np.any(is_needed, axis=0))
         kept = vectors[:, :, columns]
         squares = self._square_deformations(q, kept)
-        of_balls = kept.reshape(len(q), self.n_balls, self.motions.count, -1)
-        motions = np.abs(turn @ of_balls) ** 2
+        by_ball = kept.reshape(len(q), self.n_balls, self.motions.count, -1)
+        motions = np.abs(turn @ by_ball) ** 2
 
         # number of modes in the group of each branch
-        sizes = [np.bincount(numbers)[of_q] for numbers, of_q in zip(groups, chosen, strict=True)]
+        sizes = [
+            np.bincount(groups_at_q)[chosen_at_q]
+            for groups_at_q, chosen_at_q in zip(groups, chosen, strict=True)
+        ]
         is_degenerate = np.reshape(sizes, chosen.shape) > 1
-        places = np.searchsorted(columns, branches)
-        are_in_order = places.shape[1] == len(columns) and np.all(places == np.arange(len(columns)))
+        column_of_branch = np.searchsorted(columns, branches)
+        are_in_order = column_of_branch.shape[1] == len(columns) and np.all(
+            column_of_branch == np.arange(len(columns))
+        )
 
         def average(values: Array) -> Array:
             """Return (n_q, b, ...), for each branch the mean over its group of ``values``
@@ -492,13 +500,16 @@ class ContactLattice(LongWaves):
         columns, at a few wave vectors q (n_q, p), 1/d.
         """
         is_limit = np.all(q == 0.0, axis=1) | _is_faint(q)
-        if self._large is not None and not np.any(is_limit):  # one wave vector
+        if self._large is not None and not np.any(is_limit):
+            # large cells are solved at one wave vector at a time, the equivalent one near Gamma
             folded, copies = self._fold(q)
             modes = self._large.solve_modes(folded[0])
             if modes is not None:
+                frequencies, vectors = modes
+                # the phase of a displacement is that of the wave vector that was asked for
                 phase = np.exp(-1j * (copies @ self.positions[:, : self.periods].T))
-                turned = np.repeat(phase[0], self.motions.count)[:, None] * modes[1]
-                return modes[0][None], turned[None]
+                in_phase = np.repeat(phase[0], self.motions.count)[:, None] * vectors
+                return frequencies[None], in_phase[None]
         # any basis of the modes of one frequency will do, and so any path
         along = np.broadcast_to(np.eye(self.periods)[0], q.shape)
         _, frequencies, vectors, *_ = self._find_modes(q, along)
@@ -517,7 +528,8 @@ class ContactLattice(LongWaves):
             flat_squares = self._square_by_blocks(q[0], head, tail, vectors[0])
             sums_by_kind = sum_kinds(rows, flat_squares)
             return {name: sums[None, : self.n_between] for name, sums in sums_by_kind.items()}
-        # all wave vectors by one product: those of the motions are columns beside the modes
+        # one product for all wave vectors: the columns of `flat` are the modes at all of them. The
+        # deformation of a contact is head.x_j - exp(-2i h) tail.x_i, but for a phase
         half_angle = 0.5 * q @ self.contacts.vector[:, : self.periods].T
         phase = np.exp(1j * half_angle).T[None, :, :, None]  # kinds, n_c, n_q, m
         motions = np.moveaxis(vectors, 1, 0)

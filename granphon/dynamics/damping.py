@@ -194,12 +194,12 @@ class Losses:
         return normal, other
 
     def find_even(self) -> tuple[float, float, float] | None:
-        """Return the numbers eta, tau, s, and gamma, 1/s, of even losses, with which all motions
-        follow from those without losses; None if they do not.
+        """Return the numbers eta, tau, s, and gamma, 1/s, of even losses; None if losses are not
+        even. All motions with even losses follow from those without.
 
-        They do if eta and tau are the same in all deformations that contacts resist, and gamma in
-        all motions. If contacts lose energy, there must also be no static forces and no springs to
-        the ground, which lose none.
+        Losses are even if eta and tau are the same in all deformations that contacts resist, and
+        gamma in all motions. If contacts lose energy, there must also be no static forces and no
+        springs to the ground, which lose none.
         """
         if self.is_none:
             return 0.0, 0.0, 0.0
@@ -222,7 +222,7 @@ class Losses:
 
 def find_tsuji(restitution: ArrayLike) -> Array:
     """Return alpha (...) of the dashpot of Tsuji with which a collision of balls with Hertz's law
-    has the ``restitution`` (...) at any velocity: alpha(e) of the head of this module.
+    has the ``restitution`` e (...) at any velocity: (10/3)^(1/2) ln(1/e)/(pi^2 + ln(e)^2)^(1/2).
     """
     logarithm = -np.log(restitution)
     return np.asarray(SMALL_LOSS * np.pi * logarithm / np.hypot(np.pi, logarithm))

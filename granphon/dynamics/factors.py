@@ -45,6 +45,7 @@ class Elimination:
     """
 
     def __init__(self, matrix: Any, approximate: bool = False) -> None:
+        """Find the order of elimination by rslab, if it is installed."""
         self._approximate = approximate
         self._symbolic: Any = None
         try:
@@ -85,6 +86,7 @@ class _LDLFactors:
     """Factors L D L^T that rslab has found."""
 
     def __init__(self, factors: Any) -> None:
+        """Keep the object of rslab that holds the factors."""
         self._factors = factors
 
     def solve(self, right: NDArray[Any], /) -> NDArray[Any]:
@@ -112,6 +114,7 @@ class _LUFactors:
     """
 
     def __init__(self, matrix: Any, pivot: float, approximate: bool) -> None:
+        """Factorise the sparse ``matrix``; raise RuntimeError if it is singular."""
         from scipy.sparse.linalg import splu
 
         self._matrix = matrix
@@ -121,7 +124,8 @@ class _LUFactors:
         if approximate:
             columns = columns.astype(np.float32)
             options["Equil"] = False
-            # larger supernodes would fill a matrix of so few entries with zeros
+            # SuperLU would else treat neighbouring columns as one dense block (a supernode), and
+            # fill a matrix of so few entries with zeros
             relax = 1
         self._dtype = columns.dtype
         self._factors = splu(

@@ -100,6 +100,7 @@ class _Dissection:
     """
 
     def __init__(self, positions: Array, i: Index, j: Index) -> None:
+        """Tabulate which balls touch; there are no layers yet."""
         from scipy.sparse import csr_array
 
         n = len(positions)
@@ -165,6 +166,10 @@ class Fronts:
     def __init__(
         self, matrix: Any, layers: list[Layer], count: int, progress: Progress = silent
     ) -> None:
+        """Eliminate the motions of all layers, front by front, and tell the ``progress``.
+
+        Raises :class:`~granphon.base.errors.InputError` if the factors do not fit into memory.
+        """
         n_balls = matrix.shape[0] // count
         entries = count**2 * sum(_count_entries(layer) for layer in layers)
         require_memory(
@@ -180,6 +185,8 @@ class Fronts:
             for number, layer in enumerate(layers):
                 halves = [remainders.pop(half) for half in layer.halves]
                 first = _list_motions(layer.balls, count)
+                # the front eliminates the motions of its layer, and those that had no pivot in the
+                # fronts of the halves; motions of the balls beyond come after these
                 inner = np.concatenate([first, *(half.soft for half in halves)])
                 motions = np.concatenate([inner, _list_motions(layer.beyond, count)])
                 rows[motions] = np.arange(motions.size)

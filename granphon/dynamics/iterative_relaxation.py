@@ -45,6 +45,7 @@ class IterativeRelaxation:
     def __init__(
         self, lattice: Compatibility, difference: Any, progress: Progress = silent
     ) -> None:
+        """Find the preconditioner; ``progress`` is told how far each later solution has come."""
         self._lattice = lattice
         self._rows = difference
         self._columns = difference.T.tocsr()

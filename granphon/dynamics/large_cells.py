@@ -92,6 +92,7 @@ class LargeCell:
         rows: list[tuple[list[Row], Array]],
         images: tuple[Any, ...] | None,
     ) -> None:
+        """Make the rows sparse, in terms of the motions in which D is real."""
         table = lattice.contacts
         self.size = lattice.n_branches
         self.pressed = lattice.is_prestressed

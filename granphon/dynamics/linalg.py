@@ -170,9 +170,12 @@ def _straighten(
 
 def _decompose(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
     """Return singular values (n_matrices, n), ascending, and right singular vectors
-    (n_matrices, n, n), as columns: by LAPACK's SVD, or where that loses digits of graded columns by
-    :func:`_precondition` and what is left to do after it. Each column of zeros gives a singular
-    value of exactly zero.
+    (n_matrices, n, n), as columns, with all digits for graded columns too. Each column of zeros
+    gives a singular value of exactly zero.
+
+    LAPACK's SVD is kept if its error is small against the smallest singular value, or if the
+    columns are of comparable length. Other matrices are first turned by :func:`_precondition`, so
+    that their columns are nearly orthogonal.
     """
     values, right = lapack_svd(matrices)
     limit = _LAPACK_ERROR * _EPSILON / _ACCEPTED_ERROR
@@ -190,12 +193,14 @@ def _decompose(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
         is_graded[number] = _GRADED_RATIO * lengths_above_zero.min() < lengths_above_zero.max()
     graded = np.flatnonzero(is_graded)
     if graded.size:
-        turned, nearly = _precondition(matrices[graded])
-        values[graded], right[graded], is_exact = _straighten(turned, nearly)
+        # columns that are nearly orthogonal become orthogonal by a rotation of first order, or
+        # where that does not suffice by plane rotations
+        turned, near_vectors = _precondition(matrices[graded])
+        values[graded], right[graded], is_exact = _straighten(turned, near_vectors)
         if not np.all(is_exact):
             inexact = graded[~is_exact]
             values[inexact], rotation = jacobi_svd(turned[~is_exact])
-            right[inexact] = nearly[~is_exact] @ rotation
+            right[inexact] = near_vectors[~is_exact] @ rotation
     return values, right
 
 
@@ -318,6 +323,7 @@ def _rotate(first: NDArray[Any], second: NDArray[Any], m: int) -> bool:
     """Turn pairs of columns, ``first`` and ``second`` (rows, n_matrices), in place, such that their
     first m rows are orthogonal; return whether any pair was not orthogonal before.
     """
+    # the squares of the lengths of both columns, and their product
     adjoint = first[:m].conj()
     alpha = np.einsum("mb,mb->b", adjoint, first[:m]).real
     beta = np.einsum("mb,mb->b", second[:m].conj(), second[:m]).real

@@ -263,6 +263,7 @@ class _Response:
     """
 
     def __init__(self, medium: ContactLattice) -> None:
+        """List the contacts of each kind, and the motions that lengthen or shorten contacts."""
         blocks = medium.elongating_blocks
         self.medium = medium
         self._kinds = _list_kinds(medium)

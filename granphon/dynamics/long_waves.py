@@ -633,7 +633,7 @@ class LongWaves(Compatibility):
             return 1.0, (*forms, stress)
         loads = real_array("prestress", prestress)
         factor = loads[..., None, None] if loads.ndim else float(loads)
-        return factor, self._even_push_forms
+        return factor, self._uniform_push_forms
 
     @cached_property
     def _spring_forms(self) -> tuple[Array, Array, Array]:
@@ -644,8 +644,11 @@ class LongWaves(Compatibility):
         return affine.T @ affine, inner.T @ affine, inner.T @ inner
 
     @cached_property
-    def _even_push_forms(self) -> tuple[Array, ...]:
-        """The four forms of :meth:`_find_load` for a force over spacing of 1 in all contacts."""
+    def _uniform_push_forms(self) -> tuple[Array, ...]:
+        """Energies that a force over spacing of 1 in all contacts contributes, as four forms: of
+        two gradients (m, m), of an inner motion and a gradient (n_inner, m), of two inner motions
+        (n_inner, n_inner), and the sum (p, p) of r r over the contacts; m = n_u p.
+        """
         push = push_rows(self.contacts.normal, self.motions)
         vector = self.contacts.vector[:, : self.periods]
         forms = self._compute_push_forms(push, np.ones((len(push), len(self.contacts))))

@@ -100,6 +100,7 @@ class LowestSearch:
         known: Any = None,
         progress: Progress = silent,
     ) -> None:
+        """Keep the arguments, and seed the random vectors, so that results can be repeated."""
         self._matrix = matrix
         self._precondition = precondition
         self._tolerance = tolerance

@@ -87,6 +87,7 @@ class SparseRelaxation:
         soft: float,
         progress: Progress = silent,
     ) -> None:
+        """Factorise the normal equations, tell the ``progress``, and find the free motions."""
         self.lattice = lattice
         with single_products():
             self._factorise(difference, soft, progress)
@@ -222,6 +223,9 @@ class SparseRelaxation:
     def _respond(self, form: Array, mixed: Array, block: Any) -> tuple[Array, Array]:
         """Return the energy (m, m) that inner motions save, and these motions (n_branches, m), with
         the sign of :meth:`respond`. The arguments and the error are those of :meth:`eliminate`.
+
+        Sparse factors relax most inner motions. The few that the factors have set aside, as they
+        cost little or nothing, are relaxed one by one, each by its own energy.
         """
         from scipy.sparse import diags_array
 
@@ -232,6 +236,7 @@ class SparseRelaxation:
             fronts = Fronts(matrix, self.layers, lattice.motions.count)
             energies, motions = self._find_set_aside(fronts, matrix, block)
             highest = _bound(block)
+            # no coupling is larger than the root of the product of both energies
             largest_pull = np.sqrt(np.linalg.norm(form) * highest)
             coupling = np.max(np.abs(motions.T @ mixed), axis=1, initial=0.0) / largest_pull
             # a motion that no strain moves belongs to another wave vector of a smaller cell

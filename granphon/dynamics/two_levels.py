@@ -176,6 +176,9 @@ class TwoLevels:
     """
 
     def __init__(self, matrix: Any, count: int, boxes: Any) -> None:
+        """Invert the blocks of single balls, smooth the motions of boxes, and factorise the matrix
+        of the boxes.
+        """
         from scipy.sparse import eye_array
 
         self._matrix = matrix

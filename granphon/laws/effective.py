@@ -513,6 +513,7 @@ class DensityBalls:
     """
 
     def __init__(self, shape: Shape, xi: float, order: int, block: Block) -> None:
+        """Evaluate forces and stiffnesses at the nodes of the quadrature."""
         y = block.y
         nodes = shape.nodes(y, order)
         self.xi = xi
@@ -522,8 +523,9 @@ class DensityBalls:
         self.stiffness = shape.stiffness(y[..., None], nodes.positions)
         self.force = shape.force(y[..., None], nodes.positions) - self.base_force[..., None]
         self.mean = np.sum(nodes.weights * self.stiffness, axis=-1)
-        # on a short step differentiation amplifies the rounding of y and of the forces; the extent
-        # of the step in y is 4 middle half
+        # k is the derivative of a polynomial through the points of a step. Differentiation
+        # amplifies the rounding of y and of the forces by the square of the number of points, over
+        # the extent of the step in y, which is 4 middle half
         lengths = (self.base_force / self.base_stiffness + np.abs(y))[:, -1:]
         point_count = block.root.shape[1]
         amplification = point_count**2 * lengths / (4.0 * block.middle * block.half)
@@ -551,6 +553,7 @@ class PointAverages:
     """
 
     def __init__(self, shape: PointShape, xi: float) -> None:
+        """Sort the openings of all pairs, and tabulate the weights of pairs in sums of balls."""
         from scipy.sparse import csc_array
 
         self.xi = xi
@@ -781,9 +784,10 @@ def _differentiate_curve(curve: EffectiveCurve) -> tuple[Array, Array, Array]:
     """Return the derivatives, with respect to Xi, of the tables of energy, force and stiffness of a
     ``curve``.
 
-    At a given overlap G is a function of Xi k alone, so that dG/dXi = (dG/dk) (dk/dXi + k/Xi). With
-    this expression, the derivative of equation (36) is linear in dk/dXi; it is solved downwards
-    from the series, on the steps of the curve.
+    The curve solves k = dG/dy, where k is the stiffness and G(y, k) the force, at the overlap y. At
+    a given y, G is a function of Xi k alone, so that dG/dXi = (dG/dk) (dk/dXi + k/Xi). With this
+    expression, the derivative of the equation is linear in dk/dXi. It is solved downwards from the
+    series, on the steps of the curve, several steps at a time.
     """
     shape = curve.shape
     xi = curve.xi
@@ -795,8 +799,8 @@ def _differentiate_curve(curve: EffectiveCurve) -> tuple[Array, Array, Array]:
         """Return k where the series begins, at Xi (1 + ``step``)."""
         return high_pressure_series(shape, xi * (1.0 + step)).value(start, STIFFNESS)
 
-    slope = differentiate(find_stiffness, _STEP_OF_XI) / xi
-    force_slope = 0.0
+    slope = differentiate(find_stiffness, _STEP_OF_XI) / xi  # dk/dXi at the upper end
+    force_slope = 0.0  # that of the force, at the lower end of the steps that are done
     tables = []
     last = curve.steps.shape[1]  # steps from this number on are done
     while last:
@@ -807,10 +811,10 @@ def _differentiate_curve(curve: EffectiveCurve) -> tuple[Array, Array, Array]:
         balls = averages.balls(block) if averages else DensityBalls(shape, xi, _ORDER, block)
         chosen = slice(last - allowed, last)
         values = chebyshev.chebval(points, curve.tables[STIFFNESS][:, chosen])
-        k = np.asarray(values[::-1], float)
+        k = np.asarray(values[::-1], float)  # a block has its steps in descending order
         _, by_k, _ = balls.balance(k)
-        by_xi = by_k * k / xi
-        slopes = np.empty_like(k)
+        by_xi = by_k * k / xi  # dG/dXi at fixed k
+        slopes = np.empty_like(k)  # dk/dXi
         change = _solve_steps(by_k, derivative, block, -by_xi @ derivative.T, slope)
         assert change is not None  # the same matrix has solved for k
         slopes[:, :-1] = change
@@ -1014,8 +1018,8 @@ def _make_curve(
 def _estimate(
     balls: DensityBalls | PointBalls, block: Block, guess: tuple[Array, Array] | None, top: float
 ) -> Array:
-    """Return an estimate of k (B, s + 1) at the points of a ``block``, with the value ``top`` at
-    its upper end.
+    """Return an estimate of the stiffness k (B, s + 1) at the points of a ``block``, with the value
+    ``top`` at its upper end.
 
     The ratio k/<K^Q> is a smooth function of the overlap. It is interpolated from the overlaps and
     ratios ``guess`` of the last attempt, or without one is a constant.
@@ -1054,17 +1058,19 @@ def _halve(step: Step) -> list[Step]:
 def _relax(
     balls: DensityBalls | PointBalls, derivative: Array, block: Block, k: Array, top: float
 ) -> tuple[Array, Array] | None:
-    """Return k (B, s + 1) at the points of a ``block`` and the force (B,) at the lower ends of its
-    steps, by Newton's method from an estimate ``k``, which is overwritten; None if the method
-    fails.
+    """Return the stiffness k (B, s + 1) at the points of a ``block`` of B steps, which solves k =
+    dG(y, k)/dy for the averages G over ``balls``, and the force (B,) at the lower ends of the
+    steps; None if Newton's method fails.
 
-    ``derivative`` (s, s + 1) is ``to_slopes`` of :func:`radau`, and ``top`` is k at the upper end
-    of the block.
+    The estimate ``k`` (B, s + 1), from which the method starts, is overwritten. ``derivative``
+    (s, s + 1) is ``to_slopes`` of :func:`radau`, and ``top`` is k at the upper end of the block.
     """
     rise = 2.0 * block.half * block.root[:, :-1]  # dy/dt
+    # k at the upper end of a step is k at the lower end of the step before
     k[:, -1] = np.append(top, k[:-1, 0])
     for _ in range(_MOST_ITERATIONS):
         force, by_k, _ = balls.balance(k)
+        # k dy/dt - dG/dt; `force` is G less a base force, whose derivative is the base stiffness
         residual = (k - balls.base_stiffness)[:, :-1] * rise - force @ derivative.T
         change = _solve_steps(by_k, derivative, block, residual, 0.0)
         if change is None:
@@ -1082,12 +1088,12 @@ def _relax(
 def _solve_steps(
     by_k: Array, derivative: Array, block: Block, residual: Array, top: float
 ) -> Array | None:
-    """Return the changes of k (B, s), at the Radau points of a ``block``, that remove a
-    ``residual`` (B, s) of k dy/dt - dG/dt to first order; None if the linear equations have no
-    finite solution.
+    """Return the changes (B, s) of the stiffness k, at the Radau points of a ``block`` of B steps,
+    that remove a ``residual`` (B, s) of the equation k dy/dt = dG(y, k)/dt to first order; None if
+    the linear equations have no finite solution.
 
-    ``by_k`` (B, s + 1) is dG/dk, ``derivative`` (s, s + 1) that of :func:`_relax`, and ``top`` the
-    change of k at the upper end of the block.
+    ``by_k`` (B, s + 1) is dG/dk. ``derivative`` (s, s + 1) takes values at the points to their
+    derivatives at the Radau points, and ``top`` is the change of k at the upper end of the block.
     """
     rise = 2.0 * block.half * block.root[:, :-1]  # dy/dt
     inner_columns = derivative[:, :-1]

@@ -386,7 +386,7 @@ class SpreadLaw(EnergyLaw):
         """Return the values of ``far`` at those ``arguments`` for which ``is_far`` is true, and of
         ``near`` at the others, in the shape of the arguments; a float for a number.
 
-        A function that has no arguments is not called.
+        A function is not called if no argument is left for it.
         """
         if np.all(is_far):
             return far(arguments)[()]

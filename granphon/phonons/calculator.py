@@ -183,6 +183,7 @@ class HarmonicContacts(ContactCalculator):
     follows = ("rotations",)
 
     def __init__(self, state: NetworkState, reference: Atoms) -> None:
+        """Keep the ``state``, and a copy of ``reference``, the Atoms at rest."""
         super().__init__()
         self.state = state
         self._reference = reference.copy()
@@ -414,6 +415,7 @@ class PairList:
     """
 
     def __init__(self) -> None:
+        """Begin without a list."""
         self._kept: _Search | None = None
 
     def near(
@@ -565,6 +567,9 @@ class HertzMindlin(ContactCalculator):
         return super().__new__(cls)
 
     def __init__(self, state: ContactState, **unknown: Any) -> None:
+        """Keep the numbers of the ``state`` that energies need, in reduced units; raise
+        :class:`~granphon.base.errors.InputError` for any other keyword.
+        """
         super().__init__(**unknown)
         self.state = given_state(state)
         self.finite_overlap = state.finite_overlap
@@ -800,8 +805,9 @@ class HertzMindlin(ContactCalculator):
 
     @cached_property
     def _midway(self) -> float:
-        """Mean of the distances, d, of touching balls and of second neighbours; if these are
-        farther than a search reaches, the mean of the first distance and the reach.
+        """Distance, d, below which a pair of balls counts as neighbours that touch: the mean of the
+        distances of touching balls and of second neighbours. If second neighbours are farther than
+        a search reaches, the reach takes the place of their distance.
         """
         structure = self.state.packing.structure
         reach = 1.0 + 2.0 * _CATCH
@@ -880,7 +886,7 @@ class HertzMindlin(ContactCalculator):
         along = np.zeros((len(normal), 3))
         along[:, :m] = normal
         ends = (i, j, self._spacing * along)
-        loss = np.empty(len(normal))  # of overlap; written by the functions, as vector and distance
+        loss = np.empty(len(normal))  # of overlap, which the functions below write
         no_strain = np.zeros((3, 3))
         if not self.finite_overlap:
             measure_losses(*ends, along, displacement, no_strain, loss)

@@ -574,6 +574,9 @@ class BandPath:
         return [np.array(path) for path in self.paths]
 
     def __str__(self) -> str:
+        """Return the path in the notation of :meth:`parse`: the numbers of all points of a piece,
+        and a comma between pieces.
+        """
         pieces = []
         for path in self.paths:
             numbers = itertools.chain.from_iterable(path)

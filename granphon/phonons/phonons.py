@@ -1004,12 +1004,13 @@ class Phonons:
         """
         zone = self._sample_zone(mesh)
         b = self.lattice.n_branches
-        edges = BandEdges.of(np.arange(b))
         search = EdgeSearch(self.lattice, zone)
+        # the edges of the gaps below all branches, open or not, are the bottoms of all branches and
+        # the tops of all but the last; the top of the last is sought alone
+        edges = BandEdges.of(np.arange(b))
         extremes = search.find(edges, _MORE_STARTS)
         top = search.find(BandEdges(np.array([b - 1]), np.ones(1), 0), _MORE_STARTS)
-        # the tops of all branches but the last, each across a gap from the bottom of the next; that
-        # of the last has been sought alone
+        # gap n has the top of branch n - 1 below, and the bottom of branch n above
         tops, bottoms = edges.pair(edges.sign * extremes.heights)
         points_of_tops, points_of_bottoms = edges.pair(extremes.points)
         cutoffs = np.stack([bottoms, np.concatenate([tops[1:], top.heights])], axis=1)

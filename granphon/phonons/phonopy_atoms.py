@@ -217,6 +217,7 @@ def read_numbers(name: str, values: Any, shape: tuple[int, ...] | None = None) -
     except (TypeError, ValueError):  # lists of different lengths
         raise InputError(f"Its values of {name} are not equally many everywhere") from None
     if numbers.dtype.kind not in "if":
+        # the message shows the first value that is not a number
         leaves = np.array(values, object).ravel().tolist()
         wrong = next(
             leaf for leaf in leaves if isinstance(leaf, bool) or not isinstance(leaf, int | float)
