@@ -400,6 +400,8 @@ class Block:
             matrices = slopes.compute_along(points, vectors, branches.start, along[points])
             slope, turn = np.linalg.eigh(matrices)
             modes[points, :, branches] = vectors @ turn
+            # branches of this set that have one slope, with the numbers of the points, among
+            # `points`, at which they do
             for sets, equal in _find_runs(np.diff(slope, axis=1) <= _EQUAL_SLOPES):
                 run = slice(branches.start + equal.start, branches.start + equal.stop)
                 equal_slopes.append((points[sets], run))
@@ -798,6 +800,7 @@ def _find_runs(joined: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], slice]
     count, width = joined.shape
     padded = np.zeros((count, width + 2), np.int8)
     padded[:, 1:-1] = joined
+    # 1 where a run begins, and -1 at its last item
     edges = padded[:, 1:] - padded[:, :-1]
     rows, start = np.nonzero(edges == 1)
     stop = np.nonzero(edges == -1)[1] + 1

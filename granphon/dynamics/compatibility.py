@@ -526,7 +526,7 @@ class Compatibility:
             return pushes
         across = _put_in_space(self.tangential_force)
         size = np.linalg.norm(across, axis=1)
-        gyration = np.append(self.gyration, 1.0)  # the last of a body that does not move
+        gyration = np.append(self.gyration, 1.0)  # the last stands for a body that does not move
         has_force = size[:, None] > 0.0
         tangent = np.divide(across, size[:, None], out=np.zeros_like(across), where=has_force)
         # rows of tangential forces of size one; the size becomes the stiffness

@@ -397,12 +397,12 @@ def damp_unevenly(stiffness: NDArray[Any], viscous: NDArray[Any]) -> tuple[Compl
 
 
 def _choose_half(omega: Complex, without_spring: Index) -> tuple[Complex, Index]:
-    """Return the n of 2 n roots that :func:`damp_unevenly` returns, (..., n), in its order, and
-    their indices (..., n) among all.
+    """Return n of the 2 n roots ``omega`` (..., 2 n), those that :func:`damp_unevenly` returns, and
+    their indices (..., n) among all; ascending in their real part, then in the imaginary part.
 
-    ``omega`` (..., 2 n) are all roots, in units of the square root of the largest stiffness.
-    ``without_spring`` (...,) is the number of motions without a spring; as many of the roots that
-    are zero are kept.
+    These are the roots with a positive real part, as many zeros as there are motions
+    ``without_spring`` (...,), and the slowest of the roots that creep. Roots are in units of the
+    square root of the largest stiffness.
     """
     n = omega.shape[-1] // 2
     is_zero = np.abs(omega) <= _NEAR_ZERO

@@ -184,6 +184,7 @@ def _compute_local_field(
             f" the rest of the lattice holds the"
             f" neighbours of a ball, and some motions of the rest cost nothing; {error}"
         ) from None
+    # if motions of balls can make any deformation of contacts, P is the unit matrix, and Xi is zero
     takes_any_deformation = all(block.rank == block.n_rows for block in medium.elongating_blocks)
     if takes_any_deformation:
         return LocalField(

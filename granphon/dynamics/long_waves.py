@@ -202,7 +202,8 @@ class LongWaves(Compatibility):
     @cached_property
     def _inner_modes(self) -> tuple[Array, Array]:
         """An orthonormal basis (n_rows, n_stiff) of the deformations that inner motions can make,
-        and independent inner motions (n_inner, n_free) that deform no contact.
+        and independent inner motions (n_inner, n_free) that deform no contact. Inner motions are
+        rotations of balls, and displacements of balls of the cell against each other.
         """
         _, inner = self._strain_rows
         count = inner.shape[1]
@@ -220,8 +221,8 @@ class LongWaves(Compatibility):
 
     @cached_property
     def _free(self) -> Array:
-        """(n_inner, n_free) orthonormal inner motions that deform no contact. In large cells they
-        are those of :attr:`SparseRelaxation.free`.
+        """(n_inner, n_free) orthonormal inner motions, rotations and displacements of balls against
+        each other, that deform no contact. In large cells they are :attr:`SparseRelaxation.free`.
         """
         if self._relaxation is not None:
             return self._relaxation.free

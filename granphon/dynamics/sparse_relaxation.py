@@ -195,6 +195,7 @@ class SparseRelaxation:
                 motion = self._fronts.solve(self._columns @ relaxed)
                 relaxed = relaxed - self._rows @ motion
                 motions += motion
+        # motions that the factors have set aside, and that deform contacts, relax last
         soft = self._soft_deformations
         amplitudes = soft.T @ relaxed
         relaxed = relaxed - soft @ amplitudes

@@ -532,8 +532,10 @@ class DensityBalls:
         self.noise = np.minimum(_ROUNDING * amplification[:, 0], _WORST_NOISE)
 
     def balance(self, k: Array) -> tuple[Array, Array, Array]:
-        """Return, for ``k`` (B, s + 1) at the points, G(y, k) less ``base_force`` (B, s + 1), dG/dk
-        (B, s + 1), and G at the lower ends of the steps (B,).
+        """Return, for the stiffness ``k`` (B, s + 1) at the points, the force G(y, k) less
+        ``base_force`` (B, s + 1), dG/dk (B, s + 1), and G at the lower ends of the steps (B,).
+
+        G is the mean of F^Q over balls with the weights 1/(K^Q + Xi k), their compliances.
         """
         compliance = 1.0 / (self.stiffness + self.xi * k[..., None])
         weights = self.weights * compliance
@@ -742,8 +744,11 @@ class PointBalls:
         return self._average(self.stiffness)
 
     def balance(self, k: Array) -> tuple[Array, Array, Array]:
-        """Return, for ``k`` (B, s + 1) at the points, G(y, k) less its value at the upper end of
-        the step (B, s + 1), dG/dk (B, s + 1), and G at the lower ends of the steps (B,).
+        """Return, for the stiffness ``k`` (B, s + 1) at the points, the force G(y, k) less its
+        value at the upper end of the step (B, s + 1), dG/dk (B, s + 1), and G at the lower ends of
+        the steps (B,).
+
+        G is the mean of F^Q over balls with the weights 1/(K^Q + Xi k), their compliances.
         """
         compliance = 1.0 / (self.stiffness + self.xi * k)
         top_compliance = compliance[..., -1]

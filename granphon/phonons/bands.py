@@ -617,7 +617,8 @@ def _read_velocities(modes: list[Any], periods: int) -> Array:
 def _read_counts(data: Any) -> tuple[int, int, int]:
     """Return the numbers of segments, of points in a segment and of atoms of a band.yaml.
 
-    Raises :class:`InputError` for numbers that do not fit the rest of the file.
+    Raises :class:`~granphon.base.errors.InputError` for numbers that do not fit the rest of the
+    file.
     """
     counts = {}
     for key in ("npath", "nqpoint", "natom"):

@@ -100,8 +100,12 @@ class DensityOfStates(Result):
 
     @classmethod
     def read_csv(cls, path: str | os.PathLike[str]) -> DensityOfStates:
-        """Return the density of states of the file ``path``, which :meth:`write_csv` wrote; raise
-        and warn as :meth:`Bands.read` does.
+        """Return the density of states of the file ``path``, which :meth:`write_csv` wrote.
+
+        Raises :class:`~granphon.base.errors.InputError` if another program wrote the file, or if it
+        is damaged or was edited, and :class:`~granphon.base.errors.MissingFileError` if there is no
+        such file. Warns with :class:`~granphon.base.errors.UnverifiedFileWarning` if the file has
+        no digest.
         """
         text, verified = read_sealed(path)
         with require_own_file(path, "density of states"):

@@ -143,11 +143,11 @@ class ZoneMesh(NamedTuple):
 
 
 def _add_counts(counts: Array, limits: Array, knots: Array, weights: Array) -> None:
-    """Add to ``counts`` (n_parts, n_limits + 1), in place, the parts of n splines below each of the
-    ``limits`` (n_limits,), with ``weights`` (n_parts, n).
+    """Add to ``counts`` (n_parts, n_limits + 1), in place, the integrals of n B-splines up to each
+    of the ``limits`` (n_limits,), times their ``weights`` (n_parts, n).
 
-    The ``knots`` (n, m) of each spline are ascending. The last column of ``counts`` is for splines
-    that end above all limits.
+    The whole integral of a spline is one, and its ``knots`` (n, m) are ascending. The last column
+    of ``counts`` is for splines that end above all limits.
     """
     # a limit beyond the last knot of a spline has all of it below; limits between its first and its
     # last knot are counted one by one
