@@ -301,7 +301,8 @@ class Compatibility:
         the reciprocal vectors.
 
         Raises :class:`~granphon.base.errors.InputError` for another shape, and for a component
-        other than zero along an axis without period.
+        other than zero along an axis without period, and
+        :class:`~granphon.base.errors.PrecisionError` for a wave vector too far from Gamma.
         """
         components = real_array("fractions", fractions)
         p = self.periods
@@ -567,6 +568,7 @@ class Compatibility:
         is the deformation at q = 0. For displacements of the centre of mass it is exactly zero,
         except in contacts with bodies that do not move.
         """
+        # displacements of balls, instead of mass-weighted motions
         weighted = (self._frame if frame is None else frame) / np.sqrt(self.masses)[:, None]
         # exactly equal for all balls, so that the centre of mass deforms no contact
         weighted[:, 0] = 1.0 / np.sqrt(self.masses.sum())

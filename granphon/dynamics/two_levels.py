@@ -88,27 +88,33 @@ def _find_boxes(frame: BallFrame) -> _Boxes:
     n = len(frame.positions)
     p = len(frame.cell)
     # unit vectors perpendicular to the periods complete the cell to three axes
-    across = np.linalg.svd(frame.cell, full_matrices=True)[2][p:] if p else np.eye(3)
+    across = np.eye(3)
+    if p:
+        _, _, directions = np.linalg.svd(frame.cell, full_matrices=True)
+        across = directions[p:]
     axes = np.concatenate([frame.cell, across])
-    places = frame.positions @ np.linalg.inv(axes)
-    cells = -np.floor(places[:, :p])
-    places[:, :p] += cells
+    # coordinates (n, 3) of the balls along these axes, within the cell along the periods
+    coordinates = frame.positions @ np.linalg.inv(axes)
+    cells = -np.floor(coordinates[:, :p])
+    coordinates[:, :p] += cells
     lengths = np.linalg.norm(axes, axis=1)
-    lows = np.where(np.arange(3) < p, 0.0, places.min(axis=0))
+    lows = np.where(np.arange(3) < p, 0.0, coordinates.min(axis=0))
     # across the periods the balls fill the distance of the outermost centres and a diameter more
-    extents = np.where(np.arange(3) < p, 1.0, np.ptp(places, axis=0) + 2.0 * frame.radius)
+    extents = np.where(np.arange(3) < p, 1.0, np.ptp(coordinates, axis=0) + 2.0 * frame.radius)
     dimension = int(np.count_nonzero(extents * lengths > 3.0 * frame.radius))
     balls_per_box = max(_BALLS_PER_BOX, n / _MOST_BOXES[max(dimension, 1)])
     side = _find_side(extents * lengths, n / balls_per_box)
+    # numbers (3,) of boxes along the axes, and the indices (n, 3) of the box of each ball
     numbers = np.maximum(np.rint(extents * lengths / side), 1.0)
-    indices = np.floor((places - lows) / extents * numbers)
+    indices = np.floor((coordinates - lows) / extents * numbers)
     indices = np.clip(indices, 0.0, numbers - 1.0)
     middles = lows + (indices + 0.5) / numbers * extents
     keys = np.ravel_multi_index(
         tuple(indices.astype(np.intp).T), tuple(int(number) for number in numbers)
     )
+    # boxes without balls are left out
     boxes, box = np.unique(keys, return_inverse=True)
-    return _Boxes(box, len(boxes), (places - middles) @ axes, cells, side)
+    return _Boxes(box, len(boxes), (coordinates - middles) @ axes, cells, side)
 
 
 def _find_side(lengths: Array, count: float) -> float:

@@ -136,6 +136,7 @@ def _find_distinct_simplices(
     while unassigned:
         simplex = next(iter(unassigned))
         corner, sides = simplex
+        # a change of sign takes a corner, whose coordinates are 0 or 1/2, to an equivalent one
         images = {
             (tuple(corner[axis] for axis in turn.order), turn.after(sides)) for turn in symmetries
         }

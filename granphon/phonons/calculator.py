@@ -719,6 +719,7 @@ class HertzMindlin(ContactCalculator):
             along = vector / distance[:, None]
             overlap = 1.0 + extra - distance
         else:
+            # in the limit of small overlap contacts keep the direction of the lattice
             along = normal
             overlap = self._overlap + extra - (np.einsum("ca,ca->c", vector, normal) - 1.0)
         is_closed = is_near & (overlap > law.least_overlap / self.scales.length)
@@ -1285,6 +1286,7 @@ def contact_blocks(lattice: ContactLattice) -> Array:
     springs = _list_springs(lattice)
     entries = np.zeros((len(springs), 2 * count, len(lattice.contacts)))
     for entry, (row, _) in zip(entries, springs, strict=True):
+        # a deformation is head.x_j - tail.x_i
         entry[:count][slots] = -row.tail.T
         entry[count:][slots] = row.head.T
     stiffnesses = [stiffness for _, stiffness in springs]
