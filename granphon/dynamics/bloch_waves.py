@@ -2,12 +2,13 @@
 decay.
 
 Layers of balls follow each other across an axis, at one wave vector along them
-(:class:`granphon.dynamics.half_space.HalfSpace`). A motion u lambda^n of layer n obeys the sum over
-s of D_s lambda^s u = w u, w = omega^2, where D_s joins a layer to the s-th after it. That is an
-eigenproblem for lambda, twice as large as the layers to which contacts reach. |lambda| is one of
-waves that run; where it is less, they decay. Energy flows towards higher layers where dw/dk = -2
-Im(u^H A u lambda) is above zero, A being the coupling from block to block (T. Ando, Phys. Rev. B
-44, 8017, 1991).
+(:class:`granphon.dynamics.half_space.HalfSpace`). Layer n moves by u lambda^n, where u and lambda
+solve (sum over s of D_s lambda^s) u = w u. Here w = omega^2, and D_s joins a layer to the s-th
+layer after it. A block is as many layers as a contact reaches across, so that contacts join a block
+to its two neighbours alone. The eigenproblem for lambda has twice as many unknowns as a block has
+motions. A wave with |lambda| = 1 runs; any other decays, towards higher layers if |lambda| < 1.
+Energy flows towards higher layers where dw/dk = -2 Im(u^H A u lambda) is above zero, A being the
+coupling of a block to the next (T. Ando, Phys. Rev. B 44, 8017, 1991).
 """
 
 from __future__ import annotations
@@ -21,49 +22,55 @@ from granphon.base.errors import PrecisionError
 from granphon.base.memory import require_memory
 from granphon.dynamics.linalg import NO_ENERGY
 
-#: matrices of a block, twice as wide, that are held for each frequency, and rows of a contact where
-#: it loses energy
+#: number of complex matrices, each with two blocks as rows and as columns, held for each frequency
 _MATRICES = 7.0
+#: number of complex rows of C, each of two blocks, held for each contact that loses energy
 _ROWS = 6.0
-#: point of the plane of lambda from which eigenvalues are found: one without symmetry, well inside
-#: of the unit circle
-_POINT = 0.31 + 0.17j
+#: shift of lambda for which the eigenproblem is inverted: a point without symmetry, well inside the
+#: unit circle
+_SHIFT = 0.31 + 0.17j
 #: distance of lambda from the unit circle up to which a wave runs
 _ON_CIRCLE = 1e-7
-#: distance between the lambda of two waves up to which the waves are one
-_TOGETHER = 1e-7
-#: angle of lambda up to which waves are long: the error of an eigenvalue is that of rounding over
-#: this angle
-_LONG = 0.1
+#: difference of the lambda of two waves up to which the two have one lambda
+_EQUAL_FACTORS = 1e-7
+#: angle of lambda, rad, up to which a wave is long: the error of an eigenvalue is that of rounding
+#: over this angle
+_LARGEST_LONG_ANGLE = 0.1
 #: steps of Newton's method for long waves: each step doubles the digits, and the longest waves that
 #: are told apart start with one digit
-_NEWTON = 5
-#: singular value, over the largest, up to which a coupling has none
+_NEWTON_STEPS = 5
+#: singular value of a coupling, over the largest, up to which it counts as zero
 _UNCOUPLED = 1e-12
-#: condition of the waves of one sense from which they are not told apart
-_ALIKE = 1e11
-#: part of a wave that the next layer must have, at least: that of a wave number with three digits
+#: condition number of the waves of one sense above which they cannot be told apart
+_LARGEST_CONDITION = 1e11
+#: least |lambda| of a wave that decays: its wavenumber then still has three digits
 LEAST_PART = 1e-12
-#: difference of lambda of two waves at the edge of a band: some roots of the rounding of w
+#: difference of the lambda of two waves below which they may be at the edge of a band: some times
+#: the root of the rounding of w
 _EDGE = 1e-6
-#: least singular value of the motions of two waves, of length one, from which the waves are two
+#: least singular value of the motions of waves of one lambda, each of length one, from which these
+#: motions are independent
 _PARALLEL = 1e-5
 #: w over the largest entry of D up to which two waves at an edge are long, and have all digits
 _NEAR_ZERO = 1e-12
-#: message of the error of waves that are not told apart; its reason and remedy at an edge, and
-#: where a wave decays too fast
+#: problem that an error tells if waves are not told apart
 _ALIKE_WAVES = "the waves at a frequency cannot be told apart"
+#: reason and remedy of this error, at the edge of a band, and where a wave decays too fast
 _AT_EDGE = "At the very edge of a band waves of both senses are one", "Shift it by a millionth"
 _TOO_FAST = "One decays too fast from layer to layer to have digits", "Take lower frequencies"
 
 
 class Couplings(NamedTuple):
-    """Blocks of D, (n, n) or (n_f, n, n), of the layers that contacts reach across: of one block,
-    and of it with the next.
+    """Matrices of D, each (n, n) or (n_f, n, n), of a block: as many layers as a contact reaches
+    across, with n motions.
 
-    ``inner`` has contacts on both sides, of which ``tail`` is the part of those to the next block,
-    ``head`` of those to the one before; ``up`` joins a block to the next, ``down`` to the one
-    before (its adjoint if nothing is lost).
+    Attributes
+    ----------
+    inner : the block with itself, with contacts to both of its neighbours.
+    tail : the part of ``inner`` that contacts with the next block contribute.
+    head : the part of ``inner`` that contacts with the block before contribute.
+    up : the block with the next one.
+    down : the block with the one before; the adjoint of ``up`` if no energy is lost.
     """
 
     inner: Complex
@@ -74,13 +81,15 @@ class Couplings(NamedTuple):
 
 
 class BlochWaves(NamedTuple):
-    """Waves at one frequency that run or decay in one sense, those that run first.
+    """Waves at one frequency whose energy flows, or which decay, in one sense: towards higher
+    layers or towards lower ones. Waves that run come first.
 
     Attributes
     ----------
-    factors : (m,) lambda, from layer to layer; infinitely fast decay is left out.
-    vectors : (n, m) motions of a block; of waves that run, dw/dk from block to block is plus or
-        minus one.
+    factors : (m,) lambda of each wave, from layer to layer; waves that decay infinitely fast are
+        left out.
+    vectors : (n, m) motions of a block in each wave; a wave that runs is scaled such that its
+        dw/dk, k being per block, is plus or minus one.
     running : number of waves that run.
     still : (n, n - m) motions of a block that reach no other block in this sense.
     """
@@ -91,18 +100,18 @@ class BlochWaves(NamedTuple):
     still: Complex
 
     def continue_by(self, steps: int) -> Complex:
-        """Return F (n, n), which makes the motions of a block those of the block so many layers,
-        ``steps``, on; below zero, back.
+        """Return the matrix (n, n) that turns a motion of a block into the motion, in the same
+        waves, of the block ``steps`` layers higher, or lower if ``steps`` is below zero.
         """
         basis = np.concatenate([self.vectors, self.still], axis=1)
-        # motions that reach no other block become zero there
+        # motions that reach no other block leave the other block at rest
         n_still = self.still.shape[1]
         continued = np.pad(self.vectors * self.factors**steps, ((0, 0), (0, n_still)))
         return np.asarray(np.linalg.solve(basis.T, continued.T).T)
 
     def find_parts(self, motion: Complex) -> Complex:
-        """Return the amplitudes (running, ...) of the waves that run in a motion (n, ...) of a
-        block.
+        """Return the amplitudes (running, ...) of the running waves of which, with those that
+        decay, a ``motion`` (n, ...) of a block is made.
         """
         basis = np.concatenate([self.vectors, self.still], axis=1)
         return np.asarray(np.linalg.solve(basis, motion)[: self.running])
@@ -112,8 +121,8 @@ def require_bloch_memory(count: int, size: int, contacts: int = 0) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if waves at ``count`` frequencies do not fit
     into memory.
 
-    A block has ``size`` motions, and couplings that differ from frequency to frequency have so many
-    ``contacts``.
+    A block has ``size`` motions. If couplings differ from frequency to frequency, ``contacts`` is
+    the number of contacts from which they are made at each.
     """
     bytes_of_matrices = _MATRICES * 16.0 * (2 * size) ** 2
     bytes_of_rows = _ROWS * 32.0 * size * contacts
@@ -127,13 +136,13 @@ def require_bloch_memory(count: int, size: int, contacts: int = 0) -> None:
 def find_bloch_waves(
     blocks: Couplings, w: Array, layer: int
 ) -> list[tuple[BlochWaves, BlochWaves]]:
-    """Return the waves at each w (n_f,), in the unit of the blocks: a pair for each w, the waves
-    towards higher layers, and those towards lower ones.
+    """Return a pair for each w (n_f,): the waves towards higher layers, and those towards lower
+    ones.
 
-    ``layer`` is the number of motions of a layer. Raises
-    :class:`~granphon.base.errors.PrecisionError` where waves cannot be told apart: at an edge of a
-    band, where motions that reach no other layer resonate, where a wave decays so fast that it has
-    no digits, and at any frequency if some motions reach the next layers alone.
+    ``w`` is in the unit of the ``blocks``, and ``layer`` is the number of motions of a layer.
+    Raises :class:`~granphon.base.errors.PrecisionError` where waves cannot be told apart: at an
+    edge of a band, where motions that reach no other layer resonate, where a wave decays so fast
+    that it has no digits, and at any frequency if some motions reach the next layers alone.
     """
     size = blocks.inner.shape[-1]
     count = len(w)
@@ -146,15 +155,15 @@ def find_bloch_waves(
     for n in range(count):
         null_spaces = [_null_space(coupling[n]) for coupling in (down, up)]
         _require_passing_on(null_spaces, inner[n], scale)
-        # a decay that is infinitely fast is no wave, and one that is nearly so has no digits
+        # a motion that decays infinitely fast is no wave, and one nearly so fast has no digits
         kept = _choose_finite(inverse[n], null_spaces)
         smallest = np.min(np.abs(inverse[n, kept]), initial=1.0)
         if smallest < np.finfo(float).eps ** 2:
             raise PrecisionError(_ALIKE_WAVES, *_TOO_FAST)
-        factors = _POINT + 1.0 / inverse[n, kept]
+        factors = _SHIFT + 1.0 / inverse[n, kept]
         motions = vectors[n][:size, kept]
         couplings = [step[n] for step in steps]
-        couplings[reach] = couplings[reach] + w[n] * np.eye(layer)  # D_0 itself, not less w
+        couplings[reach] = couplings[reach] + w[n] * np.eye(layer)  # D_0 instead of D_0 - w
         factors, motions = _sharpen_long(factors, motions, couplings, w[n])
         if w[n] > _NEAR_ZERO * scale:
             _require_senses(factors, motions)
@@ -163,12 +172,14 @@ def find_bloch_waves(
 
 
 def _list_steps(inner: Complex, up: Complex, down: Complex, w: Array, layer: int) -> list[Complex]:
-    """Return D_s (n_f, layer, layer), s = -reach ... reach, the middle one less w (n_f,), from the
-    blocks ``inner``, ``up`` and ``down`` (n_f, size, size) of :class:`Couplings`, of reach layers
-    with ``layer`` motions each.
+    """Return the 2 reach + 1 matrices D_s (n_f, layer, layer) of s = -reach ... reach, with D_0
+    replaced by D_0 - w.
+
+    ``inner``, ``up`` and ``down`` (n_f, size, size) are those of :class:`Couplings`. A block has
+    ``reach`` layers with ``layer`` motions each, so that size = reach * layer. ``w`` is (n_f,).
     """
     reach = inner.shape[-1] // layer
-    # all layers are alike: D_s is read from the first layer of a block
+    # all layers are equal, so D_s is read from the rows or columns of the first layer of a block
     first = slice(0, layer)
     other_layers = [slice(s * layer, (s + 1) * layer) for s in range(1, reach)]
     steps = [down[:, first, first]]
@@ -180,48 +191,52 @@ def _list_steps(inner: Complex, up: Complex, down: Complex, w: Array, layer: int
 
 
 def _choose_finite(inverse: Complex, null_spaces: list[Complex]) -> Index:
-    """Return the indices (m,) of the waves that do not decay infinitely fast, from ``inverse``,
-    1/(lambda - :data:`_POINT`) (2 size,), of all waves, and from the two ``null_spaces``: motions,
-    as columns, without coupling to lower and to higher layers.
+    """Return the indices (m,) of the waves that do not decay infinitely fast.
 
-    The inverse is zero where the decay towards lower layers is infinitely fast, and -1/point where
-    that towards higher ones is. There are as many such waves as motions without coupling to the
-    layers on the other side.
+    ``inverse`` (2 size,) is 1/(lambda - :data:`_SHIFT`) of all waves. The two ``null_spaces`` are
+    the motions of a block, as columns, without coupling to lower and to higher layers.
+
+    A wave that decays infinitely fast towards lower layers has an infinite lambda, and thus an
+    inverse of zero; one that does so towards higher layers has lambda = 0, and the inverse
+    -1/:data:`_SHIFT`. There are as many such waves as motions without coupling to the layers on the
+    other side.
     """
     below, above = null_spaces
-    fast_upwards = np.argsort(np.abs(inverse + 1.0 / _POINT))[: below.shape[1]]
+    fast_upwards = np.argsort(np.abs(inverse + 1.0 / _SHIFT))[: below.shape[1]]
     fast_downwards = np.argsort(np.abs(inverse))[: above.shape[1]]
     return np.setdiff1d(np.arange(len(inverse)), np.concatenate([fast_upwards, fast_downwards]))
 
 
 def _solve_pencil(steps: list[Complex], size: int, scale: float) -> tuple[Complex, Complex]:
-    """Return 1/(lambda - :data:`_POINT`) (n_f, 2 size), and u of two blocks (n_f, 2 size, 2 size),
-    as columns, that solve the sum over s of D_s lambda^s u = w u.
+    """Return all solutions of (sum over s of D_s lambda^s) u = w u: 1/(lambda - :data:`_SHIFT`)
+    (n_f, 2 size), and the motions (n_f, 2 size, 2 size) of two blocks, as columns.
 
-    ``steps`` are D_s (n_f, layer, layer), the middle one less w; ``scale`` is the largest of their
-    entries.
+    ``steps`` are D_s (n_f, layer, layer), the middle one less w, and ``scale`` is their largest
+    entry. A block has ``size`` motions.
     """
     count, layer, _ = steps[0].shape
-    # A u = lambda B u: all rows but the last say that each layer follows the one before; the last
-    # rows are the sum over s. The scale makes both kinds of rows alike in size
+    # companion form A v = lambda B v, where v (2 size,) holds the motions of all layers of two
+    # blocks. The upper rows say that each layer moves by lambda times the layer before. The last
+    # `layer` rows are the sum over s, divided by the scale to be of the size of the upper rows
     a = np.zeros((count, 2 * size, 2 * size), complex)
     b = np.zeros((count, 2 * size, 2 * size), complex)
     a[:, :-layer, layer:] = np.eye(2 * size - layer)
     b[:, :-layer, :-layer] = np.eye(2 * size - layer)
     a[:, -layer:] = -np.concatenate(steps[:-1], axis=2) / scale
     b[:, -layer:, -layer:] = steps[-1] / scale
-    inverse, vectors = np.linalg.eig(np.linalg.solve(a - _POINT * b, b))
+    # (A - shift B)^-1 B has the eigenvalues 1/(lambda - shift), also finite if lambda is infinite
+    inverse, vectors = np.linalg.eig(np.linalg.solve(a - _SHIFT * b, b))
     return inverse, vectors
 
 
 def _require_passing_on(null_spaces: list[Complex], inner: Complex, scale: float) -> None:
-    """Raise :class:`~granphon.base.errors.PrecisionError` if some motions reach the next layers
-    alone.
+    """Raise :class:`~granphon.base.errors.PrecisionError` if some motions are passed on to the next
+    layers and no further.
 
     ``null_spaces`` are the motions of a block, as columns, without coupling to lower and to higher
-    layers; ``inner`` (size, size) is the block, with entries up to ``scale``. Motions that reach
-    the next layers alone are there at any w. They are sought at a w below zero, where nothing
-    resonates.
+    layers; ``inner`` (size, size) is D within the block, with entries up to ``scale``. A wave is
+    passed on if inner - w couples both null spaces at full rank. Where the rank is lower at all w,
+    it is lower at w = -scale too, where nothing resonates; so it is tested there.
     """
     below, above = null_spaces
     between = above.conj().T @ (inner + scale * np.eye(len(inner))) @ below
@@ -238,19 +253,24 @@ def _require_passing_on(null_spaces: list[Complex], inner: Complex, scale: float
 def _sharpen_long(
     factors: Complex, vectors: Complex, couplings: list[Complex], w: float
 ) -> tuple[Complex, Complex]:
-    """Return ``factors`` lambda = exp(i theta) (b,) and ``vectors``, the motions (n, b) of a block,
-    with all digits of the long waves that run, undamped.
+    """Return the ``factors`` (b,), lambda, and the ``vectors`` (n, b), motions of a block, of all
+    waves, those of long running waves with all digits. Where energy is lost nothing is changed.
 
-    For long waves the sum of D_s lambda^s, less w, is a difference of near-equal numbers. The part
-    of the sum at lambda = 1 is zero on free motions, which cost nothing if all layers move alike:
-    for these it is left out, and D_s (exp(i s theta) - 1) remains. Stiff motions follow the free
-    ones at each theta, which Newton's method finds. The amplitudes of the free motions are kept:
-    theta depends on the square of their error. ``couplings`` are D_s (layer, layer).
+    ``couplings`` are the matrices D_s (layer, layer), and ``w`` is the eigenvalue.
+
+    A long wave that runs has lambda = exp(i theta) with a small theta, and the sum of D_s lambda^s,
+    less w, is then a difference of near-equal numbers. Free motions are those that cost nothing if
+    all layers move by the same amount: on them the sum of all D_s is zero. That sum is left out for
+    them, and the sum of D_s (exp(i s theta) - 1) remains, which keeps all digits. The other
+    motions, which are stiff, follow from the free ones at each theta, and theta is found by
+    Newton's method. The amplitudes of the free motions are kept as they are: theta depends on the
+    square of their error.
     """
     size = len(couplings[0])
     runs = np.abs(np.abs(factors) - 1.0) < _ON_CIRCLE
-    long_waves = np.flatnonzero(runs & (np.abs(np.angle(factors)) < _LONG))
-    # without loss D_-s is the adjoint of D_s
+    is_long = np.abs(np.angle(factors)) < _LARGEST_LONG_ANGLE
+    long_waves = np.flatnonzero(runs & is_long)
+    # without loss of energy D_-s is the adjoint of D_s
     loss = max(
         np.max(np.abs(coupling - opposite.conj().T))
         for coupling, opposite in zip(couplings, couplings[::-1], strict=True)
@@ -269,7 +289,7 @@ def _sharpen_long(
         layer_motion = vectors[:size, wave]
         free_part = free @ (free.conj().T @ layer_motion)
         if np.linalg.norm(free_part) < 0.5 * np.linalg.norm(layer_motion):
-            continue  # the edge of another band is near
+            continue  # a wave of mostly stiff motions: the edge of another band is near
         start = float(np.angle(factors[wave]))
         theta, motion = _solve_theta(start, free_part, couplings, stiff, stiffness[is_stiff], w)
         factors[wave] = np.exp(1j * theta)
@@ -285,22 +305,26 @@ def _solve_theta(
     stiffness: Array,
     w: float,
 ) -> tuple[float, Complex]:
-    """Return theta, rad, and the motion (layer,) of a layer in a long wave, by Newton's method from
-    a ``theta``.
+    """Return theta, rad, of a long wave lambda = exp(i theta), and the motion (layer,) of a layer
+    in it, by Newton's method from a first ``theta``.
 
-    ``free_part`` (layer,) is the part of the motion that costs nothing if all layers move alike.
-    ``stiff`` (layer, m) are the other motions, and ``stiffness`` (m,) what they cost then.
-    ``couplings`` are D_s (layer, layer), and w the eigenvalue.
+    ``free_part`` (layer,) is the part of the motion that costs nothing if all layers move by the
+    same amount. ``stiff`` (layer, m) are the other motions, as columns, and ``stiffness`` (m,) are
+    their eigenvalues of D if all layers move so. ``couplings`` are D_s (layer, layer), and w is the
+    eigenvalue to be reached.
     """
     reach = len(couplings) // 2
     steps = list(zip(range(-reach, reach + 1), couplings, strict=True))
-    for _ in range(_NEWTON):
+    for _ in range(_NEWTON_STEPS):
+        # D(theta) - D(0), and dD/dtheta
         change = sum(coupling * np.expm1(1j * s * theta) for s, coupling in steps)
         slope = sum(coupling * 1j * s * np.exp(1j * s * theta) for s, coupling in steps)
+        # the stiff rows of (D(theta) - w) motion = 0 give the amplitudes of the stiff motions
         pull = stiff.conj().T @ change
         stiff_matrix = np.diag(stiffness - w) + pull @ stiff
         stiff_amplitudes = np.linalg.solve(stiff_matrix, -pull @ free_part)
         motion = free_part + stiff @ stiff_amplitudes
+        # motion^H (D(theta) - w) motion, which vanishes at the theta of the wave
         residual = (
             (motion.conj() @ change @ motion).real
             + stiffness @ np.abs(stiff_amplitudes) ** 2
@@ -314,9 +338,9 @@ def _require_senses(factors: Complex, vectors: Complex) -> None:
     """Raise :class:`~granphon.base.errors.PrecisionError` if waves that run (|lambda| is 1 within
     ``_EDGE``) and have the same lambda, within ``_EDGE``, have linearly dependent motions.
 
-    So they have at the edge of a band, where the waves of both senses become one. At a distance
-    Delta w from the edge the lambda of both senses differ by the root of Delta w: so near the
-    edge, the rounding of w would decide whether waves run, and how fast.
+    Their motions become dependent at the edge of a band, where the waves of both senses become one.
+    At a distance Delta w from the edge, the lambda of both senses differ by the root of Delta w.
+    Therefore the rounding of w would decide, near the edge, whether the waves run, and how fast.
 
     ``factors`` (b,) are the lambda of the waves, and ``vectors`` (n, b) their motions.
     """
@@ -334,7 +358,9 @@ def _require_senses(factors: Complex, vectors: Complex) -> None:
 
 
 def _null_space(coupling: Complex) -> Complex:
-    """Return an orthonormal basis (n, m) of the motions on which a coupling does not act."""
+    """Return an orthonormal basis (n, m) of the motions that a ``coupling`` (n, n) takes to
+    zero.
+    """
     _, singular_values, right_vectors = np.linalg.svd(coupling)
     return np.asarray(right_vectors[singular_values <= _UNCOUPLED * singular_values[0]].conj().T)
 
@@ -356,37 +382,41 @@ def _sort_senses(
     """
     runs = np.abs(np.abs(factors) - 1.0) < _ON_CIRCLE
     vectors = vectors / np.linalg.norm(vectors, axis=0)
-    flux = _part_running(factors, vectors, np.flatnonzero(runs), up, down, reach)
+    flux = _normalise_running(factors, vectors, np.flatnonzero(runs), up, down, reach)
     senses = []
     for sign, still in zip((1.0, -1.0), null_spaces, strict=True):
         running = np.flatnonzero(runs & (sign * flux > 0.0))
         running = running[np.argsort(np.angle(factors[running]), kind="stable")]
-        with np.errstate(divide="ignore"):  # a decay beyond floating point
-            inwards = np.abs(factors) ** sign
-        decaying = np.flatnonzero(~runs & (inwards < 1.0))
-        decaying = decaying[np.argsort(-inwards[decaying], kind="stable")]
+        # |lambda| in the sense of the waves; a lambda of zero has no finite inverse
+        with np.errstate(divide="ignore"):
+            decay = np.abs(factors) ** sign
+        decaying = np.flatnonzero(~runs & (decay < 1.0))
+        decaying = decaying[np.argsort(-decay[decaying], kind="stable")]
         chosen = np.concatenate([running, decaying])
         waves = BlochWaves(factors[chosen], vectors[:, chosen], running.size, still)
-        _require_apart(waves, inwards[decaying] ** reach)
+        _require_basis(waves, decay[decaying] ** reach)
         senses.append(waves)
-    return senses[0], senses[1]
+    upward, downward = senses
+    return upward, downward
 
 
-def _part_running(
+def _normalise_running(
     factors: Complex, vectors: Complex, running: Index, up: Complex, down: Complex, reach: int
 ) -> Array:
-    """Return the flux (b,) of each wave, dw/dk from block to block, zero of waves that decay; turn
-    the ``vectors`` (n, b) of ``running`` waves, in place, into waves of a flux of one or minus one.
+    """Return the flux (b,) of each wave, dw/dk with k per block, and zero for waves that decay;
+    scale and turn the ``vectors`` (n, b) of the ``running`` waves, in place, such that the flux of
+    each would be one or minus one.
 
-    The other arguments are those of :func:`_sort_senses`. Waves with one lambda are parted so that
-    energy flows in each by itself. Raises :class:`~granphon.base.errors.PrecisionError` if more
-    waves have one lambda than a block has motions.
+    ``running`` are the indices of the waves that run; the other arguments are those of
+    :func:`_sort_senses`. Waves with one lambda become combinations of them without mutual flux.
+    Raises :class:`~granphon.base.errors.PrecisionError` if more waves have one lambda than a block
+    has motions.
     """
     flux = np.zeros(len(factors))
     ungrouped = running
     while ungrouped.size:
-        is_alike = np.abs(factors[ungrouped] - factors[ungrouped[0]]) < _TOGETHER
-        group = ungrouped[is_alike]
+        is_equal = np.abs(factors[ungrouped] - factors[ungrouped[0]]) < _EQUAL_FACTORS
+        group = ungrouped[is_equal]
         ungrouped = np.setdiff1d(ungrouped, group)
         if group.size > len(vectors):
             raise PrecisionError(
@@ -400,15 +430,16 @@ def _part_running(
     return flux
 
 
-def _require_apart(waves: BlochWaves, decays: Array) -> None:
-    """Raise :class:`~granphon.base.errors.PrecisionError` unless the waves of one sense make a
-    basis of the motions of a block; ``decays`` (m,) are |lambda| from block to block of those that
-    decay.
+def _require_basis(waves: BlochWaves, decays: Array) -> None:
+    """Raise :class:`~granphon.base.errors.PrecisionError` unless the waves of one sense, with the
+    motions that reach no other block, are a basis of the motions of a block.
+
+    ``decays`` (m,) are the factors, from block to block, by which the waves that decay do so.
     """
     scaled = waves.vectors / np.linalg.norm(waves.vectors, axis=0)
     basis = np.concatenate([scaled, waves.still], axis=1)
     is_square = basis.shape[0] == basis.shape[1]
-    if is_square and not np.linalg.cond(basis) > _ALIKE:
+    if is_square and not np.linalg.cond(basis) > _LARGEST_CONDITION:
         return
     if np.any(decays < LEAST_PART):
         raise PrecisionError(_ALIKE_WAVES, *_TOO_FAST)

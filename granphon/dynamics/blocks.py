@@ -1,16 +1,17 @@
-"""Motions that contacts do not join to others, and their modes.
+"""Blocks: sets of motions that no contact joins to other motions, and their modes.
 
 Rows of C(q) and motions fall into blocks that have nothing in common: in the plane and out of it,
 or each direction of a chain. The modes of each block are found apart from those of the others. So
 motions of two blocks never mix, and the motions that cost nothing are known from the rank of each
 block.
 
-A wave of displacements across the periods turns the balls along with it: on a membrane or a chain,
-phi = i q x u. The contacts feel only what differs from that rotation, (sin h - h cos h) instead of
-sin h, at the half angle h = q.(r_j - r_i)/2 of a contact. In terms of the rotations themselves the
-columns of u and of phi are then nearly dependent, and C(q) loses the digits of the flexural branch,
-which goes as q^2 or q^3. Here the displacement is taken together with its local rotation, whose
-columns are summed in closed form: all digits are kept, down to |q|d = 1e-30.
+A wave of displacements u across the periods, on a membrane or a chain, turns the balls along with
+it by phi = i q x u. The contacts resist only what differs from that rotation. Their deformation is
+therefore proportional to sin h - h cos h instead of sin h, where h = q.(r_j - r_i)/2 is the half
+angle of a contact. If u and phi are columns of their own, these are nearly dependent, and C(q)
+loses the digits of the flexural branch, whose frequency goes as q^2 or q^3. Here each such
+displacement and its rotation are one *tilted motion*, whose column is summed in closed form. So all
+digits are kept, down to |q|d = 1e-30.
 """
 
 from __future__ import annotations
@@ -34,16 +35,17 @@ from granphon.dynamics.linalg import (
     lapack_svd,
 )
 
-#: number of motions from which those that cost nothing at any wave vector are split off by LAPACK
+#: number of motions of a block above which LAPACK splits off those that cost nothing at any wave
+#: vector
 _MANY_FREE = 48
 #: relative difference of frequencies, or of their slopes, below which branches are treated as one
 #: degenerate set
 DEGENERATE = 1e-9
-#: difference of slopes of omega^2, d k/M, below which branches that touch have one slope
+#: difference of slopes of omega^2, d k/M, below which branches of one frequency have one slope
 _EQUAL_SLOPES = 1e-9
-#: |dq|d at which branches that touch with one slope are told apart
+#: length of the step in q, 1/d, after which branches of one frequency and one slope are told apart
 _STEP_BESIDE = 1e-3
-#: a frequency is zero if it is no larger than this multiple of the rounding of its own columns
+#: a number is zero if it is at most this part of the largest that rounding could leave of
 _ROUNDING = 32.0 * float(np.finfo(np.float64).eps)
 #: relative error up to which the rotation of two balls about their middle leaves their contact
 #: undeformed
@@ -61,11 +63,16 @@ GENERIC = np.array(
 class _Point(NamedTuple):
     """C(q) of a block at a stack of wave vectors.
 
-    ``q`` (n_q, p), 1/d, are the wave vectors. ``rows`` (n_q, m, n) are those of the motions in a
-    unitary basis ``basis`` (n_q, n, n), or of the motions themselves if ``basis`` is None.
-    ``across`` (n_q, m', n) are the rows on which static forces act, None without prestress. The
-    inverse of ``triangle`` (n_q, n, n) turns amplitudes in the basis into those of the tilted
-    motions; it is None as the basis is.
+    Attributes
+    ----------
+    q : (n_q, p) wave vectors, 1/d.
+    rows : (n_q, m, n) rows of C(q), as coefficients of the columns of ``basis``, or of the motions
+        of the block if ``basis`` is None.
+    across : (n_q, m', n) rows on which static forces act; None without prestress.
+    basis : (n_q, n, n) unitary; its columns are combinations of the motions of the block, of which
+        the first ones span the tilted motions. None if no motion is tilted.
+    triangle : (n_q, n, n), whose inverse turns amplitudes in the basis into amplitudes of the
+        tilted and other motions: the R of their QR decomposition. None if no motion is tilted.
     """
 
     q: Array
@@ -76,26 +83,26 @@ class _Point(NamedTuple):
 
 
 def _find_lengths(waves: WaveRows) -> Array:
-    """Return the length (kinds, n_c, 1) of each row, if nothing cancelled between the two ends of a
-    contact.
+    """Return the length (kinds, n_c, 1) that each row of ``waves`` could have if its two ends did
+    not cancel each other.
     """
     sizes = np.abs(waves.odd) + np.abs(waves.even)
     return np.asarray(np.linalg.norm(sizes, axis=2, keepdims=True))
 
 
 def _clear_rounding(rows: NDArray[Any], lengths: Array) -> NDArray[Any]:
-    """Return rows (kinds, n_c, n) with zero for entries that are rounding errors of rows of these
-    ``lengths`` (kinds, n_c, 1).
+    """Return ``rows`` (kinds, n_c, n) with zero for entries that are rounding errors, given the
+    ``lengths`` (kinds, n_c, 1) of the rows before their ends cancelled.
     """
     return np.where(np.abs(rows) <= _ROUNDING * lengths, 0.0, rows)
 
 
 def _turn_pushing(pushing: WaveRows, turn: NDArray[Any]) -> WaveRows:
-    """Return rows on which static forces act in terms of the motions that are the columns of
-    ``turn`` (n, n).
+    """Return the rows ``pushing``, on which static forces act, as coefficients of the motions that
+    are the columns of ``turn`` (n, n).
     """
-    # static normal forces act on displacements, and not on balls that turn like gears, of which
-    # rounding would be left
+    # static normal forces act on displacements. For balls that turn like gears their rows are zero,
+    # but rounding is left
     lengths = _find_lengths(pushing)
     return pushing._replace(
         odd=_clear_rounding(pushing.odd @ turn, lengths),
@@ -105,21 +112,25 @@ def _turn_pushing(pushing: WaveRows, turn: NDArray[Any]) -> WaveRows:
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Motions of the frame, and the rows of C(q) in which they take part, that nothing joins to
-    others.
+    """A set of n motions of the frame that no row of C(q) joins to other motions, and the rows in
+    which they take part. The frame is that of
+    :class:`~granphon.dynamics.contact_lattice.ContactLattice`.
 
     Attributes
     ----------
     columns : (n,) numbers of the motions in the frame.
     deforming : rows of K^1/2 C M^-1/2.
-    pushing, signs : rows on which static forces act, such as displacements across contacts times
-        |f/a|^1/2, and the signs (rows, 1) with which their squares lower D; None without prestress.
-    bent : numbers in the block of the displacements across the periods that tilt the balls, at most
-        two.
-    tilt : (bent, n, p) gradients, with respect to q, of the motions that go with each of them.
-    slack : part of the largest squared frequency by which others may be below zero, and are then
-        zero.
-    turn : (n, n) unitary, to the motions of the frame from those of the rows, see
+    pushing : rows on which static forces act, such as displacements across contacts times
+        |f/a|^1/2; None without prestress.
+    signs : (rows, 1) signs with which the squares of the rows ``pushing`` are subtracted from D;
+        None without prestress.
+    bent : numbers, in the block, of the displacements across the periods that tilt the balls, at
+        most two.
+    tilt : (bent, n, p) gradients, with respect to q, of the motion that goes with each of these
+        displacements.
+    slack : part of the largest squared frequency by which other squares may be below zero; these
+        are then taken for zero.
+    turn : (n, n) unitary, which turns the motions of the rows into those of the frame, see
         :meth:`split_free_motions`; None if they are the same.
     """
 
@@ -133,25 +144,25 @@ class Block:
     slack: float = 0.0
 
     def split_free_motions(self) -> Block:
-        """Return the block in terms of motions of which some deform nothing at q = 0, if the block
-        has such motions besides sound.
+        """Return the block with rows and ``turn`` of new motions, some of which deform nothing at
+        q = 0. A block without such motions besides sound is returned as it is.
 
-        Balls that turn like gears are an example. Near Gamma the columns of their single rotations
-        would cancel.
+        Balls that turn like gears are an example. Near Gamma the columns of the single rotations
+        would cancel each other, and lose digits.
         """
         turn, free = self._find_free_motions()
         if not free.size:
             return self
         odd = self.deforming.odd @ turn
         even = self.deforming.even @ turn
-        # the two ends of a contact cancel to rounding. Each end alone is rounding where a motion
-        # deforms nothing at any q, such as the spin of a ball between two others. Gears whose arms
-        # differ a little leave more than rounding, and keep it
+        # at q = 0 (`even`) the two ends of a contact cancel, up to rounding. `odd` is rounding too
+        # if a motion deforms nothing at any q, such as the spin of a ball between two others. Gears
+        # whose arms differ a little leave more than rounding, which is kept
         lengths = _find_lengths(self.deforming)
         odd[..., free] = _clear_rounding(odd[..., free], lengths)
         even[..., free] = _clear_rounding(even[..., free], lengths)
-        # `bent` keeps its numbers: displacements of all balls have no column at q = 0, so that
-        # `turn` leaves them as they are
+        # `bent` keeps its numbers: a displacement of all balls has a column of zeros at q = 0, and
+        # `turn` leaves such motions as they are
         tilt = np.einsum("mn,kma->kna", turn.conj(), self.tilt) if self.bent else self.tilt
         return replace(
             self,
@@ -162,11 +173,11 @@ class Block:
         )
 
     def _find_free_motions(self) -> tuple[NDArray[Any], NDArray[np.intp]]:
-        """Return a unitary matrix (n, n), whose columns are new motions in terms of the motions of
-        the rows, and the numbers (k,) of the new motions that deform nothing at q = 0.
+        """Return a unitary matrix (n, n), whose columns are new motions as combinations of the
+        motions of the rows, and the numbers (k,) of the new motions that deform nothing at q = 0.
 
-        Motions whose own columns vanish at q = 0, such as sound, stay as they are, and are not
-        among the k.
+        A motion whose own column is zero at q = 0, such as sound, stays as it is, and is not among
+        the k.
         """
         odd = self.deforming.odd.reshape(self.n_rows, self.size)
         even = self.deforming.even.reshape(self.n_rows, self.size)
@@ -191,7 +202,7 @@ class Block:
 
     @property
     def _kinds(self) -> tuple[WaveRows, ...]:
-        """Rows of C(q), then those on which prestress acts, if there is any."""
+        """The rows of C(q), followed by those on which static forces act, if there are any."""
         return (self.deforming,) if self.pushing is None else (self.deforming, self.pushing)
 
     @cached_property
@@ -215,21 +226,22 @@ class Block:
 
     @property
     def keeps_digits(self) -> bool:
-        """Whether tilted motions help, and leave the contacts undeformed at q = 0.
+        """Whether C(q) keeps the digits of the flexural branch in terms of tilted motions.
 
-        Tilted motions do not help where branches of this block vanish for want of rows. A rotation
-        of two balls about their middle deforms their contact if the line between the balls is not
-        along the normal of the contact.
+        Two conditions must hold. There are at least as many rows as motions: with fewer rows some
+        branches vanish everywhere, and tilted motions do not help. And a tilted motion deforms no
+        contact to first order in q. It does deform a contact whose normal is not along the line
+        between the two balls.
         """
         if not self.bent or self.n_rows < self.size:
             return False
-        bends, _, half = self._tilted
+        displaced, _, half = self._tilted_factors
         even = self.deforming.even.reshape(self.n_rows, self.size)
-        # deformations (m, bent, p), per step of q at q = 0, of tilted motions
-        by_displacement = bends[:, :, None] * half[:, None]
+        # gradients (m, bent, p), with respect to q at q = 0, of the deformations of tilted motions
+        by_displacement = displaced[:, :, None] * half[:, None]
         by_rotation = np.einsum("mn,kna->mka", even, self.tilt)
         largest = np.max(np.abs(by_displacement + by_rotation))
-        return bool(largest <= _RIGID * np.max(np.abs(bends)))
+        return bool(largest <= _RIGID * np.max(np.abs(displaced)))
 
     def solve(self, q: Array) -> tuple[Array, NDArray[Any]]:
         """Return frequencies (n_q, n), (k/M)^1/2, ascending, and eigenvectors (n_q, n, n), as
@@ -240,22 +252,27 @@ class Block:
         return frequencies, self._turn_back(point, modes)
 
     def _turn_back(self, point: _Point, modes: NDArray[Any]) -> NDArray[Any]:
-        """Return vectors in terms of the motions of the frame."""
+        """Return the amplitudes (n_q, n, n) of the motions of the frame in ``modes`` (n_q, n, n),
+        columns that are given in the basis of the ``point``.
+        """
         in_motions = modes if point.basis is None else point.basis @ modes
         return in_motions if self.turn is None else self.turn @ in_motions
 
     def solve_with_velocities(self, q: Array, along: Array) -> tuple[Array, NDArray[Any], Array]:
         """Return frequencies (n_q, n), (k/M)^1/2, ascending, eigenvectors (n_q, n, n), as columns,
-        and group velocities (n_q, n, p), d (k/M)^1/2, at wave vectors q (n_q, p), 1/d; degenerate
-        sets are resolved along the unit vectors ``along`` (n_q, p).
+        and group velocities (n_q, n, p), d (k/M)^1/2, at wave vectors q (n_q, p), 1/d.
+
+        Modes of one frequency are those that a path along the unit vectors ``along`` (n_q, p)
+        follows.
         """
         point = self._compute(q)
         frequencies, modes = self._decompose(point)
         slopes = _Slopes(self, point, frequencies)
+        # (n_q, n - 1) whether a branch has the frequency of the next
         joined = frequencies[:, 1:] - frequencies[:, :-1] <= DEGENERATE * frequencies[:, 1:]
         if np.any(joined):
             if np.any(frequencies[:, 0] == 0.0):
-                # branches that vanish everywhere have no order among themselves
+                # nothing tells branches that vanish everywhere from each other
                 joined[:, : self.free] = False
             self._split_degenerate(point, modes, slopes, joined, along)
         # d(omega^2)/dq over 2 omega; a branch that vanishes everywhere does not travel
@@ -264,6 +281,7 @@ class Block:
         if not frequencies.all():
             n_zeros = np.count_nonzero(frequencies == 0.0, axis=1)
             for number in np.flatnonzero(n_zeros > self.free).tolist():
+                # `_leave_zero` changes the modes and velocities, of which these are views
                 at_number = (frequencies[number], modes[number], velocities[number], along[number])
                 self._leave_zero(point, number, *at_number)
         return frequencies, self._turn_back(point, modes), velocities
@@ -277,14 +295,16 @@ class Block:
         velocities: Array,
         along: Array,
     ) -> None:
-        """Turn the modes of zero frequency at the wave vector of this ``number``, in place, into
-        those that a path along a unit vector ``along`` (p,) follows as it leaves the wave vector.
+        """Turn the modes of zero frequency at one wave vector, in place, into those that a path
+        along a unit vector ``along`` (p,) follows as it leaves the wave vector; write the limits of
+        their group velocities along the path into ``velocities`` (n, p).
 
-        ``modes`` (n, n) holds all n modes there, as columns, with their ``frequencies`` (n,). The
-        ``velocities`` (n, p) of the modes of zero frequency become the limits along the path.
-        Beside the wave vector frequencies that are zero rise as cones, as those of sound do beside
-        Gamma: the slopes are the singular values of the change of C, less what the modes of higher
-        frequencies can take up.
+        ``number`` is that of the wave vector among those of the ``point``. ``modes`` (n, n) holds
+        all n modes there, as columns in the basis of the point, with their ``frequencies`` (n,).
+
+        Beside the wave vector the frequencies that are zero there rise linearly, as those of sound
+        do beside Gamma. Their slopes are the singular values of the change of C, without the part
+        that modes of higher frequencies compensate by following along.
         """
         count = int(np.count_nonzero(frequencies == 0.0))
         motions = modes if point.basis is None else point.basis[number] @ modes
@@ -300,15 +320,16 @@ class Block:
             speeds, turn, forms = self._find_cones(stiff, change, along)
         else:
             speeds, turn, forms = self._find_pressed_cones(stiff, change, along)
-        speeds = np.where(speeds <= self._limit * self._largest, 0.0, speeds)
+        speeds = np.where(speeds <= self._rounding * self._longest_column, 0.0, speeds)
         is_equal = np.diff(speeds) <= DEGENERATE * speeds[1:]
         for _, run in _find_runs(is_equal[None]):
-            # modes of one speed stay as they are, as far as they can: u vh is the nearest rotation
+            # modes of one speed may be mixed at will, and stay as near as possible to what they
+            # were: u vh is the unitary matrix nearest to their block of `turn`
             u, _, vh = np.linalg.svd(turn[run, run])
             turn[:, run] = turn[:, run] @ (u @ vh).conj().T
         modes[:, :count] = modes[:, :count] @ turn
-        # half the gradients of the squares a step of length one away, where the frequencies are the
-        # speeds; a mode without speed does not travel
+        # (d omega^2/dq)/2 after a step s, over s; omega is s times the speed. A mode without speed
+        # does not travel
         gradients = np.einsum("yz,ayx,xz->za", turn.conj(), forms, turn).real
         inverse = np.divide(1.0, speeds, out=np.zeros_like(speeds), where=speeds > 0.0)
         velocities[:count] = gradients * inverse[:, None] + 0.0  # no minus zero
@@ -316,22 +337,23 @@ class Block:
     def _find_cones(
         self, stiff: NDArray[Any], change: NDArray[Any], along: Array
     ) -> tuple[Array, NDArray[Any], NDArray[Any]]:
-        """Return speeds (m,), ascending, of the m modes that leave zero along a unit vector
-        ``along`` (p,), their vectors (m, m) as columns, and forms (p, m, m).
+        """Return speeds (m,), ascending, of the m modes whose frequencies rise from zero along a
+        unit vector ``along`` (p,), the modes (m, m), as columns in terms of the m modes given, and
+        forms (p, m, m).
 
-        A step of length s along the path takes a mode of vector v and speed c to the frequency
-        s c, whose square has the gradient 2 s v^H forms v with respect to q. ``stiff`` (rows, k)
-        are the deformations of the modes of higher frequencies, each over its frequency, and
-        ``change`` (p, rows, m) those of the m modes, per step of q.
+        After a step of length s along the path, a mode v (m,) of speed c has the frequency s c,
+        and the square of that has the gradient 2 s v^H forms v with respect to q. ``stiff``
+        (rows, k) are the deformations of the modes of higher frequencies, each over its frequency,
+        and ``change`` (p, rows, m) is the derivative, with respect to q, of those of the m modes.
         """
         count = change.shape[2]
         change_along = np.tensordot(along, change, 1)
-        # the modes of higher frequencies take up the deformations in their span
+        # modes of higher frequencies follow, and compensate the deformations in their span
         basis = np.linalg.qr(stiff)[0]
         rigid = change - basis @ (basis.conj().T @ change)
         rigid_along = change_along - basis @ (basis.conj().T @ change_along)
         forms = rigid.conj().swapaxes(1, 2) @ rigid_along
-        # rows of zeros give m singular values also to fewer rows
+        # rows of zeros are added so that there are m singular values even if there are fewer rows
         padded = np.pad(rigid_along, ((0, max(0, count - len(rigid_along))), (0, 0)))
         _, speeds, turn = np.linalg.svd(padded, full_matrices=False)
         return speeds[::-1], turn[::-1].conj().T, forms
@@ -339,16 +361,18 @@ class Block:
     def _find_pressed_cones(
         self, stiff: NDArray[Any], change: NDArray[Any], along: Array
     ) -> tuple[Array, NDArray[Any], NDArray[Any]]:
-        """Return speeds (m,), vectors (m, m) and forms (p, m, m) as :meth:`_find_cones`, with the
-        same arguments, under static forces: squares are then those of deformations less those,
-        with signs, of the rows on which static forces act.
+        """Return speeds (m,), modes (m, m) and forms (p, m, m) as :meth:`_find_cones` does, with
+        the same arguments, under static forces.
+
+        The rows of ``stiff`` and ``change`` are then those of C(q), followed by those on which
+        static forces act. The squares of the latter are subtracted from omega^2, with their signs.
         """
         weight = np.concatenate([np.ones((self.n_rows, 1)), -np.asarray(self.signs)])
         change_along = np.tensordot(along, change, 1)
         pull = stiff.conj().T @ (weight * change)
         pull_along = stiff.conj().T @ (weight * change_along)
         whole_forms = change.conj().swapaxes(1, 2) @ (weight * change_along)
-        # less what the modes of higher frequencies take up
+        # modes of higher frequencies follow, and lower the squares
         forms = whole_forms - pull.conj().swapaxes(1, 2) @ pull_along
         squares, turn = np.linalg.eigh(np.tensordot(along, forms, 1))
         return np.sqrt(np.maximum(squares, 0.0)), turn, forms
@@ -361,14 +385,14 @@ class Block:
         joined: NDArray[np.bool_],
         along: Array,
     ) -> None:
-        """Turn the vectors ``modes`` (n_q, n, n) of each degenerate set, in place, into those of
-        the branches along a direction ``along`` (n_q, p).
+        """Turn the vectors of each degenerate set, columns of ``modes`` (n_q, n, n), in place, into
+        those of the branches along the directions ``along`` (n_q, p).
 
         Branches are told apart by the slopes of omega^2 along the direction, and those of equal
         slope by the modes a small step further.
 
-        ``joined`` (n_q, n - 1) says whether a branch has the frequency of the next; ``point`` is C
-        at the wave vectors, and ``slopes`` finds the slopes of omega^2 there.
+        ``joined`` (n_q, n - 1) says whether a branch has the frequency of the next one. ``point``
+        is C at the wave vectors, and ``slopes`` finds the slopes of omega^2 there.
         """
         equal_slopes: list[tuple[NDArray[np.intp], slice]] = []
         for points, branches in _find_runs(joined):
@@ -376,6 +400,8 @@ class Block:
             matrices = slopes.compute_along(points, vectors, branches.start, along[points])
             slope, turn = np.linalg.eigh(matrices)
             modes[points, :, branches] = vectors @ turn
+            # branches of this set that have one slope, with the numbers of the points, among
+            # `points`, at which they do
             for sets, equal in _find_runs(np.diff(slope, axis=1) <= _EQUAL_SLOPES):
                 run = slice(branches.start + equal.start, branches.start + equal.stop)
                 equal_slopes.append((points[sets], run))
@@ -389,20 +415,22 @@ class Block:
         equal_slopes: list[tuple[NDArray[np.intp], slice]],
         along: Array,
     ) -> None:
-        """Turn the vectors of branches of equal slope, in place, into those that are nearest to the
-        modes one step further along the path.
+        """Turn the vectors of branches of equal slope, columns of ``modes`` (n_q, n, n), in place,
+        into combinations that are nearest to the modes one step further along ``along`` (n_q, p).
 
-        Branches of equal slope separate at second order only. The length of the step, not LAPACK's
-        error, limits the accuracy. Branches that are still one after the step have no vectors of
-        their own. ``modes`` (n_q, n, n) are the vectors, ``along`` (n_q, p) the path, and
-        ``equal_slopes`` pairs of the numbers of wave vectors (k,) and the branches that have one
-        slope there.
+        ``equal_slopes`` are pairs: the numbers (k,) of wave vectors, and a slice of branches that
+        have one frequency and one slope there.
+
+        Such branches separate at second order in the step only. The length of the step,
+        :data:`_STEP_BESIDE`, limits the accuracy of their vectors, and not the error of LAPACK.
+        Branches that still have one frequency after the step have no vectors of their own, and
+        theirs are left as they are.
         """
         solved = np.unique(np.concatenate([points for points, _ in equal_slopes]))
         beside = point.q[solved] + _STEP_BESIDE * along[solved]
-        factors = self.deforming.compute_rows(beside)
+        rows_beside = self.deforming.compute_rows(beside)
         across = None if self.pushing is None else self.pushing.compute_rows(beside)
-        matrices = self._make_matrix(factors, across)
+        matrices = self._make_matrix(rows_beside, across)
         squares = np.linalg.eigvalsh(matrices)
         for points, branches in equal_slopes:
             steps = np.searchsorted(solved, points)
@@ -417,17 +445,17 @@ class Block:
             vectors = amplitudes
             if point.basis is not None:
                 vectors = point.basis[split_points] @ amplitudes
-            rows = factors[split_steps]
+            rows = rows_beside[split_steps]
             if self.pushing is not None:
                 rows = factorise(matrices[split_steps], self.slack)
             modes_beside = lapack_svd(rows)[1][:, :, branches]
-            # u vh is the rotation that takes the vectors nearest to the modes beside
+            # u vh is the unitary matrix that takes the vectors nearest to the modes beside
             u, _, vh = np.linalg.svd(vectors.conj().swapaxes(1, 2) @ modes_beside)
             modes[split_points, :, branches] = amplitudes @ (u @ vh)
 
     def _make_matrix(self, rows: NDArray[Any], across: NDArray[Any] | None) -> NDArray[Any]:
-        """Return D(q) (n_q, n, n) from rows (n_q, m, n) of C(q), and under prestress from those on
-        which static forces act, ``across`` (n_q, m', n).
+        """Return D(q) (n_q, n, n) from ``rows`` (n_q, m, n) of C(q) and, under prestress, from the
+        rows ``across`` (n_q, m', n) on which static forces act.
         """
         matrices = rows.conj().swapaxes(1, 2) @ rows
         if across is not None:
@@ -437,8 +465,8 @@ class Block:
     # -- C(q) --------------------------------------------------------------------------------------
 
     def _compute(self, q: Array) -> _Point:
-        """Return C at wave vectors q (n_q, p), 1/d; without static forces in the basis of tilted
-        motions, if the block has displacements across the periods that tilt the balls.
+        """Return C at wave vectors q (n_q, p), 1/d: in a basis of tilted motions if the block has
+        displacements that tilt the balls and no static forces, else in the motions of the block.
         """
         rows = self.deforming.compute_rows(q)
         if self.pushing is not None:
@@ -451,26 +479,29 @@ class Block:
         motions = untilted + np.zeros((len(q), 1, 1), self.tilt.dtype)  # (n_q, n, n)
         motions[:, :, :count] += np.einsum("kna,qa->qnk", self.tilt, q)
         basis, triangle = np.linalg.qr(motions)
-        # A rigid rotation of two balls about the middle of their centres deforms no contact. So the
-        # columns of tilted motions are sums in which sine and cosine do not cancel
-        bends, turns, half = self._tilted
+        # a rigid rotation of two balls about the middle of their centres deforms no contact, so
+        # sine and cosine do not cancel each other in the columns of tilted motions
+        displaced, rotated, half = self._tilted_factors
         angle = q @ half.T
-        by_bending = bend(angle)[..., None] * bends
-        by_turning = np.sin(angle)[..., None] * np.einsum("mka,qa->qmk", turns, q)
-        # from tilted motions to the first vectors of the basis
+        by_bending = bend(angle)[..., None] * displaced
+        by_turning = np.sin(angle)[..., None] * np.einsum("mka,qa->qmk", rotated, q)
+        # columns of the tilted motions, then of the first vectors of the basis
         columns = (by_bending + by_turning) @ np.linalg.inv(triangle[:, :count, :count])
         rows_in_basis = np.concatenate([columns, rows @ basis[:, :, count:]], axis=2)
         return _Point(q, rows_in_basis, basis=basis, triangle=triangle)
 
     @cached_property
     def _order(self) -> list[int]:
-        """Motions of the block, the bent ones first."""
+        """Numbers (n,) of the motions in the block, those that tilt the balls first."""
         return [*self.bent, *(motion for motion in range(self.size) if motion not in self.bent)]
 
     @cached_property
-    def _tilted(self) -> tuple[NDArray[Any], NDArray[Any], Array]:
-        """Factors of the tilted columns: (m, bent) of sin h - h cos h, (m, bent, p) of q sin h; and
-        half vectors (m, p).
+    def _tilted_factors(self) -> tuple[NDArray[Any], NDArray[Any], Array]:
+        """What the columns of the tilted motions in C(q) are made of, at half angles h = q.half.
+
+        A column is displaced (sin h - h cos h) + (rotated.q) sin h, where ``displaced`` (m, bent)
+        and ``rotated`` (m, bent, p) are the first two of the arrays. The third is ``half``, the
+        half vectors (m, p) of the rows.
         """
         odd = self.deforming.odd.reshape(self.n_rows, self.size)
         return (
@@ -483,7 +514,7 @@ class Block:
 
     def _decompose(self, point: _Point) -> tuple[Array, NDArray[Any]]:
         """Return frequencies (n_q, n), ascending, and eigenvectors (n_q, n, n), as columns, in the
-        basis of the point.
+        basis of the ``point``. Frequencies that are rounding of zero are zero.
         """
         matrices = None if point.across is None else self._make_matrix(point.rows, point.across)
         if matrices is not None:
@@ -492,7 +523,7 @@ class Block:
             frequencies, modes = self._split_free(point.rows, matrices)
         else:
             frequencies, modes = self._decompose_all(point.rows, matrices)
-        small = (frequencies <= self._limit * self._largest) & (frequencies > 0.0)
+        small = (frequencies <= self._rounding * self._longest_column) & (frequencies > 0.0)
         doubtful = np.flatnonzero(np.any(small, axis=1))
         if doubtful.size:
             frequencies[doubtful], modes[doubtful] = self._drop_small(
@@ -503,8 +534,8 @@ class Block:
     def _decompose_all(
         self, rows: NDArray[Any], matrices: NDArray[Any] | None
     ) -> tuple[Array, NDArray[Any]]:
-        """Return frequencies (n_q, n) and eigenvectors (n_q, n, n) from rows of C, or, under
-        prestress, from the ``matrices`` D.
+        """Return frequencies (n_q, n) and eigenvectors (n_q, n, n), as columns, from the ``rows``
+        (n_q, m, n) of C, or under prestress from the ``matrices`` D (n_q, n, n).
         """
         if matrices is None:
             return graded_svd(rows)
@@ -513,11 +544,12 @@ class Block:
     def _split_free(
         self, rows: NDArray[Any], matrices: NDArray[Any] | None
     ) -> tuple[Array, NDArray[Any]]:
-        """Return frequencies (n_q, n), ascending, and eigenvectors (n_q, n, n), as columns, with
-        the motions that cost nothing split off by LAPACK.
+        """Return frequencies (n_q, n), ascending, and eigenvectors (n_q, n, n), as columns; the
+        ``free`` modes that cost nothing, of frequency zero, are found by LAPACK, and the others by
+        :meth:`_decompose_all`, whose arguments are the same.
 
-        Plane rotations would take minutes to tell these motions from the softest. The arguments are
-        those of :meth:`_decompose_all`.
+        The plane rotations by which that method finds all modes would take minutes to tell the
+        free modes of a large block from the softest others.
         """
         if matrices is None:
             basis = lapack_svd(rows)[1]
@@ -537,25 +569,24 @@ class Block:
     def _drop_small(
         self, q: Array, frequencies: Array, modes: NDArray[Any]
     ) -> tuple[Array, NDArray[Any]]:
-        """Return frequencies (n_q, n), ascending, and eigenvectors (n_q, n, n), with frequencies
-        set to zero that are no more than the rounding of sine and cosine in their own columns, or
-        belong to branches that vanish everywhere.
+        """Return ``frequencies`` (n_q, n), ascending, with those of rounding alone set to zero, and
+        ``modes`` (n_q, n, n), columns in the basis of the point, in the same order.
 
-        ``frequencies`` and ``modes``, in the basis of the point, are those at the wave vectors q
-        (n_q, p).
+        A frequency is set to zero if it is no larger than the rounding of the entries of C(q) in
+        its own mode, or if its branch vanishes everywhere. The wave vectors are q (n_q, p).
         """
         squares = self._measure_columns(q)
         if self.bent:
-            bends, turns, half = self._tilted
+            displaced, rotated, half = self._tilted_factors
             angle = np.abs(q @ half.T)[..., None]
-            drift = np.abs(np.einsum("mka,qa->qmk", turns, q))
-            # sin h - h cos h is of third order in h
-            tilted_sizes = np.minimum(angle, angle**3) * np.abs(bends) + angle * drift
+            turned = np.abs(np.einsum("mka,qa->qmk", rotated, q))
+            # bounds of |sin h - h cos h|, which is of third order in h, and of |sin h|
+            tilted_sizes = np.minimum(angle, angle**3) * np.abs(displaced) + angle * turned
             tilted_squares = np.sum(tilted_sizes**2, axis=1)
             plain_squares = squares[:, self._order[len(self.bent) :]]
             squares = np.concatenate([tilted_squares, plain_squares], axis=1)
         lengths = np.sqrt(np.einsum("qn,qnb->qb", squares, np.abs(modes) ** 2))
-        rounding = self._limit * lengths
+        rounding = self._rounding * lengths
         frequencies = np.where(frequencies <= rounding, 0.0, frequencies)
         frequencies[:, : self.free] = 0.0
         if np.any(frequencies[:, 1:] < frequencies[:, :-1]):
@@ -565,28 +596,30 @@ class Block:
         return frequencies, modes
 
     def _drop_rounding(self, q: Array, matrices: NDArray[Any]) -> None:
-        """Set diagonal entries of D(q) (n_q, n, n) that are rounding of zero, and may be below it,
-        to zero, in place.
+        """Set diagonal entries of the ``matrices`` D(q) (n_q, n, n) to zero, in place, where they
+        are rounding errors of zero, which may be negative.
         """
         diagonal = np.einsum("qii->qi", matrices)  # a view: what is set in it is set in D
         squares = self._measure_columns(q)
         is_doubtful = (diagonal != 0.0) & (np.abs(diagonal) <= _ROUNDING * squares)
         points, columns = np.nonzero(is_doubtful)
-        # |D_ij|^2 <= D_ii D_jj, unless the lattice buckles: larger entries of such a row say that
-        # it does, and the diagonal stays
+        # without buckling |D_ij|^2 <= D_ii D_jj. Larger entries in the row of a doubtful D_ii say
+        # that the lattice buckles, and D_ii is kept
         bounds = _ROUNDING * squares[points, columns][:, None] * squares[points]
         is_zero = np.all(np.abs(matrices[points, columns]) ** 2 <= bounds, axis=1)
         diagonal[points[is_zero], columns[is_zero]] = 0.0
 
     def _measure_columns(self, q: Array) -> Array:
-        """Return squares (n_q, n) of the lengths of columns of C(q), as if nothing cancelled;
-        rounding is in proportion.
+        """Return the squares (n_q, n) of the lengths that the columns of C(q), and of the rows on
+        which static forces act, would have if no terms cancelled. Rounding errors are in proportion
+        to these lengths.
         """
         squares: Any = 0.0
         for waves in self._kinds:
             odd = np.abs(waves.odd)
             even = np.abs(waves.even)
-            # where two ends cancel, their difference is rounding of both
+            # `even` is the difference of the two ends of a contact. Unless it is exactly zero it
+            # has the rounding of both ends, whose size `odd` tells
             even = np.where(even > 0.0, even + odd, 0.0)
             half_angle = np.abs(q @ waves.half.T)
             size = half_angle[:, None, :, None] * odd + even  # (n_q, kinds, n_c, n)
@@ -594,30 +627,38 @@ class Block:
         return np.asarray(squares)
 
     @property
-    def _limit(self) -> float:
-        """Least relative rounding of a frequency; under prestress squares are rounded."""
+    def _rounding(self) -> float:
+        """Rounding error of a frequency, over the length of its column: under prestress the root of
+        that of a square, as D is rounded then, and not C.
+        """
         return _ROUNDING if self.pushing is None else float(np.sqrt(_ROUNDING))
 
     @cached_property
-    def _largest(self) -> float:
-        """An upper bound of the lengths of :meth:`_measure_columns` at half angles up to 3."""
+    def _longest_column(self) -> float:
+        """An upper bound of the lengths that :meth:`_measure_columns` finds, at half angles up to
+        3 rad.
+        """
         return 4.0 * float(
             sum(np.linalg.norm(rows) for waves in self._kinds for rows in (waves.odd, waves.even))
         )
 
 
 class _Slopes:
-    """<v_b| dD/dq |v_c>, D = C^H C, as 2 Re <C v_b| dC/dq |v_c>, which is exact near Gamma too.
+    """Derivatives of omega^2 with respect to q at the wave vectors of a ``point``, where a block
+    has the ``frequencies`` (n_q, n).
 
-    ``frequencies`` (n_q, n) are those of a block at the wave vectors of a ``point``.
+    With D = C^H C they are <v_b| dD/dq |v_c> = <C v_b| dC/dq v_c> + <dC/dq v_b| C v_c>, a form
+    that keeps its digits near Gamma too.
     """
 
     def __init__(self, block: Block, point: _Point, frequencies: Array) -> None:
+        """Compute the derivatives of the rows at the wave vectors of the ``point``."""
         self.block = block
         self.point = point
         self.frequencies = frequencies
-        #: rows, their derivatives with respect to the half angle, and the half vectors, with the
-        #: sign of the term
+        #: for the rows of C(q), and for those on which static forces act: the rows (n_q, m, n),
+        #: their derivatives with respect to the half angle, and the half vectors (m, p), multiplied
+        #: by the sign with which the squares of the rows enter omega^2
         self.kinds = [
             (
                 point.rows,
@@ -630,24 +671,27 @@ class _Slopes:
             slopes = block.pushing.compute_rows(point.q, derivative=True)
             self.kinds.append((point.across, slopes, half))
         if point.basis is not None:
-            # gradients (n_q, p, m, bent), with respect to q, of the tilted columns of C(q)
-            bends, turns, half = block._tilted
+            displaced, rotated, half = block._tilted_factors
             angle = (point.q @ half.T)[..., None]
-            inner = angle * np.sin(angle) * bends
-            inner = inner + np.cos(angle) * np.einsum("mka,qa->qmk", turns, point.q)
-            outer = np.sin(angle)[:, None] * np.moveaxis(turns, 2, 0)
-            self.tilted = half.T[:, :, None] * inner[:, None] + outer
+            # derivative with respect to the half angle h, and that by q in (rotated.q)
+            by_angle = angle * np.sin(angle) * displaced
+            by_angle = by_angle + np.cos(angle) * np.einsum("mka,qa->qmk", rotated, point.q)
+            by_rotation = np.sin(angle)[:, None] * np.moveaxis(rotated, 2, 0)
+            #: gradients (n_q, p, m, bent), with respect to q, of the tilted columns of C(q)
+            self.tilted = half.T[:, :, None] * by_angle[:, None] + by_rotation
 
     def compute_along(
         self, points: NDArray[np.intp], vectors: NDArray[Any], first: int, along: Array
     ) -> NDArray[Any]:
-        """Return the matrices (k, b, b) of the slopes of omega^2 along directions ``along`` (k, p),
-        between degenerate ``vectors`` (k, n, b) at k of the wave vectors, of numbers ``points``.
+        """Return the matrices (k, b, b) of <v_b| dD/dq.along |v_c> between degenerate ``vectors``
+        (k, n, b), along unit vectors ``along`` (k, p), at k of the wave vectors, whose numbers are
+        ``points`` (k,). Their eigenvalues are the slopes of omega^2.
 
-        The frequencies of the vectors are those of the branch number ``first``.
+        All ``vectors`` at a wave vector have the frequency of the branch of number ``first``.
         """
         if self.point.basis is not None:
-            deformations, changes = self._tilt(points, vectors, self.frequencies[points, first])
+            frequencies = self.frequencies[points, first]
+            deformations, changes = self._deform_tilted(points, vectors, frequencies)
             products = np.einsum("qxb,qaxc,qa->qbc", deformations.conj(), changes, along)
         else:
             products = np.zeros((len(points), vectors.shape[2], vectors.shape[2]))
@@ -665,7 +709,8 @@ class _Slopes:
         # omega^2 is the square of the deformations: its gradient is twice the real part of their
         # product with their own gradients
         if self.point.basis is not None:
-            deformations, changes = self._tilt(slice(None), vectors, self.frequencies[:, None, :])
+            frequencies = self.frequencies[:, None, :]
+            deformations, changes = self._deform_tilted(slice(None), vectors, frequencies)
             return np.asarray(2.0 * np.einsum("qxb,qaxb->qba", deformations.conj(), changes).real)
         total: Any = 0.0
         for rows, slope, half in self.kinds:
@@ -673,18 +718,24 @@ class _Slopes:
             total = total + 2.0 * half.T @ products
         return np.asarray(total.swapaxes(1, 2))
 
-    def _tilt(
+    def _deform_tilted(
         self, points: Any, vectors: NDArray[Any], frequencies: Array
     ) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return C v (k, m + n, b), and dC/dq v (k, p, m + n, b), of amplitudes v, ``vectors``
-        (k, n, b), in the basis; the last n rows are the change of the tilted motions' lengths.
+        """Return two arrays, (k, m + n, b) and (k, p, m + n, b), twice the real part of whose
+        products, summed over m + n, is the gradient of omega^2 of amplitudes v in the basis.
 
-        The squares of ``frequencies`` are the eigenvalues of (C T)^H C T in the metric
-        T^H T of the tilted motions T. ``points`` select k of the wave vectors.
+        The tilted motions T depend on q. The eigenvalues omega^2 are those of (C T)^H C T in the
+        metric T^H T, so that their gradients are 2 Re (<C T v| d(C T) v> - omega^2 <T v| dT v>).
+        The arrays hold C T v and d(C T) v in their first m rows, and T v and -omega^2 dT v in the
+        last n.
+
+        ``points`` select k of the wave vectors, ``vectors`` (k, n, b) are the amplitudes v, and
+        ``frequencies``, (k,) or (k, 1, b), are those of the vectors.
         """
         block = self.block
         point = self.point
         count = len(block.bent)
+        # amplitudes of the tilted motions, and then of the others
         tilted = np.linalg.solve(point.triangle[points], vectors)  # type: ignore[index]
         rows, slope, half = self.kinds[0]
         motion = np.zeros_like(tilted)
@@ -700,10 +751,11 @@ class _Slopes:
 
 
 def factorise(matrices: NDArray[Any], slack: float = 0.0) -> NDArray[Any]:
-    """Return L^H (n_q, n, n) of D = L L^H, the ``matrices`` (n_q, n, n).
+    """Return F (n_q, n, n) with F^H F = D for the ``matrices`` D (n_q, n, n): the triangle of a
+    Cholesky decomposition, or, where D is not positive definite, omega v^H of its modes v.
 
-    Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative, by
-    more than ``slack`` of the largest; by less it is taken for zero.
+    Raises :class:`~granphon.base.errors.InstabilityError` if the square of a frequency is negative,
+    by more than ``slack`` of the largest square. Other negative squares are taken for zero.
     """
     try:
         return cholesky_factor(matrices)
@@ -717,16 +769,17 @@ def factorise(matrices: NDArray[Any], slack: float = 0.0) -> NDArray[Any]:
 
 
 def find_blocks(effects: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
-    """Return the sets of columns that no row joins to others, from whether each row feels each
-    column, ``effects`` (rows, n).
+    """Return the sets of columns that no row joins to columns of other sets, each as ascending
+    numbers, where ``effects`` (rows, n) says whether a row has an entry in a column.
     """
     n_columns = effects.shape[1]
-    if effects.all(axis=1).any():  # one row joins all
+    if effects.all(axis=1).any():  # a single row joins all columns
         return [np.arange(n_columns)]
     unassigned = np.ones(n_columns, bool)
     blocks = []
     while np.any(unassigned):
-        # a block begins with the first column, and grows by what its rows join to it
+        # a block begins with the first unassigned column, and grows by the columns that its rows
+        # join to it
         block = np.arange(n_columns) == np.argmax(unassigned)
         count = 0
         while count < int(np.count_nonzero(block)):
@@ -739,20 +792,21 @@ def find_blocks(effects: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
 
 
 def _find_runs(joined: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], slice]]:
-    """Return the runs of items that belong together in n rows: each run, as a slice of items, after
-    the rows (k,) that have it.
+    """Return the runs of neighbouring items that belong together in n rows of m items: pairs of the
+    numbers (k,) of all rows that have a run, and the run as a slice of items.
 
-    ``joined`` (n, m - 1) says whether item j + 1 belongs with item j.
+    ``joined`` (n, m - 1) says whether item j + 1 of a row belongs with item j.
     """
     count, width = joined.shape
     padded = np.zeros((count, width + 2), np.int8)
     padded[:, 1:-1] = joined
+    # 1 where a run begins, and -1 at its last item
     edges = padded[:, 1:] - padded[:, :-1]
     rows, start = np.nonzero(edges == 1)
     stop = np.nonzero(edges == -1)[1] + 1
     if not rows.size:
         return []
-    # one number stands for both ends of a run
+    # start * base + stop is one number for both ends of a run, so that equal runs are found at once
     base = width + 2
     codes, run_of_row = np.unique(start * base + stop, return_inverse=True)
     runs = [slice(*divmod(int(code), base)) for code in codes]

@@ -23,17 +23,18 @@ _PATH_POINTS = 128
 #: number of these points that are solved together; after each such group, directions that have
 #: reached their frequency are dropped
 _POINTS_TOGETHER = 16
-#: projection of a vector on a direction, over its length, up to which the vector is across it
+#: projection of a vector on a direction, over the length of the vector, up to which the vector is
+#: perpendicular to the direction
 _ACROSS = 1e-9
 #: wavenumber, over that of the first point, at which branches are told apart beside Gamma
 _BESIDE_GAMMA = 1e-6
 #: steps towards a wavenumber, at most: more than bisection needs
 _MOST_STEPS = 200
-#: relative change of a wavenumber at which Newton's steps end, and relative error of the frequency
-#: above which a branch has been lost
+#: relative change of a wavenumber at which Newton's steps end
 _STEP_TOLERANCE = 1e-13
+#: relative error of the frequency above which a branch has been lost
 _FREQUENCY_TOLERANCE = 1e-11
-#: pieces of a bracket in which a maximum is sought
+#: number of pieces into which an interval that contains a maximum is divided
 _PIECES = 33
 
 
@@ -62,19 +63,20 @@ def connect_branches(eigenvectors: ArrayLike) -> NDArray[np.intp]:
 
 
 def find_zone_boundary(lattice: ContactLattice, direction: ArrayLike) -> Any:
-    """Return the distance from Gamma to the edge of the Brillouin zone, 1/d: a number in a
-    ``direction`` (p,), or (n,) in each of (n, p).
+    """Return the distance from Gamma to the edge of the Brillouin zone, 1/d: a number for one
+    ``direction`` (p,), or an array (n,) for n directions (n, p).
     """
     along = as_direction(direction, lattice.periods)
-    # no point of the zone is farther from Gamma than half the sum of the reciprocal cell's edges
+    # no point of the zone is farther from Gamma than half the sum of the reciprocal cell's edges.
+    # So the vectors whose bisecting planes bound the zone are no longer than the sum
     longest = float(np.linalg.norm(lattice.reciprocal, axis=1).sum())
     vectors = steps_within(lattice.reciprocal, longest) @ lattice.reciprocal
     squared = np.sum(vectors**2, axis=1)
     projection = along @ vectors.T
     is_ahead = projection > _ACROSS * np.sqrt(squared)
-    # the plane that halves a reciprocal vector G is met at |G|^2/(2 G.u)
+    # the plane that bisects a reciprocal vector G is met at the distance |G|^2/(2 G.u)
     distances = np.where(is_ahead, squared / np.where(is_ahead, 2.0 * projection, 1.0), np.inf)
-    return np.min(distances, axis=-1)[()]
+    return np.min(distances, axis=-1)[()]  # of one direction a number
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,8 @@ class AcousticBranch:
     ----------
     direction : (p,) unit vector.
     name : one of the lattice's ``wave_names``, after the polarisation at long waves.
-    wavenumbers, frequencies : (n,) ascending, 1/d and (k/M)^1/2; the last is the top of the branch.
+    wavenumbers : (n,) ascending, 1/d.
+    frequencies : (n,) ascending, (k/M)^1/2; the last is the top of the branch.
     vectors : (n, n_dof) eigenvectors, by which the branch is recognised between the points.
     """
 
@@ -98,15 +101,16 @@ class AcousticBranch:
 
     @property
     def top(self) -> float:
-        """Highest frequency a pulse on this branch can have, (k/M)^1/2."""
+        """Highest angular frequency that a pulse on this branch can have, (k/M)^1/2."""
         return float(self.frequencies[-1])
 
     def find_pulse(self, frequency: ArrayLike) -> tuple[Array, Array]:
-        """Return the wavenumbers (n,), 1/d, and the group velocities (n, p), d (k/M)^1/2, at
-        angular frequencies (n,), (k/M)^1/2, to rounding.
+        """Return the wavenumbers (n,), 1/d, and the group velocities (n, p), d (k/M)^1/2, that
+        pulses of angular ``frequency`` (n,), (k/M)^1/2, have on this branch.
 
-        Raises :class:`~granphon.base.errors.UnreachableFrequencyError` above the top of the branch,
-        and :class:`~granphon.base.errors.GranphonError` where the branch is lost.
+        Raises :class:`~granphon.base.errors.UnreachableFrequencyError` for a frequency above the
+        top of the branch, and :class:`~granphon.base.errors.GranphonError` where the branch cannot
+        be followed through an avoided crossing.
         """
         target = np.atleast_1d(real_array("frequency", frequency))
         if np.any(target > self.top):
@@ -115,7 +119,9 @@ class AcousticBranch:
                 f" {float(target.max()):.10g}",
                 mend="Choose lower frequencies",
             )
-        # the first point of the branch at the frequency or above it; Gamma is before all points
+        # `above` is the first point of the branch whose frequency is at least the target. The point
+        # before it is below; before the first point that is Gamma, with zero wavenumber and
+        # frequency
         above = np.searchsorted(self.frequencies, target).clip(max=len(self.frequencies) - 1)
         low_q = np.where(above > 0, self.wavenumbers[above - 1], 0.0)
         low_omega = np.where(above > 0, self.frequencies[above - 1], 0.0)
@@ -129,13 +135,15 @@ class AcousticBranch:
 def _find_nearest(
     lattice: ContactLattice, wavenumbers: Array, along: Array, references: NDArray[np.complex128]
 ) -> tuple[Array, Array]:
-    """Return frequencies (n,) and group velocities (n, p) of the modes at ``wavenumbers`` (n,) in
-    directions ``along`` (p,) or (n, p) whose eigenvectors overlap most with ``references``
-    (n, n_dof).
+    """Return the frequency (n,), (k/M)^1/2, and the group velocity (n, p), d (k/M)^1/2, of the mode
+    whose eigenvector overlaps most with the reference, at each of ``wavenumbers`` (n,), 1/d.
 
-    Where branches coincide along the whole direction, as both transverse ones do on an axis of
-    symmetry, the velocity is the mean of theirs: the velocity of each depends on the side from
-    which the axis is approached.
+    ``along`` are unit vectors, one (p,) or one for each wavenumber (n, p), and ``references``
+    (n, n_dof) are eigenvectors.
+
+    Several branches coincide along a whole direction, as both transverse ones do on an axis of
+    symmetry, if they have one frequency and one slope. Their velocities depend on the side from
+    which the axis is approached; then the mean of these velocities is returned.
     """
     modes = lattice.modes(wavenumbers[:, None] * along, along)
     overlap = np.abs(np.einsum("qm,qmb->qb", references.conj(), modes.eigenvectors))
@@ -144,7 +152,7 @@ def _find_nearest(
     frequencies = modes.frequencies[points, nearest]
     velocities = modes.group_velocities[points, nearest]
     if lattice.periods == 3:
-        # in the plane and on a line no axis of symmetry makes acoustic branches coincide
+        # only in space can acoustic branches coincide along an axis of symmetry
         directions = np.broadcast_to(along, (len(wavenumbers), 3))
         slopes = np.einsum("qbp,qp->qb", modes.group_velocities, directions)
         difference = np.abs(modes.frequencies - frequencies[:, None])
@@ -168,12 +176,15 @@ def _solve_wavenumbers(
     references: NDArray[np.complex128],
     name: str,
 ) -> tuple[Array, Array]:
-    """Return wavenumbers (n,), 1/d, and group velocities (n, p), d (k/M)^1/2, at angular
-    frequencies ``target`` (n,), (k/M)^1/2, in directions ``along`` (n, p).
+    """Return wavenumbers (n,), 1/d, and group velocities (n, p), d (k/M)^1/2, at which a branch has
+    the angular frequencies ``target`` (n,), (k/M)^1/2, in directions ``along`` (n, p): by Newton's
+    method, with bisection where a step leaves the bracket.
 
-    The branch called ``name`` has ``frequencies`` (2, n) at ``wavenumbers`` (2, n), below and above
-    the target, and eigenvectors near ``references`` (n, n_dof). Raises
-    :class:`~granphon.base.errors.GranphonError` where the branch is lost.
+    ``wavenumbers`` (2, n) are the brackets: their first row is below the solution, and their second
+    above. ``frequencies`` (2, n) are those of the branch there. The branch has eigenvectors near
+    ``references`` (n, n_dof), and messages call it ``name``. Raises
+    :class:`~granphon.base.errors.GranphonError` where the mode nearest to the references does not
+    reach the target.
     """
     low, high = wavenumbers.copy()
     low_omega, high_omega = frequencies
@@ -215,20 +226,20 @@ def _solve_wavenumbers(
 
 @dataclass(frozen=True, eq=False)
 class AcousticBranches:
-    """All acoustic branches along many directions, from Gamma up to the frequencies asked for.
+    """All acoustic branches along n directions, from Gamma up to the frequencies asked for.
 
-    There are n_u of them, in the order of the lattice's ``wave_names``: in the plane the
-    longitudinal, then the transverse.
+    There are n_u branches in each direction, in the order of the lattice's ``wave_names``: in the
+    plane the longitudinal branch, then the transverse.
 
     Attributes
     ----------
     directions : (n, p) unit vectors.
-    wavenumbers : (n, n_points), 1/d.
-    frequencies : (n_u, n, n_points), (k/M)^1/2, ascending up to the last point before the maximum,
-        then +inf, as at points to which the branch was not followed.
+    wavenumbers : (n, n_points), 1/d, from the first point after Gamma to the edge of the zone.
+    frequencies : (n_u, n, n_points), (k/M)^1/2, ascending up to the last point before the first
+        maximum; +inf at the points after it, and at those to which the branch was not followed.
     rising : (n_u, n), number of points before the first maximum, among those at which the branch
         was followed.
-    falls : (n_u, n), whether the branch has a maximum after these points.
+    falls : (n_u, n), whether the branch was followed to a point behind a maximum.
     vectors : (n_u, n, n_points, n_dof), eigenvectors.
     """
 
@@ -244,9 +255,11 @@ class AcousticBranches:
     def follow(
         cls, lattice: ContactLattice, directions: Array, targets: ArrayLike = np.inf
     ) -> AcousticBranches:
-        """Return the branches along unit vectors ``directions`` (n, p), followed through crossings,
-        each at least until the branch reaches its target (n_u, n), (k/M)^1/2, falls, or meets the
-        edge of the zone.
+        """Return the branches along unit vectors ``directions`` (n, p), followed through crossings
+        by the overlap of their eigenvectors.
+
+        Each branch is followed at least until its frequency reaches its target, of ``targets``
+        (n_u, n), (k/M)^1/2, or falls, or until the edge of the zone.
         """
         n_directions = len(directions)
         n_waves = len(lattice.wave_names)
@@ -265,8 +278,10 @@ class AcousticBranches:
             modes = _find_path_modes(lattice, q, directions[followed], last_vectors)
             row = np.arange(len(followed))
             for point in range(q.shape[1]):
+                # the column, at this point, of the mode that continues each of the last point
                 next_column = _assign_columns(modes.overlap[:, point])
                 column = np.stack([next_column[row, branch] for branch in column])
+                # a branch that has fallen once is not followed up again
                 climbs = ~falls[:, followed] & (modes.slopes[row, point, column] > 0.0)
                 rising_frequencies = np.where(climbs, modes.frequencies[row, point, column], np.inf)
                 falls[:, followed] |= ~climbs
@@ -295,7 +310,7 @@ class AcousticBranches:
 
     def take_branch(self, which: int, direction: int) -> AcousticBranch:
         """Return the branch of index ``which`` in the lattice's ``wave_names``, in the direction of
-        this index, cut at the first maximum.
+        index ``direction``, up to the last point before its first maximum and the maximum itself.
         """
         count = int(self.rising[which, direction])
         has_fallen = bool(self.falls[which, direction])
@@ -305,7 +320,7 @@ class AcousticBranches:
         omega = self.frequencies[which, direction, points_kept].copy()
         vectors = self.vectors[which, direction, points_kept]
         if has_fallen:
-            # the maximum lies before the last point, and takes its place
+            # the last point is behind the maximum, and is replaced by the maximum
             low = q[count - 1] if count else 0.0
             reference = vectors[count][None]
             q[count] = _find_maximum(self.lattice, along, low, q[count], reference)
@@ -318,15 +333,18 @@ class AcousticBranches:
         self, which: int, direction: NDArray[np.intp], target: Array
     ) -> tuple[Array, Array]:
         """Return wavenumbers (m,), 1/d, and group velocities (m, p), d (k/M)^1/2, of the branch of
-        index ``which`` at frequencies ``target`` (m,), (k/M)^1/2, in the directions of indices
-        ``direction`` (m,).
+        index ``which`` in the lattice's ``wave_names``, at frequencies ``target`` (m,), (k/M)^1/2,
+        in the directions of indices ``direction`` (m,).
 
-        ``target`` must not be above the last point before the maximum. Raises
-        :class:`~granphon.base.errors.GranphonError` where the branch is lost.
+        No target may be above the frequency at the last point before the maximum. Raises
+        :class:`~granphon.base.errors.GranphonError` where the branch cannot be followed through an
+        avoided crossing.
         """
         wavenumbers = self.wavenumbers[direction]
         frequencies = self.frequencies[which, direction]
-        # the first point of the branch at the frequency or above it; Gamma is before all points
+        # `above` is the first point of the branch whose frequency is at least the target. The point
+        # before it is below; before the first point that is Gamma, with zero wavenumber and
+        # frequency
         above = np.sum(frequencies < target[:, None], axis=1)
         row = np.arange(len(target))
         low_q = np.where(above > 0, wavenumbers[row, above - 1], 0.0)
@@ -346,10 +364,10 @@ class _PathModes(NamedTuple):
     Attributes
     ----------
     frequencies : (n, k, n_branches), (k/M)^1/2.
-    slopes : (n, k, n_branches), group velocities along the direction.
-    vectors : (n, k, n_dof, n_branches), eigenvectors.
-    overlap : (n, k, n_branches, n_branches), squares of the overlaps of the modes at the point
-        before with those at each point.
+    slopes : (n, k, n_branches), group velocities along the direction, d (k/M)^1/2.
+    vectors : (n, k, n_dof, n_branches), eigenvectors as columns.
+    overlap : (n, k, n_branches, n_branches), |<v|w>|^2 of each mode v at the point before, and each
+        mode w at the point.
     """
 
     frequencies: Array
@@ -361,8 +379,10 @@ class _PathModes(NamedTuple):
 def _find_path_modes(
     lattice: ContactLattice, q: Array, along: Array, last: NDArray[np.complex128]
 ) -> _PathModes:
-    """Return the modes at wavenumbers q (n, k), 1/d, in directions ``along`` (n, p); ``last``
-    (n, n_dof, n_branches) are the eigenvectors at the point before the first.
+    """Return the modes at wavenumbers q (n, k), 1/d, in directions ``along`` (n, p), unit vectors.
+
+    ``last`` (n, n_dof, n_branches) are the eigenvectors at the point before the first of these, for
+    their overlap with those at the first.
     """
     size = lattice.n_branches
     wavevectors = (q[..., None] * along[:, None]).reshape(-1, lattice.periods)
@@ -379,10 +399,10 @@ def _find_sound(
     lattice: ContactLattice, q: Array, directions: Array
 ) -> tuple[NDArray[np.complex128], NDArray[np.intp]]:
     """Return the eigenvectors (n, n_dof, n_branches) at wavenumbers q (n, 1) near Gamma, and the
-    column (n_u, n) of each wave among them.
+    column (n_u, n) of each sound wave among them, in the order of the lattice's ``wave_names``.
 
-    Sound moves the centre of mass; other motions of zero frequency at Gamma, such as balls turning
-    like gears, do not.
+    ``directions`` (n, p) are unit vectors. Sound is recognised by the motion of the centre of mass:
+    other motions of zero frequency at Gamma, such as balls turning like gears, leave it at rest.
     """
     _, polarisations = lattice.sound_velocities(directions)
     size = lattice.n_branches
@@ -405,17 +425,17 @@ def _find_maximum(
     high: float,
     reference: NDArray[np.complex128],
 ) -> float:
-    """Return the last wavenumber, 1/d, before the frequency of a branch falls, between ``low`` and
-    ``high``, in the direction ``along`` (p,).
+    """Return the last wavenumber, 1/d, before the frequency of a branch falls, in the direction
+    ``along`` (p,), between ``low``, where the frequency rises, and ``high``, where it falls.
 
-    The branch has eigenvectors near ``reference`` (1, n_dof). The bracket shrinks to one of
-    :data:`_PIECES` pieces at each turn, until its ends are neighbours among floats.
+    The branch has eigenvectors near ``reference`` (1, n_dof). At each turn the interval shrinks to
+    one of :data:`_PIECES` pieces, until its ends are neighbours among floats.
     """
     references = np.broadcast_to(reference, (_PIECES - 1, reference.shape[1]))
     while high - low > ROUNDED * high:
         points = np.linspace(low, high, _PIECES + 1)[1:-1]
         _, velocities = _find_nearest(lattice, points, along, references)
-        rises = np.append(velocities @ along > 0.0, False)  # the branch falls at ``high``
+        rises = np.append(velocities @ along > 0.0, False)  # the branch falls at `high`
         first_fall = int(np.argmin(rises))
         edges = np.concatenate([[low], points, [high]])
         is_unchanged = (edges[first_fall], edges[first_fall + 1]) == (low, high)
@@ -427,10 +447,11 @@ def _find_maximum(
 
 
 def _assign_columns(overlap: Array) -> NDArray[np.intp]:
-    """Return a column (n, m) for each of m branches, none twice, from the ``overlap``
-    (n, m, n_branches) of each branch with all columns: the sum of the overlaps is the greatest.
+    """Return the columns (n, m) assigned to m branches at each of n points, none twice, such that
+    the sum of their overlaps is the greatest. ``overlap`` (n, m, n_branches) is that of each branch
+    with all columns.
     """
-    # if the columns of largest overlap are different for all branches, they are the best assignment
+    # where each branch has its largest overlap with another column, this is the best assignment
     best: NDArray[np.intp] = np.argmax(overlap, axis=2)
     all_differ = np.all(np.diff(np.sort(best, axis=1), axis=1) > 0, axis=1)
     for row in np.flatnonzero(~all_differ).tolist():
@@ -443,8 +464,8 @@ def _assign_columns(overlap: Array) -> NDArray[np.intp]:
 def follow_acoustic_branches(
     lattice: ContactLattice, direction: ArrayLike
 ) -> dict[str, AcousticBranch]:
-    """Return the acoustic branches along ``direction`` (p,), followed through crossings, by the
-    names of the long waves.
+    """Return the acoustic branches along ``direction`` (p,), followed through crossings to their
+    maxima, as a dictionary by the lattice's ``wave_names``.
     """
     along = one_direction(direction, lattice.periods)
     branches = AcousticBranches.follow(lattice, along[None])

@@ -1,10 +1,11 @@
 """The compatibility matrix: the deformations of all contacts of a lattice from the motions of all
 its balls.
 
-Every quantity of the lattice follows from it. Its rows C are those of
-:mod:`granphon.dynamics.deformation_rows`. With K the stiffnesses and M the masses,
-D(q) = M^-1/2 C(q)^H K C(q) M^-1/2. All of it is in reduced units: length d, stiffness k, mass M. A
-ball's rotation is carried by w = R_g phi, R_g = (I/M)^1/2, so that its mass is the ball's own.
+Every quantity of the lattice follows from this matrix, C. Its rows are those of
+:mod:`granphon.dynamics.deformation_rows`. With the stiffnesses K and the masses M the dynamical
+matrix is D(q) = M^-1/2 C(q)^H K C(q) M^-1/2. All numbers are in reduced units: length d, stiffness
+k, mass M. The rotation phi of a ball is represented by the length w = R_g phi, R_g = (I/M)^1/2,
+whose inertia is the mass of the ball.
 """
 
 from __future__ import annotations
@@ -39,32 +40,32 @@ from granphon.networks.network import ContactNetwork
 
 #: radius of gyration of a ball about a diameter, (I/M)^1/2 = d/sqrt(10) (equation 8)
 GYRATION = float(1.0 / np.sqrt(10.0))
-#: number of reciprocal vectors from Gamma at which a wave vector has no digit left between its
-#: copies
+#: components of a wave vector in reciprocal vectors above which no digit is left for its place
+#: between two of them
 _FARTHEST = 1e15
-#: most memory of a wave vector, bytes
+#: most memory that the modes at one wave vector may take, bytes
 MOST_BYTES = 2**33
-#: part of the largest square by which D lowers others, where static tangential forces act: a tenth
-#: of this was seen where overlaps are d/50
+#: part of the largest squared frequency by which the lack of a potential of static tangential
+#: forces may lower other squares. A tenth of this was seen where overlaps are d/50
 _WITHOUT_POTENTIAL = 1e-5
 #: distance, over the size of the cell, up to which two centres are one point
 _SAME_CENTRE = 1e-9
 #: distance of a wave vector from a copy of Gamma, over that of the copy from Gamma, up to which the
 #: distance is rounding
 _AT_COPY = 1e-15
-#: relative difference of vectors that are equal but for rounding
-_ALIKE = 8.0 * float(np.finfo(np.float64).eps)
+#: relative difference up to which two numbers are equal but for rounding
+_ROUNDED_EQUAL = 8.0 * float(np.finfo(np.float64).eps)
 
 
 def _put_in_space(vectors: Array) -> Array:
-    """Return vectors (n, d) in three dimensions, (n, 3)."""
+    """Return ``vectors`` (n, d) with zeros for the other components of three, (n, 3)."""
     return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
 
 
 def as_wavevectors(wavevectors: ArrayLike, periods: int) -> Array:
-    """Return wave vectors (n_q, p), from any (..., p).
+    """Return ``wavevectors`` (..., p) as an array (n_q, p).
 
-    Raises :class:`~granphon.base.errors.InputError` if p is not ``periods``.
+    Raises :class:`~granphon.base.errors.InputError` if p is not the number of ``periods``.
     """
     q = real_array("wavevectors", wavevectors)
     if q.shape[-1:] != (periods,):
@@ -75,8 +76,9 @@ def as_wavevectors(wavevectors: ArrayLike, periods: int) -> Array:
 
 
 def require_digits(components: Array) -> None:
-    """Raise :class:`~granphon.base.errors.PrecisionError` for wave vectors too far from Gamma, from
-    their ``components`` in reciprocal vectors, an array of any shape.
+    """Raise :class:`~granphon.base.errors.PrecisionError` if wave vectors are too far from Gamma.
+
+    ``components``, an array of any shape, are their components in reciprocal vectors.
     """
     farthest = float(np.max(np.abs(components), initial=0.0))
     if farthest > _FARTHEST:
@@ -89,38 +91,40 @@ def require_digits(components: Array) -> None:
 
 
 class Compatibility:
-    """Balls in contact on a periodic lattice, in reduced units: C(q) and D(q).
+    """Balls in contact on a periodic lattice, in reduced units, with their compatibility matrix
+    C(q) and their dynamical matrix D(q).
 
     Parameters
     ----------
     cell : (p, d) lattice vectors as rows: p periods in d dimensions. One period lies along x, two
         lie in the xy plane.
     positions : (n, d) centres.
-    contacts : the table of contacts, in the same unit of length. A ball j = n is a body that does
-        not move; the vector of its contacts is zero, and C has no columns for that end.
+    contacts : the table of contacts, in the same unit of length. The number j = n stands for all
+        bodies that do not move; the vector of a contact with one is zero, and C has no columns for
+        that end.
     mindlin_ratio : eta, stiffness of slip over that of elongation; a number, or (n_c,).
     stiffness : (n_c,) normal stiffness of each contact; 1 by default.
-    prestress : (n_c,) compressive force over spacing of each contact; 0 by default, which is the
-        paper's limit.
+    prestress : (n_c,) compressive force over the distance of the centres, f/a, of each contact; 0
+        by default, which is the limit of Velicky and Caroli (2002).
     masses : (n,) masses; 1 by default.
     gyration : (n,) radii of gyration; d/sqrt(10) by default.
-    torsion : stiffness of twist over that of elongation times d^2; a number, or (n_c,).
-    bending : stiffness of rolling, over the same; a number, or (n_c,).
+    torsion : stiffness of twist over d^2 times that of elongation; a number, or (n_c,).
+    bending : stiffness of rolling over d^2 times that of elongation; a number, or (n_c,).
     tangential_force : (n_c, d) static forces across contacts, with which ball i acts on ball j;
-        none by default. They act on motions as in
-        :func:`~granphon.dynamics.deformation_rows.carry_rows`, but for the part that has no
-        potential.
-    tangential_growth : (n_c,) relative growth of a tangential force over the overlap, 1/d; 0 by
-        default.
-    distance : (n_c,) distance r of the two centres, by which tangential forces turn with the
-        contact; by default the length of the vector of the contact, so it must be given if
-        tangential forces act and balls touch bodies that do not move.
-    motions : of each ball; those of the plane by default. Balls do not turn if no contact, and no
-        spring to the ground, resists it.
+        none by default. D has their effect as
+        :func:`~granphon.dynamics.deformation_rows.carry_rows` gives it, without the part that has
+        no potential.
+    tangential_growth : (n_c,) derivative of a tangential force with respect to the overlap, over
+        the force, 1/d; 0 by default.
+    distance : (n_c,) distance r of the two centres; a tangential force turns with the line between
+        them. By default r is the length of the vector of the contact. So ``distance`` must be given
+        if tangential forces act and balls touch bodies that do not move.
+    motions : motions of each ball; those of the plane by default. Rotations that no contact and no
+        spring to the ground resists are left out.
     on_site : (n_g, motions) stiffness, k, of springs to the ground against u and w of the balls;
-        none by default. They are the last n_g of the contacts, of ball i with the ground, and such
-        a contact resists nothing else.
-    name : of the lattice, in messages.
+        none by default. The last n_g of the contacts are these springs, of ball i with the ground;
+        such a contact resists nothing else.
+    name : name of the lattice in messages.
 
     Raises
     ------
@@ -147,6 +151,9 @@ class Compatibility:
         on_site: Array | None = None,
         name: str = "of these contacts",
     ) -> None:
+        """Check the arguments, and keep them as read-only arrays, one number for each contact or
+        ball.
+        """
         self.name = name
         self.on_site = on_site
         self.cell: Array = read_only(real_array("cell", cell))
@@ -184,7 +191,11 @@ class Compatibility:
             )
 
     def _read_ratio(self, name: str, ratio: Any) -> float | Array:
-        """Return a ratio of stiffnesses, zero or above: a float, or an array (n_c,)."""
+        """Return a ``ratio`` of stiffnesses as a float, or as an array (n_c,) if it is an array.
+
+        Raises :class:`~granphon.base.errors.InputError`, with the argument's ``name``, if a ratio
+        is below zero or not finite.
+        """
         is_array = isinstance(ratio, np.ndarray) and ratio.ndim > 0
         if not is_array:
             return not_negative(name, ratio)
@@ -205,7 +216,7 @@ class Compatibility:
 
     @property
     def dimension(self) -> int:
-        """Dimension d of the space in which the balls lie."""
+        """Number d of components of the positions of the balls."""
         return int(self.positions.shape[1])
 
     @cached_property
@@ -215,17 +226,15 @@ class Compatibility:
 
     @cached_property
     def bytes_per_wavevector(self) -> int:
-        """Estimate of the memory, bytes, that is taken at most while the modes at one wave vector
-        are found.
-        """
+        """Estimated peak of the memory, bytes, while the modes at one wave vector are found."""
         n_contacts = len(self.contacts)
         n = self.n_branches
         # complex numbers of six arrays like C(q), and of ten like D(q)
         return 16 * n * (6 * len(self.rows) * n_contacts + 10 * n)
 
     def _require_memory(self, size: float) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if a wave vector takes more memory,
-        ``size`` in bytes, than is reasonable.
+        """Raise :class:`~granphon.base.errors.InputError` if the memory that one wave vector takes,
+        ``size`` in bytes, is more than :data:`MOST_BYTES`.
         """
         if size > MOST_BYTES:
             raise InputError(
@@ -238,7 +247,7 @@ class Compatibility:
     @cached_property
     def is_held(self) -> bool:
         """Whether balls touch bodies that do not move, or springs to the ground resist their
-        displacements: there is no sound then, as no motion of all balls is free.
+        displacements. Then no displacement of all balls is free, and there is no sound.
         """
         touches_body = np.any(self.contacts.j[: self.n_between] == self.n_balls)
         return bool(touches_body) or self.is_anchored
@@ -251,7 +260,7 @@ class Compatibility:
 
     @cached_property
     def n_between(self) -> int:
-        """Number of contacts that are no springs to the ground; these come last."""
+        """Number of contacts without the springs to the ground, which come last."""
         return len(self.contacts) - (0 if self.on_site is None else len(self.on_site))
 
     @cached_property
@@ -266,16 +275,19 @@ class Compatibility:
 
     @cached_property
     def is_prestressed(self) -> bool:
-        """Whether the static contact force itself enters the stiffness; K is then indefinite."""
+        """Whether static contact forces enter the stiffness, and D may have negative
+        eigenvalues.
+        """
         return bool(np.any(self.prestress != 0.0) or self.has_tangential_force)
 
     @property
     def slack(self) -> float:
-        """Part of the largest squared frequency by which D may be below zero where balls are at
-        rest.
+        """Part of the largest squared frequency by which eigenvalues of D may be negative although
+        the balls are at rest.
 
-        D lacks the part of static tangential forces that has no potential. That lowers what costs
-        nothing, as the spin of a ball about its two contacts, by the second order of the forces.
+        D lacks the part of static tangential forces that has no potential. Without this part
+        motions that cost nothing, such as the spin of a ball about its two contacts, have negative
+        eigenvalues of second order in the forces.
         """
         return _WITHOUT_POTENTIAL if self.has_tangential_force else 0.0
 
@@ -285,8 +297,12 @@ class Compatibility:
         return bool(np.any(self.tangential_force != 0.0))
 
     def wavevectors(self, fractions: ArrayLike) -> Array:
-        """Return Cartesian wave vectors (..., p), 1/d, from fractions (..., p), or (..., 3), of the
-        reciprocal cell.
+        """Return the Cartesian wave vectors (..., p), 1/d, of ``fractions`` (..., p) or (..., 3) of
+        the reciprocal vectors.
+
+        Raises :class:`~granphon.base.errors.InputError` for another shape, and for a component
+        other than zero along an axis without period, and
+        :class:`~granphon.base.errors.PrecisionError` for a wave vector too far from Gamma.
         """
         components = real_array("fractions", fractions)
         p = self.periods
@@ -305,37 +321,38 @@ class Compatibility:
         return np.asarray(components[..., :p] @ self.reciprocal)
 
     def _fold(self, wavevectors: ArrayLike) -> tuple[Array, Array]:
-        """Return the wave vectors (n_q, p) moved near Gamma, and the reciprocal vectors that were
-        subtracted.
+        """Return equivalent wave vectors (n_q, p) near Gamma, 1/d, and the sums (n_q, p) of
+        reciprocal vectors that were subtracted from ``wavevectors`` (..., p).
 
-        At a copy of Gamma the half angles are multiples of pi, whose sines are rounding errors.
-        Raises :class:`~granphon.base.errors.InputError` for a wave vector that is not finite, and
-        :class:`~granphon.base.errors.PrecisionError` for one too far from Gamma.
+        Without this step, half angles at a copy of Gamma would be multiples of pi, whose sines are
+        rounding errors. Raises :class:`~granphon.base.errors.InputError` for a wave vector that is
+        not finite, and :class:`~granphon.base.errors.PrecisionError` for one too far from Gamma.
         """
         q = as_wavevectors(wavevectors, self.periods)
         if not np.all(np.isfinite(q)):
             raise InputError("a wave vector is not finite")
-        require_digits(q)  # per diameter, which is about the same
+        require_digits(q)  # in 1/d, which are about as long as reciprocal vectors
         fractions = q @ self.cell[:, : self.periods].T / (2.0 * np.pi)
         copies = np.rint(fractions) @ self.reciprocal
         near = q - copies
-        # a copy of Gamma leaves only the rounding of the reciprocal vector, which is set to zero
+        # at a copy of Gamma only the rounding of the reciprocal vector is left: set it to zero
         is_rounding = np.linalg.norm(near, axis=1) <= _AT_COPY * np.linalg.norm(copies, axis=1)
         is_copy = np.any(copies != 0.0, axis=1)
         near[is_rounding & is_copy] = 0.0
         return near, copies
 
     def name_wavevector(self, wavevector: Array) -> str:
-        """Return a wave vector (p,), 1/d, in fractions of the reciprocal cell, as text."""
+        """Return the text of a ``wavevector`` (p,), 1/d, in fractions of the reciprocal vectors."""
         fractions = wavevector @ self.cell[:, : self.periods].T / (2.0 * np.pi)
-        fractions = np.round(fractions, 12) + 0.0
+        fractions = np.round(fractions, 12) + 0.0  # no minus zero
         return f"q = ({', '.join(f'{fraction:.6g}' for fraction in fractions)})"
 
     def explain_buckling(self, where: str, motion: ArrayLike) -> InstabilityError:
-        """Return the error of a lattice that static forces make buckle, ``where`` in words, by a
-        ``motion`` (n_u, ...), displacements in the order of the translations.
+        """Return the error that says that static forces make the lattice buckle.
 
-        A flat lattice that buckles across its periods does so at any load, and the error says so.
+        ``where`` are words for the wave vector or direction at which it does, and ``motion``
+        (n_u, ...) are the displacements by which it does, in the order of the translations. A flat
+        lattice that buckles perpendicular to its periods does so at any load; the error says so.
         """
         displacements = np.reshape(motion, (len(self.motions.translations), -1))
         energy = np.sum(np.abs(displacements) ** 2, axis=1)
@@ -368,33 +385,34 @@ class Compatibility:
         """(n, n) orthogonal matrix whose first column is the motion of the centre of mass in
         mass-weighted coordinates.
 
-        In this frame the long-wave motion is one column, of half-angle sines, instead of a
-        difference between n columns.
+        In this frame the motion of a long wave has one column in C, made of sines of half angles;
+        it would otherwise be a difference between n columns, and lose digits.
         """
         self._require_memory(self.bytes_per_wavevector)
         return self._complete(np.sqrt(self.masses / self.masses.sum()))
 
     @staticmethod
     def _complete(first: Array) -> Array:
-        """Return an orthogonal matrix (n, n) whose first column is ``first`` (n,), of length one,
-        whose own first entry is not zero.
+        """Return an orthogonal matrix (n, n) whose first column is ``first`` (n,), a vector of
+        length one and with a first entry other than zero.
         """
         basis = np.eye(len(first))
         basis[:, 0] = first
         frame, _ = np.linalg.qr(basis)
-        # a column k > 0 moves ball 0, and no other ball before ball k; rounding would couple the
+        # column k > 0 is zero for the balls 1 to k - 1. Rounding errors there would couple the
         # column to the contacts of these balls
         frame[1:, 1:] = np.tril(frame[1:, 1:])
         # QR leaves the sign of the first column open
         return np.asarray(frame * np.sign(frame[0, 0] * first[0]))
 
     def compatibility(self, wavevectors: ArrayLike, derivative: bool = False) -> NDArray[Any]:
-        """Return K^1/2 C(q) M^-1/2 at each wave vector.
+        """Return K^1/2 C(q) M^-1/2, (k/M)^1/2, at each wave vector, or its gradient.
 
-        Rows are the elongations of all contacts, then their slips (twists, rolls). Columns are the
-        mass-weighted motions ((x, y, w) in the plane) in the frame whose first vector is the centre
-        of mass, rotations divided by i. With one ball in the cell, whose contacts have equal arms
-        and are with no body that does not move, the matrix is real.
+        Rows are the elongations of all contacts, then their slips, twists and rolls. Columns are
+        mass-weighted motions, for each vector of the frame those of a ball, (x, y, w) in the plane.
+        The first vector of the frame is the motion of the centre of mass, and rotations are divided
+        by i. The matrix is real if the cell has one ball, whose contacts have equal arms and are
+        not with bodies that do not move.
 
         Parameters
         ----------
@@ -414,8 +432,8 @@ class Compatibility:
 
     @cached_property
     def rows(self) -> list[Row]:
-        """Deformations of the contacts, as coefficients of the motions of their two balls;
-        rotations are carried by w.
+        """Rows of the deformations that contacts resist, as coefficients of the motions of their
+        two balls, u and w.
         """
         # where the motions deform no contact, as out of the plane without friction, there is one
         # row, of zeros
@@ -423,8 +441,8 @@ class Compatibility:
         return self.make_rows(self.motions) or [Row("elongation", 1.0, zeros, zeros)]
 
     def make_rows(self, motions: Motions) -> list[Row]:
-        """Return the deformations of the contacts as coefficients of the ``motions`` of their two
-        balls, those of springs to the ground last.
+        """Return the rows of the deformations that contacts resist, as coefficients of the
+        ``motions`` of their two balls, followed by those of springs to the ground.
         """
         ratios = (self.mindlin_ratio, self.torsion, self.bending)
         rows = self._make_contact_rows(motions, *ratios)
@@ -435,11 +453,14 @@ class Compatibility:
     def _make_contact_rows(
         self, motions: Motions, slip: ArrayLike, twist: ArrayLike, roll: ArrayLike
     ) -> list[Row]:
-        """Return the rows of contacts with these stiffnesses over that of elongation, in terms of
-        the ``motions`` of balls; rows of zeros for springs to the ground.
+        """Return the rows of the deformations of contacts, as coefficients of the ``motions`` of
+        their two balls; entries of springs to the ground are zero.
+
+        ``slip``, ``twist`` and ``roll``, numbers or (n_c,), are the stiffnesses over that of
+        elongation; kinds without stiffness are left out.
         """
         table = self.contacts
-        gyration = np.append(self.gyration, 1.0)  # the last of a body that does not move
+        gyration = np.append(self.gyration, 1.0)  # the last stands for a body that does not move
         rows = contact_rows(
             table.normal,
             table.arm_i,
@@ -451,15 +472,15 @@ class Compatibility:
             gyration_i=gyration[table.i],
             gyration_j=gyration[table.j],
         )
-        for row in rows:  # a spring to the ground has no such deformation
+        for row in rows:  # springs to the ground have none of these deformations
             row.head[self.n_between :] = 0.0
             row.tail[self.n_between :] = 0.0
         return rows
 
     @cached_property
     def unit_rows(self) -> list[Row]:
-        """Rows of all deformations that the motions can make, whether contacts resist them or not,
-        and of those on which prestress acts.
+        """Rows of all deformations of contacts that the motions of the balls can make, whether
+        contacts resist them or not, followed by those on which static forces act.
         """
         table = self.contacts
         rows = self._make_contact_rows(self.motions, 1.0, 1.0, 1.0)
@@ -480,8 +501,8 @@ class Compatibility:
 
     @property
     def shifts(self) -> Array:
-        """(n_branches, n_u) the shifts of all balls, orthonormal; none if bodies that do not move
-        hold them.
+        """(n_branches, n_u) displacements of all balls by the same vector, mass-weighted, as
+        orthonormal columns. There are none, (n_branches, 0), if the lattice is held.
         """
         count = len(self.motions.translations)
         if self.is_held:
@@ -493,11 +514,12 @@ class Compatibility:
 
     @cached_property
     def static_rows(self) -> list[tuple[Row, Array]]:
-        """Rows on which static forces act, and their stiffness (n_c,): -f/a of displacements across
-        contacts.
+        """Rows on which static forces act, each with its stiffness (n_c,), which may be below zero.
 
-        Tangential forces T have three pairs of rows, and one more if they grow with the overlap:
-        each pair is the difference of two squares.
+        Displacements across a contact with the normal force f and the distance a of its centres
+        have the stiffness -f/a. A tangential force acts by three products of two rows, and by one
+        more if it grows with the overlap; each product is written as a difference of two squares,
+        that is, by two rows.
         """
         table = self.contacts
         pushes = [(row, -self.prestress) for row in push_rows(table.normal, self.motions)]
@@ -505,10 +527,10 @@ class Compatibility:
             return pushes
         across = _put_in_space(self.tangential_force)
         size = np.linalg.norm(across, axis=1)
-        gyration = np.append(self.gyration, 1.0)  # the last of a body that does not move
+        gyration = np.append(self.gyration, 1.0)  # the last stands for a body that does not move
         has_force = size[:, None] > 0.0
         tangent = np.divide(across, size[:, None], out=np.zeros_like(across), where=has_force)
-        # rows of forces of size one, whose stiffness is then the size
+        # rows of tangential forces of size one; the size becomes the stiffness
         pairs = carry_rows(
             _put_in_space(table.normal),
             tangent,
@@ -523,11 +545,10 @@ class Compatibility:
         return pushes + [(row, sign * size) for row, sign in split_pairs(pairs)]
 
     def _weight_rows(self, prestress: bool = False) -> tuple[list[Row], Array]:
-        """Return rows of all kinds of deformation, and the square roots (kinds, n_c) of their
-        stiffness.
+        """Return :attr:`rows`, and the square roots (kinds, n_c) of their stiffnesses, k^1/2.
 
-        With ``prestress`` the rows are :attr:`static_rows`, and the roots those of the sizes of
-        their stiffness, which may be below zero.
+        With ``prestress`` return :attr:`static_rows` and the square roots of the absolute values of
+        their stiffnesses instead.
         """
         if prestress:
             rows = [row for row, _ in self.static_rows]
@@ -540,17 +561,18 @@ class Compatibility:
     def _combine_ends(
         self, rows: list[Row], root: Array, frame: Array | None = None
     ) -> tuple[Array, Array]:
-        """Return the difference and the sum of the effects on ``rows`` that each motion of a
-        ``frame`` (n, n), by default :attr:`_frame`, has at the two ends of each contact.
+        """Return head.x_j - tail.x_i and head.x_j + tail.x_i of ``rows`` for each motion of a
+        ``frame`` (n, n), by default :attr:`_frame`.
 
         Both are (kinds, n_c, n_branches), and multiplied by ``root`` (kinds, n_c). The difference
-        is the deformation at q = 0; for displacements of the centre of mass it is exactly zero, but
-        in contacts with bodies that do not move.
+        is the deformation at q = 0. For displacements of the centre of mass it is exactly zero,
+        except in contacts with bodies that do not move.
         """
+        # displacements of balls, instead of mass-weighted motions
         weighted = (self._frame if frame is None else frame) / np.sqrt(self.masses)[:, None]
-        # without rounding, so that the centre of mass moves all balls alike
+        # exactly equal for all balls, so that the centre of mass deforms no contact
         weighted[:, 0] = 1.0 / np.sqrt(self.masses.sum())
-        motion = np.pad(weighted, ((0, 1), (0, 0)))  # the last is a body that does not move
+        motion = np.pad(weighted, ((0, 1), (0, 0)))  # the last row: bodies that do not move
         # axes: kinds, contacts, columns of the frame, motions of a ball
         shape = (len(rows), len(self.contacts), 1, self.motions.count)
         head = np.reshape([row.head for row in rows], shape) * motion[self.contacts.j][:, :, None]
@@ -561,12 +583,13 @@ class Compatibility:
         return difference.reshape(flat), total.reshape(flat)
 
     def _make_waves(self, prestress: bool = False) -> WaveRows:
-        """Return rows of C(q), real for one ball in the cell; with ``prestress`` those on which
-        static forces act, :attr:`static_rows`.
+        """Return the rows of C(q) in the motions of :attr:`_wave_frame`, multiplied by the square
+        roots of their stiffnesses; with ``prestress`` those of :attr:`static_rows`. They are real
+        for one ball in the cell, unless its contacts have unequal arms or a fixed end.
         """
-        # For a motion z exp(i q.r) a row is cos(half angle) times the difference of the two ends
-        # plus i sin(half angle) times their sum. Rotations and rows are divided by i. Then both
-        # terms are real for one ball in the cell, because the difference vanishes for a
+        # In a motion z exp(i q.r) a row is cos(half angle) times the difference of the effects of
+        # its two ends, plus i sin(half angle) times their sum. Rotations and rows are divided by i.
+        # Then both terms are real for one ball in the cell, because the difference vanishes for a
         # displacement, and the sum for the rotation in a slip. Rows of rotations alone (twist,
         # roll) are divided by i once more.
         rows, root = self._weight_rows(prestress)
@@ -579,38 +602,40 @@ class Compatibility:
         phase = row_phases[:, None, None] * np.kron(frame_phases, self.motions.phases)
         odd = 1j * phase * total
         even = phase * difference
-        odd[:, self.n_between :] = 0.0  # a spring to the ground has no angle, and one end
+        odd[:, self.n_between :] = 0.0  # springs to the ground have one end, and no half angle
         half = 0.5 * self.contacts.vector[:, : self.periods]
-        # rows of a single ball are complex where the arms of a contact differ, or a body that does
-        # not move holds the ball
+        # rows of a single ball are complex only if the arms of a contact differ, or the ball
+        # touches a body that does not move
         if self.n_balls > 1 or np.any(odd.imag) or np.any(even.imag):
             return WaveRows(odd, even, half)
         return WaveRows(odd.real.copy(), even.real.copy(), half)
 
     @cached_property
     def _own_waves(self) -> WaveRows:
+        """Rows of C(q), one for each deformation of each contact."""
         return self._make_waves()
 
     @cached_property
     def _images(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]] | None:
-        """An inversion that leaves the lattice the same: the image (n,) of each ball, one contact
-        (m,) of each pair of contacts, and its image (m,). None if there is no such inversion.
+        """An inversion that maps the lattice onto itself: the image (n,) of each ball, one contact
+        (m,) of each pair of contacts that are images of each other, and its image (m,). None if
+        there is no such inversion.
 
-        The image of a contact i, j joins the images of j and i by the same vector. A contact that
-        is its own image is left out.
+        The image of a contact from i to j joins the images of j and i by the same vector. Contacts
+        that are their own images are not among the m.
         """
         has_fixed_ends = np.any(self.contacts.j == self.n_balls)
         if has_fixed_ends or not len(self.contacts):
             return None
         balls = np.column_stack([self.masses, self.gyration])
-        is_like_first = np.all(np.abs(balls - balls[0]) <= _ALIKE * balls, axis=1)
+        is_like_first = np.all(np.abs(balls - balls[0]) <= _ROUNDED_EQUAL * balls, axis=1)
         for candidate in np.flatnonzero(is_like_first):
             inversion = self._invert_balls(int(candidate))
             if inversion is None:
                 continue
             image, cells = inversion
             is_involution = np.array_equal(image[image], np.arange(self.n_balls))
-            differ = np.any(np.abs(balls[image] - balls) > _ALIKE * balls)
+            differ = np.any(np.abs(balls[image] - balls) > _ROUNDED_EQUAL * balls)
             if not is_involution or differ:
                 continue
             contact_images = self._invert_contacts(image, cells)
@@ -621,15 +646,15 @@ class Compatibility:
 
     def _invert_balls(self, first: int) -> tuple[NDArray[np.intp], NDArray[np.intp]] | None:
         """Return the image (n,) of each ball under the inversion that takes ball 0 to ball
-        ``first``, and the cell (n, p) in which the image lies.
-
-        None if a ball comes to lie where no ball is. A few balls are tried before all.
+        ``first``, and the cell (n, p) in which the image lies; None if a ball is taken to where no
+        ball is.
         """
         p = self.periods
         n = self.n_balls
         size = np.abs(self.positions).max() + np.abs(self.cell).max()
         inverse = np.linalg.inv(self.cell[:, :p])
         target = self.positions[0] + self.positions[first] - self.positions
+        # most inversions that fail do so for the first few balls, which are tried before all
         for count in (min(n, 4), n):
             offset = target[:count, None] - self.positions  # from each ball to each target
             cells = np.rint(offset[..., :p] @ inverse)
@@ -643,14 +668,15 @@ class Compatibility:
         self, image: NDArray[np.intp], cells: NDArray[np.intp]
     ) -> NDArray[np.intp] | None:
         """Return the image (n_c,) of each contact under an inversion of the balls, whose ``image``
-        (n,) and ``cells`` (n, p) are those of :meth:`_invert_balls`; None if contacts have no
-        image, or one that differs.
+        (n,) and ``cells`` (n, p) are those of :meth:`_invert_balls`; None if a contact has no
+        image, or an image with other properties.
         """
         table = self.contacts
         i = image[table.j]
         j = image[table.i]
         shift = table.shift + cells[table.i] - cells[table.j]
-        # an image is straight if it runs from the image of ball j to that of ball i, as listed
+        # an image is straight if the table lists it from the image of ball j to that of ball i, and
+        # not the other way round
         listed = np.column_stack([table.i, table.j, table.shift]).tolist()
         numbers = {tuple(key): contact for contact, key in enumerate(listed)}
         straight = _look_up(numbers, i, j, shift)
@@ -666,8 +692,8 @@ class Compatibility:
         """Return whether the image of each contact has the same stiffnesses, arms, forces and
         vectors, but for rounding.
 
-        ``images`` (n_c,) are contacts, and ``is_straight`` (n_c,) says which of them run from the
-        image of ball j to that of ball i.
+        ``images`` (n_c,) are the numbers of the images, and ``is_straight`` (n_c,) says which of
+        them the table lists from the image of ball j to that of ball i.
         """
         table = self.contacts
         ratios = [
@@ -687,7 +713,7 @@ class Compatibility:
         # arms are exchanged where the image is straight
         swapped = scalars.copy()
         swapped[is_straight, :2] = scalars[is_straight, 1::-1]
-        if np.any(np.abs(swapped[images] - scalars) > _ALIKE * np.abs(scalars)):
+        if np.any(np.abs(swapped[images] - scalars) > _ROUNDED_EQUAL * np.abs(scalars)):
             return False
         # a straight image has the same vectors, and any other the opposite ones; centres are
         # rounded in proportion to their distance from the origin
@@ -699,19 +725,20 @@ class Compatibility:
             (table.normal, 1.0),
             (self.tangential_force, largest_force),
         ):
-            if np.any(np.abs(sign * vectors[images] - vectors) > _ALIKE * largest):
+            if np.any(np.abs(sign * vectors[images] - vectors) > _ROUNDED_EQUAL * largest):
                 return False
         return True
 
     @cached_property
     def _wave_frame(self) -> NDArray[Any]:
-        """(n, n) unitary frame of vibrations: :attr:`_frame`, or where balls are images of others,
-        even and odd motions.
+        """(n, n) unitary frame of vibrations: :attr:`_frame`, unless balls are images of other
+        balls under an inversion. Then its columns are even and odd combinations of their motions,
+        the odd ones multiplied by i, so that the rows of a contact and of its image are complex
+        conjugates but for the sign.
 
-        The first column is the motion of the centre of mass in both. Odd ones are multiplied by i,
-        so that rows of a contact and of its image are complex conjugates.
+        In both cases the first column is the motion of the centre of mass.
         """
-        # also before images are sought among many contacts
+        # before images are sought, which takes long among many contacts
         self._require_memory(self.bytes_per_wavevector)
         n = self.n_balls
         if self._images is None or np.array_equal(self._images[0], np.arange(n)):
@@ -740,11 +767,12 @@ class Compatibility:
         return contacts
 
     def _make_real_waves(self, prestress: bool = False) -> WaveRows:
-        """Return rows with the same C^H C as those of :meth:`_make_waves`, but real if each contact
-        has an image.
+        """Return rows with the same C^H C as those of :meth:`_make_waves`, which are real if an
+        inversion maps the lattice onto itself.
 
-        The row of an image is plus or minus the complex conjugate of the contact's row. Both are
-        replaced by 2^1/2 times the real part and 2^1/2 times the imaginary part of one.
+        The row of the image of a contact is plus or minus the complex conjugate of the contact's
+        row. The two are replaced by 2^1/2 times the real part and 2^1/2 times the imaginary part of
+        the contact's row.
         """
         waves = self._make_waves(prestress)
         # rows of one ball in the cell are real as they are
@@ -762,28 +790,34 @@ class Compatibility:
 
     @cached_property
     def _deforming(self) -> WaveRows:
+        """Rows with the C^H C of C(q), real if an inversion maps the lattice onto itself."""
         return self._make_real_waves()
 
     @cached_property
     def _pushing(self) -> WaveRows:
+        """The same of the rows on which static forces act."""
         return self._make_real_waves(prestress=True)
 
     @cached_property
     def static_signs(self) -> Array:
-        """(kinds, n_c) sign with which the square of each row of :attr:`static_rows` lowers D."""
+        """(kinds, n_c) sign with which the square of each row of :attr:`static_rows` is subtracted
+        from D.
+        """
         return -np.sign([stiffness for _, stiffness in self.static_rows]).reshape(
             -1, len(self.contacts)
         )
 
     @cached_property
     def _push_signs(self) -> Array:
-        """(kinds, n_c) the same of the rows in which contacts and their images have changed
-        places.
+        """(kinds, n_c) the same signs for the rows of :attr:`_pushing`, where the row of an image
+        belongs to the contact whose image it is.
         """
         return self.static_signs[:, self._wave_contacts]
 
     def _compute_frame_matrix(self, wavevectors: ArrayLike) -> NDArray[Any]:
-        """Return D(q) (n_q, n_branches, n_branches), k/M, in the frame, including prestress."""
+        """Return D(q) (n_q, n_branches, n_branches), k/M, in the motions of :attr:`_wave_frame`,
+        with the effect of static forces; ``wavevectors`` are (n_q, p), 1/d.
+        """
         q = as_wavevectors(wavevectors, self.periods)
         rows = self._deforming.compute_rows(q)
         matrix = rows.conj().swapaxes(1, 2) @ rows
@@ -796,11 +830,13 @@ class Compatibility:
     def damped_matrices(
         self, wavevectors: ArrayLike, times: Array, factors: Array, drags: Array
     ) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return D(q) with complex stiffnesses, and that of dashpots and drag, (n_q, n_branches,
-        n_branches), in a common frame.
+        """Return the complex D(q), k/M, with the loss factors of contacts, and the matrix of
+        dashpots and drag, (k/M)^1/2; each is (n_q, n_branches, n_branches), in the motions of
+        :attr:`_wave_frame`.
 
-        ``wavevectors`` are (n_q, p), 1/d. ``times``, in (M/k)^1/2, and ``factors`` are (2, n_c),
-        and ``drags`` (m,), in (k/M)^1/2, those of each motion of a ball; see
+        ``wavevectors`` are (n_q, p), 1/d. ``times``, (M/k)^1/2, and ``factors`` are (2, n) arrays
+        for the n contacts without springs to the ground: of their elongations, and of their other
+        deformations. ``drags`` (m,), (k/M)^1/2, are those of the m motions of a ball; see
         :class:`granphon.dynamics.damping.Losses`. Springs to the ground lose no energy.
         """
         rows = self.compatibility(wavevectors)
@@ -808,7 +844,9 @@ class Compatibility:
         n_springs = len(self.contacts) - self.n_between
 
         def weigh(numbers: Array) -> NDArray[Any]:
-            """Return C^H W C, with the weights W of ``numbers`` (2, n_c), zero for springs."""
+            """Return C^H W C, where the weights W are ``numbers`` (2, n), of elongations and of
+            other deformations, and zero for springs.
+            """
             weights = weigh_rows(self.rows, np.pad(numbers, ((0, 0), (0, n_springs))))
             return np.asarray(adjoint @ (weights.reshape(-1, 1) * rows))
 
@@ -817,8 +855,8 @@ class Compatibility:
 
     @cached_property
     def _to_balls(self) -> NDArray[np.complex128]:
-        """(n_branches, n_branches) transformation from the frame, with rotations divided by i, to
-        each ball's motions.
+        """(n_branches, n_branches) unitary matrix from the motions of :attr:`_wave_frame`, with
+        rotations divided by i, to the mass-weighted motions of each ball.
         """
         return np.asarray(np.kron(self._wave_frame, np.diag(self.motions.phases)), complex)
 
@@ -826,8 +864,9 @@ class Compatibility:
         """Return the Hermitian D(q) = M^-1/2 C^H K C M^-1/2, (n_q, n_branches, n_branches), in
         units of k/M.
 
-        Degrees of freedom run over the motions, (x, y, w) in the plane, of ball after ball; phases
-        are taken at the positions of the balls, as in phonopy. ``wavevectors`` (n_q, p) are in 1/d.
+        Rows and columns are the motions, (x, y, w) in the plane, of the first ball, then those of
+        the second, and so on. Phases are taken at the positions of the balls, as in phonopy.
+        ``wavevectors`` (n_q, p) are in 1/d.
         """
         return np.asarray(
             self._to_balls @ self._compute_frame_matrix(wavevectors) @ self._to_balls.conj().T
@@ -898,8 +937,8 @@ class Compatibility:
 def _look_up(
     numbers: dict[tuple[int, ...], int], i: Index, j: Index, shift: Index
 ) -> NDArray[np.intp]:
-    """Return the number (n,) of the contact from ball i (n,) to ball j (n,) in the cell ``shift``
-    (n, p), -1 if there is none; ``numbers`` are those of contacts by (i, j, *shift).
+    """Return the number (n,) of the contact from ball ``i`` (n,) to ball ``j`` (n,) in the cell
+    ``shift`` (n, p); -1 if there is none. ``numbers`` are all contacts, by their (i, j, *shift).
     """
     keys = np.column_stack([i, j, shift]).tolist()
     return np.array([numbers.get(tuple(key), -1) for key in keys], np.intp)

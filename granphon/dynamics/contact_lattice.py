@@ -46,26 +46,28 @@ from granphon.dynamics.sparse_relaxation import compose_ends
 from granphon.networks.network import ContactNetwork
 
 _Result = TypeVar("_Result")
-#: entries of C(q) that are found together: 64 MB of complex numbers
+#: number of entries of C(q) that are computed together: 64 MB of complex numbers
 _ENTRIES = 4e6
-#: |q|d at which modes are computed for their limits at Gamma; nearer to it, each branch is a power
+#: |q|d at which modes are computed for their limits at Gamma; at smaller |q| each branch is a power
 #: of |q|
 _NEAR_GAMMA = 1e-30
 #: |q|d at which the branches that are zero at Gamma are told apart
 _BESIDE_GAMMA = 1e-4
-#: |q| over the length of the cell of the first of four points that tell the curvature of a branch
-#: at Gamma: errors of fourth order, and of rounding over the step, are both about 1e-12
+#: |q| times the length of the longest vector of the cell at the first of four points that tell the
+#: curvature of a branch at Gamma: errors of fourth order, and those of rounding, are both about
+#: 1e-12 there
 _BESIDE_CUTOFF = 5e-4
-#: part of a unit vector that is more than of first order in :data:`_BESIDE_GAMMA`
-_APART = 1e-2
-#: part that a ball has in a motion of length one, up to which it is rounding
-_STILL = 1e-12
+#: singular value from which unit vectors are independent: well above the error of vectors found at
+#: :data:`_BESIDE_GAMMA`
+_INDEPENDENT = 1e-2
+#: amplitude of a ball in a motion of length one up to which the ball is at rest but for rounding
+_AT_REST = 1e-12
 #: number of balls in a cell up to which the top frequency is sought on a fine mesh
 _FEW_BALLS = 8
 #: number of balls in a cell above which its top frequency hardly depends on the wave vector
 _MANY_BALLS = 200
-#: modes whose deformations are found at once: in blocks of 32 to 128 they take a sixth of the time
-#: of all together
+#: number of modes whose deformations are found at once: 32 to 128 at once take a sixth of the time
+#: that all modes at once take
 _MODES_AT_ONCE = 64
 
 
@@ -78,9 +80,9 @@ class Modes(Result):
     wavevectors : (n_q, p), 1/d.
     frequencies : (n_q, n_branches), angular, (k/M)^1/2.
     eigenvectors : (n_q, n_dof, n_branches), complex, mass-weighted, orthonormal. Degrees of freedom
-        run over the motions of ball after ball: (x, y, w) in the plane, or (x, y) without friction;
-        (x, y, z, w_x, w_y, w_z) in space. The displacement of a ball at r is its eigenvector times
-        exp(i q.r).
+        are the motions of the first ball, then those of the second, and so on: (x, y, w) in the
+        plane, or (x, y) without friction; (x, y, z, w_x, w_y, w_z) in space. The displacement of a
+        ball at r is its eigenvector times exp(i q.r).
     group_velocities : (n_q, n_branches, p), d (k/M)^1/2.
     rotational_fraction : (n_q, n_branches), the part of the kinetic energy that is rotation.
     longitudinal_fraction : (n_q, n_branches), the part of the kinetic energy that moves along q (at
@@ -128,11 +130,11 @@ class ContactLattice(LongWaves):
         """Return the contact lattice of equal balls on ``lattice``, whose contacts have the
         ``mindlin_ratio`` eta.
 
-        ``spacing`` a/d and ``prestress`` f/(k a) keep the terms of relative order delta/d that the
-        paper drops: the spacing itself, the lever arm a/2 and the sideways push of the static
-        force. With the default values these terms are dropped. ``torsion`` and ``bending`` are the
-        stiffness of a contact against twist and rolling over k d^2. ``motions`` are the motions of
-        each ball, by default the first that the lattice has.
+        ``spacing`` a/d and ``prestress`` f/(k a) keep the terms of relative order delta/d that
+        Velicky and Caroli (2002) drop: the spacing itself, the lever arm a/2 and the sideways push
+        of the static force. With the default values these terms are dropped. ``torsion`` and
+        ``bending`` are the stiffness of a contact against twist and rolling over k d^2. ``motions``
+        are the motions of each ball, by default the first choice of the lattice's dimension.
 
         Raises :class:`~granphon.base.errors.InputError` for a number that is not finite, or out of
         range.
@@ -176,8 +178,8 @@ class ContactLattice(LongWaves):
     ) -> ContactLattice:
         """Return the lattice of :meth:`of` from arguments that have been checked.
 
-        The lattice, which is never changed, is cached, because velocities, moduli and validity of
-        one state all start from it.
+        The lattice is cached, because velocities, moduli and validity of one state all start from
+        it. It is never changed after it has been made.
         """
         return cls(
             structure.vectors * spacing,
@@ -199,12 +201,11 @@ class ContactLattice(LongWaves):
         These units are :attr:`ContactNetwork.scales`. Each ball has its own mass and radius of
         gyration, each contact its own stiffnesses, arms and, with ``prestress``, normal force.
         Bodies that do not move hold the balls that touch them. Such bodies have no motions: the
-        balls of the lattice are the moving ones, in the order of the network. If the periods do not
-        lie along x, or in the xy plane, the network is turned: its first period is then along x,
-        the second in the xy plane. The network keeps the lattice and the results that the lattice
-        keeps.
+        balls of the lattice are the moving ones, in the order of the network. The network is turned
+        such that its first period is along x, and the second in the xy plane. The network keeps the
+        lattice, and with it the results that the lattice keeps, for the next call.
 
-        With ``prestress`` the tangential forces of the network act as well, but for the part that
+        With ``prestress`` the tangential forces of the network act as well, without the part that
         has no potential: D is that of :class:`granphon.Waves`.
 
         Raises :class:`~granphon.base.errors.InputError` for a network without a period, without
@@ -215,7 +216,7 @@ class ContactLattice(LongWaves):
 
     @classmethod
     def _make_of_network(cls, network: ContactNetwork) -> Self:
-        """Return the lattice of a network, made anew; :meth:`from_network` keeps it."""
+        """Return a new lattice of a ``network``, as :meth:`from_network` describes it."""
         network.require_rest()
         axes = np.flatnonzero(network.pbc)
         dimension = network.dimension
@@ -234,15 +235,17 @@ class ContactLattice(LongWaves):
         turn = find_axes(network.cell[axes, :dimension])
 
         def turn_frame(vectors: Array) -> Array:
-            """Return vectors (n, 3) in the frame of the lattice, (n, dimension)."""
+            """Return the components (n, dimension) of ``vectors`` (n, 3) along the lattice's
+            axes.
+            """
             return np.asarray(vectors[:, :dimension] @ turn.T)
 
         cell = turn_frame(network.cell[axes])
-        cell[:, axes.size :] = 0.0  # but for rounding, the periods lie along the first axes
+        cell[:, axes.size :] = 0.0  # rounding alone, as the periods lie along the first axes
         normal = turn_frame(network.normal[kept])
         normal[is_swapped] *= -1.0
         vector = turn_frame(network.vector[kept])
-        vector[is_held] = 0.0  # a body that does not move has no phase, see Compatibility
+        vector[is_held] = 0.0  # a body that does not move has no phase; Compatibility requires zero
         prestress: Any = 0.0
         tangential_force = np.zeros((len(kept), 3))
         if network.prestress:
@@ -258,7 +261,9 @@ class ContactLattice(LongWaves):
         anchored, springs = _find_springs(network, turn, motions)
 
         def extend(values: Array, of_spring: float = 0.0) -> Array:
-            """Return values (n_c, ...) of contacts with those of the springs to the ground."""
+            """Return ``values`` (n_c, ...) of contacts, followed by one value, ``of_spring``, for
+            each of the n_g springs to the ground, (n_c + n_g, ...).
+            """
             return np.concatenate([values, np.full((len(anchored), *values.shape[1:]), of_spring)])
 
         return cls(
@@ -283,11 +288,11 @@ class ContactLattice(LongWaves):
     # -- vibrations --------------------------------------------------------------------------------
 
     def frequencies(self, wavevectors: ArrayLike) -> Array:
-        """Return angular frequencies (n_q, n_branches), (k/M)^1/2, ascending; accurate to rounding
+        """Return angular frequencies (n_q, n_branches), (k/M)^1/2, ascending, which keep all digits
         near Gamma.
 
-        ``wavevectors`` are (n_q, p), 1/d. Branches that vanish at every q, and modes that vanish at
-        this one, are exactly zero.
+        ``wavevectors`` are (n_q, p), 1/d. Frequencies of branches that vanish at every q, and of
+        modes that vanish at one q, are exactly zero.
 
         Raises :class:`~granphon.base.errors.InstabilityError` if prestress makes a squared
         frequency negative.
@@ -295,8 +300,8 @@ class ContactLattice(LongWaves):
         q, _ = self._fold(wavevectors)
         self._require_room(len(q), 1)
         omega = np.concatenate(self._share_out(lambda part: self._solve(q[part]), len(q)))
-        # next to Gamma rounding hides what little contacts deform: frequencies are those a little
-        # farther out, followed back by their powers of q
+        # very close to Gamma the deformations of contacts are less than rounding. Frequencies are
+        # found a little farther out, and follow from those by their powers of |q|
         is_faint = _is_faint(q)
         if np.any(is_faint):
             near = _NEAR_GAMMA * as_direction(q[is_faint], self.periods)
@@ -306,11 +311,11 @@ class ContactLattice(LongWaves):
 
     @cached_property
     def top_frequency(self) -> float:
-        """Highest frequency of all branches, (k/M)^1/2, on a coarse mesh that holds Gamma, K, M and
-        X.
+        """Highest frequency of all branches, (k/M)^1/2, on a mesh of wave vectors that is coarse,
+        but contains Gamma, K, M and X.
 
-        The mesh of a large cell is coarser, because many points of the zone of a small cell fold
-        onto each point of its zone. The mesh of a cell of hundreds of balls is Gamma alone.
+        The mesh is coarser for a large cell, because each point of its zone stands for many points
+        of the zone of a small cell. For hundreds of balls it is Gamma alone.
         """
         if self.n_balls <= _FEW_BALLS:
             fractions = np.arange(12) / 12.0
@@ -327,9 +332,9 @@ class ContactLattice(LongWaves):
         Parameters
         ----------
         wavevectors : (n_q, p), 1/d.
-        direction : (p,) or (n_q, p). Where branches touch, a path in this direction decides the
-            modes. At Gamma, and wherever a mode vanishes, velocities are the limit along it. By
-            default, the direction of q.
+        direction : (p,) or (n_q, p). Where branches have one frequency, the modes are those that a
+            path in this direction follows. At Gamma, and wherever a frequency is zero, velocities
+            are the limits along the path. By default, the direction of q.
 
         Raises
         ------
@@ -353,28 +358,35 @@ class ContactLattice(LongWaves):
 
     def find_onset(self, direction: ArrayLike) -> tuple[Array, Array]:
         """Return the frequencies (n_branches,) at Gamma, (k/M)^1/2, ascending, and the curvatures
-        (n_branches,) d^2 omega/dq^2 beside it along a ``direction`` (p,), d^2 (k/M)^1/2.
+        (n_branches,) d^2 omega/dq^2, d^2 (k/M)^1/2, of the branches beside Gamma, along a
+        ``direction`` (p,).
 
-        They follow from the slope of omega^2, 2 omega v, or from the group velocity v of branches
-        that are zero at Gamma: by a cubic through four points, which serves even and odd functions.
+        The curvature of a branch that begins above zero follows from the first two derivatives of
+        omega^2; that of a branch that begins at zero is the derivative of its group velocity v. A
+        cubic polynomial through four points beside Gamma gives the derivatives, of d(omega^2)/dq =
+        2 omega v and of v.
         """
         along = one_direction(direction, self.periods)
-        lengths = (
-            np.arange(1, 5) * _BESIDE_CUTOFF / float(np.max(np.linalg.norm(self.cell, axis=1)))
-        )
+        longest = float(np.max(np.linalg.norm(self.cell, axis=1)))
+        lengths = np.arange(1, 5) * _BESIDE_CUTOFF / longest
         modes = self.modes(lengths[:, None] * along)
         velocities = modes.group_velocities @ along
         at_gamma = self.frequencies(np.zeros((1, self.periods)))[0]
         begins_above_zero = at_gamma > 0.0
         slopes = np.where(begins_above_zero, 2.0 * modes.frequencies * velocities, velocities)
+        # the first two coefficients of the cubic: the slope at Gamma, and its derivative
         slope, bend, *_ = np.linalg.solve(np.vander(lengths, increasing=True), slopes)
+        # omega'' = (omega^2)''/(2 omega) - omega'^2/omega, with omega' = (omega^2)'/(2 omega)
         doubled = np.where(begins_above_zero, 2.0 * at_gamma, 1.0)
         steepness = np.where(begins_above_zero, slope / doubled, 0.0)
         return at_gamma, bend / doubled - steepness**2 / doubled * 2.0
 
     def require_rigid(self, units: Units | None = None) -> None:
-        """As :meth:`LongWaves.require_rigid`; with ``units`` the error of a lattice that springs to
-        the ground hold has the lowest cut-off frequency, and the curvature there along x.
+        """Raise :class:`~granphon.base.errors.InputError` if springs to the ground hold the balls,
+        or if :meth:`LongWaves.require_rigid` raises.
+
+        With ``units`` the error about springs tells the lowest cut-off frequency, Hz, and the
+        curvature of its branch there along x.
         """
         if self.is_anchored:
             why = "Long waves begin at a cut-off frequency, and have no velocity"
@@ -393,26 +405,28 @@ class ContactLattice(LongWaves):
     def mode_energies(
         self, wavevectors: ArrayLike, branches: Index | None = None, axes: Array | None = None
     ) -> ModeEnergies:
-        """Return the energies of modes, of which derivatives of their frequencies are made.
+        """Return the energies of modes, from which derivatives of their frequencies follow.
 
         Parameters
         ----------
         wavevectors : (n_q, p), 1/d.
         branches : (n_q, b) numbers of the branches at each wave vector; all of them by default.
-        axes : (d, d) unit vectors, rows, along which the motions of balls are; by default those of
-            the lattice.
+        axes : (d, d) unit vectors, rows: the axes of the motions of balls; by default those of the
+            lattice.
 
-        Raises :class:`~granphon.base.errors.InputError` if they do not fit into memory, and
-        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
+        Raises
+        ------
+        InputError : the energies do not fit into memory.
+        InstabilityError : a squared frequency is negative.
         """
         q = as_wavevectors(wavevectors, self.periods)
         if branches is None:
             branches = np.broadcast_to(np.arange(self.n_branches), (len(q), self.n_branches))
         kinds = {row.kind for row in self.unit_rows}
-        numbers = (len(kinds) + 3) * len(self.contacts) + 2 * self.n_branches
+        numbers_per_mode = (len(kinds) + 3) * len(self.contacts) + 2 * self.n_branches
         require_memory(
             f"derivatives of {branches.size:,} frequencies",
-            8.0 * branches.size * numbers,
+            8.0 * branches.size * numbers_per_mode,
             "Take fewer wave vectors or branches",
         )
         frame = np.eye(self.dimension) if axes is None else axes
@@ -429,26 +443,41 @@ class ContactLattice(LongWaves):
         )
 
     def _measure_modes(self, q: Array, branches: Index, turn: Array) -> ModeEnergies:
-        """Return the energies of modes at a few wave vectors q (n_q, p), 1/d, of their ``branches``
-        (n_q, b); ``turn`` (motions, motions) is that of the motions of each ball.
+        """Return the energies of the modes of ``branches`` (n_q, b) at a few wave vectors q
+        (n_q, p), 1/d; those of modes with one frequency are their means.
+
+        ``turn`` (motions, motions) takes the motions of each ball to those along the axes that are
+        asked for.
         """
         frequencies, vectors = self._find_vectors(q)
+        # modes of one frequency are a group; all modes of the groups of the branches are needed
         groups = number_equal(frequencies)
         chosen = np.take_along_axis(groups, branches, axis=1)
-        is_needed = [np.isin(*pair) for pair in zip(groups, chosen, strict=True)]
+        is_needed = [
+            np.isin(groups_at_q, chosen_at_q)
+            for groups_at_q, chosen_at_q in zip(groups, chosen, strict=True)
+        ]
         columns = np.flatnonzero(np.any(is_needed, axis=0))
         kept = vectors[:, :, columns]
         squares = self._square_deformations(q, kept)
-        of_balls = kept.reshape(len(q), self.n_balls, self.motions.count, -1)
-        motions = np.abs(turn @ of_balls) ** 2
+        by_ball = kept.reshape(len(q), self.n_balls, self.motions.count, -1)
+        motions = np.abs(turn @ by_ball) ** 2
 
-        sizes = [np.bincount(numbers)[of_q] for numbers, of_q in zip(groups, chosen, strict=True)]
+        # number of modes in the group of each branch
+        sizes = [
+            np.bincount(groups_at_q)[chosen_at_q]
+            for groups_at_q, chosen_at_q in zip(groups, chosen, strict=True)
+        ]
         is_degenerate = np.reshape(sizes, chosen.shape) > 1
-        places = np.searchsorted(columns, branches)
-        are_in_order = places.shape[1] == len(columns) and np.all(places == np.arange(len(columns)))
+        column_of_branch = np.searchsorted(columns, branches)
+        are_in_order = column_of_branch.shape[1] == len(columns) and np.all(
+            column_of_branch == np.arange(len(columns))
+        )
 
         def average(values: Array) -> Array:
-            """Return means (n_q, b, ...) at the branches of values (n_q, ..., m) at the columns."""
+            """Return (n_q, b, ...), for each branch the mean over its group of ``values``
+            (n_q, ..., m), where m counts the columns.
+            """
             if are_in_order and not np.any(is_degenerate):
                 return np.moveaxis(values, -1, 1)
             means = [
@@ -471,21 +500,26 @@ class ContactLattice(LongWaves):
         columns, at a few wave vectors q (n_q, p), 1/d.
         """
         is_limit = np.all(q == 0.0, axis=1) | _is_faint(q)
-        if self._large is not None and not np.any(is_limit):  # one wave vector
+        if self._large is not None and not np.any(is_limit):
+            # large cells are solved at one wave vector at a time, the equivalent one near Gamma
             folded, copies = self._fold(q)
             modes = self._large.solve_modes(folded[0])
             if modes is not None:
+                frequencies, vectors = modes
+                # the phase of a displacement is that of the wave vector that was asked for
                 phase = np.exp(-1j * (copies @ self.positions[:, : self.periods].T))
-                turned = np.repeat(phase[0], self.motions.count)[:, None] * modes[1]
-                return modes[0][None], turned[None]
-        # modes of one frequency may be any basis of their space, and so any path will do
+                in_phase = np.repeat(phase[0], self.motions.count)[:, None] * vectors
+                return frequencies[None], in_phase[None]
+        # any basis of the modes of one frequency will do, and so any path
         along = np.broadcast_to(np.eye(self.periods)[0], q.shape)
         _, frequencies, vectors, *_ = self._find_modes(q, along)
         return frequencies, vectors
 
     def _square_deformations(self, q: Array, vectors: Complex) -> dict[str, Array]:
-        """Return the squares (n_q, n_c, m) of the deformations of contacts, by the kind of their
-        stiffness, in modes with the ``vectors`` (n_q, n_branches, m) at wave vectors q (n_q, p).
+        """Return a dictionary of the squares (n_q, n_c, m) of the deformations of contacts, by the
+        kind of stiffness that resists them, without springs to the ground.
+
+        ``vectors`` (n_q, n_branches, m) are those of the modes, and q (n_q, p) the wave vectors.
         """
         rows = self.unit_rows
         count = len(self.contacts)
@@ -494,6 +528,8 @@ class ContactLattice(LongWaves):
             flat_squares = self._square_by_blocks(q[0], head, tail, vectors[0])
             sums_by_kind = sum_kinds(rows, flat_squares)
             return {name: sums[None, : self.n_between] for name, sums in sums_by_kind.items()}
+        # one product for all wave vectors: the columns of `flat` are the modes at all of them. The
+        # deformation of a contact is head.x_j - exp(-2i h) tail.x_i, but for a phase
         half_angle = 0.5 * q @ self.contacts.vector[:, : self.periods].T
         phase = np.exp(1j * half_angle).T[None, :, :, None]  # kinds, n_c, n_q, m
         motions = np.moveaxis(vectors, 1, 0)
@@ -506,9 +542,12 @@ class ContactLattice(LongWaves):
         return {name: sums[: self.n_between].swapaxes(0, 1) for name, sums in by_kind.items()}
 
     def _square_by_blocks(self, q: Array, head: Any, tail: Any, vectors: Complex) -> Array:
-        """Return the squares (rows x n_c, m) of the deformations in modes with the ``vectors``
-        (n_branches, m) at one wave vector q (p,): by one sparse matrix, a few modes at a time,
-        which stay in the cache of the processor.
+        """Return the squares (kinds * n_c, m) of the deformations in modes with the ``vectors``
+        (n_branches, m) at one wave vector q (p,).
+
+        ``head`` and ``tail``, sparse matrices (kinds * n_c, n_branches), are the effects of the two
+        ends of each contact. The modes are multiplied :data:`_MODES_AT_ONCE` at a time, which stay
+        in the cache of the processor.
         """
         phase = np.exp(-1j * (self.contacts.vector[:, : self.periods] @ q))
         by_row = np.tile(phase, head.shape[0] // len(phase))
@@ -521,8 +560,11 @@ class ContactLattice(LongWaves):
         return squares
 
     def _require_room(self, points: int, numbers: int) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if so many ``numbers`` of each branch, 1
-        of its frequency alone, at so many ``points`` of the zone do not fit into memory.
+        """Raise :class:`~granphon.base.errors.InputError` if results at ``points`` wave vectors do
+        not fit into memory.
+
+        ``numbers`` is how many numbers are kept of each branch: 1 for the frequency alone, else
+        those of its eigenvector.
         """
         bytes_per_number = 16.0 if numbers == 1 else 48.0
         require_memory(
@@ -532,8 +574,9 @@ class ContactLattice(LongWaves):
         )
 
     def _find_modes(self, requested: Array, along: Array) -> tuple[NDArray[Any], ...]:
-        """Return the arrays of :class:`Modes` at a few ``requested`` wave vectors (n_q, p), 1/d,
-        which paths pass in the directions ``along`` (n_q, p).
+        """Return the arrays of :class:`Modes`, in the order of its attributes, at a few
+        ``requested`` wave vectors (n_q, p), 1/d, through which paths run in the directions
+        ``along`` (n_q, p), unit vectors.
         """
         q, copies = self._fold(requested)
         # modes at Gamma are limits along the direction, and modes very near Gamma limits along q
@@ -562,8 +605,9 @@ class ContactLattice(LongWaves):
         return requested, frequencies, eigenvectors, velocities, *energy_parts
 
     def _split_energy(self, motion: Complex, direction: Array) -> tuple[Array, Array, Array]:
-        """Return the parts (n_q, n_branches) of the kinetic energy that are rotation, that move
-        along a ``direction`` (n_q, p), and that move across a plane of balls.
+        """Return three parts (n_q, n_branches) of the kinetic energy: that of rotation, that of
+        displacements along a ``direction`` (n_q, p), unit vectors, and that of displacements out of
+        a plane of balls.
 
         ``motion`` (n_q, n_balls, motions, n_branches) are eigenvectors of norm one.
         """
@@ -581,8 +625,12 @@ class ContactLattice(LongWaves):
         return rotation, longitudinal, out_of_plane
 
     def _solve(self, q: Array) -> Array:
-        """Return frequencies (n_q, n_branches), ascending, at wave vectors q (n_q, p)."""
-        if self._large is not None:  # one wave vector
+        """Return frequencies (n_q, n_branches), (k/M)^1/2, ascending, at wave vectors q (n_q, p),
+        1/d; n_q is one for large cells.
+
+        Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
+        """
+        if self._large is not None:
             frequencies = self._large.find_frequencies(q[0])
             if frequencies is not None:
                 return frequencies[None]
@@ -595,8 +643,13 @@ class ContactLattice(LongWaves):
         return np.sort(np.concatenate(by_block, axis=1), axis=1)
 
     def _solve_with_velocities(self, q: Array, along: Array) -> tuple[Array, NDArray[Any], Array]:
-        """Return frequencies (n_q, n_branches), eigenvectors (n_q, n_dof, n_branches) and group
-        velocities (n_q, n_branches, p); degenerate sets are resolved along ``along`` (n_q, p).
+        """Return frequencies (n_q, n_branches), (k/M)^1/2, ascending, eigenvectors
+        (n_q, n_dof, n_branches) and group velocities (n_q, n_branches, p), d (k/M)^1/2, at wave
+        vectors q (n_q, p), 1/d.
+
+        Modes of one frequency are those that paths along the unit vectors ``along`` (n_q, p)
+        follow. Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is
+        negative.
         """
         if self._large is not None and len(q) == 1:
             modes = self._large.solve_with_velocities(q[0])
@@ -619,7 +672,7 @@ class ContactLattice(LongWaves):
             vectors[:, block.columns, first : first + block.size] = block_vectors
             first += block.size
         frequencies, vectors, velocities = _sort_branches(frequencies, vectors, velocities)
-        # modes of zero frequency in the order that they have beside the point
+        # modes of zero frequency get the order of their frequencies beside the point
         zeros = np.count_nonzero(frequencies == 0.0, axis=1)
         for n in np.flatnonzero(zeros > self.free_branches).tolist():
             order = np.argsort(velocities[n, : zeros[n]] @ along[n], kind="stable")
@@ -628,8 +681,8 @@ class ContactLattice(LongWaves):
         return frequencies, self._to_balls @ vectors, velocities
 
     def _find_buckling(self, q: Array) -> InstabilityError:
-        """Return the error that names the wave vector, among ``q``, of the lowest squared
-        frequency, which is negative.
+        """Return the error of a lattice that buckles, which names the wave vector, among q
+        (n_q, p), of the lowest squared frequency.
         """
         squared, vectors = np.linalg.eigh(self._compute_frame_matrix(q))
         lowest = int(np.argmin(squared[:, 0]))
@@ -641,10 +694,11 @@ class ContactLattice(LongWaves):
         return self.explain_buckling(where, motion[:, self.motions.translating].T)
 
     def _share_out(self, find: Callable[[slice], _Result], count: int) -> list[_Result]:
-        """Return the results of ``find`` for slices of ``count`` wave vectors, each small enough
-        for :data:`_ENTRIES`.
+        """Return the results of ``find`` for slices of the numbers of ``count`` wave vectors, so
+        short that C(q) has no more than :data:`_ENTRIES` entries.
 
-        Wave vectors of large cells are shared out to all processors, one by one.
+        Wave vectors of large cells are shared out to all processors, one by one. Without wave
+        vectors ``find`` is called with an empty slice, so that its result has a shape.
         """
         length = 1
         if self._large is None:
@@ -659,8 +713,8 @@ class ContactLattice(LongWaves):
 
     @cached_property
     def _large(self) -> LargeCell | None:
-        """The cell as one of many balls; None if it has few, whose matrices are best taken
-        together.
+        """Solver of cells of many balls, one wave vector at a time; None if the cell is small,
+        whose matrices of many wave vectors are best solved together.
         """
         if self.n_branches <= MANY_COLUMNS:
             return None
@@ -674,9 +728,11 @@ class ContactLattice(LongWaves):
 
     @cached_property
     def _blocks(self) -> list[Block]:
-        """Motions of the frame that nothing joins to others, with their rows of C(q)."""
+        """Sets of motions of the frame that no contact joins to other motions, with their rows of
+        C(q).
+        """
         kinds = [self._deforming, self._pushing] if self.is_prestressed else [self._deforming]
-        # whether each row (kinds, n_c) feels each motion (n_branches,) at some wave vector
+        # (kinds, n_c, n_branches), whether a motion takes part in a row at some wave vector
         effects = [waves.find_effects() for waves in kinds]
         all_effects = np.concatenate([effect.reshape(-1, self.n_branches) for effect in effects])
         blocks = []
@@ -697,17 +753,17 @@ class ContactLattice(LongWaves):
         return blocks
 
     def _tilt_block(self, block: Block) -> Block:
-        """Return a block with the motions that go with each displacement across the periods, as the
-        balls tilt with it.
+        """Return a ``block`` with its ``bent`` and ``tilt``: the displacements across the periods
+        that tilt the balls, and the motions that go with them.
 
-        A displacement u of the centre of mass turns the balls by phi = i q x u. Balls off the
-        middle of the layer, by the distance z along u, move by -i q z.
+        A wave of displacements u of all balls turns them by phi = i q x u. A ball at the distance z
+        along u from the middle of the layer then moves by -i q z |u|.
         """
         motions = self.motions
         p = self.periods
         columns = block.columns
         weights = self._wave_frame.conj() * np.sqrt(self.masses / self.masses.sum())[:, None]
-        # displacements of the centre of mass, which come first, across the periods
+        # displacements of the centre of mass are the first motions of the frame
         bent = [
             motion
             for motion in np.flatnonzero(columns < len(motions.translations)).tolist()
@@ -727,8 +783,8 @@ class ContactLattice(LongWaves):
         )
 
     def _tilt_balls(self, axis: int, along: int) -> Complex:
-        """Return the motions (n_balls, motions), per component of q along a period, that go with a
-        unit displacement across the periods, along an ``axis``.
+        """Return the motions (n_balls, motions) that go with a unit displacement of all balls along
+        the ``axis`` across the periods, per component of q along the axis ``along``.
         """
         motions = self.motions
         height = self.positions[:, axis] if axis < self.dimension else np.zeros(self.n_balls)
@@ -742,8 +798,8 @@ class ContactLattice(LongWaves):
 
     @cached_property
     def elongating_blocks(self) -> list[Block]:
-        """The blocks with motions that lengthen or shorten contacts; the motions of other blocks do
-        not act on static forces.
+        """The blocks with motions that lengthen or shorten contacts. The motions of other blocks
+        leave the static normal forces as they are.
         """
         # elongations come first among the kinds of rows
         lengthens = self._deforming.find_effects()[0].any(axis=0)
@@ -753,16 +809,16 @@ class ContactLattice(LongWaves):
 
     @cached_property
     def free_branches(self) -> int:
-        """Number of branches that vanish at every wave vector: branches less the generic rank of
-        C(q).
+        """Number of branches that vanish at every wave vector: the number of branches less the
+        generic rank of C(q).
         """
         free = None if self._large is None else self._large.free_branches
         return sum(block.free for block in self._blocks) if free is None else free
 
     @cached_property
     def free_branch_warnings(self) -> tuple[str, ...]:
-        """A sentence that counts the branches that vanish at every wave vector and says what would
-        stop them, or none.
+        """One sentence that counts the branches that vanish at every wave vector, and says what
+        would stop them; empty if there are no such branches.
         """
         count = self.free_branches
         if not count:
@@ -775,11 +831,11 @@ class ContactLattice(LongWaves):
         )
 
     def find_remedy(self, stops: Callable[[Self], bool]) -> str:
-        """Return in words what would stop a motion that costs nothing: the fewest kinds of
-        stiffness that do.
+        """Return words for what would stop a motion that costs nothing: the fewest kinds of
+        stiffness that do, as "add torsion", or more contacts if no kind does.
 
-        ``stops`` says whether the motion costs energy on a lattice, which is this one with further
-        kinds of stiffness.
+        ``stops`` says whether the motion costs energy on a lattice: this one with further kinds of
+        stiffness.
         """
         stiffness = {
             "friction": self.mindlin_ratio,
@@ -789,16 +845,18 @@ class ContactLattice(LongWaves):
         missing = [name for name, ratio in stiffness.items() if not np.any(ratio)]
         for count in range(1, len(missing) + 1):
             remedies = [
-                names for names in itertools.combinations(missing, count) if stops(self._add(names))
+                names
+                for names in itertools.combinations(missing, count)
+                if stops(self._stiffen(names))
             ]
             if remedies:
                 choices = [", ".join((*names[:-2], " and ".join(names[-2:]))) for names in remedies]
                 return f"add {', or '.join(choices)}"
         return "use a lattice with more contacts"
 
-    def _add(self, names: tuple[str, ...]) -> Self:
-        """Return the lattice whose contacts have stiffness of the kinds ``names`` too, "friction",
-        "torsion" or "bending"; without static forces.
+    def _stiffen(self, names: tuple[str, ...]) -> Self:
+        """Return this lattice without static forces, its contacts with further kinds of stiffness
+        of size one, ``names``: "friction", "torsion" or "bending".
         """
         return type(self)(
             self.cell,
@@ -816,8 +874,8 @@ class ContactLattice(LongWaves):
     # -- modes that vanish at some wave vectors ----------------------------------------------------
 
     def soft_mode_warnings(self, wavevectors: ArrayLike, frequencies: ArrayLike) -> tuple[str, ...]:
-        """Return a sentence that counts the modes that vanish at some of the wave vectors and names
-        the first, or none.
+        """Return one sentence that counts the modes that vanish at some of the wave vectors and
+        names the first of these; an empty tuple if there are none.
 
         Neither sound at Gamma nor the branches that vanish everywhere count.
 
@@ -850,7 +908,7 @@ class ContactLattice(LongWaves):
     def _zeros_at_gamma(self) -> int:
         """Number of branches that are zero at Gamma because they are sound, or zero everywhere.
 
-        On a line, a rotation of all balls about it is sound too: the torsional wave.
+        On a line, the rotation of all balls about the line is sound too: the torsional wave.
         """
         direction = np.array([[0.5497, 0.6843, 0.4793]])[:, : self.periods]  # without symmetry
         # motions of the frame, as columns: displacements of all balls come first
@@ -861,14 +919,15 @@ class ContactLattice(LongWaves):
             rigid = np.column_stack([rigid, self._turn_about_line()])
         rigid[:, self._are_anchored(rigid)] = 0.0
         if self._large is not None and not self.free_branches:
-            return int(np.linalg.matrix_rank(rigid, tol=_APART))
+            return int(np.linalg.matrix_rank(rigid, tol=_INDEPENDENT))
         total = 0
         for block in self._blocks:
             zeros = rigid[block.columns]
             if block.free:
-                free = block.solve(_BESIDE_GAMMA * direction)[1][0][:, : block.free]
+                _, modes = block.solve(_BESIDE_GAMMA * direction)
+                free = modes[0][:, : block.free]
                 zeros = np.concatenate([zeros, free], axis=1)
-            total += int(np.linalg.matrix_rank(zeros, tol=_APART))
+            total += int(np.linalg.matrix_rank(zeros, tol=_INDEPENDENT))
         return total
 
     def _are_anchored(self, motions: Complex) -> NDArray[np.bool_]:
@@ -880,16 +939,18 @@ class ContactLattice(LongWaves):
         of_balls = (self._to_balls @ motions).reshape(self.n_balls, -1, motions.shape[1])
         held = of_balls[self.contacts.i[self.n_between :]]
         springs = self.on_site[:, : self.motions.count]
-        resists = (springs[..., None] > 0.0) & (np.abs(held) > _STILL)
+        resists = (springs[..., None] > 0.0) & (np.abs(held) > _AT_REST)
         return np.asarray(np.any(resists, axis=(0, 1)))
 
     def _turn_about_line(self) -> Complex:
-        """Return the rotation of all balls about the only period, as a motion (n_branches,) of the
-        frame of norm one; zero if no ball takes part.
+        """Return the amplitudes (n_branches,) of the motions of the frame, of norm one, in the
+        rotation of all balls as one body about the only period; zeros if no motion of the balls
+        takes part.
         """
         positions = np.zeros((self.n_balls, 3))
         positions[:, : self.dimension] = self.positions
         arms = positions - self.masses @ positions / self.masses.sum()
+        # an amplitude of one in the frame is a rotation phi = i, as rotations are divided by i
         shifts = 1.0j * np.cross([1.0, 0.0, 0.0], arms)
         turns = self.gyration[:, None] * np.eye(3)[:1]
         chosen = [*self.motions.translations, *(3 + axis for axis in self.motions.rotations)]
@@ -902,11 +963,11 @@ class ContactLattice(LongWaves):
 def _tabulate_contacts(
     network: ContactNetwork, kept: Index, normal: Array, vector: Array
 ) -> ContactTable:
-    """Return the table of the contacts ``kept`` (n_c,) of a network, with balls numbered among
-    those that move; all bodies that do not move are one more ball.
+    """Return the table of the contacts ``kept`` (n_c,) of a network, in diameters. Balls are
+    numbered among those that move, and the next number stands for all bodies that do not move.
 
-    Of a contact with a body that does not move, ball i is the ball that moves. ``normal`` (n_c, d)
-    and ``vector`` (n_c, d), m, are turned to match.
+    In a contact with a body that does not move, ball i is the ball that moves. ``normal`` (n_c, d)
+    and ``vector`` (n_c, d), m, already point from that ball to the other.
     """
     moving = network.moving
     length = network.scales.length
@@ -927,9 +988,10 @@ def _tabulate_contacts(
 
 
 def _find_springs(network: ContactNetwork, turn: Array, motions: Motions) -> tuple[Index, Array]:
-    """Return the balls (n_g,) that springs to the ground hold, among those that move, and the
-    stiffnesses (n_g, motions) of these springs along the axes of the lattice, which are the rows of
-    ``turn`` (d, d), in the unit of the network.
+    """Return the numbers (n_g,), among the balls that move, of those that springs to the ground
+    hold, and the stiffnesses (n_g, motions) of these springs, in the network's unit of stiffness.
+
+    The rows of ``turn`` (d, d) are the axes of the lattice, along which the ``motions`` are.
     """
     springs = turn_on_site(find_anchors(network), turn, motions)
     if springs is None:
@@ -940,15 +1002,16 @@ def _find_springs(network: ContactNetwork, turn: Array, motions: Motions) -> tup
 
 
 def _add_springs(table: ContactTable, balls: Index, ground: int) -> ContactTable:
-    """Return a table of contacts with those of ``balls`` (n_g,) with the ``ground``, a body that
-    does not move, behind them; the table itself without such balls.
+    """Return a ``table`` of contacts, followed by one contact for each of the ``balls`` (n_g,) that
+    springs hold: with ball number ``ground``, a body that does not move. Without such balls the
+    table itself is returned.
     """
     count = len(balls)
     if not count:
         return table
     d = table.normal.shape[1]
     normal = np.zeros((count, d))
-    normal[:, 0] = 1.0  # a spring to the ground has no direction: that of its contact means nothing
+    normal[:, 0] = 1.0  # any unit vector will do, as a spring to the ground has no normal
     return freeze_contacts(
         np.append(table.i, balls),
         np.append(table.j, np.full(count, ground)),
@@ -969,8 +1032,8 @@ def _is_faint(q: Array) -> NDArray[np.bool_]:
 def _sort_branches(
     frequencies: Array, vectors: NDArray[Any], velocities: Array
 ) -> tuple[Array, NDArray[Any], Array]:
-    """Return frequencies (n_q, b), eigenvectors (n_q, n, b) and velocities (n_q, b, p) with the
-    frequencies ascending.
+    """Return ``frequencies`` (n_q, b), eigenvectors ``vectors`` (n_q, n, b) and ``velocities``
+    (n_q, b, p), sorted by ascending frequency.
     """
     order = np.argsort(frequencies, axis=1, kind="stable")
     return (
@@ -983,14 +1046,15 @@ def _sort_branches(
 def _follow_powers(
     q: Array, near: Array, frequencies: Array, vectors: NDArray[Any], velocities: Array
 ) -> tuple[Array, NDArray[Any], Array]:
-    """Return frequencies, eigenvectors and velocities at ``q`` (n_q, p), from those at ``near``
-    (n_q, p), which are longer and have the same directions.
+    """Return frequencies (n_q, b), eigenvectors (n_q, n, b) and group velocities (n_q, b, p) at
+    wave vectors ``q`` (n_q, p), from those at ``near`` (n_q, p), longer wave vectors of the same
+    directions.
 
-    There each branch is a power of |q|: the first for sound, the second or third for a flexural
-    branch, none for others.
+    Near Gamma the frequency of each branch is in proportion to a power of |q|: the first for sound,
+    the second or third for a flexural branch, and the zeroth for others.
     """
     slope = np.einsum("qa,qba->qb", near, velocities)
-    # q.v/omega is the power of |q|, but for rounding
+    # d ln(omega)/d ln|q| = q.v/omega is the power, up to rounding
     ratio = np.zeros_like(frequencies)
     np.divide(slope, frequencies, out=ratio, where=frequencies > 0.0)
     power = np.maximum(np.rint(ratio), 0.0)

@@ -1,29 +1,30 @@
 """Losses of contacts and balls: dashpots beside springs, loss factors, drag; damped modes.
 
 In a motion exp(i omega t) a contact resists a deformation e of stiffness k by the force (k (1 + i
-eta) + i omega c) e. c is the viscosity of its dashpots, and eta the loss factor of its material,
-which does not depend on the frequency (L. Cremer and M. Heckl, Structure-Borne Sound). Drag resists
-the motion of a ball itself, by the force -gamma m v and the torque -gamma' I Omega. With tau = c/k,
-the equations of a network are D(omega) x + i omega Gamma x = omega^2 x, with
+eta) + i omega c) e. The viscosity c is that of its dashpots, and eta is the loss factor of its
+material, which does not depend on the frequency (L. Cremer and M. Heckl, Structure-Borne Sound).
+Drag resists the motion of a ball itself, by the force -gamma m v and the torque -gamma' I Omega.
+With tau = c/k, the equations of a network are D(omega) x + i omega Gamma x = omega^2 x, with
 
     D(omega) = C^T K (1 + i eta + i omega tau) C + static forces.
 
-A contact has three dashpots side by side, c = tau k + c_0 + alpha (m* k)^(1/2). The first is in
-proportion to the stiffness, the second is the same whatever the force. The third is that of Y.
-Tsuji, T. Tanaka and T. Ishida (Powder Technol. 71, 239, 1992), with the mass 1/m* = 1/m_i + 1/m_j:
-with Hertz's stiffness k ~ h^(1/2) the equation of a collision, m* h'' + c h' + (2/3) k h = 0,
-becomes that of a damped oscillator of the velocity and the 5/4th power of the overlap. The damping
-ratio is alpha (3/10)^(1/2), and all collisions that end with no overlap have the restitution e,
+A contact has three dashpots side by side, c = tau k + c_0 + alpha (m* k)^(1/2), where 1/m* =
+1/m_i + 1/m_j. The first dashpot is in proportion to the stiffness, and the second does not depend
+on the force. The third is that of Y. Tsuji, T. Tanaka and T. Ishida (Powder Technol. 71, 239,
+1992). With it, and with Hertz's stiffness k ~ h^(1/2), a collision obeys m* h'' + c h' + (2/3) k h
+= 0. In terms of the velocity and the 5/4th power of the overlap h this is the equation of a damped
+oscillator, with the damping ratio alpha (3/10)^(1/2). All collisions that end with no overlap then
+have the same restitution e, with
 
     alpha(e) = (10/3)^(1/2) ln(1/e) / (pi^2 + ln(e)^2)^(1/2).
 
-In slip the first has a time of its own, the second a viscosity of its own, and the third the same
-viscosity as in normal motion. Twist and rolling are damped with the time c/k of slip. A contact
-that does not resist slip has no dashpot against it.
+In slip the first dashpot has a time tau of its own, the second a viscosity c_0 of its own, and the
+third the same viscosity as in normal motion. Twist and rolling are damped with the time c/k of
+slip. A contact that does not resist slip has no dashpot against it.
 
-Where tau, eta and gamma are the same in all deformations of all contacts, and in all motions, and
-no static forces act, all motions follow from the undamped problem at complex omega^2; with drag
-alone also where static forces act.
+Losses are *even* if tau, eta and gamma are the same in all deformations of all contacts, and in all
+motions. If they are even and no static forces act, all motions follow from the undamped problem at
+complex omega^2. With drag alone the same holds under static forces too.
 """
 
 from __future__ import annotations
@@ -45,35 +46,36 @@ from granphon.base.results import Result, held, result_class
 from granphon.base.validation import Rule, finite_numbers, require
 from granphon.networks.network import ContactNetwork
 
-#: greatest losses, far above any of a contact or ball: their powers stay within the range of floats
+#: greatest losses that are allowed, in SI: far above those of any contact or ball, and so small
+#: that their powers stay within the range of floats
 LARGEST_LOSSES = {"damping": 1e30, "loss_factor": 1e6, "drag": 1e30, "dashpot": 1e30}
-#: least restitution of a collision: with less, the dashpot is the critical one to rounding
+#: least restitution of a collision that is allowed: below it the dashpot is nearly the critical one
 LEAST_RESTITUTION = 1e-6
 #: alpha of the dashpot of Tsuji over ln(1/e), for a restitution e near one
 SMALL_LOSS = math.sqrt(10.0 / 3.0) / math.pi
 #: relative difference of numbers that are the same but for rounding
 ALIKE = 1e-12
-#: damping, over the square root of the largest stiffness, above which slow rates are less than the
-#: rounding of fast ones
+#: largest entry of the viscous matrix, over the square root of the largest stiffness, above which
+#: the rates of slow modes are less than the rounding of fast ones
 _STRONGEST = 3e4
 #: part of the top frequency up to which a frequency, or its real part, is zero: the root of
 #: rounding, as zeros come in pairs
-_STILL = 1e-6
+_NEAR_ZERO = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Losses:
-    """What the contacts and the balls of a network lose.
+    """Losses of energy in the contacts and in the motion of the balls of a network.
 
     Attributes
     ----------
-    network : of which the losses are.
+    network : the network.
     damping : (2, n_c) tau, s, of dashpots in proportion to stiffness: of normal motion, and of
         slip, twist and rolling.
-    factors : (2, n_c) eta, likewise.
+    factors : (2, n_c) loss factors eta, of normal motion, and of slip, twist and rolling.
     drag : (2,) gamma, 1/s, of displacements, and of rotations.
     dashpot : (2, n_c) c_0, N s/m, of normal motion, and of slip.
-    tsuji : (n_c,) alpha of the dashpot that a restitution stands for.
+    tsuji : (n_c,) alpha of the dashpot of Tsuji, which gives collisions their restitution.
     """
 
     network: ContactNetwork
@@ -97,14 +99,14 @@ class Losses:
 
         Parameters
         ----------
-        damping : tau = c/k of all deformations, s, a number or (n_c,); or a tuple of that of normal
-            motion and of others.
-        loss_factor : eta, a number or (n_c,); or a tuple of that of normal motion, and of all
-            other.
-        drag : gamma of all motions, 1/s, a number; or a tuple of that of displacements and of
+        damping : tau = c/k, s, of all deformations, a number or (n_c,); or a tuple of two, of
+            normal motion and of all other motion.
+        loss_factor : eta of all deformations, a number or (n_c,); or a tuple of two, of normal
+            motion and of all other motion.
+        drag : gamma, 1/s, of all motions, a number; or a tuple of two, of displacements and of
             rotations.
-        dashpot : c_0, N s/m, a number or (n_c,); or a tuple of that of normal motion, and of slip.
-        restitution : e of a collision, a number or (n_c,).
+        dashpot : c_0, N s/m, a number or (n_c,); or a tuple of two, of normal motion and of slip.
+        restitution : e of a collision, the velocity after it over that before, a number or (n_c,).
 
         Raises :class:`~granphon.base.errors.InputError` for numbers below zero or above
         :data:`LARGEST_LOSSES`, for a restitution not between :data:`LEAST_RESTITUTION` and 1, and
@@ -119,7 +121,7 @@ class Losses:
             _read_pair("loss_factor", loss_factor, count),
             _read_pair("drag", drag, 1, "of displacements, of rotations")[:, 0],
             _read_pair("dashpot", dashpot, count),
-            find_tsuji(_spread("restitution", collisions, count, mend)),
+            find_tsuji(_broadcast("restitution", collisions, count, mend)),
         )
 
     @property
@@ -134,8 +136,8 @@ class Losses:
 
     @cached_property
     def times(self) -> Array:
-        """(2, n_c) tau, s, of all dashpots together, over the stiffnesses at rest: of normal
-        motion, and of slip, twist and rolling.
+        """(2, n_c) tau = c/k, s, of all three dashpots together, with the stiffness k at rest: of
+        normal motion, and of slip, twist and rolling.
         """
         network = self.network
         stiffness = np.stack([network.normal_stiffness, network.shear_stiffness])
@@ -145,9 +147,12 @@ class Losses:
         return np.asarray(self.damping + times)
 
     def list_dashpots(self, i: Index, j: Index) -> Array:
-        """Return the dashpots (5, n) of the contacts of the network, and behind them of further
-        pairs of its balls ``i`` and ``j``: tau of normal motion, and of others, s; c_0 likewise, N
-        s/m; and alpha m*^1/2, kg^1/2. Pairs have the means of tau, c_0 and alpha.
+        """Return the dashpots (5, n) of the contacts of the network, followed by those of further
+        pairs of its balls ``i`` and ``j``, each (m,), which may come into contact.
+
+        The five rows are tau, s, of normal motion and of all other motion, c_0, N s/m, of normal
+        motion and of slip, and alpha m*^1/2, kg^1/2. A further pair has the means over all contacts
+        of tau, c_0 and alpha.
         """
         network = self.network
         numbers = np.concatenate([self.damping, self.dashpot, [self.tsuji]])
@@ -162,12 +167,12 @@ class Losses:
         return np.asarray(np.where(motions.is_rotation, self.drag[1], self.drag[0]))
 
     def find_warnings(self, highest: float) -> tuple[str, ...]:
-        """Return one sentence if contacts are more viscous than stiff at the ``highest`` frequency
-        in use, Hz, by their :attr:`damping`; else nothing.
+        """Return one sentence if at the ``highest`` frequency in use, Hz, the dashpots of
+        :attr:`damping` resist more than the springs; else an empty tuple.
 
-        A damping is a time. The product of the time and the angular frequency is above 1 where the
-        number was meant as a loss factor. Of modes, give the frequency without losses: strong
-        dashpots lower the frequency of a mode, down to zero.
+        A damping is a time. If the product of the time and the angular frequency is above 1, the
+        number may have been meant as a loss factor. For modes, give the highest frequency without
+        losses: strong dashpots lower the frequency of a mode, down to zero.
         """
         viscous = 2.0 * np.pi * highest * float(np.max(self.damping, initial=0.0))
         if viscous <= 1.0:
@@ -178,8 +183,9 @@ class Losses:
         )
 
     def soften(self, omega: Array) -> tuple[Complex, Complex]:
-        """Return the factors (n_f, n_c) of the stiffness against normal motion, and of that against
-        all other motion, in a motion exp(-i omega t), ``omega`` (n_f,), rad/s.
+        """Return the factors (n_f, n_c) by which losses multiply the stiffness against normal
+        motion, and that against all other motion, in a motion exp(-i omega t), ``omega`` (n_f,),
+        rad/s.
         """
         normal, other = (
             1.0 - 1j * (omega[:, None] * tau + eta)
@@ -188,9 +194,12 @@ class Losses:
         return normal, other
 
     def find_even(self) -> tuple[float, float, float] | None:
-        """Return eta, tau, s, and gamma, 1/s, if all are the same in all deformations that contacts
-        resist, and in all motions, and neither static forces act where contacts lose energy, nor
-        springs to the ground, which lose none; else None.
+        """Return the numbers eta, tau, s, and gamma, 1/s, of even losses; None if losses are not
+        even. All motions with even losses follow from those without.
+
+        Losses are even if eta and tau are the same in all deformations that contacts resist, and
+        gamma in all motions. If contacts lose energy, there must also be no static forces and no
+        springs to the ground, which lose none.
         """
         if self.is_none:
             return 0.0, 0.0, 0.0
@@ -212,22 +221,26 @@ class Losses:
 
 
 def find_tsuji(restitution: ArrayLike) -> Array:
-    """Return alpha (...) of the dashpot of Tsuji with which a collision of Hertz's law has a
-    ``restitution`` (...), whatever its velocity; see the head of this module.
+    """Return alpha (...) of the dashpot of Tsuji with which a collision of balls with Hertz's law
+    has the ``restitution`` e (...) at any velocity: (10/3)^(1/2) ln(1/e)/(pi^2 + ln(e)^2)^(1/2).
     """
     logarithm = -np.log(restitution)
     return np.asarray(SMALL_LOSS * np.pi * logarithm / np.hypot(np.pi, logarithm))
 
 
 def find_reduced_masses(masses: Array, i: Index, j: Index) -> Array:
-    """Return m* (n_c,), 1/m* = 1/m_i + 1/m_j, kg; zero of two bodies that are held."""
+    """Return m* (n_c,), kg, of balls ``i`` and ``j`` (n_c,), 1/m* = 1/m_i + 1/m_j; zero for two
+    bodies that do not move, whose ``masses`` (n,) are infinite.
+    """
     inverse = 1.0 / masses[i] + 1.0 / masses[j]
     return np.divide(1.0, inverse, out=np.zeros_like(inverse), where=inverse > 0.0)
 
 
 def read_loss(name: str, value: Any, rule: Rule) -> Any:
-    """Return a loss of :data:`LARGEST_LOSSES` by its ``name``, one or more, as a rule reads
-    ``value``; refuse numbers above the largest.
+    """Return the numbers of a loss, one or more, as ``rule`` reads them from ``value``.
+
+    ``name`` is that of the loss in :data:`LARGEST_LOSSES`. Raises
+    :class:`~granphon.base.errors.Refused` for numbers above the largest.
     """
     losses = rule(value)
     highest = float(np.max(losses))
@@ -239,7 +252,11 @@ def read_loss(name: str, value: Any, rule: Rule) -> Any:
 
 
 def _read_restitution(value: Any) -> NDArray[Any]:
-    """Return a restitution, one or more; refuse numbers that are none of a collision."""
+    """Return the numbers of a restitution, one or more, from ``value``.
+
+    Raises :class:`~granphon.base.errors.Refused` for numbers below :data:`LEAST_RESTITUTION` or
+    above 1.
+    """
     restitution = finite_numbers(value)
     refused = restitution[(restitution < LEAST_RESTITUTION) | (restitution > 1.0)]
     if refused.size:
@@ -248,16 +265,24 @@ def _read_restitution(value: Any) -> NDArray[Any]:
     return restitution
 
 
-def _spread(name: str, numbers: NDArray[Any], count: int, mend: str) -> Array:
-    """Return numbers (count,) from one or as many; InputError for another shape."""
+def _broadcast(name: str, numbers: NDArray[Any], count: int, mend: str) -> Array:
+    """Return ``numbers``, one or (count,), as an array (count,).
+
+    Raises :class:`~granphon.base.errors.InputError`, with the argument's ``name`` and the remedy
+    ``mend``, for another shape.
+    """
     if numbers.shape not in ((), (count,)):
         raise InputError(f"{name} has the shape {numbers.shape}, and not ({count},)", mend=mend)
     return np.array(np.broadcast_to(numbers, count))
 
 
 def _read_pair(name: str, value: Any, count: int, parts: str = "normal, tangential") -> Array:
-    """Return numbers (2, count), zero or above, from a number or an array (count,), or a tuple of
-    two numbers or arrays; ``parts`` names the two.
+    """Return the numbers (2, count) of a loss, from ``value``: a number or an array (count,) for
+    both, or a tuple of two numbers or arrays.
+
+    ``name`` is that of the loss in :data:`LARGEST_LOSSES`, and messages call the two ``parts``.
+    Raises :class:`~granphon.base.errors.InputError` for numbers below zero or above the largest,
+    and for another shape.
     """
     pair = value if isinstance(value, tuple) else (value, value)
     if len(pair) != 2:
@@ -266,7 +291,7 @@ def _read_pair(name: str, value: Any, count: int, parts: str = "normal, tangenti
     mend = f"Give a number{several}, or a tuple ({parts})"
     rule = partial(finite_numbers, unit=LOSSES[name], low="zero or above")
     read: Callable[[Any], Any] = partial(read_loss, name, rule=rule)
-    return np.stack([_spread(name, require(name, read, losses), count, mend) for losses in pair])
+    return np.stack([_broadcast(name, require(name, read, losses), count, mend) for losses in pair])
 
 
 @result_class
@@ -276,15 +301,15 @@ class DampedModes(Result, array="frequencies"):
 
     Attributes
     ----------
-    frequencies : (m,) complex Hz of a network, or (n_q, n_branches) of what repeats; ascending in
-        their real part, and where these are equal in the imaginary one. A mode decays as exp(-2 pi
-        Im f t); one that creeps has a real part of zero, and its slower rate. So modes that creep
-        are the lowest, and the slowest of them is the first.
-    vectors : (m, n_balls, motions) complex, of norm one, weighted with masses; None of what
-        repeats.
-    qpoints : (n_q, 3) wave vectors, fractions of the reciprocal cell; None of a network.
-    warnings : one sentence where contacts are more viscous than stiff in the highest of the modes,
-        as a damping is a time.
+    frequencies : (m,) complex, Hz, of a network, or (n_q, n_branches) of a periodic lattice;
+        ascending in their real part, and modes of equal real part in their imaginary part. A mode
+        decays as exp(-2 pi Im f t). A mode that creeps has a real part of zero and two rates, of
+        which the slower is given. So modes that creep are the lowest, and the slowest is the first.
+    vectors : (m, n_balls, motions) complex, mass-weighted, of norm one; None for a lattice.
+    qpoints : (n_q, 3) wave vectors of a lattice, fractions of the reciprocal cell; None for a
+        network.
+    warnings : one sentence if at the highest of the modes dashpots resist more than springs, as a
+        damping is a time, and was perhaps meant as a loss factor; else empty.
     """
 
     frequencies: Complex = held(complex, "q m|m", "Hz")
@@ -294,8 +319,8 @@ class DampedModes(Result, array="frequencies"):
 
     @property
     def quality(self) -> Array:
-        """Q = Re f/(2 Im f), of the shape of the frequencies: infinite without loss, zero of a mode
-        that creeps.
+        """Q = Re f/(2 Im f), an array of the shape of the frequencies: infinite for a mode without
+        loss, and zero for a mode that creeps.
         """
         real = self.frequencies.real
         decay = 2.0 * self.frequencies.imag
@@ -304,42 +329,45 @@ class DampedModes(Result, array="frequencies"):
 
     @property
     def decay(self) -> Array:
-        """2 pi Im f, 1/s, the rate at which the amplitude decays, of the shape of the
-        frequencies.
+        """2 pi Im f, 1/s, the rate at which the amplitude of each mode decays, an array of the
+        shape of the frequencies.
         """
         return np.asarray(2.0 * np.pi * self.frequencies.imag)
 
 
 def damp_evenly(omega: Array, loss_factor: float, time: float, drag: float = 0.0) -> Complex:
-    """Return complex angular frequencies of damped modes, of the shape of ``omega``, those without
-    damping; eta, tau and gamma, ``loss_factor``, ``time`` and ``drag``, are the same everywhere.
+    """Return the complex angular frequencies z of damped modes from ``omega``, those without
+    losses, for even losses: eta, tau and gamma are ``loss_factor``, ``time`` and ``drag``.
 
-    Units of ``omega`` and ``time`` are inverse to each other, and ``drag`` has that of ``omega``.
+    They have the shape of ``omega``, and solve z^2 - i z (tau omega^2 + gamma) = omega^2 (1 + i
+    eta). A mode that creeps has the slower of its two rates. The units of ``omega`` and ``time``
+    are inverse to each other, and ``drag`` has the unit of ``omega``.
     """
     squared = omega**2 * (1.0 + 1j * loss_factor)
     creep = 0.5 * (time * omega**2 + drag)
     root = np.sqrt(squared - creep**2)
     damped = 1j * creep + root
-    # a mode that creeps has two rates, whose product is the square: the slower one is taken
+    # the product of both solutions is -squared, which gives the slower rate without cancellation
     creeps = (squared.real < creep**2) & ((loss_factor == 0.0) | (omega == 0.0))
     slower = np.divide(-squared, damped, out=np.zeros_like(damped), where=creeps)
     return np.asarray(np.where(creeps, slower, damped))
 
 
 def damp_unevenly(stiffness: NDArray[Any], viscous: NDArray[Any]) -> tuple[Complex, Complex]:
-    """Return the modes of x'' + G x' + D x = 0 for stacks of matrices D = ``stiffness`` and G =
-    ``viscous`` (..., n, n).
+    """Return n of the 2 n modes of x'' + G x' + D x = 0, for stacks of matrices D = ``stiffness``
+    and G = ``viscous`` (..., n, n).
 
     Returns
     -------
-    omega : (..., n) complex, of x exp(i omega t), ascending in their real part, then in the
-        imaginary one: of each pair omega and -conj(omega) the one with a real part above zero, one
-        zero of each motion without a spring, and the slowest of those that creep, whose real part
-        is zero.
-    vectors : (..., n, n) columns of norm one.
+    omega : (..., n) complex, of motions x exp(i omega t), ascending in their real part, then in the
+        imaginary part. Of each pair omega and -conj(omega) the root with a real part above zero is
+        returned, for each motion without a spring one zero, and of the roots of modes that creep,
+        whose real part is zero, the slowest.
+    vectors : (..., n, n) motions x, columns of norm one.
 
-    Raises :class:`~granphon.base.errors.PrecisionError` for a damping so strong that modes which
-    creep have no digit.
+    Raises
+    ------
+    PrecisionError : the damping is so strong that the modes that creep would have no digit.
     """
     n = stiffness.shape[-1]
     scale = np.sqrt(np.max(np.abs(stiffness), axis=(-2, -1), keepdims=True))
@@ -360,7 +388,8 @@ def damp_unevenly(stiffness: NDArray[Any], viscous: NDArray[Any]) -> tuple[Compl
     rates, states = np.linalg.eig(matrices)
     # a motion without a spring has the rate zero twice, or once if drag resists it
     values = np.linalg.svd(stiffness / scale**2, compute_uv=False)
-    omega, columns = _choose_half(-1j * rates, np.sum(values <= _STILL**2, axis=-1))
+    without_spring = np.sum(values <= _NEAR_ZERO**2, axis=-1)
+    omega, columns = _choose_half(-1j * rates, without_spring)
     # the first half of a state (x, y) is the motion
     motions = np.take_along_axis(states[..., :n, :], columns[..., None, :], -1)
     vectors = motions / np.linalg.norm(motions, axis=-2, keepdims=True)
@@ -368,15 +397,17 @@ def damp_unevenly(stiffness: NDArray[Any], viscous: NDArray[Any]) -> tuple[Compl
 
 
 def _choose_half(omega: Complex, without_spring: Index) -> tuple[Complex, Index]:
-    """Return n of the 2 n roots ``omega`` (..., 2 n), which are over the root of the largest
-    stiffness, in the order of :func:`damp_unevenly`, and their columns (..., n) among all.
+    """Return n of the 2 n roots ``omega`` (..., 2 n), those that :func:`damp_unevenly` returns, and
+    their indices (..., n) among all; ascending in their real part, then in the imaginary part.
 
-    Of the roots that are zero as many are kept as there are motions ``without_spring`` (...,).
+    These are the roots with a positive real part, as many zeros as there are motions
+    ``without_spring`` (...,), and the slowest of the roots that creep. Roots are in units of the
+    square root of the largest stiffness.
     """
     n = omega.shape[-1] // 2
-    is_zero = np.abs(omega) <= _STILL
-    oscillates = omega.real > _STILL
-    creeps = ~is_zero & (np.abs(omega.real) <= _STILL)
+    is_zero = np.abs(omega) <= _NEAR_ZERO
+    oscillates = omega.real > _NEAR_ZERO
+    creeps = ~is_zero & (np.abs(omega.real) <= _NEAR_ZERO)
     roots = np.where(creeps, 1j * omega.imag, omega)
     # first roots of a positive real part, then zeros, those that creep, and last the mirror images
     kinds = np.select([oscillates, is_zero, creeps], [0, 1, 2], 3)
@@ -387,6 +418,7 @@ def _choose_half(omega: Complex, without_spring: Index) -> tuple[Complex, Index]
     is_zero = np.take_along_axis(is_zero, order, -1)
     zeros_so_far = np.cumsum(is_zero, axis=-1)
     is_spare = is_zero & (zeros_so_far > without_spring[..., None])
+    # the first n of these, once the spare zeros have moved to the end; then sorted as promised
     half = np.argsort(is_spare, axis=-1, kind="stable")[..., :n]
     half_roots = np.take_along_axis(sorted_roots, half, -1)
     kept = np.take_along_axis(half, np.lexsort((half_roots.imag, half_roots.real)), -1)

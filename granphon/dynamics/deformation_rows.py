@@ -9,12 +9,13 @@ deforms by
     roll        (1 - nn)(phi_j - phi_i)
 
 Slip and roll have two components, along the tangents of
-:func:`~granphon.balls.neighbours.contact_frames`. Each is ``head . x_j - tail . x_i``, where x
-are the motions of a ball. Everything linear in the dynamics of contacts is made of these rows:
-C(q), force constants, strains, the stencils of an array.
+:func:`~granphon.balls.neighbours.contact_frames`. Each deformation is ``head . x_j - tail . x_i``,
+where x_i and x_j are the motions of the two balls: one *row*. Everything linear in the dynamics of
+contacts is made of these rows: C(q), force constants, strains, the stencils of an array.
 
-In a wave the two ends of a contact move with phases that differ by q.(r_j - r_i). Taken about the
-middle of the contact, a row of C(q) is a cosine and a sine of half that angle: :class:`WaveRows`.
+In a wave the two balls of a contact move with phases that differ by q.(r_j - r_i). With phases
+taken about the middle of the contact, a row of C(q) is a sum of the cosine and the sine of half
+that angle: :class:`WaveRows`.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ from granphon.networks.network import ContactNetwork
 _SERIES = 1.0
 #: coefficients of (sin h - h cos h)/h^3 in powers of h^2; the next one is below rounding
 _BEND = [(-1.0) ** k * (2 * k + 2) / math.factorial(2 * k + 3) for k in range(9)]
-#: components along x, y and z, each (n_c,)
+#: three components of vectors, along x, y and z, each (n_c,)
 _Axes = list[Array]
 #: kinds of the rows of springs to the ground, against displacements and against rotations
 ANCHOR = "anchor"
@@ -46,7 +47,8 @@ GROWTH = "growth"
 
 
 class Row(NamedTuple):
-    """One kind of deformation of all contacts: ``head . x_j - tail . x_i``.
+    """One kind of deformation of all contacts: ``head . x_j - tail . x_i``, where x_i and x_j are
+    the motions of the two balls.
 
     Attributes
     ----------
@@ -78,18 +80,18 @@ def contact_rows(
     gyration_i: ArrayLike = 1.0,
     gyration_j: ArrayLike = 1.0,
 ) -> list[Row]:
-    """Return the deformations that are resisted and that the motions can make: elongation, slip,
-    twist, roll, in this order.
+    """Return the rows of the deformations that contacts resist and that the motions can make:
+    elongation, slip, twist, roll, in this order.
 
     Parameters
     ----------
     normal : (n_c, d) unit vectors from ball i to ball j, d = 1, 2 or 3.
     arm_i, arm_j : (n_c,) distances from the centres to the contact.
-    motions : of each ball. Deformations that none of them makes in any contact are left out.
-    elongation, slip, twist, roll : relative stiffness, each a number or (n_c,); kinds without
+    motions : motions of each ball. Deformations that no motion makes in any contact are left out.
+    elongation, slip, twist, roll : stiffness of the rows, each a number or (n_c,); kinds without
         stiffness are left out.
-    gyration_i, gyration_j : radii of gyration R_g, (n_c,), for coefficients of w = R_g phi; by
-        default those of phi.
+    gyration_i, gyration_j : (n_c,) radii of gyration R_g of the two balls, with which the rows are
+        coefficients of w = R_g phi; by default they are those of phi.
     """
     n, t, b = contact_frames(normal)
     none = [np.zeros(len(normal))] * 3
@@ -97,8 +99,8 @@ def contact_rows(
     turn_j = 1.0 / np.asarray(gyration_j)
     lever_i = arm_i * turn_i
     lever_j = arm_j * turn_j
-    # each entry: kind, stiffness, axis of u, axis of phi, and the factors of phi_j and phi_i. As
-    # b = n x t, (phi x n).t is phi.b, and (phi x n).b is -phi.t
+    # each entry: kind, stiffness, vectors by which u and phi are multiplied, and the factors of
+    # phi_j and phi_i. As b = n x t, (phi x n).t is phi.b, and (phi x n).b is -phi.t
     return _keep_resisted(
         [
             ("elongation", elongation, n, none, turn_j, turn_i),
@@ -113,7 +115,7 @@ def contact_rows(
 
 
 def find_gyration(network: ContactNetwork) -> Array:
-    """Return (n,) radii of gyration R_g of the balls of a network, m; one of bodies that do not
+    """Return the radii of gyration (n,), m, of the balls of a ``network``; 1 for bodies that do not
     move.
     """
     ones = np.ones(network.n_balls)
@@ -122,24 +124,25 @@ def find_gyration(network: ContactNetwork) -> Array:
 
 
 def find_anchors(network: ContactNetwork) -> Array | None:
-    """Return the stiffnesses (n, motions), N/m, of springs to the ground against u and w = R_g phi
-    of the balls of a network, as its ``on_site`` has them; zero of bodies that do not move. None
-    without such springs.
+    """Return the stiffnesses (n, motions), N/m, of the springs to the ground of a ``network``,
+    against u and w = R_g phi of each ball; zero for bodies that do not move. None if the network
+    has no such springs.
     """
     if network.on_site is None:
         return None
     n_shifts = len(network.ball_motions.translations)
     springs = network.on_site.copy()
-    springs[:, n_shifts:] /= find_gyration(network)[:, None] ** 2
+    springs[:, n_shifts:] /= find_gyration(network)[:, None] ** 2  # from phi, N m, to w, N/m
     return np.where(network.moving[:, None], springs, 0.0)
 
 
 def anchor_rows(springs: Array, held: Motions, motions: Motions, count: int) -> list[Row]:
-    """Return the rows of springs to the ground, which are the last of ``count`` contacts, of the
-    balls i with the ground.
+    """Return the rows of n_g springs to the ground, the last n_g of ``count`` contacts, in each of
+    which ball i is held by the ground.
 
-    ``springs`` (n_g, m) are stiffnesses against the m motions ``held``, in u and w; rows are in
-    terms of other ``motions`` of the same axes. A row has zeros at all other contacts.
+    ``springs`` (n_g, m) are the stiffnesses against u and w of the m motions ``held``. The rows are
+    coefficients of ``motions``, which must contain those that springs resist. Entries of all other
+    contacts are zero.
     """
     n_shifts = len(held.translations)
     rows = []
@@ -159,12 +162,13 @@ def anchor_rows(springs: Array, held: Motions, motions: Motions, count: int) -> 
 
 
 def network_rows(network: ContactNetwork) -> list[Row]:
-    """Return the deformations of the contacts of a network by u and w = R_g phi of its balls.
+    """Return the rows of the deformations that the contacts of a ``network`` resist, as
+    coefficients of u and w = R_g phi of its balls, in SI.
 
     The stiffness of elongation and slip is in N/m. That of twist and roll is in N m, and their
     coefficients are in 1/m, as phi is w/R_g.
 
-    Raises :class:`~granphon.base.errors.InputError` if there are none.
+    Raises :class:`~granphon.base.errors.InputError` if the motions deform no contact.
     """
     rows = _make_network_rows(
         network,
@@ -180,9 +184,9 @@ def network_rows(network: ContactNetwork) -> list[Row]:
 
 
 def network_unit_rows(network: ContactNetwork) -> list[Row]:
-    """Return rows of all deformations that the motions of a network can make, whether contacts
-    resist them or not, and of those on which prestress acts; the motions are those of
-    :func:`network_rows`.
+    """Return the rows of all deformations of contacts that the motions of a ``network`` can make,
+    whether contacts resist them or not, followed by those on which static forces act; as
+    coefficients of u and w = R_g phi, as in :func:`network_rows`.
     """
     rows = _make_network_rows(network, elongation=1.0, slip=1.0, twist=1.0, roll=1.0)
     if not network.prestress:
@@ -204,7 +208,9 @@ def network_unit_rows(network: ContactNetwork) -> list[Row]:
 
 
 def _make_network_rows(network: ContactNetwork, **stiffness: ArrayLike) -> list[Row]:
-    """Return the rows of the contacts of a network with these stiffnesses."""
+    """Return the rows of the contacts of a ``network``, with ``stiffness`` as the keyword arguments
+    ``elongation``, ``slip``, ``twist`` and ``roll`` of :func:`contact_rows`.
+    """
     gyration = find_gyration(network)
     return contact_rows(
         network.normal[:, : network.dimension],
@@ -219,7 +225,10 @@ def _make_network_rows(network: ContactNetwork, **stiffness: ArrayLike) -> list[
 
 def push_rows(normal: Array, motions: Motions) -> list[Row]:
     """Return the rows of the displacements of ball j relative to ball i along both tangents of each
-    contact, on which prestress acts; ``normal`` (n_c, d) are unit vectors from ball i to ball j.
+    contact, on which static normal forces act.
+
+    ``normal`` (n_c, d) are unit vectors from ball i to ball j. Rows that no motion has are left
+    out.
     """
     _, t, b = contact_frames(normal)
     none = [np.zeros(len(normal))] * 3
@@ -237,19 +246,22 @@ def carry_rows(
     gyration_j: Array,
     growth: Array,
 ) -> list[tuple[Row, Row]]:
-    """Return the stiffness that static forces T = ``force`` (n_c, 3) across contacts have, as pairs
-    (pull, move) of rows: the sum of pull^T move.
+    """Return the stiffness that static tangential forces contribute, the sum of pull^T move, as
+    pairs (pull, move) of rows.
 
-    T, with which ball i acts on ball j, stays across the normal. The lever arms of T change by half
-    of the elongation e:
+    ``force`` (n_c, 3) is the tangential force T with which ball i acts on ball j. When the balls
+    move, T turns with the normal n (n_c, 3), so that it stays perpendicular to n, and each of its
+    two lever arms changes by half of the elongation e. So the forces and moments on the balls
+    change by
 
         dF_j = -dF_i = -(T.dn) n,    dM_i = -arm_i dn x T - (e/2) n x T,    dn = v/r
 
-    where v is the displacement across the contact and r the ``distance``; dM_j is the same with
-    arm_j. Such a stiffness has no potential: the sum is not symmetric. T does not turn about n with
-    the balls. In some laws T grows with the overlap, by dT = -g e T with the ``growth`` g (n_c,),
-    and acts at the arms as it does. ``normal`` is (n_c, 3), and all else is as for
-    :func:`contact_rows`.
+    where v is the displacement across the contact and r the ``distance`` (n_c,) of the centres;
+    dM_j is the same with arm_j. T does not turn about n with the balls. Such forces have no
+    potential, so the stiffness is not symmetric.
+
+    In some laws T also grows with the overlap, by dT = -g e T with the ``growth`` g (n_c,), and dT
+    acts at the same arms as T. The other arguments are those of :func:`contact_rows`.
     """
     n = normal
     beside = np.cross(normal, force)
@@ -258,12 +270,14 @@ def carry_rows(
     none = list(np.zeros((3, len(n))))
 
     def push(vector: Array) -> Row:
-        """Return the row of ``vector`` (n_c, 3) times the displacement dn."""
+        """Return the row of ``vector`` (n_c, 3) times dn, the change of the normal."""
         axes = list((vector / distance[:, None]).T)
         return _make_row("push", 1.0, axes, none, turn_j, turn_i, motions)
 
     def turn(vector: Array, lever_j: Array, lever_i: Array) -> Row:
-        """Return the row of ``vector`` (n_c, 3) times lever_j phi_j + lever_i phi_i."""
+        """Return the row of ``vector`` (n_c, 3) times lever_j phi_j + lever_i phi_i, with levers
+        (n_c,).
+        """
         axes = list(vector.T)
         return _make_row("turn", 1.0, none, axes, lever_j * turn_j, -lever_i * turn_i, motions)
 
@@ -271,7 +285,7 @@ def carry_rows(
     unit = np.ones(len(n))
     pairs = [
         (elongation, push(force)),
-        (turn(n, arm_j, arm_i), push(-beside)),  # as v x T is along n
+        (turn(n, arm_j, arm_i), push(-beside)),  # dn x T is along n, with the length -beside.dn
         (turn(0.5 * beside, unit, unit), elongation),
     ]
     if np.any(growth):
@@ -290,9 +304,10 @@ def growth_rows(
     gyration_i: Array,
     gyration_j: Array,
 ) -> list[Row]:
-    """Return the rows of what the growth of static forces across contacts acts on, as of
-    :func:`carry_rows` at a growth of one: the stiffness of a row, 1 or -1, is the sign of its
-    square.
+    """Return the two rows whose squares are the stiffness that the growth of static tangential
+    forces contributes in :func:`carry_rows`, for a ``growth`` of one and with the same arguments.
+
+    The stiffness of a row, 1 or -1, is the sign of its square.
     """
     none = list(np.zeros((3, len(normal))))
     elongation = _make_row("elongation", 1.0, list(normal.T), none, 1.0, 1.0, motions)
@@ -310,15 +325,21 @@ def _slip_row(
     gyration_i: Array,
     gyration_j: Array,
 ) -> Row:
-    """Return the row of the slip along static forces, times these; see :func:`carry_rows`."""
+    """Return the row of T.slip, T = ``force`` (n_c, 3); the arguments are those of
+    :func:`carry_rows`.
+    """
+    # T.(phi x n) is phi.(n x T)
     beside = np.cross(normal, force)
-    levers = (-arm_j / gyration_j, arm_i / gyration_i)
-    return _make_row("carry", 1.0, list(force.T), list(beside.T), *levers, motions)
+    factor_j = -arm_j / gyration_j
+    factor_i = arm_i / gyration_i
+    return _make_row("carry", 1.0, list(force.T), list(beside.T), factor_j, factor_i, motions)
 
 
 def split_pairs(pairs: Sequence[tuple[Row, Row]]) -> list[tuple[Row, float]]:
-    """Return rows (pull + move)/2 and (pull - move)/2 of each of the ``pairs``, with the signs 1
-    and -1: the sum of signs times squares is the symmetric part of the sum of pull^T move.
+    """Return two rows for each of the ``pairs`` (pull, move): (pull + move)/2 with the sign 1, and
+    (pull - move)/2 with the sign -1.
+
+    The sum of signs times squares of these rows is the symmetric part of the sum of pull^T move.
     """
     rows = []
     for pull, move in pairs:
@@ -330,18 +351,18 @@ def split_pairs(pairs: Sequence[tuple[Row, Row]]) -> list[tuple[Row, float]]:
 
 
 def weigh_rows(rows: Sequence[Row], weights: NDArray[Any]) -> NDArray[Any]:
-    """Return (kinds, ..., n_c) weights of rows, given those (2, ..., n_c) of elongation, and of all
-    other deformations.
+    """Return the weight (kinds, ..., n_c) of each of the ``rows``: the first of the two ``weights``
+    (2, ..., n_c) for elongations, and the second for all other deformations.
     """
     return weights[[int(row.kind != "elongation") for row in rows]]
 
 
 def strain_rows(row: Row, vector: Array, motions: Motions) -> Array:
-    """Return (n_c, n_u, d) derivatives of a row's deformation with respect to the displacement
-    gradient u_a,b.
+    """Return the derivatives (n_c, n_u, d) of the deformations of a ``row`` with respect to the
+    gradient du_a/dr_b of a uniform strain, in which the balls do not turn.
 
-    ``vector`` (n_c, d) joins the centres of the two balls, which do not turn; n_u is the number of
-    displacements of a ball.
+    ``vector`` (n_c, d) is that from the centre of ball i to that of ball j. The n_u displacements
+    of a ball are u_a, among its ``motions``.
     """
     return np.asarray(row.head[:, motions.translating, None] * vector[:, None, :])
 
@@ -355,8 +376,11 @@ def _make_row(
     factor_i: Any,
     motions: Motions,
 ) -> Row:
-    """Return the row ``moved.(u_j - u_i) + turned.(factor_j phi_j - factor_i phi_i)`` in terms of
-    the motions; factors are numbers or (n_c,).
+    """Return the row ``moved.(u_j - u_i) + turned.(factor_j phi_j - factor_i phi_i)`` of a ``kind``
+    and a ``stiffness``, as coefficients of ``motions``.
+
+    ``moved`` and ``turned`` are the x, y and z components of vectors, each (n_c,). ``factor_j`` and
+    ``factor_i`` are numbers or (n_c,).
     """
     moves = [moved[axis] for axis in motions.translations]
     turns = [turned[axis] for axis in motions.rotations]
@@ -369,11 +393,11 @@ def _make_row(
 def _keep_resisted(
     deformations: list[tuple[str, ArrayLike, _Axes, _Axes, Any, Any]], motions: Motions
 ) -> list[Row]:
-    """Return the rows of ``deformations``, each of which is a kind, a stiffness, an axis of u, an
-    axis of phi, and the factors of phi_j and phi_i, as :func:`_make_row` takes them.
+    """Return the rows of those ``deformations`` that have a stiffness, and that some motion makes
+    in some contact.
 
-    Rows without effect are left out: those without stiffness, and those that no motion makes in any
-    contact. If there are no contacts, the second rule does not apply.
+    Each deformation is a tuple (kind, stiffness, moved, turned, factor_j, factor_i) of arguments of
+    :func:`_make_row`. If there are no contacts at all, the second condition does not apply.
     """
     rows = []
     for kind, stiffness, moved, turned, factor_j, factor_i in deformations:
@@ -391,11 +415,14 @@ def _keep_resisted(
 
 
 class WaveRows(NamedTuple):
-    """Rows of C(q): ``odd`` times the sine plus ``even`` times the cosine of the half angle q.(r_j
-    - r_i)/2 of a contact.
+    """Rows of C(q) as functions of the wave vector q: ``odd`` sin(h) + ``even`` cos(h), where
+    h = q.(r_j - r_i)/2 is the half angle of a contact.
 
-    ``odd`` and ``even`` are (kinds, n_c, n); ``half`` (n_c, p) holds (r_j - r_i)/2 along the
-    periods.
+    Attributes
+    ----------
+    odd : (kinds, n_c, n) coefficients of the sine, an odd function of q.
+    even : (kinds, n_c, n) coefficients of the cosine, an even function of q.
+    half : (n_c, p) half vectors (r_j - r_i)/2, along the periods.
     """
 
     odd: NDArray[Any]
@@ -403,8 +430,8 @@ class WaveRows(NamedTuple):
     half: Array
 
     def compute_rows(self, wavevectors: Array, derivative: bool = False) -> NDArray[Any]:
-        """Return rows (n_q, kinds * n_c, n) at ``wavevectors`` (n_q, p), or their ``derivative``
-        with respect to the half angle.
+        """Return the rows (n_q, kinds * n_c, n) at ``wavevectors`` (n_q, p), or with ``derivative``
+        their derivatives with respect to the half angle.
         """
         angle = wavevectors @ self.half.T
         odd_factor = np.sin(angle)
@@ -419,18 +446,21 @@ class WaveRows(NamedTuple):
         return rows.view(self.odd.dtype).reshape(len(angle), kinds * contacts, columns)
 
     def repeat_half_vectors(self) -> Array:
-        """Return (kinds * n_c, p) gradients of each row's half angle with respect to q."""
+        """Return the half vectors (kinds * n_c, p) of the rows that :meth:`compute_rows` returns:
+        the gradients of their half angles with respect to q.
+        """
         return np.tile(self.half, (len(self.odd), 1))
 
     def find_effects(self) -> NDArray[np.bool_]:
-        """Return (kinds, n_c, n), whether each motion takes part in each row at any wave vector."""
+        """Return (kinds, n_c, n) whether a motion takes part in a row at some wave vector."""
         return np.asarray((self.odd != 0.0) | (self.even != 0.0))
 
     def select(self, rows: NDArray[np.bool_], columns: NDArray[np.intp]) -> WaveRows:
-        """Return the ``rows`` (kinds, n_c) that are marked, of the motions ``columns``.
+        """Return the rows that are true in ``rows`` (kinds, n_c), for the motions of numbers
+        ``columns`` (m,).
 
-        They stay a table of kinds and contacts if the same contacts are marked in each kind that
-        is; otherwise they become one kind, of as many contacts as there are rows.
+        The result has several kinds of the same contacts if each kind that is chosen at all has the
+        same chosen contacts. Otherwise all chosen rows become one kind, with a half vector each.
         """
         if np.all(rows) and len(columns) == self.odd.shape[2]:
             return self
@@ -446,14 +476,13 @@ class WaveRows(NamedTuple):
             odd = self.odd[rows][None, :, columns]
             even = self.even[rows][None, :, columns]
             half = self.half[np.nonzero(rows)[1]]
-        # complex numbers can be viewed as pairs of reals where they lie one after the other
+        # only contiguous complex numbers can be viewed as pairs of reals, as in compute_rows
         return WaveRows(np.ascontiguousarray(odd), np.ascontiguousarray(even), half)
 
 
 def bend(angle: Array) -> Array:
-    """Return sin h - h cos h of angles h (...), rad, to rounding of itself: h^3/3 at small angles.
-
-    The derivative by h is h sin h.
+    """Return sin h - h cos h of the ``angle`` h (...), rad, with all digits also at small angles,
+    where it is h^3/3. Its derivative with respect to h is h sin h.
     """
     square = np.square(angle)
     series = np.zeros_like(angle)

@@ -23,23 +23,24 @@ _VOIGT = {
     2: ((0, 0), (1, 1), (0, 1)),
     3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)),
 }
-#: tolerance of positions, in spacings
+#: distance, in spacings of the lattice, up to which two positions are one; also the relative error
+#: of the numbers by which a symmetry of the lattice is recognised
 _TOLERANCE = 1e-6
 #: greatest difference, over the largest constant, between elastic constants that are equal but for
 #: rounding
 _ROUNDED = 1e-10
-#: number of periods of a lattice whose elastic tensor has so many rows
+#: number of periods of a lattice, by the number of rows of its elastic tensor
 _PERIODS = {1: 1, 3: 2, 6: 3}
-#: digits after the point of components that are compared, so that rounding does not decide
+#: number of decimals to which components are compared, so that rounding does not decide
 _DIGITS = 9
-#: relative difference of velocities below which they are equal but for rounding
+#: relative difference of velocities up to which they are equal but for rounding
 _TIED = 1e-12
-#: the same of the parts of polarisations along q
+#: difference of the components of polarisations along q up to which they are equal
 _TIED_ALONG = 1e-9
 
 
 def voigt_pairs(periods: int) -> tuple[tuple[int, int], ...]:
-    """Return the pairs of axes of the strains in Voigt order."""
+    """Return the pairs of axes (0 for x, 1 for y, 2 for z) of the strains in Voigt order."""
     return _VOIGT[periods]
 
 
@@ -49,8 +50,8 @@ def voigt_names(periods: int) -> tuple[str, ...]:
 
 
 def take_voigt(c: Array) -> Array:
-    """Return c_ijkl (..., p, p, p, p), made symmetric in i, j and in k, l, as (..., n, n) in Voigt
-    order.
+    """Return a tensor c_ijkl (..., p, p, p, p) as matrices (..., n, n) in Voigt order, of its means
+    over an exchange of i with j, and of k with l.
     """
     symmetric_ij = 0.5 * (c + c.swapaxes(-4, -3))
     symmetric = 0.5 * (symmetric_ij + symmetric_ij.swapaxes(-2, -1))
@@ -59,17 +60,17 @@ def take_voigt(c: Array) -> Array:
 
 
 def name_strain(strains: Array) -> str:
-    """Return a strain of a space of strains as text, with the names of its components, the largest
-    being one: "(xx, yy, 2xy) = (1, -1, 0)".
+    """Return the text of one strain of a space of strains, with the names of its components, of
+    which the largest is one: "(xx, yy, 2xy) = (1, -1, 0)".
 
     ``strains`` (n, m) are orthonormal columns xx, yy, xy sqrt 2, ... in Voigt order, which span the
-    space. The strain is the projection, on the space, of the strain of one component that is
-    nearest to it.
+    space. Among the strains of a single component the one nearest to the space is chosen; the text
+    is that of its projection on the space.
     """
     pairs = _VOIGT[_PERIODS[len(strains)]]
-    # rounded, so that rounding does not decide between components that are equally near
+    # six decimals, so that rounding does not decide between components that are equally near
     nearest = np.argmax(np.round(np.sum(strains**2, axis=1), 6))
-    # from xy sqrt 2 to 2xy
+    # the components xy sqrt 2 become 2xy
     factors = [1.0 if a == b else np.sqrt(2.0) for a, b in pairs]
     strain = strains @ strains[nearest] * factors
     names = [("" if a == b else "2") + "xyz"[a] + "xyz"[b] for a, b in pairs]
@@ -79,33 +80,36 @@ def name_strain(strains: Array) -> str:
 
 
 def find_unstable_strains(tensor: Array) -> Array | None:
-    """Return the strains (n, m), as :func:`name_strain` takes them, whose modulus under elastic
-    tensors (..., n, n) is farthest below zero, over the largest modulus of the same tensor; None if
-    no modulus is below zero by more than rounding.
+    """Return the strains whose modulus is most negative, as orthonormal columns (n, m) for
+    :func:`name_strain`; None if no modulus is below zero by more than rounding.
+
+    ``tensor`` are elastic tensors (..., n, n). The moduli are the eigenvalues of their symmetric
+    parts, each over the largest of the same tensor; the m strains all belong to the tensor with the
+    lowest of these ratios.
 
     Under static stress a crystal is stable if the symmetric part of its coefficients between stress
     and strain is positive (J. Wang, J. Li, S. Yip, D. Wolf, Phys. Rev. B 52, 12627, 1995).
     """
     pairs = _VOIGT[_PERIODS[tensor.shape[-1]]]
-    # from strains xy to xy sqrt 2, whose squares sum up to the square of the strain
+    # strains xy become xy sqrt 2, so that the squares of the n components add up to e_ij e_ij
     factors = np.array([1.0 if a == b else np.sqrt(2.0) for a, b in pairs])
     symmetric = 0.5 * (tensor + tensor.swapaxes(-1, -2)) * factors[:, None] * factors
     moduli, strains = np.linalg.eigh(symmetric)
     relative = moduli / np.max(np.abs(moduli), axis=-1, keepdims=True)
     worst = np.unravel_index(np.argmin(relative[..., 0]), relative.shape[:-1])
     worst_moduli = relative[worst]
-    if worst_moduli[0] >= -_ROUNDED:  # rounding may leave a modulus of zero below it
+    if worst_moduli[0] >= -_ROUNDED:  # rounding may make a modulus of zero negative
         return None
     is_lowest = worst_moduli <= worst_moduli[0] + _ROUNDED
     return np.asarray(strains[worst][:, is_lowest])
 
 
 def find_stress_part(stress: Array) -> Array:
-    """Return the part (..., n, n), in Voigt order, that a Cauchy stress (..., p, p) adds to the
-    second derivatives of the energy by strain, in the unit of the stress.
+    """Return the contribution (..., n, n) of a Cauchy stress (..., p, p) to the coefficients
+    between stress and strain, in Voigt order and in the unit of the stress.
 
-    The sums of both are the coefficients between stress and strain (F. Birch, Phys. Rev. 71, 809,
-    1947).
+    These coefficients are the second derivatives of the energy with respect to strain, plus this
+    contribution (F. Birch, Phys. Rev. 71, 809, 1947).
     """
     unit = np.eye(stress.shape[-1])
     turning = np.einsum("...ik,jl->...ijkl", stress, unit)
@@ -118,14 +122,14 @@ def find_stress_part(stress: Array) -> Array:
 
 @lru_cache(maxsize=64)
 def point_group(lattice: Lattice) -> Array:
-    """Return the rotations and reflections (n, p, p) that, with some shift, carry a lattice with
-    its balls into itself.
+    """Return the rotations and reflections (n, p, p) that, each with some shift, map a ``lattice``
+    with its balls onto itself.
     """
     p = lattice.periods
     cell = lattice.vectors[:, :p]
     balls = lattice.positions
     gram = cell @ cell.T
-    # each row of the cell may be carried onto lattice vectors of the same length
+    # the images of each vector of the cell are lattice vectors of the same length
     longest = float(np.sqrt(gram.diagonal().max()))
     vectors = steps_within(cell, longest + _TOLERANCE) @ cell
     lengths = np.linalg.norm(vectors, axis=1)
@@ -133,21 +137,23 @@ def point_group(lattice: Lattice) -> Array:
     for axis in range(p):
         has_length = np.abs(lengths - np.sqrt(gram[axis, axis])) < _TOLERANCE
         images.append(vectors[has_length])
-    # images (m, p, p) of all rows, of which those with the same angles are turned cells
+    # all combinations of these images, (m, p, p); those with the angles of the cell are cells that
+    # have been turned or reflected
     cells = np.array([np.stack(rows) for rows in itertools.product(*images)])
     gram_error = np.max(np.abs(cells @ cells.swapaxes(1, 2) - gram), axis=(1, 2))
     turned_cells = cells[gram_error < _TOLERANCE]
     turns = (np.linalg.inv(cell) @ turned_cells).swapaxes(1, 2)
-    return read_only([turn for turn in turns if _carries_balls(turn, cell, balls)])
+    return read_only([turn for turn in turns if _maps_balls(turn, cell, balls)])
 
 
-def _carries_balls(turn: Array, cell: Array, balls: Array) -> bool:
-    """Return whether a ``turn`` (p, p) along the periods ``cell`` (p, p), with some shift, carries
-    all ``balls`` (n, d) to balls, up to vectors of the cell.
+def _maps_balls(turn: Array, cell: Array, balls: Array) -> bool:
+    """Return whether a rotation or reflection ``turn`` (p, p), with some shift, maps all ``balls``
+    (n, d) onto balls, up to vectors of the ``cell`` (p, p). Components of the balls across the
+    periods are not turned.
     """
     p = len(cell)
     turned = np.concatenate([balls[:, :p] @ turn.T, balls[:, p:]], axis=1)
-    for shift in balls - turned[0]:  # it carries the first ball to a ball
+    for shift in balls - turned[0]:  # each shift maps the first ball onto a ball
         offset = (turned + shift)[:, None] - balls
         steps = offset[..., :p] @ np.linalg.inv(cell)
         offset[..., :p] = (steps - np.rint(steps)) @ cell
@@ -158,11 +164,11 @@ def _carries_balls(turn: Array, cell: Array, balls: Array) -> bool:
 
 
 def symmetrise(tensor: Array, lattice: Lattice) -> Array:
-    """Return the mean of elastic tensors (..., n, n) in Voigt order over the :func:`point_group` of
-    a lattice.
+    """Return the means (..., n, n), over the :func:`point_group` of a ``lattice``, of elastic
+    tensors (..., n, n) in Voigt order.
     """
     a, b = np.transpose(voigt_pairs(lattice.periods))
-    number = np.empty((lattice.periods, lattice.periods), int)  # of each pair, in Voigt order
+    number = np.empty((lattice.periods, lattice.periods), int)  # in Voigt order, of a pair of axes
     number[a, b] = np.arange(len(a))
     number[b, a] = np.arange(len(a))
     full = tensor[..., number[:, :, None, None], number[None, None]]
@@ -184,7 +190,7 @@ def has_cubic_axes(lattice: Lattice) -> bool:
     n = len(voigt_pairs(lattice.periods))
     if n == 1:
         return False
-    # a symmetric tensor without any symmetry of space: its mean has that of the lattice alone
+    # a symmetric matrix of different constants, whose mean has no symmetry but that of the lattice
     constants = np.arange(1.0, n * n + 1.0).reshape(n, n) ** 2
     return is_cubic(symmetrise(constants + constants.T, lattice), _TOLERANCE)
 
@@ -209,8 +215,9 @@ def is_cubic(tensor: Array, tolerance: float = _ROUNDED) -> bool:
 def shears(tensor: Array) -> Array:
     """Return the shear moduli of an elastic tensor under an orthonormal set of shears.
 
-    They are (..., 2), of xx - yy and xy, of tensors (..., 3, 3); and (..., 5), of 2zz - xx - yy, xx
-    - yy, yz, xz, xy, of tensors (..., 6, 6). A line has none: (..., 0).
+    In the plane, for tensors (..., 3, 3), they are (..., 2): of the strains xx - yy and xy. In
+    space, for tensors (..., 6, 6), they are (..., 5): of 2zz - xx - yy, xx - yy, yz, xz and xy. On
+    a line, for tensors (..., 1, 1), there is none: (..., 0).
     """
     c = tensor
     if c.shape[-1] == 1:
@@ -218,17 +225,15 @@ def shears(tensor: Array) -> Array:
     xx_less_yy = (c[..., 0, 0] + c[..., 1, 1] - 2.0 * c[..., 0, 1]) / 4.0
     if c.shape[-1] == 3:
         return np.stack([xx_less_yy, c[..., 2, 2]], axis=-1)
-    # of the strain s = 2zz - xx - yy: s C s over twice the square of the length of s, which is 6
+    # the strain s = 2zz - xx - yy has s.s = 6, and its shear modulus is s C s/(2 s.s)
     uncoupled = (c[..., 0, 0] + c[..., 1, 1] + 4.0 * c[..., 2, 2] + 2.0 * c[..., 0, 1]) / 12.0
     along_z = uncoupled - (c[..., 0, 2] + c[..., 1, 2]) / 3.0
     return np.stack([along_z, xx_less_yy, c[..., 3, 3], c[..., 4, 4], c[..., 5, 5]], axis=-1)
 
 
 def bulk_and_shear(tensor: Array) -> Array:
-    """Return (..., 2) K and G of elastic tensors (..., n, n): averages over all directions (W.
-    Voigt, 1889).
-
-    Of a line K is its modulus, and G is zero.
+    """Return the bulk modulus K and the shear modulus G (..., 2) of elastic tensors (..., n, n),
+    averaged over all directions (W. Voigt, 1889). On a line K is the only modulus, and G is zero.
     """
     p = _PERIODS[tensor.shape[-1]]
     bulk = np.sum(tensor[..., :p, :p], axis=(-2, -1)) / p**2
@@ -239,19 +244,20 @@ def bulk_and_shear(tensor: Array) -> Array:
 
 
 def anisotropy(shear: Array) -> Array:
-    """Return the anisotropy (...) of cubic elastic constants from :func:`shears` (..., 2) or (...,
-    5): 2 C44/(C11 - C12).
+    """Return the anisotropy (...) of cubic elastic constants, 2 C44/(C11 - C12) in space and 2
+    C33/(C11 - C12) in the plane, from their shear moduli ``shear`` (..., 5) or (..., 2), as
+    :func:`shears` returns them.
 
-    In the plane it is 2 C33/(C11 - C12), of xy over xx - yy; it is 1 of an isotropic tensor (C.
-    Zener, Phys. Rev. 71, 846, 1947).
+    It is 1 for an isotropic tensor (C. Zener, Phys. Rev. 71, 846, 1947).
     """
-    axial = shear.shape[-1] // 2  # shears along the axes come first
+    # shears such as xx - yy come first, then those such as xy
+    axial = shear.shape[-1] // 2
     return np.asarray(np.mean(shear[..., axial:], axis=-1) / np.mean(shear[..., :axial], axis=-1))
 
 
 def longitudinal_modulus(tensor: Array) -> Array:
-    """Return the modulus of longitudinal waves over all directions, (...): K + G in the plane, K +
-    4G/3 in space.
+    """Return the modulus of longitudinal waves (...) of elastic tensors (..., n, n) averaged over
+    all directions: K + G in the plane, K + 4G/3 in space.
     """
     p = _PERIODS[tensor.shape[-1]]
     bulk, shear = np.moveaxis(bulk_and_shear(tensor), -1, 0)
@@ -262,12 +268,12 @@ def longitudinal_modulus(tensor: Array) -> Array:
 
 
 def name_waves(axes: tuple[int, ...], periods: int) -> tuple[str, ...]:
-    """Return the names of the long waves of balls that move along these ``axes``, on a lattice with
-    ``periods``.
+    """Return the names of the long waves of balls that move along ``axes`` (0 for x, ...), on a
+    lattice with so many ``periods``.
 
-    They are "longitudinal", if balls move along all periods; then "transverse", or
-    "transverse_slow" and "transverse_fast", of the other displacements; on a plane of balls that
-    move across it, "out_of_plane" is the last.
+    The first is "longitudinal", if balls move along all periods. Then follows "transverse", or
+    "transverse_slow" and "transverse_fast", for the other displacements. If balls in a plane leave
+    it, "out_of_plane" is the last.
     """
     moves_along_periods = set(range(periods)) <= set(axes)
     longitudinal = ("longitudinal",) if moves_along_periods else ()
@@ -281,12 +287,13 @@ def name_waves(axes: tuple[int, ...], periods: int) -> tuple[str, ...]:
 
 
 def decompose_waves(along: Array, factor: Array, axes: tuple[int, ...]) -> tuple[Array, Array]:
-    """Return velocities (..., n_u) and polarisations (..., n_u, n_u), columns, in the order of
-    :func:`name_waves`.
+    """Return the velocities (..., n_u) of long waves, and their polarisations (..., n_u, n_u) as
+    columns, in the order of :func:`name_waves`.
 
-    ``along`` (..., p) are the directions, unit vectors; ``factor`` (..., n, n_u) are factors F of
-    the acoustic tensors F^T F, whose eigenvalues are the squares of velocities. ``axes`` are the
-    n_u axes along which balls move.
+    ``along`` (..., p) are the directions, unit vectors. ``factor`` (..., n, n_u) are factors F of
+    the acoustic tensors F^T F, whose eigenvalues are the squares of the velocities. ``axes`` are
+    the n_u axes along which balls move. The longitudinal wave is that with the largest displacement
+    along the direction, and the wave out of the plane that with the largest across the plane.
     """
     unordered_velocities, unordered_vectors = jacobi_svd(factor)
     periods = along.shape[-1]
@@ -298,11 +305,12 @@ def decompose_waves(along: Array, factor: Array, axes: tuple[int, ...]) -> tuple
     direction = np.zeros((*along.shape[:-1], len(axes)))
     for axis in set(range(periods)) & set(axes):
         direction[..., axes.index(axis)] = along[..., axis]
-    # -1 of the longitudinal wave, 1 of the wave out of the plane, else 0, (..., n_u)
+    # (..., n_u), by which waves are sorted: -1 for the longitudinal wave, 1 for the wave out of the
+    # plane, and 0 for all others
     rank = np.zeros(unordered_vectors.shape[:-2] + unordered_vectors.shape[-1:])
     if names[0] == "longitudinal":
         along_q = np.abs(np.einsum("...i,...ib->...b", direction, unordered_vectors))
-        # the last, and fastest, of waves that are equally longitudinal
+        # of waves that are equally longitudinal, the last is chosen, which is the fastest
         tied = along_q >= (1.0 - _TIED_ALONG) * np.max(along_q, axis=-1, keepdims=True)
         longitudinal = len(axes) - 1 - np.argmax(tied[..., ::-1], axis=-1)
         np.put_along_axis(rank, longitudinal[..., None], -1.0, -1)
@@ -317,10 +325,11 @@ def decompose_waves(along: Array, factor: Array, axes: tuple[int, ...]) -> tuple
 
 
 def _settle_vectors(along: Array, velocities: Array, vectors: Array) -> Array:
-    """Return polarisations (..., 3, 3), columns, that rounding does not decide: those of equal
-    velocities, and their signs.
+    """Return polarisations (..., 3, 3), columns, that do not depend on rounding: where velocities
+    are equal, ``vectors`` (..., 3, 3) are turned, and all signs are fixed.
 
-    ``along`` (..., 3) is the direction; ``velocities`` (..., 3) ascend.
+    ``along`` (..., 3) is the direction; ``velocities`` (..., 3) are ascending. Of two waves of
+    equal velocity one is polarised as nearly along the direction as can be.
     """
     vectors = vectors.copy()
     along = np.broadcast_to(along, vectors.shape[:-1])
@@ -334,7 +343,8 @@ def _settle_vectors(along: Array, velocities: Array, vectors: Array) -> Array:
     fast_pair = tied[..., 1] & ~all_tied
     fast = _choose_pair(along[fast_pair], vectors[fast_pair][..., 0])
     vectors[fast_pair, :, 1], vectors[fast_pair, :, 2] = fast
-    # longitudinal parts point ahead; a vector without one has its largest component above zero
+    # a vector has a positive component along the direction, or if that is zero a positive largest
+    # component
     longitudinal = np.einsum("...i,...ib->...b", along, vectors)
     largest = np.argmax(np.round(np.abs(vectors), _DIGITS), axis=-2)
     component = np.take_along_axis(vectors, largest[..., None, :], -2)[..., 0, :]
@@ -343,10 +353,11 @@ def _settle_vectors(along: Array, velocities: Array, vectors: Array) -> Array:
 
 
 def _choose_pair(along: Array, third: Array) -> tuple[Array, Array]:
-    """Return two unit vectors (n, 3) normal to each other and to a ``third`` (n, 3), of which the
-    first is as near to the direction ``along`` (n, 3) as can be.
+    """Return two unit vectors (n, 3) perpendicular to each other and to ``third`` (n, 3), of which
+    the first is as near to the direction ``along`` (n, 3) as can be.
 
-    Where the direction is that of the third, an axis far from the third takes its place.
+    Where the direction is parallel to the third vector, the first is as near as can be to the axis
+    x, y or z that is farthest from the third.
     """
     ahead = along - np.sum(along * third, axis=-1, keepdims=True) * third
     axis = np.eye(3)[np.argmin(np.round(np.abs(third), _DIGITS), axis=-1)]
@@ -364,22 +375,24 @@ def waves_of_tensor(tensor: Array, direction: ArrayLike) -> tuple[Array, Array]:
     Returns
     -------
     velocities : (..., p), or (..., n, p), in the order of
-        :func:`~granphon.dynamics.elasticity.name_waves`, in the root of the tensor's unit: over the
-        root of the density they are velocities.
+        :func:`~granphon.dynamics.elasticity.name_waves`, times the square root of the density, in
+        the square root of the tensor's unit.
     polarisations : (..., p, p), or (..., n, p, p), unit vectors as columns.
 
-    Raises :class:`~granphon.base.errors.InstabilityError` if a tensor is not positive.
+    Raises
+    ------
+    InstabilityError : a tensor is not positive definite for waves along the direction.
     """
     periods = _PERIODS[tensor.shape[-1]]
     along = as_direction(direction, periods)
     pairs = voigt_pairs(periods)
-    # strains of waves with a unit displacement along each axis
+    # (..., p, n), the strain, over i |q|, of a wave with a unit displacement along each axis
     strain = np.zeros((*along.shape, len(pairs)))
     for number, (a, b) in enumerate(pairs):
         strain[..., a, number] += along[..., b]
         if a != b:
             strain[..., b, number] += along[..., a]
-    # an axis for many directions
+    # tensors get an axis for the n directions
     stiffness = np.asarray(tensor)
     if along.ndim > 1:
         stiffness = stiffness[..., None, :, :]

@@ -1,12 +1,12 @@
-"""Factors of sparse matrices, and the number of eigenvalues below zero, which factors of a
+"""Factors of sparse matrices, and the number of eigenvalues below zero, which the factors of a
 symmetric matrix tell.
 
-Symmetric matrices, real or complex with A = A^T, are factorised by rslab as A = L D L^T, with
-pivots of one or two rows (Bunch and Kaufman). As many eigenvalues of D as of A are below zero
-(Sylvester's law of inertia): none of them proves a minimum, and factors of A - s count the
-eigenvalues of A below s. The order of elimination is found once for all matrices with entries at
-the same places. Matrices that are not symmetric are factorised by SuperLU, which also stands in
-where rslab is not installed.
+Symmetric matrices, real or complex with A = A^T, are factorised by the library rslab as A = L D
+L^T, with pivots of one or two rows (Bunch and Kaufman). D has as many eigenvalues below zero as A
+(Sylvester's law of inertia). If there are none, a stationary point is proved to be a minimum; and
+factors of A - s count the eigenvalues of A below s. The order of elimination is found once for all
+matrices with entries at the same places. SuperLU factorises matrices that are not symmetric, and
+all matrices if rslab is not installed.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _PIVOT = 1e-5
 
 
 class Factors(Protocol):
-    """The factors of a matrix A (n, n)."""
+    """What the factors of a matrix A (n, n) can do."""
 
     def solve(self, right: NDArray[Any], /) -> NDArray[Any]:
         """Return x of A x = ``right``, (n,) or (n, m)."""
@@ -37,30 +37,31 @@ class Factors(Protocol):
 
 
 class Elimination:
-    """The order of elimination of symmetric matrices that have entries at the same places as a
-    ``matrix``.
+    """The order of elimination of all symmetric matrices that have entries at the same places as
+    the sparse ``matrix``.
 
     ``approximate`` factors are in single precision, half as large, for preconditioners; their order
-    is found in half of the time, and has a few more entries.
+    of elimination is found in half of the time, and leaves factors with a few more entries.
     """
 
     def __init__(self, matrix: Any, approximate: bool = False) -> None:
+        """Find the order of elimination by rslab, if it is installed."""
         self._approximate = approximate
         self._symbolic: Any = None
         try:
             import rslab
         except ImportError:
-            return  # without rslab :meth:`factorise` takes SuperLU, which orders each matrix anew
+            return  # without rslab `factorise` uses SuperLU, which finds its own order each time
         order = "amd" if approximate else "auto"
         self._symbolic = rslab.analyze(matrix.tocsc(), path="ldlt", ordering=order)
 
     def factorise(self, matrix: Any) -> Factors:
-        """Return the factors of a symmetric ``matrix``.
+        """Return the factors of a symmetric sparse ``matrix`` with entries at these places.
 
         Raises RuntimeError if the matrix is singular.
         """
         if self._symbolic is None:
-            # approximate factors are of positive definite matrices
+            # only positive definite matrices have approximate factors, and need no exchange of rows
             pivot = 0.0 if self._approximate else _PIVOT
             return _LUFactors(matrix, pivot, self._approximate)
         columns = matrix.tocsc()
@@ -70,11 +71,11 @@ class Elimination:
 
 
 def factorise(matrix: Any, symmetric: bool = True, approximate: bool = False) -> Factors:
-    """Return the factors of a sparse ``matrix``, the places of whose entries are symmetric.
+    """Return the factors of a sparse ``matrix`` A, which has an entry A_ji wherever it has A_ij.
 
-    ``symmetric`` says whether the entries are, too: A = A^T, also where they are complex.
-    ``approximate`` factors are in single precision, see :class:`Elimination`. Raises RuntimeError
-    if the matrix is singular.
+    ``symmetric`` says whether A_ij = A_ji, without conjugation if A is complex. ``approximate``
+    factors are in single precision, see :class:`Elimination`. Raises RuntimeError if the matrix is
+    singular.
     """
     if symmetric:
         return Elimination(matrix, approximate).factorise(matrix)
@@ -82,9 +83,10 @@ def factorise(matrix: Any, symmetric: bool = True, approximate: bool = False) ->
 
 
 class _LDLFactors:
-    """Factors of rslab."""
+    """Factors L D L^T that rslab has found."""
 
     def __init__(self, factors: Any) -> None:
+        """Keep the object of rslab that holds the factors."""
         self._factors = factors
 
     def solve(self, right: NDArray[Any], /) -> NDArray[Any]:
@@ -100,15 +102,19 @@ class _LDLFactors:
 
     @property
     def n_below(self) -> int:
+        """Number of eigenvalues of A below zero."""
         return int(self._factors.inertia[1])
 
 
 class _LUFactors:
-    """Factors of SuperLU, whose pivots are on the diagonal from the part ``pivot`` of the largest
-    entry of their column on; ``approximate`` ones are in single precision.
+    """Factors L U of a sparse ``matrix``, found by SuperLU.
+
+    A pivot is taken from the diagonal if its entry is at least the part ``pivot`` of the largest
+    entry of its column. ``approximate`` factors are in single precision.
     """
 
     def __init__(self, matrix: Any, pivot: float, approximate: bool) -> None:
+        """Factorise the sparse ``matrix``; raise RuntimeError if it is singular."""
         from scipy.sparse.linalg import splu
 
         self._matrix = matrix
@@ -118,7 +124,8 @@ class _LUFactors:
         if approximate:
             columns = columns.astype(np.float32)
             options["Equil"] = False
-            # larger supernodes would fill a matrix of so few entries with zeros
+            # SuperLU would else treat neighbouring columns as one dense block (a supernode), and
+            # fill a matrix of so few entries with zeros
             relax = 1
         self._dtype = columns.dtype
         self._factors = splu(
@@ -139,10 +146,10 @@ class _LUFactors:
         Raises :class:`~granphon.base.errors.ConvergenceError` if there are no factors with all
         pivots on the diagonal.
         """
-        # as many pivots as eigenvalues are below zero where no rows were exchanged
+        # if no rows were exchanged, as many pivots as eigenvalues are below zero
         factors = self._factors
         if not np.array_equal(factors.perm_r, factors.perm_c):
-            # with the least part that a pivot on the diagonal must have, zero, all are there
+            # new factors, with pivot = 0, which takes any entry on the diagonal but zero
             factors = _LUFactors(self._matrix, pivot=0.0, approximate=False)._factors
         if not np.array_equal(factors.perm_r, factors.perm_c):
             raise ConvergenceError(

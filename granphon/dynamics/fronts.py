@@ -1,11 +1,12 @@
 """Factors of large sparse matrices of balls that touch their neighbours: a multifrontal Cholesky
 decomposition.
 
-The balls are cut in two halves by a layer of balls, each half likewise, and so on (nested
-dissection, A. George, SIAM J. Numer. Anal. 10, 345, 1973). A front is such a layer with the balls
-outside that its halves touch. The matrix of a front is dense, so that LAPACK does all of the work.
-Once the layer has been eliminated, the remainder of the matrix goes to the layer that cuts off both
-(I. S. Duff and J. K. Reid, ACM Trans. Math. Softw. 9, 302, 1983).
+A layer of balls cuts the balls in two halves that do not touch, another layer cuts each half, and
+so on (nested dissection, A. George, SIAM J. Numer. Anal. 10, 345, 1973). A front is such a layer
+together with the balls outside of it that the layer or its halves touch. The matrix of a front is
+dense, so that LAPACK does all of the work. Once the layer has been eliminated, the remainder of the
+matrix is added to the front of the layer above, one of whose halves the layer cuts (I. S. Duff and
+J. K. Reid, ACM Trans. Math. Softw. 9, 302, 1983).
 
 Motions that cost nothing, or hardly anything, have no pivot. They are set aside, with all of their
 couplings, until all other motions have been eliminated.
@@ -22,22 +23,26 @@ from granphon.base.arrays import Array, Index
 from granphon.base.memory import require_memory
 from granphon.base.progress import Progress, silent
 
-#: most balls that are not cut any more
+#: number of balls up to which a set of balls is not cut any further
 _FEW_BALLS = 24
-#: pivot, over the diagonal, below which a motion is set aside: so other pivots keep half of their
-#: digits
+#: pivot, over the diagonal, below which a motion is set aside, so that other pivots keep half of
+#: their digits
 _SOFT_PIVOT = 1e-8
 #: coupling of a motion that is set aside, over the diagonal, up to which it is rounding
 _NO_PIVOT = 1e-13
-#: memory of an entry of the factors, with those of fronts that are under way, bytes
+#: memory, bytes, over the number of entries of the factors: fronts that are not finished yet, and
+#: their remainders, are contained
 _FRONTS_BYTES = 24.0
 
 
 class Layer(NamedTuple):
-    """A layer of balls.
+    """A layer of balls that cuts others in two halves.
 
-    ``balls`` are eliminated together; ``beyond`` are balls that are eliminated later and touch the
-    layer or its halves; ``halves`` are the numbers of the layers that cut its two halves.
+    Attributes
+    ----------
+    balls : (m,) balls of the layer, which are eliminated together.
+    beyond : (l,) balls that touch the layer or its halves, and are eliminated later.
+    halves : numbers of the layers that cut its two halves; fewer if a half is empty.
     """
 
     balls: Index
@@ -46,8 +51,14 @@ class Layer(NamedTuple):
 
 
 class _Front(NamedTuple):
-    """Motions that have been ``eliminated``, the ``coupled`` motions that remained, and both parts
-    of the factor L: ``lower`` of the first, and ``below``, which joins both.
+    """What one front contributes to the factor L.
+
+    Attributes
+    ----------
+    eliminated : (r,) motions that have been eliminated.
+    coupled : (l,) motions of the front that remained.
+    lower : (r, r) L among the eliminated motions.
+    below : (l, r) L from the eliminated motions to the coupled ones.
     """
 
     eliminated: Index
@@ -57,8 +68,13 @@ class _Front(NamedTuple):
 
 
 class _Remainder(NamedTuple):
-    """What a front passes to the front above: ``motions`` (m,), their ``matrix`` (m, m), and those
-    of them, ``soft``, that had no pivot yet.
+    """What a front passes on to the front above.
+
+    Attributes
+    ----------
+    motions : (m,) motions that are not yet eliminated.
+    matrix : (m, m) the matrix that remains for these motions.
+    soft : (s,) those of the motions that belong to the layer or its halves, but had no pivot.
     """
 
     motions: Index
@@ -67,11 +83,11 @@ class _Remainder(NamedTuple):
 
 
 def dissect(positions: Array, i: Index, j: Index) -> list[Layer]:
-    """Return the layers into which balls at ``positions`` (n, d) are cut; halves come before the
-    layer that cuts them.
+    """Return the layers into which balls at ``positions`` (n, d) are cut, each layer after those of
+    its halves; the last layer cuts all balls.
 
-    Contacts join the balls ``i`` and ``j`` (n_c,). Along a period a position counts within the
-    cell. The last layer cuts all balls.
+    Contacts join the balls ``i`` and ``j`` (n_c,). Positions are taken as they are, within the
+    cell, also along a period.
     """
     dissection = _Dissection(positions, i, j)
     dissection.cut(np.arange(len(positions)))
@@ -79,9 +95,12 @@ def dissect(positions: Array, i: Index, j: Index) -> list[Layer]:
 
 
 class _Dissection:
-    """Layers of balls at ``positions`` (n, d), which contacts of ``i`` and ``j`` (n_c,) join."""
+    """The layers, so far, into which balls at ``positions`` (n, d) with contacts of ``i`` and ``j``
+    (n_c,) are cut.
+    """
 
     def __init__(self, positions: Array, i: Index, j: Index) -> None:
+        """Tabulate which balls touch; there are no layers yet."""
         from scipy.sparse import csr_array
 
         n = len(positions)
@@ -92,31 +111,31 @@ class _Dissection:
         self.layers: list[Layer] = []
         #: (n, n) above zero where two balls touch
         self._touches = csr_array((entries, (rows, columns)), shape=(n, n))
-        self._is_cut = np.zeros(n, bool)  # balls of the layers so far
-        self._mark = np.zeros(n, bool)
+        self._is_in_layer = np.zeros(n, bool)  # balls of the layers so far
+        self._mark = np.zeros(n, bool)  # memory of `_find_touching`, false between its calls
 
     def cut(self, balls: Index) -> int:
-        """Add the layers of some balls (m,), and return the number of the last of them, which cuts
-        all others.
+        """Add to ``layers`` those into which ``balls`` (m,) are cut, and return the number of the
+        last of these, which cuts all others.
         """
         layer = balls
         halves: tuple[int, ...] = ()
         if balls.size > _FEW_BALLS:
             layer, low, high = self._halve(balls)
             halves = tuple(self.cut(half) for half in (low, high) if half.size)
-        self._is_cut[layer] = True
+        self._is_in_layer[layer] = True
         neighbours = np.unique(self._touches[layer].indices).astype(np.intp)
         beyond_halves = [self.layers[half].beyond for half in halves]
         beyond = np.unique(np.concatenate([neighbours, *beyond_halves]))
-        self.layers.append(Layer(layer, beyond[~self._is_cut[beyond]], halves))
+        self.layers.append(Layer(layer, beyond[~self._is_in_layer[beyond]], halves))
         return len(self.layers) - 1
 
     def _halve(self, balls: Index) -> tuple[Index, Index, Index]:
-        """Return a layer across the longest axis of some balls (m,), and the balls on both sides of
-        the layer, which do not touch.
+        """Return a layer across the longest axis of ``balls`` (m,), and the balls on its low and on
+        its high side, which do not touch each other.
 
-        The layer is made of the balls of one half that touch the other, of the half that has fewer
-        of them.
+        The balls are divided into two halves of equal number along the axis. The layer is made of
+        those balls of one half that touch the other half: of the half where these are fewer.
         """
         axis = int(np.argmax(np.ptp(self.positions[balls], axis=0)))
         order = balls[np.argsort(self.positions[balls, axis], kind="stable")]
@@ -129,7 +148,7 @@ class _Dissection:
         return high[high_touches], low, high[~high_touches]
 
     def _find_touching(self, balls: Index, neighbours: Index) -> NDArray[np.bool_]:
-        """Return which of the balls (m,) touch any of the ``neighbours``."""
+        """Return (m,) whether each of the ``balls`` (m,) touches any of the ``neighbours`` (l,)."""
         self._mark[neighbours] = True
         is_touching = self._touches[balls] @ self._mark > 0
         self._mark[neighbours] = False
@@ -137,17 +156,20 @@ class _Dissection:
 
 
 class Fronts:
-    """The factors of a symmetric matrix (n, n), sparse by rows, whose diagonal is one or zero.
+    """The factors of a symmetric ``matrix`` (n, n), sparse by rows, whose diagonal is one or zero.
 
-    ``layers`` are those of :func:`dissect`; each ball has ``count`` motions, one ball after the
-    other. ``aside`` (k,) are the motions that have been set aside, and :meth:`solve` is for all
-    other motions. If only the motions set aside can make the matrix indefinite, it is indefinite
-    where the part that remains for them is.
+    ``layers`` are those of :func:`dissect`. Each ball has ``count`` motions, which follow those of
+    the ball before. The attribute ``aside`` (k,) holds the motions without a pivot, which have been
+    set aside; :meth:`solve` is for all other motions.
     """
 
     def __init__(
         self, matrix: Any, layers: list[Layer], count: int, progress: Progress = silent
     ) -> None:
+        """Eliminate the motions of all layers, front by front, and tell the ``progress``.
+
+        Raises :class:`~granphon.base.errors.InputError` if the factors do not fit into memory.
+        """
         n_balls = matrix.shape[0] // count
         entries = count**2 * sum(_count_entries(layer) for layer in layers)
         require_memory(
@@ -156,13 +178,15 @@ class Fronts:
             "Take fewer balls, or a part of the network",
         )
         self._fronts: list[_Front] = []
-        rows = np.full(matrix.shape[0], -1)  # of motions in the front that is under way
-        uncoupled: list[Index] = []
-        remainders = dict[int, _Remainder]()  # of layers whose front above is still to come
+        rows = np.full(matrix.shape[0], -1)  # row of each motion in the present front; -1 outside
+        without_pivot: list[Index] = []
+        remainders = dict[int, _Remainder]()  # by the layer, until the front above has taken them
         with progress.step("factors of the contacts", len(layers)) as step:
             for number, layer in enumerate(layers):
                 halves = [remainders.pop(half) for half in layer.halves]
                 first = _list_motions(layer.balls, count)
+                # the front eliminates the motions of its layer, and those that had no pivot in the
+                # fronts of the halves; motions of the balls beyond come after these
                 inner = np.concatenate([first, *(half.soft for half in halves)])
                 motions = np.concatenate([inner, _list_motions(layer.beyond, count)])
                 rows[motions] = np.arange(motions.size)
@@ -171,19 +195,18 @@ class Fronts:
                     rows_of_half = rows[half.motions]
                     matrix_of_front[rows_of_half[:, None], rows_of_half] += half.matrix
                 rows[motions] = -1
-                front, remainder, alone = _eliminate(matrix_of_front, motions, inner.size)
+                front, remainder, set_aside = _eliminate(matrix_of_front, motions, inner.size)
                 self._fronts.append(front)
                 remainders[number] = remainder
-                uncoupled.append(alone)
+                without_pivot.append(set_aside)
                 step.advance()
-        self.aside = np.concatenate(uncoupled)
+        self.aside = np.concatenate(without_pivot)
         self._is_aside = np.zeros(matrix.shape[0], bool)
         self._is_aside[self.aside] = True
 
     def solve(self, forces: Array) -> Array:
-        """Return the motions (n, k) of balls under forces (n, k), those in ``aside`` being held.
-
-        Units are those of the matrix: a force is the matrix times a motion.
+        """Return the motions (n, m) of the balls under ``forces`` (n, m), with the motions
+        ``aside`` held at zero. A force is the matrix times a motion.
         """
         from scipy.linalg import solve_triangular
 
@@ -204,8 +227,8 @@ class Fronts:
         return motions
 
     def follow(self) -> Array:
-        """Return the motions (n, k) of all balls, without forces on these, as each of the motions
-        ``aside`` (k,) alone is one.
+        """Return the motions (n, k) of all balls, one column for each of the motions ``aside``
+        (k,): that motion is one, the others aside are zero, and no forces act on the rest.
         """
         from scipy.linalg import solve_triangular
 
@@ -215,7 +238,7 @@ class Fronts:
             if not front.eliminated.size:
                 continue
             coupled_motions = motions[front.coupled]
-            # most motions that are set aside move a few balls alone
+            # most motions that are set aside move only a few balls
             columns = np.flatnonzero(np.any(coupled_motions != 0.0, axis=0))
             if not columns.size:
                 continue
@@ -230,16 +253,16 @@ class Fronts:
 
 
 def _list_motions(balls: Index, count: int) -> Index:
-    """Return the numbers of the ``count`` motions of each ball, ball after ball."""
+    """Return the numbers (m * count,) of the ``count`` motions of each of the ``balls`` (m,)."""
     return np.asarray((balls[:, None] * count + np.arange(count)).ravel())
 
 
 def _eliminate(matrix: Array, motions: Index, n_inner: int) -> tuple[_Front, _Remainder, Index]:
-    """Eliminate the first ``n_inner`` of the ``motions`` (m,) of a front with a ``matrix`` (m, m),
-    as far as they have pivots.
+    """Eliminate those of the first ``n_inner`` of the ``motions`` (m,) of a front that have pivots;
+    ``matrix`` (m, m) is that of the front.
 
-    Returned are the front, its remainder, and the motions without a pivot that stay out of the
-    fronts above: those without couplings, and all in the last layer, which has no front above.
+    Return the front, its remainder, and the motions without a pivot that are not passed on to the
+    front above: those without couplings, and all in the last layer, which has no front above.
     """
     lower, order, rank = _factorise(matrix[:n_inner, :n_inner])
     hard = order[:rank]
@@ -248,7 +271,7 @@ def _eliminate(matrix: Array, motions: Index, n_inner: int) -> tuple[_Front, _Re
     below = np.ascontiguousarray(_divide(lower, matrix[np.ix_(later, hard)]))
     remaining = np.zeros((0, 0))
     if later.size:
-        # Schur's complement
+        # Schur's complement of the eliminated motions
         remaining = matrix[np.ix_(later, later)] - below @ below.T
     n_outer = motions.size - n_inner
     coupling = np.max(np.abs(remaining[: soft.size]), axis=1, initial=0.0)
@@ -267,11 +290,11 @@ def _eliminate(matrix: Array, motions: Index, n_inner: int) -> tuple[_Front, _Re
 
 
 def _compose_front(lines: Any, rows: Index, size: int) -> Array:
-    """Return the matrix (size, size) of a front from ``lines``, the sparse rows of the motions of
-    its layer, which come first.
+    """Return the matrix (size, size) of a front, without the remainders of its halves.
 
-    ``rows`` (n,) are the rows of motions in the front, and -1 of motions that have been eliminated:
-    the remainders of the halves hold what these leave.
+    ``lines`` (k, n) are the sparse rows of the motions of its layer, which are the first k of the
+    front. ``rows`` (n,) are the rows of all motions in the front; -1 for motions outside of it,
+    which have been eliminated before.
     """
     front = np.zeros((size, size))
     i = np.repeat(np.arange(lines.shape[0]), np.diff(lines.indptr))
@@ -283,13 +306,13 @@ def _compose_front(lines: Any, rows: Index, size: int) -> Array:
 
 
 def _count_entries(layer: Layer) -> int:
-    """Return the number of pairs of balls in the factors of a layer."""
+    """Return the number of pairs of balls in the factor L of a ``layer``."""
     return layer.balls.size * (layer.balls.size + layer.beyond.size)
 
 
 def _factorise(matrix: Array) -> tuple[Array, Index, int]:
-    """Return L (r, r) of a ``matrix`` (n, n), an order (n,) of the motions, and the number r of
-    motions that have a pivot, which come first in this order.
+    """Return the factor L (r, r) of the part of a ``matrix`` (n, n) that has pivots, an order (n,)
+    of the motions, and the number r of motions with a pivot, which come first in this order.
     """
     from scipy.linalg.lapack import dpotrf, dpstrf
 
@@ -299,14 +322,14 @@ def _factorise(matrix: Array) -> tuple[Array, Index, int]:
     lower, failure = dpotrf(matrix, lower=1)
     if not failure and np.min(lower.diagonal()) ** 2 > _SOFT_PIVOT:
         return lower, np.arange(n), n
-    # slower, with pivots in descending order, so that small ones come last
+    # a slower routine, which chooses pivots in descending order, so that small ones come last
     lower, order, rank, _ = dpstrf(matrix, tol=_SOFT_PIVOT, lower=1)
     # LAPACK counts from one
     return np.tril(lower[:rank, :rank]), np.asarray(order - 1, np.intp), int(rank)
 
 
 def _divide(lower: Array, block: Array) -> NDArray[np.float64]:
-    """Return B L^-T of a ``block`` B (m, r) and L (r, r), ``lower``."""
+    """Return B L^-T (m, r) for B = ``block`` (m, r) and L = ``lower`` (r, r)."""
     from scipy.linalg.blas import dtrsm
 
     if not block.size:

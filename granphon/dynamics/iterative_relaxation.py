@@ -1,13 +1,14 @@
 """The inner motions of cells of some ten thousand balls and more, relaxed by iteration: factors of
 such cells in space would not fit into memory.
 
-Conjugate gradients for all strains at once, which share each product with the sparse matrix; every
-strain has its own step. The inverse of what holds each ball alone is the preconditioner. Motions of
-single balls that deform no contact, as the rotation about the line through two contacts, are left
-out by it; other motions that cost nothing take no part, as no strain pushes them.
+Conjugate gradients find the motions for all strains at once. All strains share each product with
+the sparse matrix, and every strain has a step length of its own. The preconditioner is the inverse
+of the stiffness of each ball with its neighbours at rest. It leaves out motions of single balls
+that deform no contact, such as the rotation about the line through two contacts. Other motions that
+cost nothing take no part, as no strain pushes them.
 
-The energy of a strain is the least that inner motions leave. So it has twice the digits of the
-motions, and comes from above.
+The energy of a strain is the minimum over the inner motions. So the error of the energy is of
+second order in that of the motions, and never negative.
 """
 
 from __future__ import annotations
@@ -25,24 +26,26 @@ from granphon.dynamics.compatibility import Compatibility
 from granphon.dynamics.linalg import NO_ENERGY
 from granphon.dynamics.two_levels import invert_blocks
 
-#: size of the residual, over that at the start, with which the iteration is content: waves of
-#: motions that cost nothing are told from sound by nine digits
+#: size of the residual, over that at the start, at which the iteration ends: nine digits are needed
+#: to tell waves of motions that cost nothing from sound
 _REDUCTION = 1e-11
-#: most iterations; random packings of 1e5 balls take some hundred
-_MOST = 20_000
+#: largest number of iterations; random packings of 1e5 balls take some hundred
+_MOST_ITERATIONS = 20_000
 
 
 class IterativeRelaxation:
-    """Inner motions of the balls of a cell, which relax under the deformations of its contacts;
-    reduced units. See :class:`~granphon.dynamics.sparse_relaxation.SparseRelaxation`.
+    """Inner motions of the balls of a cell, which relax as the cell is strained, by conjugate
+    gradients; in reduced units. Its methods are those of
+    :class:`~granphon.dynamics.sparse_relaxation.SparseRelaxation`.
 
-    ``difference`` (n_rows, n_branches), sparse by rows, is the effect that the mass-weighted
-    motions of all balls have on the deformations of contacts.
+    ``difference`` (n_rows, n_branches), sparse by rows, takes the mass-weighted motions of all
+    balls to the deformations of contacts.
     """
 
     def __init__(
         self, lattice: Compatibility, difference: Any, progress: Progress = silent
     ) -> None:
+        """Find the preconditioner; ``progress`` is told how far each later solution has come."""
         self._lattice = lattice
         self._rows = difference
         self._columns = difference.T.tocsr()
@@ -53,8 +56,9 @@ class IterativeRelaxation:
 
     @property
     def free(self) -> Array:
-        """(n_branches, n_free) the part that motions of single balls that deform no contact have of
-        the shift of all balls; see :class:`~granphon.dynamics.sparse_relaxation.SparseRelaxation`.
+        """(n_branches, n_free) orthonormal motions that cost nothing and would mix with sound: the
+        part of the shifts of all balls that single balls can make without deforming a contact, less
+        the shifts themselves.
         """
         shifts = self._lattice.shifts
         parts = self._free @ (self._free.T @ shifts)
@@ -63,48 +67,51 @@ class IterativeRelaxation:
         return np.asarray(basis[:, sizes > math.sqrt(NO_ENERGY)])
 
     def relax(self, deformations: Array) -> Array:
-        """Return the part of deformations (n_rows, ...) that remains once the inner motions have
-        relaxed.
+        """Return the part of the ``deformations`` (n_rows, ...) that remains once the inner motions
+        have relaxed.
         """
         flat = deformations.reshape(len(deformations), -1)
         remaining = flat - self._rows @ self.find_motions(flat)
         return np.asarray(remaining).reshape(deformations.shape)
 
     def find_motions(self, deformations: Array) -> Array:
-        """Return the mass-weighted motions (n_branches, m) that make the part of deformations
-        (n_rows, m) which does not remain.
+        """Return the mass-weighted motions (n_branches, m) whose deformations are the part of the
+        ``deformations`` (n_rows, m) that does not remain.
         """
         return self._solve(
             lambda x: np.asarray(self._columns @ (self._rows @ x)), self._columns @ deformations
         )
 
     def eliminate(self, form: Array, mixed: Array, block: Any) -> Array:
-        """Return an energy ``form`` (m, m) of gradients, with prestress, less the energy that inner
-        motions save as they relax; for the arguments see
+        """Return the energy ``form`` (m, m) of displacement gradients under static forces, less
+        what inner motions save as they relax. The arguments are those of
         :meth:`~granphon.dynamics.sparse_relaxation.SparseRelaxation.eliminate`.
         """
         held, response = self._respond(mixed, block)
         return np.asarray(form - held.T @ response)
 
     def respond(self, _form: Array, mixed: Array, block: Any) -> Array:
-        """Return the mass-weighted inner motions (n_branches, m) that, taken away, leave the least
-        energy; see :meth:`eliminate`.
+        """Return the mass-weighted inner motions (n_branches, m) that leave the least energy when
+        they are subtracted; the arguments are those of :meth:`eliminate`.
         """
-        return self._respond(mixed, block)[1]
+        _, motions = self._respond(mixed, block)
+        return motions
 
     def _respond(self, mixed: Array, block: Any) -> tuple[Array, Array]:
-        """Return the part of ``mixed`` that pulls at motions that something holds, and the motions,
-        both (n_branches, m); the arguments are those of :meth:`eliminate`.
+        """Return the part of ``mixed`` without motions of single balls that deform no contact, and
+        the inner motions that respond to it, both (n_branches, m). The arguments are those of
+        :meth:`eliminate`.
         """
         held = np.asarray(mixed - self._free @ (self._free.T @ mixed))
         return held, self._solve(lambda x: np.asarray(block @ x), held)
 
     def _solve(self, apply: Callable[[Array], Array], right: Array) -> Array:
-        """Return the motions (n_branches, m) at which ``apply`` leaves the forces ``right``
-        (n_branches, m), by conjugate gradients, all columns at once.
+        """Return the motions (n_branches, m) that ``apply`` takes to ``right`` (n_branches, m), by
+        conjugate gradients for all columns at once.
 
-        Raises :class:`~granphon.base.errors.InstabilityError` for a direction in which the energy
-        falls, and :class:`~granphon.base.errors.ConvergenceError` after 20,000 iterations.
+        ``apply`` multiplies by a symmetric matrix. Raises
+        :class:`~granphon.base.errors.InstabilityError` for a direction in which the energy falls,
+        and :class:`~granphon.base.errors.ConvergenceError` after :data:`_MOST_ITERATIONS`.
         """
         motions = np.zeros_like(right)
         residual = right.copy()
@@ -115,7 +122,7 @@ class IterativeRelaxation:
         digits = -math.log10(_REDUCTION)
         reached = 0.0
         with self._progress.step("relax the balls", digits) as step:
-            for _ in range(_MOST):
+            for _ in range(_MOST_ITERATIONS):
                 is_open = sizes > limits
                 if not np.any(is_open):
                     return motions
@@ -138,4 +145,6 @@ class IterativeRelaxation:
                 gained = digits - math.log10(max(worst, 1.0)) - reached
                 step.advance(max(gained, 0.0))
                 reached += max(gained, 0.0)
-        raise ConvergenceError(f"the balls of the network do not relax within {_MOST} iterations")
+        raise ConvergenceError(
+            f"the balls of the network do not relax within {_MOST_ITERATIONS} iterations"
+        )

@@ -1,15 +1,15 @@
-"""Vibrations of cells of hundreds of balls and more: C(q) and D(q) as sparse matrices, of which D
-alone is made dense.
+"""Vibrations of cells of hundreds of balls and more: C(q) and D(q) are sparse matrices, of which
+only D is made dense.
 
-The motions are those of each ball. A contact joins two balls, so that D costs next to nothing, and
-LAPACK's eigenvalues take nearly all of the time. If an inversion leaves the cell the same, even
-motions and odd ones times i make D real.
+Columns are the motions of each ball. A contact joins two balls, so that D costs next to nothing,
+and LAPACK's eigenvalues take nearly all of the time. If an inversion maps the cell onto itself, D
+is real in terms of even motions and of odd motions times i.
 
-An eigenvalue of D has the error of rounding of the largest. The few that are far below the largest
-are found again, by Lanczos with sparse factors, as squares of singular values of C. Wave vectors
-where singular values have no digits either, as those of sound very near Gamma, and modes that
-touch, are left to the blocks of :mod:`granphon.dynamics.blocks`, whose matrices are dense and keep
-all digits.
+The error of every eigenvalue of D is the rounding of the largest. The few that are far below the
+largest are therefore found again, as squares of singular values of C, by Lanczos's method with
+sparse factors. At some wave vectors singular values have no digits either, such as those of sound
+very near Gamma. There, and where modes have one frequency, the methods return None, and the caller
+turns to :mod:`granphon.dynamics.blocks`, whose matrices are dense and keep all digits.
 """
 
 from __future__ import annotations
@@ -27,32 +27,39 @@ from granphon.dynamics.factors import factorise
 from granphon.dynamics.linalg import WELL_ABOVE, find_nearest
 from granphon.dynamics.sparse_relaxation import NO_SQUARE, compose_ends
 
-#: singular value of C, over the largest, from which it has eleven digits in the motions of balls
+#: singular value of C, over the largest, from which it has eleven digits
 _LEAST = 1e-5
-#: the same where modes are requested, whose error is of first order
+#: frequency, over the largest, from which modes have their digits: the error of a mode is of first
+#: order, and that of its frequency of second
 _LEAST_OF_MODES = 1e-3
 #: singular value of C, over the largest, up to which it is rounding of zero
 _ZERO = 1e-13
 #: distance of a wave vector from Gamma, 1/d, from which sound is well above rounding of zero
 _FAR = 1e-2
-#: eigenvalue under prestress, over the largest, from which it has digits: the eigenvalue itself is
-#: rounded
+#: eigenvalue of D under static forces, over the largest, from which it has digits: it is rounded
+#: itself, and not found again from C
 _LEAST_SQUARE = 1e-7
 #: distance of the shift of Lanczos from zero, over the largest eigenvalue
 _SHIFT = 1e-8
-#: error of eigenvalues, over the largest, from which Lanczos has missed an eigenvalue
+#: difference of eigenvalues of D and of squares from C, over the largest, above which Lanczos has
+#: missed an eigenvalue
 _MISSED = 1e-11
-#: memory of one wave vector over the square of the number of branches, bytes: D, LAPACK's copy and
-#: its work
+#: memory of one wave vector, bytes, over the square of the number of branches: D, LAPACK's copy of
+#: it and LAPACK's work space
 BYTES = 38.0
-#: most eigenvalues that are found again
-_MOST = 100
+#: largest number of eigenvalues that are found again
+_MOST_SHARPENED = 100
 
 
 class _Ends(NamedTuple):
-    """Sparse effects (kinds x n_c, n) of the motions of the two balls of each contact, ``head`` of
-    ball j and ``tail`` of ball i, with the ``half`` vectors (kinds x n_c, p) of the contacts and
-    the ``signs`` (kinds x n_c,) with which squares of the effects enter D.
+    """Rows of C as sparse matrices of the motions of both ends of each contact.
+
+    Attributes
+    ----------
+    head : (kinds * n_c, n) effects of the motions of ball j.
+    tail : (kinds * n_c, n) effects of the motions of ball i, which are subtracted.
+    half : (kinds * n_c, p) half vectors of the contacts.
+    signs : (kinds * n_c,) signs with which the squares of the rows enter D.
     """
 
     head: Any
@@ -62,7 +69,9 @@ class _Ends(NamedTuple):
 
 
 class _LowModes(NamedTuple):
-    """The lowest frequencies (m,) of a part of a cell, ascending, and which of them are zero."""
+    """The lowest frequencies (m,), (k/M)^1/2, of a part of a cell, ascending, and (m,) which of
+    them are zero.
+    """
 
     frequencies: Array
     are_zero: NDArray[np.bool_]
@@ -71,9 +80,10 @@ class _LowModes(NamedTuple):
 class LargeCell:
     """The vibrations of a lattice with many balls in its cell, in reduced units.
 
-    ``rows`` are those of C with the roots (kinds, n_c) of their stiffness, and then those on which
-    static forces act; ``images`` an inversion that leaves the cell the same: the image of each ball
-    first.
+    ``rows`` are one or two pairs: the rows of C with the square roots (kinds, n_c) of their
+    stiffness, and under static forces the rows on which these act, with theirs. ``images`` is an
+    inversion that maps the cell onto itself, whose first item is the image (n,) of each ball; None
+    if there is none.
     """
 
     def __init__(
@@ -82,13 +92,14 @@ class LargeCell:
         rows: list[tuple[list[Row], Array]],
         images: tuple[Any, ...] | None,
     ) -> None:
+        """Make the rows sparse, in terms of the motions in which D is real."""
         table = lattice.contacts
         self.size = lattice.n_branches
         self.pressed = lattice.is_prestressed
         self.is_real = images is not None
-        #: (n, n) to the motions of balls from those in which D is real
+        #: (n, n) sparse unitary matrix from the motions in which D is real to those of balls
         self.frame: Any = _make_frame(lattice, None if images is None else images[0])
-        #: fewest frequencies of zero at any wave vector so far
+        #: smallest number of zero frequencies at the wave vectors so far
         self._zeros = self.size
         self.kinds: list[_Ends] = []
         for number, (deformations, roots) in enumerate(rows):
@@ -102,24 +113,31 @@ class LargeCell:
             self.kinds.append(ends)
 
     def find_frequencies(self, q: Array) -> Array | None:
-        """Return frequencies (n,), (k/M)^1/2, ascending, at one wave vector (p,), 1/d; None if
+        """Return frequencies (n,), (k/M)^1/2, ascending, at one wave vector q (p,), 1/d; None if
         digits would be lost.
         """
         modes = self._solve(q, with_vectors=False)
-        return None if modes is None else np.sort(modes[0])
+        if modes is None:
+            return None
+        frequencies, _ = modes
+        return np.sort(frequencies)
 
     def solve_modes(self, q: Array) -> tuple[Array, NDArray[Any]] | None:
         """Return frequencies (n,), (k/M)^1/2, ascending, and motions of balls (n, n), as columns,
-        at one wave vector (p,), 1/d; None if digits would be lost, or branches touch.
+        at one wave vector q (p,), 1/d; None if digits would be lost, or if branches have one
+        frequency.
         """
-        modes = self._solve_apart(q)
-        return None if modes is None else (modes[0], self.frame @ modes[1])
+        modes = self._solve_nondegenerate(q)
+        if modes is None:
+            return None
+        frequencies, vectors = modes
+        return frequencies, self.frame @ vectors
 
     def solve_with_velocities(self, q: Array) -> tuple[Array, NDArray[Any], Array] | None:
-        """Return frequencies and eigenvectors as :meth:`solve_modes` does, and group velocities (n,
-        p), d (k/M)^1/2; None where it returns None.
+        """Return frequencies (n,) and motions (n, n) as :meth:`solve_modes` does, and group
+        velocities (n, p), d (k/M)^1/2; None if :meth:`solve_modes` returns None.
         """
-        modes = self._solve_apart(q)
+        modes = self._solve_nondegenerate(q)
         if modes is None:
             return None
         frequencies, vectors = modes
@@ -128,37 +146,41 @@ class LargeCell:
             phase = np.exp(1j * (ends.half @ q))[:, None]
             head = phase * (ends.head @ vectors)
             tail = phase.conj() * (ends.tail @ vectors)
-            # 2 Re <C v| S dC/dq |v>, dC/dq = i half (head + tail)
+            # d omega^2/dq = 2 Re <C v| S dC/dq |v>, with dC/dq = i half (head + tail) and signs S
             products = ((head - tail).conj() * (head + tail)).imag * ends.signs[:, None]
             gradients -= 2.0 * products.T @ ends.half
         velocities = gradients / (2.0 * frequencies[:, None])
         return frequencies, self.frame @ vectors, velocities
 
-    def _solve_apart(self, q: Array) -> tuple[Array, NDArray[Any]] | None:
-        """Return frequencies (n,), ascending, and motions in the frame (n, n), as columns; None if
-        digits would be lost, or branches touch.
+    def _solve_nondegenerate(self, q: Array) -> tuple[Array, NDArray[Any]] | None:
+        """Return frequencies (n,), ascending, and motions in the frame (n, n), as columns, at one
+        wave vector q (p,); None if digits would be lost, or if branches have one frequency.
         """
         modes = self._solve(q, with_vectors=True)
         if modes is None:
             return None
-        order = np.argsort(modes[0], kind="stable")
-        frequencies = modes[0][order]
-        vectors = modes[1][:, order]
-        touch = np.any(np.diff(frequencies) <= DEGENERATE * frequencies[1:])
-        if touch or frequencies[0] < _LEAST_OF_MODES * frequencies[-1]:
+        unordered, unordered_vectors = modes
+        order = np.argsort(unordered, kind="stable")
+        frequencies = unordered[order]
+        vectors = unordered_vectors[:, order]
+        is_degenerate = np.any(np.diff(frequencies) <= DEGENERATE * frequencies[1:])
+        if is_degenerate or frequencies[0] < _LEAST_OF_MODES * frequencies[-1]:
             return None
         return frequencies, vectors
 
     @property
     def free_branches(self) -> int | None:
-        """Number of branches that vanish at every wave vector; None if digits would be lost."""
+        """Number of branches that vanish at every wave vector; None if digits would be lost.
+
+        Unless some wave vector so far had no zero frequency, one without symmetry is solved first.
+        """
         if self._zeros and self.find_frequencies(GENERIC[0, : self.kinds[0].half.shape[1]]) is None:
             return None
         return self._zeros
 
     def _compute(self, q: Array) -> tuple[Any, Any, float]:
-        """Return sparse C(q) (kinds x n_c, n) without static forces, sparse D(q) (n, n), and a
-        bound of the eigenvalues of D.
+        """Return sparse C(q) (kinds * n_c, n) without static forces, sparse D(q) (n, n) with static
+        forces, and an upper bound of the eigenvalues of D, at one wave vector q (p,).
         """
         rows = []
         for ends in self.kinds:
@@ -173,9 +195,12 @@ class LargeCell:
         return rows[0], matrix, bound
 
     def _solve(self, q: Array, with_vectors: bool) -> tuple[Array, NDArray[Any]] | None:
-        """Return frequencies (n,), in any order, and eigenvectors (n, n), none unless
-        ``with_vectors``; None instead of both if digits would be lost, as near Gamma, where sound
-        is not told from motions that cost nothing.
+        """Return frequencies (n,), in any order, and eigenvectors (n, n), as columns in the frame,
+        or (0, 0) unless ``with_vectors``. Return None instead of both if digits would be lost.
+
+        Near Gamma digits are lost if some frequency is zero, as sound cannot be told there from
+        motions that cost nothing. The smallest number of zero frequencies so far is kept for
+        :attr:`free_branches`.
         """
         from scipy.linalg import eigh
 
@@ -186,7 +211,7 @@ class LargeCell:
         for motions in _split(matrix):
             block = matrix[motions][:, motions]
             if with_vectors:
-                # relatively robust representations take a third of the time of LAPACK's default
+                # LAPACK's driver "evr" takes a third of the time of the default
                 squares, of_block = eigh(
                     block.toarray(), driver="evr", overwrite_a=True, check_finite=False
                 )
@@ -207,13 +232,14 @@ class LargeCell:
     def _resolve_low_modes(
         self, block: Any, rows: Any, squares: Array, bound: float
     ) -> _LowModes | None:
-        """Return the frequencies that are too low to have digits as roots of ``squares`` (n,),
-        ascending; None if digits would be lost.
+        """Return those frequencies of a part of the cell that are too low to have digits as roots
+        of the eigenvalues ``squares`` (n,), ascending; None if digits would be lost.
 
-        ``block`` (n, n) is the sparse D of some motions, ``rows`` those of C, and ``bound`` one of
-        all squares. There are three ways. Under static forces the squares themselves are rounded,
-        and must be zero. A few frequencies are found again as singular values of C. If there are
-        many, they must all be those of motions without contacts.
+        ``block`` (n, n) and ``rows`` (kinds * n_c, n) are the sparse D and C of the part, and
+        ``bound`` is an upper bound of all squares. There are three cases. Under static forces the
+        squares themselves are rounded, and must all be zero. If the low frequencies are few, they
+        are found again as singular values of C. If they are many, they must all be those of motions
+        without contacts.
         """
         limit = _LEAST_SQUARE if self.pressed else WELL_ABOVE
         count = int(np.count_nonzero(squares <= limit * bound))
@@ -221,8 +247,8 @@ class LargeCell:
         if self.pressed:
             are_zero = np.abs(lowest) <= NO_SQUARE * bound
             return _LowModes(np.zeros(count), are_zero) if np.all(are_zero) else None
-        # Lanczos serves a few
-        are_many = count > min(_MOST, len(squares) // 3)
+        # Lanczos's method is for a small part of the eigenvalues
+        are_many = count > min(_MOST_SHARPENED, len(squares) // 3)
         if are_many:
             are_zero = lowest <= 0.0
             is_loose = np.all(are_zero) and block.count_nonzero() == 0
@@ -230,15 +256,17 @@ class LargeCell:
         frequencies = _sharpen(block, rows, count, bound) if count else np.zeros(0)
         are_zero = frequencies <= _ZERO * np.sqrt(bound)
         have_digits = np.all(are_zero | (frequencies >= _LEAST * np.sqrt(bound)))
-        # where Lanczos has missed an eigenvalue, the next one has taken its place
+        # if Lanczos has missed an eigenvalue, the next one is in its place, far from LAPACK's value
         are_complete = np.all(np.abs(frequencies**2 - lowest) <= _MISSED * bound)
         return _LowModes(frequencies, are_zero) if have_digits and are_complete else None
 
 
 def _make_frame(lattice: Compatibility, image: NDArray[np.intp] | None) -> Any:
-    """Return a sparse unitary matrix (n_branches, n_branches) to the motions of balls, from even
-    motions and odd ones times i under an inversion that takes each ball to its ``image`` (n,);
-    without an inversion, from the motions of balls themselves.
+    """Return a sparse unitary matrix (n_branches, n_branches), whose columns are the motions, as
+    combinations of those of balls, in terms of which D is found.
+
+    An inversion takes each ball to its ``image`` (n,). The columns are then even motions, and odd
+    motions times i. Without an inversion, ``image`` is None, and the matrix is that of unity.
     """
     from scipy.sparse import eye_array, hstack, kron
 
@@ -258,7 +286,9 @@ def _make_frame(lattice: Compatibility, image: NDArray[np.intp] | None) -> Any:
 
 
 def _split(matrix: Any) -> list[NDArray[np.intp]]:
-    """Return the sets of motions that no contact joins to others, such as those of a loose ball."""
+    """Return the sets of motions, as numbers, that no entry of a sparse ``matrix`` (n, n) joins to
+    motions of other sets; those of a loose ball are an example.
+    """
     from scipy.sparse.csgraph import connected_components
 
     labels = connected_components(abs(matrix), directed=False)[1]
@@ -267,8 +297,9 @@ def _split(matrix: Any) -> list[NDArray[np.intp]]:
 
 
 def _sharpen(matrix: Any, rows: Any, count: int, bound: float) -> Array:
-    """Return the lowest singular values (count,) of sparse rows A, ascending; ``matrix`` is A^H A,
-    and ``bound`` one of its eigenvalues.
+    """Return the lowest singular values (count,) of a sparse A = ``rows`` (m, n), ascending.
+
+    ``matrix`` (n, n) is A^H A, and ``bound`` an upper bound of its eigenvalues.
     """
     from scipy.sparse import eye_array
 
@@ -276,6 +307,7 @@ def _sharpen(matrix: Any, rows: Any, count: int, bound: float) -> Array:
     shifted = matrix + shift * eye_array(matrix.shape[0])
     factors = factorise(shifted, symmetric=np.isrealobj(matrix.data))
     _, vectors = find_nearest(matrix, count, -shift, factors.solve)
-    # the space of the eigenvectors is well known; within it singular values of A have all digits
+    # the space that the eigenvectors span is accurate to second order, and the singular values of A
+    # within this space keep their digits
     basis = np.linalg.qr(vectors)[0]
     return np.asarray(np.linalg.svd(rows @ basis, compute_uv=False)[::-1])

@@ -35,12 +35,11 @@ NO_ENERGY = 1e-13
 DEPENDENT = 1e-9
 #: number of columns up to which the Jacobi iteration is as fast as LAPACK
 _FEW_COLUMNS = 3
-#: number of columns above which matrices are taken one by one
+#: number of columns above which matrices are decomposed one by one
 MANY_COLUMNS = 300
-#: eigenvalue of A^H A, over the largest, from which its root has an error below 1e-11, and far
-#: above that of dependent columns
+#: eigenvalue of A^H A, over the largest, from which the error of its square root is below 1e-11
 WELL_ABOVE = 1e-4
-#: the same of columns that are not dependent
+#: eigenvalue of A^H A, over the norm of A^H A, from which the columns of A are independent by far
 _FAR_ABOVE = 1e-9
 #: error of LAPACK, as a multiple of the rounding of the largest singular value or eigenvalue (at
 #: most 2.1 on lattices)
@@ -54,26 +53,30 @@ _GRADED_RATIO = 10.0
 _FIRST_ORDER = 1e-8
 #: cosine between columns up to which they are orthogonal except for rounding
 _STRAIGHT = 1e-14
-#: ratio of the norms of columns below which LAPACK would lose digits of the smaller one, and QR
-#: leaves no coupling
+#: ratio of the norms of two columns below which LAPACK would lose digits of the smaller column,
+#: while two QR decompositions leave no coupling of the two
 _COMPARABLE_RATIO = 1e-8
-#: eigenvalue, over the largest of the same matrix, that rounding explains
+#: eigenvalue, over the largest of the same matrix, up to which it may be rounding of zero
 _SINGULAR = 1e-14
 
 
 def graded_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
     """Return singular values and right singular vectors of a stack of matrices A, accurate for
-    graded columns too.
+    graded columns too: columns of very different lengths.
 
-    Up to three columns are left to :func:`jacobi_svd`. Of more rows than columns, LAPACK's
-    eigenvectors V of A^H A come first. They are accepted where the columns of A V are so nearly
-    orthogonal that a rotation of first order makes them so to rounding. Elsewhere LAPACK's SVD
-    follows, whose errors are eps sigma_max. Where these may be above 1e-13 of sigma_min, and
-    the columns of A are graded, they are brought into an order in which LAPACK keeps the digits of
-    each; :func:`jacobi_svd` finishes what a rotation of first order does not. The errors are then
-    eps kappa, kappa the condition of the columns scaled to length 1: sigma_max / sigma_min is at
-    most kappa times the ratio of the lengths. The result for a matrix does not depend on the others
-    in the stack.
+    Matrices of up to three columns are left to :func:`jacobi_svd`. For others there are three
+    steps, each for the matrices that the step before has not solved.
+
+    1. If there are more rows than columns, LAPACK finds the eigenvectors V of A^H A. They are
+       accepted if the columns of A V are so nearly orthogonal that a rotation of first order makes
+       them orthogonal to rounding.
+    2. LAPACK's SVD follows, whose errors are eps sigma_max. It is accepted if these are below 1e-13
+       of sigma_min, or if the columns of A are not graded.
+    3. The columns are brought into an order in which LAPACK keeps the digits of each, and a
+       rotation of first order, or :func:`jacobi_svd`, makes them orthogonal. The errors are eps
+       kappa, where kappa is the condition number of the columns scaled to length 1.
+
+    The result for a matrix does not depend on the others in the stack.
 
     Parameters
     ----------
@@ -88,7 +91,8 @@ def graded_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     if n <= _FEW_COLUMNS:
         return jacobi_svd(matrices)
     if m <= n:
-        # contacts that are just enough to hold the balls leave soft motions at most wave vectors
+        # as many contacts as motions, or fewer, leave soft motions at most wave vectors, for which
+        # the eigenvectors of A^H A are hardly ever accepted
         return _decompose(matrices)
     _, vectors = np.linalg.eigh(matrices.conj().swapaxes(1, 2) @ matrices)
     values, right, is_exact = _straighten(matrices @ vectors, vectors)
@@ -101,12 +105,13 @@ def graded_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
 def graded_eigh(
     matrices: NDArray[Any], factor: Callable[[NDArray[Any]], NDArray[Any]]
 ) -> tuple[NDArray[np.float64], NDArray[Any]]:
-    """Return square roots (n_matrices, n) of the eigenvalues, ascending, and eigenvectors
-    (n_matrices, n, n), as columns, of a stack of matrices A^H A, as :func:`graded_svd` of A does.
+    """Return the square roots (n_matrices, n) of the eigenvalues, ascending, and the eigenvectors
+    (n_matrices, n, n), as columns, of a stack of matrices A^H A, as accurate as :func:`graded_svd`
+    finds them from A.
 
-    ``matrices`` (n_matrices, n, n) are Hermitian; ``factor`` finds A (k, m, n) of k of them. Up to
-    n = 3 it is called for all. Above, it is called only for those where LAPACK's error may exceed
-    1e-13 of the smallest root, including those with a negative eigenvalue.
+    ``matrices`` (n_matrices, n, n) are Hermitian. ``factor`` returns A (k, m, n) of k of them. Up
+    to n = 3 it is called for all matrices, otherwise only for those where LAPACK's error may exceed
+    1e-13 of the smallest root; these contain all matrices with a negative eigenvalue.
     """
     if matrices.shape[2] <= _FEW_COLUMNS:
         return jacobi_svd(factor(matrices))
@@ -123,8 +128,8 @@ def graded_eigh(
 def _straighten(
     turned: NDArray[Any], right: NDArray[Any]
 ) -> tuple[NDArray[np.float64], NDArray[Any], NDArray[np.bool_]]:
-    """Return singular values and vectors of A by a rotation of first order, which makes the nearly
-    orthogonal columns of A V orthogonal.
+    """Return singular values and right singular vectors of matrices A, by a rotation of first order
+    that makes the nearly orthogonal columns of A V orthogonal.
 
     Parameters
     ----------
@@ -151,13 +156,13 @@ def _straighten(
     is_exact = np.all(is_straight | is_nearly_straight, axis=(1, 2))
     has_angle = is_small & (gap != 0.0)
     angles = np.where(has_angle, products, 0.0)
-    # real and imaginary parts are divided apart: a quotient of complex numbers leaves the floating
-    # range near subnormal ones
+    # real and imaginary parts are divided separately, because NumPy's quotient of tiny complex
+    # numbers would overflow or underflow on the way
     components = (angles.real, angles.imag) if np.iscomplexobj(angles) else (angles,)
     for component in components:
         np.divide(component, gap, out=component, where=has_angle)
     order = np.argsort(values, axis=1, kind="stable")
-    # skew to rounding, as a rotation of first order must be
+    # skew-Hermitian without rounding errors, as a rotation of first order must be
     turn = 0.5 * (angles - angles.conj().swapaxes(1, 2))
     sorted_right = np.take_along_axis(right + right @ turn, order[:, None], 2)
     return np.take_along_axis(values, order, 1), sorted_right, is_exact
@@ -165,17 +170,21 @@ def _straighten(
 
 def _decompose(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
     """Return singular values (n_matrices, n), ascending, and right singular vectors
-    (n_matrices, n, n), by LAPACK, or by the Jacobi iteration where LAPACK loses digits of graded
-    columns. Each column of zeros gives a value of exactly zero.
+    (n_matrices, n, n), as columns, with all digits for graded columns too. Each column of zeros
+    gives a singular value of exactly zero.
+
+    LAPACK's SVD is kept if its error is small against the smallest singular value, or if the
+    columns are of comparable length. Other matrices are first turned by :func:`_precondition`, so
+    that their columns are nearly orthogonal.
     """
     values, right = lapack_svd(matrices)
     limit = _LAPACK_ERROR * _EPSILON / _ACCEPTED_ERROR
     doubtful = np.flatnonzero(values[:, 0] <= limit * values[:, -1])
-    # the largest element stands for the length of a column: its square might underflow
+    # the largest element stands for the length of a column, whose square might underflow
     sizes = np.max(np.abs(matrices[doubtful]), axis=1)
     is_graded = np.zeros(len(matrices), bool)
     for number, lengths in zip(doubtful.tolist(), sizes, strict=True):
-        # a column of zeros gives a singular value of zero, which is no reason to doubt the others
+        # a column of zeros has a singular value of exactly zero; only the others are judged
         zeros = np.count_nonzero(lengths == 0.0)
         values[number, :zeros] = 0.0
         lengths_above_zero = lengths[lengths > 0.0]
@@ -184,35 +193,39 @@ def _decompose(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
         is_graded[number] = _GRADED_RATIO * lengths_above_zero.min() < lengths_above_zero.max()
     graded = np.flatnonzero(is_graded)
     if graded.size:
-        turned, nearly = _precondition(matrices[graded])
-        values[graded], right[graded], is_exact = _straighten(turned, nearly)
+        # columns that are nearly orthogonal become orthogonal by a rotation of first order, or
+        # where that does not suffice by plane rotations
+        turned, near_vectors = _precondition(matrices[graded])
+        values[graded], right[graded], is_exact = _straighten(turned, near_vectors)
         if not np.all(is_exact):
             inexact = graded[~is_exact]
             values[inexact], rotation = jacobi_svd(turned[~is_exact])
-            right[inexact] = nearly[~is_exact] @ rotation
+            right[inexact] = near_vectors[~is_exact] @ rotation
     return values, right
 
 
 def lapack_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
     """Return singular values (n_matrices, n), ascending, and right singular vectors
-    (n_matrices, n, n), to rounding of the largest singular value only.
+    (n_matrices, n, n), as columns; the error of each value is the rounding of the largest.
     """
     _, values, adjoint = np.linalg.svd(_pad_rows(matrices), full_matrices=False)
     return values[:, ::-1].copy(), adjoint[:, ::-1].swapaxes(1, 2).conj()
 
 
 def _precondition(matrices: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return a stack of graded matrices A with nearly orthogonal columns, A V, so that
-    :func:`jacobi_svd` has little left to do.
+    """Return unitary V that make the columns of graded ``matrices`` A (n_matrices, m, n) nearly
+    orthogonal, so that :func:`jacobi_svd` of A V has little left to do.
 
-    Two factorisations, A = Q R with columns in descending order and R^H = Q' R', leave R Q' = R'^H,
-    whose columns are coupled to second order in the ratio of their norms only. LAPACK's singular
-    vectors of its diagonal blocks, columns of much smaller norm apart, do the rest. So each column
-    keeps its digits (compare Z. Drmac and K. Veselic, SIAM J. Matrix Anal. Appl. 29, 1322, 2008).
+    The columns of A are sorted in descending order. Two factorisations, A = Q R and R^H = Q' R',
+    leave R Q' = R'^H, whose columns are coupled only to second order in the ratio of their norms.
+    Columns of comparable norm are a block, and LAPACK's singular vectors of the diagonal blocks
+    make the columns of a block orthogonal. So each column keeps its digits (compare Z. Drmac and K.
+    Veselic, SIAM J. Matrix Anal. Appl. 29, 1322, 2008).
 
     Returns
     -------
-    turned : (n_matrices, n, n), with the singular values and right singular vectors of A V.
+    turned : (n_matrices, n, n), Q^H A V, with the singular values and right singular vectors of
+        A V.
     right : (n_matrices, n, n), V, unitary.
     """
     size = np.max(np.abs(matrices), axis=1)
@@ -221,24 +234,26 @@ def _precondition(matrices: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     triangles = np.asarray(np.linalg.qr(_pad_rows(descending), mode="r"))
     orthogonal, upper = np.linalg.qr(triangles.swapaxes(1, 2).conj())
     lower = upper.swapaxes(1, 2).conj()
-    within = np.zeros_like(orthogonal)
+    block_vectors = np.zeros_like(orthogonal)
     blocks = _number_blocks(np.take_along_axis(size, order, 1))
-    # matrices whose columns fall into the same blocks are taken together
+    # matrices whose columns fall into the same blocks are decomposed together
     for numbers in np.unique(blocks, axis=0):
-        alike = np.flatnonzero(np.all(blocks == numbers, axis=1))
+        equal_blocks = np.flatnonzero(np.all(blocks == numbers, axis=1))
         for block in range(numbers[-1] + 1):
             columns = np.flatnonzero(numbers == block)
-            diagonal = np.ix_(alike, columns, columns)
-            within[diagonal] = lapack_svd(lower[diagonal])[1]
-    right = orthogonal @ within
-    in_first_order = np.argsort(order, axis=1)[:, :, None]
-    return triangles @ right, np.take_along_axis(right, in_first_order, 1)
+            diagonal = np.ix_(equal_blocks, columns, columns)
+            _, block_vectors[diagonal] = lapack_svd(lower[diagonal])
+    right = orthogonal @ block_vectors
+    # rows of V go back to the order that the columns of A had
+    original_order = np.argsort(order, axis=1)[:, :, None]
+    return triangles @ right, np.take_along_axis(right, original_order, 1)
 
 
 def _number_blocks(sizes: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Return the number (n_matrices, n) of the block of each column, from sizes (n_matrices, n) of
-    columns in descending order: a block begins with a column far smaller than the first of the
-    block before.
+    """Return the number (n_matrices, n) of the block of each column, from the ``sizes``
+    (n_matrices, n) of columns in descending order.
+
+    A new block begins with each column that is far smaller than the first of the block before.
     """
     blocks = np.zeros(sizes.shape, np.intp)
     first = sizes[:, 0].copy()
@@ -250,14 +265,16 @@ def _number_blocks(sizes: NDArray[np.float64]) -> NDArray[np.intp]:
 
 
 def _pad_rows(matrices: NDArray[Any]) -> NDArray[Any]:
-    """Add rows of zeros until there are as many rows as columns: one for each free motion."""
+    """Return ``matrices`` (n_matrices, m, n) with rows of zeros added, if m is less than n, until
+    there are n rows: a decomposition then has n singular values.
+    """
     lacking = max(0, matrices.shape[2] - matrices.shape[1])
     return np.pad(matrices, ((0, 0), (0, lacking), (0, 0))) if lacking else matrices
 
 
 def jacobi_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
     """Return singular values and right singular vectors of a stack of m x n matrices with few
-    columns, by plane rotations.
+    columns, by plane rotations of their columns (Jacobi iteration).
 
     Parameters
     ----------
@@ -285,7 +302,7 @@ def jacobi_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     columns[:, :m] = a / scale
     columns[np.arange(n), m + np.arange(n)] = 1.0
     for _ in range(_MOST_SWEEPS):
-        # all pairs of columns, also after the first that has been turned
+        # a list, so that all pairs of columns are turned before the test
         were_turned = [
             _rotate(columns[p], columns[r], m) for p, r in itertools.combinations(range(n), 2)
         ]
@@ -303,16 +320,17 @@ def jacobi_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
 
 
 def _rotate(first: NDArray[Any], second: NDArray[Any], m: int) -> bool:
-    """Turn two columns (rows, n_matrices), in place, so that their upper m rows are orthogonal;
-    return whether any were not.
+    """Turn pairs of columns, ``first`` and ``second`` (rows, n_matrices), in place, such that their
+    first m rows are orthogonal; return whether any pair was not orthogonal before.
     """
+    # the squares of the lengths of both columns, and their product
     adjoint = first[:m].conj()
     alpha = np.einsum("mb,mb->b", adjoint, first[:m]).real
     beta = np.einsum("mb,mb->b", second[:m].conj(), second[:m]).real
     gamma = np.einsum("mb,mb->b", adjoint, second[:m])
     size = np.abs(gamma)
-    # the product of orthogonal columns has the rounding of a few epsilon. A column below _NO_COLUMN
-    # is the rounding error of a dependent column: it counts as zero and cannot be made orthogonal
+    # the rounding of the product of orthogonal columns is a few epsilon. A column shorter than
+    # _NO_COLUMN is the rounding error of a dependent column, counts as zero, and is not turned
     is_oblique = size > 4.0 * _EPSILON * np.sqrt(alpha) * np.sqrt(beta)
     is_oblique &= np.minimum(alpha, beta) > _NO_COLUMN**2
     if not np.any(is_oblique):
@@ -324,7 +342,7 @@ def _rotate(first: NDArray[Any], second: NDArray[Any], m: int) -> bool:
     tangent = np.where(is_oblique, smaller_root, 0.0)
     cosine = 1.0 / np.hypot(1.0, tangent)
     sine = cosine * tangent
-    # with the phase of the first column, so that the product of both is real
+    # the second column in phase with the first, so that their product is real
     in_phase = second * np.where(is_oblique, gamma / divisor, 1.0).conj()
     new_first = cosine * first - sine * in_phase
     second[...] = sine * first + cosine * in_phase
@@ -333,12 +351,13 @@ def _rotate(first: NDArray[Any], second: NDArray[Any], m: int) -> bool:
 
 
 def cholesky_factor(matrices: NDArray[Any]) -> NDArray[Any]:
-    """Return L^H of a stack of Hermitian positive semidefinite matrices D = L L^H, for
+    """Return L^H (..., n, n) of Hermitian positive semidefinite matrices D = L L^H (..., n, n), for
     :func:`jacobi_svd`.
 
-    Each matrix is first scaled to a unit diagonal, so that a graded one keeps its small
-    eigenvalues; rows that are zero stay zero. Raises :class:`numpy.linalg.LinAlgError` if a matrix
-    has an eigenvalue below zero by more than rounding.
+    Each matrix is first scaled to a unit diagonal, so that small eigenvalues of a graded matrix
+    keep their digits. Rows of zeros stay zero. Raises :class:`numpy.linalg.LinAlgError` if a matrix
+    has a negative diagonal entry, or after scaling a negative eigenvalue that is more than
+    rounding.
     """
     diagonal = np.einsum("...ii->...i", matrices).real
     if np.any(diagonal < 0.0):
@@ -354,8 +373,10 @@ def cholesky_factor(matrices: NDArray[Any]) -> NDArray[Any]:
 
 
 def _find_lower(matrices: NDArray[Any]) -> NDArray[Any]:
-    """Return L (..., n, n) of a stack of matrices L L^H of unit diagonal; L is not triangular where
-    the matrix is singular.
+    """Return L (..., n, n) of ``matrices`` L L^H (..., n, n) with unit diagonals. L is triangular
+    unless its matrix is singular, and is then made of eigenvectors.
+
+    Raises :class:`numpy.linalg.LinAlgError` for a negative eigenvalue that is more than rounding.
     """
     try:
         return np.asarray(np.linalg.cholesky(matrices))
@@ -370,7 +391,9 @@ def _find_lower(matrices: NDArray[Any]) -> NDArray[Any]:
 
 
 def find_rank(rows: NDArray[Any]) -> int:
-    """Return the rank of rows (m, n), each column and then each row scaled to length one."""
+    """Return the rank of ``rows`` (m, n), after each column and then each row has been scaled to
+    length one, so that small ones count as much as large ones.
+    """
     scaled = rows
     for axis in (0, 1):
         length = np.linalg.norm(scaled, axis=axis, keepdims=True)
@@ -385,8 +408,11 @@ def find_rank(rows: NDArray[Any]) -> int:
 
 
 def is_independent(rows: NDArray[Any]) -> bool:
-    """Return whether the columns of A, ``rows`` (m, n), are many and independent by far: A^H A less
-    a small part of its norm then has factors of Cholesky.
+    """Return whether the columns of A = ``rows`` (m, n) are many and independent by far, such that
+    a singular value decomposition is not needed.
+
+    They are independent by far if A^H A, less a small part of its norm on the diagonal, is positive
+    definite, that is, if a Cholesky decomposition succeeds.
     """
     n_rows, n_columns = rows.shape
     if not n_rows >= n_columns > MANY_COLUMNS:
@@ -403,12 +429,12 @@ def is_independent(rows: NDArray[Any]) -> bool:
 def find_dependent(
     rows: NDArray[Any], sizes: NDArray[np.float64]
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return orthonormal vectors (n, k) that a matrix (m, n) takes to zero, and vectors (n, n - k)
-    that complete them to a basis.
+    """Return orthonormal vectors (n, k) that a matrix ``rows`` (m, n) takes to zero, and
+    orthonormal vectors (n, n - k) that complete them to a basis.
 
     ``sizes`` (m, n) are the sizes that the entries of the matrix would have if nothing cancelled in
-    them. As in :func:`find_rank`, each column and then each row is divided by its length in the
-    matrix of sizes, so that small columns count as much as large ones, and no entry is above one.
+    them. Each column and then each row of the matrix is divided by its length in ``sizes``, so that
+    small columns count as much as large ones, and entries that are rounding errors stay small.
     """
     lengths = np.linalg.norm(sizes, axis=0)
     lengths[lengths == 0.0] = 1.0
@@ -422,8 +448,8 @@ def find_dependent(
     rank = int(np.count_nonzero(singular_values > DEPENDENT * max(singular_values[0], 1.0)))
     count = len(singular_values) - rank
     free, _ = np.linalg.qr(adjoint[rank:].conj().T / lengths[:, None])
-    # vectors that are longest in long columns come out as small differences of others, which are
-    # not quite taken to zero: the residuals correct the vectors
+    # division by the lengths amplifies the error of some vectors, which are then not quite taken to
+    # zero: the least change of the scaled vectors that removes their residuals is subtracted
     residuals = scaled @ (lengths[:, None] * free)
     amplitudes = range_basis[: len(rows), :rank].conj().T @ residuals / singular_values[:rank, None]
     correction = adjoint[:rank].conj().T @ amplitudes / lengths[:, None]
@@ -432,13 +458,16 @@ def find_dependent(
 
 
 def invert_hermitian(matrices: NDArray[Any]) -> NDArray[Any]:
-    """Return the inverses of Hermitian matrices (..., n, n); zero for what is singular in them."""
+    """Return the inverses of Hermitian ``matrices`` (..., n, n); where one is singular, its
+    pseudoinverse, which is zero on the null space.
+    """
     try:
         inverse = np.linalg.inv(matrices)
-    except np.linalg.LinAlgError:  # not even rounding keeps some from being singular
+    except np.linalg.LinAlgError:  # some matrix is exactly singular, and so all are tested below
         inverse = np.full_like(matrices, np.inf)
-    sizes = [np.max(np.abs(values), axis=(-2, -1)) for values in (matrices, inverse)]
-    is_singular = sizes[0] * sizes[1] * _SINGULAR > 1.0
+    size = np.max(np.abs(matrices), axis=(-2, -1))
+    size_of_inverse = np.max(np.abs(inverse), axis=(-2, -1))
+    is_singular = size * size_of_inverse * _SINGULAR > 1.0
     if np.any(is_singular):
         inverse[is_singular] = np.linalg.pinv(
             matrices[is_singular], rcond=_SINGULAR, hermitian=True
@@ -448,8 +477,8 @@ def invert_hermitian(matrices: NDArray[Any]) -> NDArray[Any]:
 
 @contextmanager
 def lanczos_converges() -> Iterator[None]:
-    """Raise :class:`~granphon.base.errors.ConvergenceError` where an iteration of ARPACK in the
-    block ends without its modes.
+    """Turn an error of ARPACK, whose iteration has ended without its modes, within the block into a
+    :class:`~granphon.base.errors.ConvergenceError`.
     """
     from scipy.sparse.linalg import ArpackError
 
@@ -468,19 +497,21 @@ def lanczos_converges() -> Iterator[None]:
 def find_nearest(
     matrix: Any, count: int, shift: float, solve: Callable[[Any], Any], start: Any = None
 ) -> Any:
-    """Return the eigenvalues (count,) of a sparse Hermitian matrix (n, n) that are nearest to
-    ``shift``, ascending, and their vectors (n, count), by Lanczos's method, or by Arnoldi's if the
-    matrix is complex.
+    """Return the eigenvalues (count,), ascending, of a sparse Hermitian ``matrix`` (n, n) that are
+    nearest to ``shift``, and their eigenvectors (n, count), by Lanczos's method, or by Arnoldi's if
+    the matrix is complex.
 
-    ``solve`` applies the inverse of the matrix less the shift; ``start`` (n,) is a vector that has
-    a part of each eigenvector, by default a random one.
+    ``solve`` multiplies a vector by the inverse of the matrix less the shift. ``start`` (n,) is the
+    first vector of the iteration, which must have a part along each eigenvector; by default its
+    entries are random. Raises :class:`~granphon.base.errors.ConvergenceError` if the iteration does
+    not end.
     """
     from scipy.sparse.linalg import LinearOperator, eigsh
 
     if start is None:
-        # the same one each time, so that results repeat
+        # the same random vector each time, so that results can be repeated
         start = np.random.default_rng(0).normal(size=matrix.shape[0]).astype(matrix.dtype)
     inverse = LinearOperator(matrix.shape, matvec=solve, dtype=matrix.dtype)
     values, vectors = eigsh(matrix, k=count, sigma=shift, OPinv=inverse, v0=start)
-    order = np.argsort(values)  # Arnoldi's method returns them in no order
+    order = np.argsort(values)  # Arnoldi's method returns the eigenvalues in no order
     return values[order], vectors[:, order]

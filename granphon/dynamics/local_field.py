@@ -1,21 +1,25 @@
-"""The local-field factor of the effective medium: how stiffly a lattice carries one of its balls.
+"""The local-field factor of the effective medium: how stiffly a lattice holds the neighbours of a
+ball.
 
-Put a unit tension on every contact of one ball, its *star*. The contacts of an unloaded lattice can
-take up only such deformations as its balls can make by moving, the range of K^1/2 C, so the star
-responds by its projection on that range,
+The contacts of a ball are its *star*, and its neighbours the *corona*. Let a tension of one act in
+every contact of the star, in a lattice without load. The deformations that contacts can have are
+those that motions of balls make: the range of K^1/2 C. Therefore the response of the contacts to
+the tensions t is the projection on that range,
 
     e = P t,    P = C D^-1 C^T K,    D^-1 the lattice's Green's function.
 
-Its mean elongation u_1 = t^T P t / z gives Xi = 1/u_1 - 1 in any lattice. In an array without
-friction the overlaps of contacts deviate, to first order, by 1 - P times what they would be with
-balls held at their sites. So 1 - u_1 = Xi/(1 + Xi) is, in any lattice, the part of their variance
-that is left once the balls have moved, and with it the second order of the force.
+The mean elongation of the z contacts of the star, u_1 = t^T P t / z, gives Xi = 1/u_1 - 1 in any
+lattice. In an array without friction the overlaps of contacts deviate from their mean, to first
+order, by 1 - P times the deviations that they would have with balls held at their sites. So 1 - u_1
+= Xi/(1 + Xi) is the part of the variance of overlaps that is left once the balls have moved, and
+with it the second order of the force.
 
 On the triangular lattice two more elongations give all results: those of the contacts between the
 corona and the second neighbours on top of it and at its bridges. The tension of the star is
-balanced on the central ball. It is the load with which the paper's appendix begins: unit radial
-forces on the corona, in the whole lattice with the contacts of the central ball. That ball does not
-move, and u_1 is the radial displacement of the corona. Reduced units: length d, stiffness k.
+balanced on the central ball. It is the load with which the appendix of Velicky and Caroli (2002)
+begins: unit radial forces on the corona, in the whole lattice with the contacts of the central
+ball. That ball does not move, and u_1 is the radial displacement of the corona. Numbers are in
+reduced units: length d, stiffness k. Equations of the kind (32) are those of that paper.
 """
 
 from __future__ import annotations
@@ -37,12 +41,12 @@ from granphon.dynamics.zone_means import Operation, divide_zone, find_symmetries
 #: numbers of points along each edge of the quadrature's triangles (two periods) and tetrahedra
 #: (three), tried in turn until two successive results agree; with one period Xi is zero
 _ORDERS = {2: (12, 16, 24, 36, 54, 81), 3: (6, 8, 11, 15, 20, 28)}
-#: required relative agreement of these results; errors fall geometrically, so that of the finer one
-#: is far smaller
+#: relative difference, by the number of periods, up to which two successive results agree; errors
+#: fall geometrically, so that the error of the finer result is far smaller
 _AGREEMENT = {2: 1e-9, 3: 1e-8}
 #: least value of 1 - u_1 that doubles hold to that relative accuracy
 _LEAST_HELD = 1e-6
-#: number of entries of C(q) that are worked on at a time, few enough for the cache
+#: number of entries of C(q) that are computed at a time, few enough for the cache
 _ENTRIES = 2**16
 #: distance, in steps of the cell and in diameters across the periods, up to which two midpoints of
 #: contacts are one point
@@ -57,14 +61,15 @@ class LocalField(Result):
 
     Attributes
     ----------
-    alpha, beta : radial displacements of the on-top and the bridge second neighbours of a ball,
-        over that of its neighbours, the corona (equations 32 and 43); None on lattices other than
-        the triangular one.
+    alpha, beta : radial displacements of the second neighbours of a ball that are on top of its
+        neighbours and at their bridges, over the radial displacement of the neighbours, the corona
+        (equations 32 and 43); None on lattices other than the triangular one.
     xi : Xi of equations (34) and (44), the stiffness with which the rest of the lattice holds the
         corona, in units of k.
     mindlin_ratio : eta, tangential over normal stiffness.
     lattice : name of the lattice.
-    bending, torsion : stiffness of a contact against rolling and against twist, over k d^2.
+    bending : stiffness of a contact against rolling, over k d^2.
+    torsion : stiffness of a contact against twist, over k d^2.
     """
 
     alpha: float | None = held(float, "?", within="finite")
@@ -84,8 +89,8 @@ class LocalField(Result):
 
     @property
     def is_determinate(self) -> bool:
-        """Whether Xi is zero: the load alone then fixes the force of every contact, whatever the
-        diameters of the balls.
+        """Whether Xi is zero. Then the load alone determines the force of every contact, whatever
+        the diameters of the balls.
         """
         return self.xi == 0.0
 
@@ -99,11 +104,11 @@ def compute_xi(alpha: float, beta: float, mindlin_ratio: float) -> float:
 
 
 def paper_local_field(mindlin_ratio: float) -> LocalField:
-    """Return the printed alpha and beta (A14), used at every eta as in the paper, with Xi from
-    equation 45.
+    """Return the local field with the alpha and beta that Velicky and Caroli (2002) print (A14) and
+    use at every eta, ``mindlin_ratio``; Xi follows from their equation (45).
 
-    They do not satisfy their own definition (see the errata); they are kept to reproduce the
-    paper's curves.
+    These numbers do not satisfy their own definition (see the errata). They are kept to reproduce
+    the curves of that paper. Raises :class:`~granphon.base.errors.InputError` if eta is below zero.
     """
     eta = not_negative("mindlin_ratio", mindlin_ratio)
     alpha = 0.585405
@@ -117,24 +122,24 @@ def local_field(
     bending: float = 0.0,
     torsion: float = 0.0,
 ) -> LocalField:
-    """Return the local field of a lattice of equal balls, with all motions relaxed, to 1e-8 or
-    better (1e-10 in the plane).
+    """Return the local field of a lattice of equal balls, with all motions relaxed, to a relative
+    accuracy of 1e-8 (1e-10 in the plane).
 
     Xi is the stiffness, in units of k, with which the rest of the lattice holds the neighbours of a
-    ball. Under one tension T of all contacts of a ball, in the lattice without load, these contacts
-    lengthen by u_1 T/k in the mean, and Xi = 1/u_1 - 1.
+    ball. If the tension T acts in all contacts of a ball, in the lattice without load, these
+    contacts lengthen by u_1 T/k in the mean, and Xi = 1/u_1 - 1.
 
     At eta = 0 the triangular lattice has closed forms: Xi = (2 pi + 3 sqrt(3)) / D, alpha = (12 pi
     - 39 sqrt(3)/2) / D, beta = (18 - 8 pi/sqrt(3)) / D, D = 4 pi - 3 sqrt(3). At eta = 1, u_1 = 5/6
-    - sqrt(3)/pi, which was not derived, but found from the number: the two agree to 13 digits. On a
-    chain Xi is exactly zero: all its contacts carry the same force. All motions that lengthen or
-    shorten contacts take part, and those that contacts join to them: u_x on a line, u_x, u_y and
-    phi_z in a plane, all six in space.
+    - sqrt(3)/pi; this form was not derived, but guessed from the number, with which it agrees to 13
+    digits. On a chain Xi is exactly zero: all its contacts carry the same force. All motions that
+    lengthen or shorten contacts take part, and those that contacts join to them: u_x on a line,
+    u_x, u_y and phi_z in a plane, all six in space.
 
     Parameters
     ----------
-    lattice : any lattice of equal balls. Where contacts or balls are not equivalent, u_1 is the
-        mean over all contacts.
+    lattice : any lattice of equal balls, or its name. If contacts or balls are not equivalent, u_1
+        is the mean over all contacts.
     mindlin_ratio : eta, zero or above.
     bending, torsion : stiffness of a contact against rolling and against twist, over k d^2. Without
         friction they change nothing, as the tensions of the contacts turn no ball. The torsion of a
@@ -143,8 +148,8 @@ def local_field(
 
     Returns
     -------
-    field : with Xi = 1/u_1 - 1; alpha and beta by equations (32) and (43) on the triangular
-        lattice, in any of its cells.
+    field : Xi, and on the triangular lattice, in any of its cells, alpha and beta of equations (32)
+        and (43).
 
     Raises
     ------
@@ -179,6 +184,7 @@ def _compute_local_field(
             f" the rest of the lattice holds the"
             f" neighbours of a ball, and some motions of the rest cost nothing; {error}"
         ) from None
+    # if motions of balls can make any deformation of contacts, P is the unit matrix, and Xi is zero
     takes_any_deformation = all(block.rank == block.n_rows for block in medium.elongating_blocks)
     if takes_any_deformation:
         return LocalField(
@@ -220,8 +226,8 @@ def _compute_local_field(
 
 
 def _integrate_response(medium: ContactLattice) -> Array | None:
-    """Return the mean elongations (kinds,) under a unit tension of one ball's star: of the star,
-    then on top and at the bridges; None if the integral over the zone does not settle.
+    """Return the mean elongations (kinds,) under a unit tension of one ball's star, of the kinds of
+    contacts of :class:`_Response`; None if the integral over the zone does not settle.
     """
     response = _Response(medium)
     operations = _find_operations(medium)
@@ -245,19 +251,20 @@ def _integrate_response(medium: ContactLattice) -> Array | None:
 
 @lru_cache(maxsize=16)
 def _find_operations(medium: ContactLattice) -> list[Operation]:
-    """Find the operations on q that leave the response of a lattice the same."""
+    """Return the operations on q that leave the response of a lattice unchanged."""
     return find_symmetries(_Response(medium), medium.reciprocal)
 
 
 class _Response:
-    """The response of a lattice to a tension t of the contacts of a ball, its star: s^H P t, the
-    mean over the contacts of each kind.
+    """The response of a lattice to unit tensions t in the contacts of one ball, its star: the mean
+    elongation of the contacts of each kind, as a function of q to be averaged over the zone.
 
-    The kinds are the star of a ball, and, on the triangular lattice, the contacts on top of it and
-    at its bridges.
+    The kinds are the star of the ball, and on the triangular lattice then the contacts between its
+    neighbours and the second neighbours on top of these, and those at their bridges.
     """
 
     def __init__(self, medium: ContactLattice) -> None:
+        """List the contacts of each kind, and the motions that lengthen or shorten contacts."""
         blocks = medium.elongating_blocks
         self.medium = medium
         self._kinds = _list_kinds(medium)
@@ -265,7 +272,7 @@ class _Response:
         self._columns = np.concatenate([block.columns for block in blocks])
         self._rank = sum(block.rank for block in blocks)
         entries = len(medium.rows) * len(medium.contacts) * len(self._columns)
-        #: number of wave vectors that are worked on at a time
+        #: number of wave vectors for which C(q) is computed at a time
         self._chunk = max(1, _ENTRIES // entries)
 
     def __call__(self, q: Array) -> Array:
@@ -274,11 +281,11 @@ class _Response:
         return np.concatenate([self._respond(q[start : start + self._chunk]) for start in starts])
 
     def _respond(self, q: Array) -> Array:
-        """Return the response (n_q, kinds) at wave vectors q (n_q, p), 1/d, that fit into the cache
-        together.
+        """Return the response (n_q, kinds) at so few wave vectors q (n_q, p), 1/d, that C fits into
+        the cache.
         """
-        # with an orthonormal basis Q of the range, P = Q Q^H; tensions elongate, and elongations
-        # come first among the rows
+        # with an orthonormal basis Q of the range, P = Q Q^H. Tensions act on elongations alone,
+        # which come first among the rows
         basis = self._find_basis(q)
         adjoint = basis[:, : len(self.medium.contacts)].conj().swapaxes(1, 2)
         projections = []
@@ -291,10 +298,13 @@ class _Response:
         return np.stack(sums, axis=1) / self._counts
 
     def _find_basis(self, q: Array) -> NDArray[Any]:
-        """Return an orthonormal basis (n_q, rows, rank) of the deformations that motions make."""
+        """Return an orthonormal basis (n_q, rows, rank) of the deformations that motions make at
+        wave vectors q (n_q, p).
+        """
         rows = self.medium.compatibility(q)[..., self._columns]
         if self._rank == rows.shape[2]:
-            # the QR factor does not depend on the scale of the columns: small near Gamma
+            # Q of the QR decomposition does not depend on the lengths of the columns, which are
+            # small near Gamma
             return np.linalg.qr(rows)[0]
         lengths = np.linalg.norm(rows, axis=1, keepdims=True)
         scaled = rows / np.where(lengths > 0.0, lengths, 1.0)
@@ -302,13 +312,13 @@ class _Response:
 
 
 def _list_kinds(medium: ContactLattice) -> list[list[tuple[Array, Array]]]:
-    """Return the contacts about each ball of the cell, for each kind: their midpoints (m, p) along
-    the periods, d, and a table (m, n_c) that is 1 where a midpoint is that of a contact of the
-    lattice.
+    """Return, for each kind of contacts of :class:`_Response` and each ball of the cell, the
+    contacts of that kind about the ball: their midpoints (m, p) along the periods, d, and a table
+    (m, n_c) that is 1 where a midpoint is that of a contact of the lattice, up to periods, and else
+    0.
 
-    The kinds are the star of a ball, and on the triangular lattice the contacts on top of it and at
-    its bridges: a lattice in the plane with six contacts at every ball is triangular, in whatever
-    cell.
+    Only the triangular lattice has more kinds than the star. It is recognised, in any cell, as the
+    lattice in the plane with three contacts per ball.
     """
     table = medium.contacts
     p = medium.periods
@@ -318,7 +328,7 @@ def _list_kinds(medium: ContactLattice) -> list[list[tuple[Array, Array]]]:
     n_kinds = 3 if is_triangular else 1
     kinds: list[list[tuple[Array, Array]]] = [[] for _ in range(n_kinds)]
     for ball, centre in enumerate(medium.positions):
-        # vectors to the neighbours
+        # vectors to the neighbours of the ball
         spokes = np.concatenate([table.vector[table.i == ball], -table.vector[table.j == ball]])
         offsets = [0.5 * spokes]
         if is_triangular:
@@ -327,7 +337,7 @@ def _list_kinds(medium: ContactLattice) -> list[list[tuple[Array, Array]]]:
             midpoints = centre + offset
             separation = midpoints[:, None] - contact_midpoints
             steps = separation[..., :p] @ inverse
-            # whole steps of the cell are left out
+            # midpoints are compared up to whole steps of the cell
             remainder = np.concatenate([steps - np.rint(steps), separation[..., p:]], axis=-1)
             is_contact = np.max(np.abs(remainder), axis=-1) < _SAME_MIDPOINT
             kind.append((midpoints[:, :p], is_contact.astype(float)))
@@ -335,9 +345,12 @@ def _list_kinds(medium: ContactLattice) -> list[list[tuple[Array, Array]]]:
 
 
 def _list_bridges(spokes: Array) -> Array:
-    """Return the midpoints (2 n, 2) of the contacts that bridge two spokes (n, 2) of a ball in the
-    plane, from its centre, d.
+    """Return the midpoints (2 n, 2), d, from the centre of a ball on the triangular lattice, of the
+    contacts between its neighbours and the second neighbours at their bridges.
+
+    ``spokes`` (n, 2), d, are the vectors from the ball to its neighbours.
     """
+    # from a neighbour the second neighbours at its two bridges lie at 60 degrees from the spoke
     across = np.stack([-spokes[:, 1], spokes[:, 0]], axis=1)
     sides = [0.5 * spokes + sign * _TRIANGLE_HEIGHT * across for sign in (1.0, -1.0)]
     return np.concatenate([spokes + 0.5 * side for side in sides])

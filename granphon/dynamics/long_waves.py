@@ -5,15 +5,15 @@ Elastic moduli, sound velocities and mechanisms follow from the same rows as the
 reduced units.
 
 Terms of finite overlap are of relative order e = delta/d, and so is their effect on sound: the
-limit of small overlap comes before that of long waves. The order of limits matters for balls that
-turn like gears. On a lattice without odd rings gears cost nothing; but where overlaps differ, so do
-the lever arms of a ball, and gears then have an energy of order e^2 and a coupling with strain of
-order e. If gears were relaxed, the square of the coupling over the energy would be of order one: a
-strain would turn the balls by 1/e times the strain, and the crystal would be soft. Gears keep up
-with sound only if the frequency of sound is below that of gears, about e (k/M)^1/2: at wavelengths
-above d/e, hundreds of metres for balls of 8 mm at e = 1e-5. In all shorter waves gears stay behind,
-and are an optical wave of their own, as the bands show. So inner motions relax if they cost an
-energy of order one or e; motions that cost no energy to that order do not relax
+limit of small overlap is taken before that of long waves. The order of the limits matters for balls
+that turn like gears. On a lattice without odd rings gears cost nothing. But where the overlaps of a
+ball differ, so do its lever arms, and gears then have an energy of order e^2 and a coupling with
+strain of order e. If gears were relaxed, the square of the coupling over the energy would be of
+order one: a strain would turn the balls by 1/e times the strain, and the crystal would be soft. But
+gears follow a wave only if its frequency is below theirs, about e (k/M)^1/2. That is so at
+wavelengths above d/e, hundreds of metres for balls of 8 mm at e = 1e-5. In all shorter waves gears
+stay behind, and are an optical wave of their own, as the bands show. So inner motions relax if they
+cost an energy of order one or e. Motions that cost no energy to that order do not relax
 (:meth:`LongWaves._find_relaxing`).
 """
 
@@ -55,35 +55,35 @@ from granphon.dynamics.linalg import (
 )
 from granphon.dynamics.sparse_relaxation import SparseRelaxation, compose_ends
 
-#: ratio of the softest to the stiffest strain (singular values) below which a lattice is called a
-#: mechanism
+#: singular value, over the largest, up to which a deformation costs nothing: that of the softest
+#: strain of a mechanism, and that of an inner motion that deforms no contact
 _SOFT = 1e-12
-#: relative difference of the lever arms of a ball up to which it is rounding
+#: relative difference of the lever arms of a ball up to which the difference is rounding
 _ROUNDED_ARM = 1e-14
-#: relative difference of the lever arms of a ball up to which overlaps explain it: that at which
-#: Hertz's law ends, as (contact radius / ball radius)^2 is overlap over diameter
+#: relative difference of the lever arms of a ball up to which different overlaps may be its cause.
+#: Overlap over diameter is (contact radius / ball radius)^2, and Hertz's law ends at this value
 _UNEVEN_ARM = MOST_CONTACT_RADIUS**2
-#: coupling of free inner motions with sound, over its largest possible value, above which it counts
-#: as coupling
+#: coupling of free inner motions with sound, over its largest possible value, up to which they are
+#: not coupled
 _COUPLED = 1e-9
-#: greatest difference, over the constant c_xxxx, between elastic constants that are equal in an
-#: isotropic lattice; it allows for rounding
+#: greatest difference, over the constant c_xxxx, between an elastic tensor and an isotropic one up
+#: to which the difference is rounding
 _ISOTROPIC = 1e-10
-#: most motions of a cell in space that are relaxed by factors: 20,000 balls take 8 GB
+#: largest number of motions of a cell in space that are relaxed by factors: 20,000 balls take 8 GB
 MOST_RELAXED_BY_FACTORS = 120_000
-#: numbers of directions up to which their long waves are kept
-_FEW_NUMBERS = 12
+#: number of components of directions up to which their long waves are cached
+_FEW_COMPONENTS = 12
 
 
 class _SoundMass(NamedTuple):
-    """What inner motions that cost no energy at Gamma do to sound.
+    """How inner motions that cost no energy at Gamma change sound.
 
     Attributes
     ----------
     couples : whether some of these motions take part in sound.
-    moved : (n_u, n_u) part of the mass that sound moves, 1 of all mass.
-    idle : (k, n_u + n_free) motions, as rows, that stay behind: their shifts of all balls, and
-        their parts of the inner motions that cost no energy.
+    moved : (n_u, n_u) the mass that sound moves, over all mass: the unit matrix if it moves all.
+    idle : (k, n_u + n_free) orthonormal motions, as rows, that stay behind: their amplitudes in the
+        n_u shifts of all balls, then those in the n_free inner motions that cost no energy.
     """
 
     couples: bool
@@ -97,25 +97,25 @@ class LongWaves(Compatibility):
     """
 
     def _deform_uniformly(self, rows: list[Row], root: Array) -> tuple[Array, Array]:
-        """Return the deformations ``rows`` at q = 0, times ``root`` (kinds, n_c), under
-        displacement gradients and under inner motions.
+        """Return the deformations ``rows`` at q = 0, multiplied by ``root`` (kinds, n_c): those
+        under displacement gradients, (n_rows, n_u p), and those under inner motions,
+        (n_rows, n_inner).
 
-        Their shapes are (n_rows, n_u p), for the gradients u_a,b (in the plane u_x,x u_x,y u_y,x
-        u_y,y), and (n_rows, n_inner). Inner motions are rotations, and the shifts of several balls
-        in the cell.
+        The gradients are u_a,b, in the plane u_x,x u_x,y u_y,x u_y,y. Inner motions are the
+        rotations of balls, and the displacements of several balls against each other.
         """
         vector = self.contacts.vector[:, : self.periods]
         gradients = [strain_rows(row, vector, self.motions) for row in rows]
         affine = root[..., None] * np.reshape(gradients, (*root.shape, self._n_gradients))
-        inner = self._find_inner_ends(rows, root)[0]
+        inner, _ = self._find_inner_ends(rows, root)
         return affine.reshape(root.size, self._n_gradients), inner
 
     def _find_inner_ends(self, rows: list[Row], root: Array) -> tuple[Any, Any]:
-        """Return the difference and the sum of the effects of inner motions on ``rows``, times
-        ``root`` (kinds, n_c), at both ends of contacts, (n_rows, n_inner).
+        """Return the difference and the sum, each (n_rows, n_inner), of the effects that inner
+        motions have on ``rows`` at the two ends of contacts, multiplied by ``root`` (kinds, n_c).
 
-        In a cell of many balls they are sparse, and those of all motions of each ball, the shift of
-        all balls among them.
+        In a cell of many balls both are sparse, and columns are the motions of each ball, so that
+        the shifts of all balls are contained.
         """
         if self._uses_sparse_matrices:
             head, tail = compose_ends(self, rows, root)
@@ -140,15 +140,15 @@ class LongWaves(Compatibility):
         return bool(n_free >= self._touching._free.shape[1])
 
     def relax_inner_motions(self, progress: Progress = silent) -> None:
-        """Factorise the matrix of the inner motions, the long work that moduli and sound share, and
-        report how far it has come; the lattice keeps the factors.
+        """Factorise the matrix of the inner motions, and keep the factors. That is the long work
+        which moduli and sound share; ``progress`` is told how far it has come.
 
-        Nothing is done in a cell of few motions, whose matrices are dense, and where bodies that do
-        not move hold the balls.
+        Nothing is done if the cell has few motions, whose matrices are dense, or if the balls are
+        held.
         """
         is_large = self.n_branches > MANY_COLUMNS
         if is_large and not self.is_held and "_sparse" not in vars(self):
-            # the value of the cached property, with reports
+            # the cached property gets its value here, because it cannot report progress itself
             vars(self)["_sparse"] = self._make_sparse(progress)
 
     @cached_property
@@ -157,6 +157,9 @@ class LongWaves(Compatibility):
         return self._make_sparse(silent)
 
     def _make_sparse(self, progress: Progress) -> SparseRelaxation | IterativeRelaxation:
+        """Return a new relaxation of all inner motions: by iteration for the largest cells in
+        space, whose factors would not fit into memory, else by sparse factors.
+        """
         head, tail = compose_ends(self, *self._weight_rows())
         if self.periods == 3 and self.n_branches > MOST_RELAXED_BY_FACTORS:
             return IterativeRelaxation(self, (head - tail).tocsr(), progress)
@@ -164,7 +167,7 @@ class LongWaves(Compatibility):
 
     @property
     def _relaxation(self) -> SparseRelaxation | IterativeRelaxation | None:
-        """The relaxation of many inner motions; None where matrices are dense."""
+        """The relaxation of the inner motions by sparse matrices; None if matrices are dense."""
         return self._sparse if self._uses_sparse_matrices else None
 
     @property
@@ -175,23 +178,23 @@ class LongWaves(Compatibility):
         return len(self.motions.translations) * self.periods
 
     def _select_inner(self, columns: Array) -> Array:
-        """Return the columns (n_rows, n_inner) of inner motions, from all columns (kinds, n_c,
-        n_branches).
+        """Return the columns (n_rows, n_inner) of the inner motions from those of all motions of
+        the frame, (kinds, n_c, n_branches), of which the shifts of all balls come first.
         """
         return columns.reshape(-1, self.n_branches)[:, len(self.motions.translations) :]
 
     @cached_property
     def _strain_rows(self) -> tuple[Array, Array]:
-        """:meth:`_deform_uniformly` of K^1/2 C."""
+        """What :meth:`_deform_uniformly` returns for the rows of K^1/2 C."""
         return self._deform_uniformly(*self._weight_rows())
 
     @cached_property
     def _inner_sizes(self) -> Array:
-        """(n_inner,) lengths that the columns of inner motions would have if nothing cancelled
-        between the ends of contacts.
+        """(n_inner,) lengths that the columns of inner motions would have if the two ends of
+        contacts did not cancel each other.
 
-        Gears of nearly equal balls may be almost one column, whose length is a small difference.
-        Divided by this length, the column would have large rounding, and gears a large energy.
+        The column of gears of nearly equal balls is a small difference of both ends. Divided by its
+        own length it would be made of rounding, and gears would have a large energy.
         """
         difference, total = self._find_inner_ends(*self._weight_rows())
         return np.asarray(np.linalg.norm(np.hypot(difference, total), axis=0))
@@ -199,9 +202,8 @@ class LongWaves(Compatibility):
     @cached_property
     def _inner_modes(self) -> tuple[Array, Array]:
         """An orthonormal basis (n_rows, n_stiff) of the deformations that inner motions can make,
-        and the inner motions (n_inner, n_free) that deform no contact.
-
-        Inner motions are rotations, and the shifts of several balls in the cell.
+        and independent inner motions (n_inner, n_free) that deform no contact. Inner motions are
+        rotations of balls, and displacements of balls of the cell against each other.
         """
         _, inner = self._strain_rows
         count = inner.shape[1]
@@ -219,8 +221,8 @@ class LongWaves(Compatibility):
 
     @cached_property
     def _free(self) -> Array:
-        """(n_inner, n_free) orthonormal inner motions that deform no contact; Cholesky's factors
-        tell if there are none.
+        """(n_inner, n_free) orthonormal inner motions, rotations and displacements of balls against
+        each other, that deform no contact. In large cells they are :attr:`SparseRelaxation.free`.
         """
         if self._relaxation is not None:
             return self._relaxation.free
@@ -233,8 +235,9 @@ class LongWaves(Compatibility):
 
     @cached_property
     def _touching(self) -> Self:
-        """The lattice as overlaps vanish, as far as it tells which inner motions are free: each
-        ball whose lever arms differ by no more than overlaps explain has one lever arm.
+        """The lattice in the limit of vanishing overlaps, by which free inner motions are
+        recognised: each ball whose lever arms differ by no more than overlaps explain has their
+        mean as its only lever arm, and no static forces act.
 
         It is this lattice itself if there is no such ball.
         """
@@ -243,7 +246,7 @@ class LongWaves(Compatibility):
         balls = np.concatenate([table.i[between], table.j[between]])
         arms = np.concatenate([table.arm_i[between], table.arm_j[between]])
         mean = np.bincount(balls, arms) / np.maximum(np.bincount(balls), 1)
-        deviation = np.zeros(len(mean))  # the largest of each ball
+        deviation = np.zeros(len(mean))  # largest deviation from the mean, of each ball
         np.maximum.at(deviation, balls, np.abs(arms - mean[balls]))
         is_evened = (deviation > _ROUNDED_ARM * mean) & (deviation <= _UNEVEN_ARM * mean)
         if not np.any(is_evened):
@@ -268,17 +271,19 @@ class LongWaves(Compatibility):
         )
 
     def _find_relaxing(self, push: Array | None = None) -> Array:
-        """Return an orthonormal basis (n_inner, n) of the inner motions that relax in a long wave.
+        """Return an orthonormal basis (n_inner, n) of the inner motions that relax in a long wave:
+        all that are perpendicular to those that stay behind.
 
-        Inner motions that stay behind deform no contact of the :attr:`_touching` lattice, and
-        static forces do not act on them: their energy under static forces is the form ``push``
-        (n_inner, n_inner). Inner motions are in mass-weighted coordinates, so that the two kinds
-        are not coupled by inertia.
+        An inner motion stays behind if it deforms no contact of the :attr:`_touching` lattice, and
+        if static forces do not act on it. ``push`` (n_inner, n_inner) is the form of the energy
+        under static forces, if there are any. Inner motions are mass-weighted, so that inertia does
+        not couple the two kinds.
         """
         n_shifts = len(self.motions.translations)
         idle = self._touching._free
         if self._touching._uses_sparse_matrices:
-            # from motions of balls to those of the frame, of which the first are shifts of all
+            # motions of balls become motions of the frame, of which the shifts of all balls, the
+            # first ones, are left out
             in_frame = self._frame.T @ idle.reshape(self.n_balls, -1)
             idle = in_frame.reshape(idle.shape)[n_shifts:]
         if push is not None and idle.size:
@@ -305,8 +310,8 @@ class LongWaves(Compatibility):
         return basis
 
     def _relax(self, rows: Array) -> Array:
-        """Return the part of deformations (n_rows, ...) that remains once the inner motions have
-        relaxed.
+        """Return the part of the deformations ``rows`` (n_rows, ...) that remains once the inner
+        motions have relaxed.
         """
         if self._relaxation is not None:
             return self._relaxation.relax(rows)
@@ -319,8 +324,8 @@ class LongWaves(Compatibility):
         """(n_rows, n_u p) deformations under each displacement gradient, with the inner motions
         relaxed.
 
-        A gradient of a displacement across the periods is a rotation of the whole lattice, which
-        deforms no contact once the balls turn along: its column is exactly zero.
+        A gradient of a displacement across the periods is a rotation of the whole lattice. It
+        deforms no contact once the balls turn along, and its column is set to exactly zero.
         """
         affine, _ = self._strain_rows
         relaxed = self._relax(affine)
@@ -329,10 +334,11 @@ class LongWaves(Compatibility):
 
     @cached_property
     def _sound_rows(self) -> Array:
-        """:attr:`_relaxed_rows`, or of a large cell a few rows (n_u p, n_u p) with the same lengths
-        and products of columns.
+        """:attr:`_relaxed_rows`; for a large cell only n_u p rows, (n_u p, n_u p), whose columns
+        have the same lengths and products.
 
-        Products of very long columns are rounded too much to be made orthogonal by rotations.
+        The rounding of products of very long columns would keep plane rotations from making the
+        columns orthogonal.
         """
         relaxed = self._relaxed_rows
         if not self._uses_sparse_matrices:
@@ -342,7 +348,7 @@ class LongWaves(Compatibility):
     @property
     def _is_across(self) -> NDArray[np.bool_]:
         """(n_u,) whether each displacement is across the periods, so that its gradient turns the
-        whole lattice and costs nothing; none where springs to the ground resist rotations.
+        whole lattice and costs nothing; all false if springs to the ground hold the balls.
         """
         is_across = np.array(self.motions.translations) >= self.periods
         return is_across & (self.on_site is None)
@@ -352,8 +358,9 @@ class LongWaves(Compatibility):
         """Whether a uniform strain twists contacts, or makes balls roll, once the inner motions
         have relaxed.
 
-        If not, the elastic constants are the same at any torsion and bending above zero. So it is
-        in cells of one ball, and where inversion exchanges both balls, as in hcp and diamond.
+        If not, the elastic constants are the same at any torsion and bending above zero. That is so
+        in cells of one ball, and in cells of two that an inversion exchanges, as in hcp and
+        diamond.
         """
         relaxed = self._relaxed_rows
         is_turning = [row.kind in ("twist", "roll") for row in self.rows]
@@ -363,13 +370,14 @@ class LongWaves(Compatibility):
 
     @cached_property
     def _sound_mass(self) -> _SoundMass:
-        """What inner motions that cost no energy at Gamma, :attr:`_free`, do to sound.
+        """How inner motions that cost no energy at Gamma, :attr:`_free`, change sound.
 
-        In a wave, the energy of such motions is of second order in q, as that of sound is. Motions
-        that do not couple with sound to second order are separate waves; antiphase motions in a
-        cell that holds several smaller cells never couple. Motions that deform nothing to second
-        order stay behind, as a ball that touches no other: the part that they have of the shift of
-        all balls is missing from the mass.
+        In a wave the energy of such motions is of second order in q, as that of sound is. There are
+        three kinds. Motions that do not couple with sound to second order are waves of their own,
+        such as antiphase motions in a cell that contains several smaller cells. Motions that deform
+        nothing to second order stay behind, such as a ball that touches no other; their part in
+        the shifts of all balls is missing from the mass that sound moves. All others take part in
+        sound.
         """
         if self._touching is not self:
             return self._touching._sound_mass
@@ -382,7 +390,7 @@ class LongWaves(Compatibility):
         unrelaxed = self._deform_in_wave(free)
         waves = self._relax(unrelaxed)
         sound = self._relaxed_rows.reshape(-1, count, self.periods)
-        # a wave that relaxes altogether leaves the rounding of the unrelaxed wave
+        # a wave whose deformations relax altogether leaves the rounding of the unrelaxed ones
         rounding = _COUPLED * np.linalg.norm(sound) * np.linalg.norm(unrelaxed)
 
         def couple(waves: Array) -> bool:
@@ -394,32 +402,32 @@ class LongWaves(Compatibility):
 
         if not couple(waves):
             return all_moves
-        # sound per root of mass, as inner motions are
+        # sound as a mass-weighted motion, as inner motions are
         weighted_sound = sound.swapaxes(1, 2) / np.sqrt(self.masses.sum())
         all_waves = np.concatenate([weighted_sound, waves], axis=2)
-        # motions, as rows, that deform nothing to second order: their parts in the shifts of all
-        # balls come first, then those in the inner motions
+        # motions, as rows, that deform nothing to second order: first their amplitudes in the
+        # shifts of all balls, then those in the inner motions
         idle = _find_null(all_waves.reshape(-1, count + free.shape[1]))
         idle_shifts = idle[:, :count]
         idle_inner = idle[:, count:]
-        # inner motions without a part in idle ones
+        # the waves of inner motions that are perpendicular to those that stay behind
         deforming = waves @ _find_null(idle_inner, 1.0).T
         mass = np.eye(count) - idle_shifts.T @ idle_shifts
         moved = np.where(np.abs(mass) > _COUPLED, mass, 0.0)
         return _SoundMass(couples=couple(deforming), moved=moved, idle=idle)
 
     def _deform_in_wave(self, free: Array) -> Array:
-        """Return the deformations (n_rows, p, n_free), per component of q and over i, of inner
-        motions ``free`` (n_inner, n_free) that deform no contact at q = 0.
+        """Return the derivatives (n_rows, p, n_free), divided by i, of the deformations with
+        respect to q at q = 0, of inner motions ``free`` (n_inner, n_free) that deform no contact
+        there.
 
-        To first order in q the deformations of both sound and inner motions are i times real
-        numbers.
+        To first order in q the deformations in sound and in inner motions are i times real numbers.
         """
         rows, root = self._weight_rows()
         difference, total = self._find_inner_ends(rows, root)
         half = 0.5 * np.tile(self.contacts.vector[:, : self.periods], (len(rows), 1))
-        # a motion that deforms nothing at any q, such as the spin of a ball between two others, is
-        # left with rounding alone
+        # the effects of a motion that deforms nothing at any q, such as the spin of a ball between
+        # two others, are rounding alone
         effects = abs(difference) + abs(total)
         size = np.sqrt(np.asarray((effects * effects).sum(axis=1)))[:, None]
         change = total @ free
@@ -427,10 +435,9 @@ class LongWaves(Compatibility):
         return np.asarray(half[:, :, None] * np.where(is_rounding, 0.0, change)[:, None, :])
 
     def require_rigid(self) -> None:
-        """Raise :class:`~granphon.base.errors.MechanismError` if the lattice is a
-        :attr:`mechanism`.
-
-        Raises :class:`~granphon.base.errors.InputError` if bodies that do not move hold the balls.
+        """Raise :class:`~granphon.base.errors.MechanismError` if the lattice has a
+        :attr:`mechanism`, and :class:`~granphon.base.errors.InputError` if bodies that do not move,
+        or springs to the ground, hold the balls.
         """
         if self.is_held:
             raise InputError(
@@ -446,13 +453,13 @@ class LongWaves(Compatibility):
 
     @cached_property
     def mechanism(self) -> str:
-        """The motion that costs no energy and that long waves meet, in words; empty if there is
+        """Words for a motion that costs no energy and takes part in long waves; empty if there is
         none.
 
         Such a motion is a uniform strain along the periods, or a motion inside the cell that
-        couples with sound. A motion that does not couple, such as balls turning in opposite senses
-        in a cell that holds several smaller cells, belongs to another wave vector of the smaller
-        cell.
+        couples with sound. A motion that does not couple, such as balls that turn in opposite
+        senses in a cell that contains several smaller cells, belongs to another wave vector of the
+        smaller cell.
         """
         if self._touching is not self:
             return self._touching.mechanism
@@ -474,10 +481,10 @@ class LongWaves(Compatibility):
 
     @cached_property
     def _strains(self) -> Array:
-        """(n_u p, n_strains) matrix to displacement gradients from the strains xx, yy, xy sqrt 2,
+        """(n_u p, n_strains) displacement gradients, as columns, of the strains xx, yy, xy sqrt 2,
         ... along the periods.
 
-        There are none where the motions lack a displacement along a period.
+        There are no strains, (n_u p, 0), if balls do not move along some period.
         """
         if not set(range(self.periods)) <= set(self.motions.translations):
             return np.zeros((self._n_gradients, 0))
@@ -493,19 +500,21 @@ class LongWaves(Compatibility):
 
     def gradient_stiffness(self, prestress: ArrayLike | None = None) -> Array:
         """Return the second derivative of a cell's energy with respect to the displacement
-        gradient, inner motions relaxed.
+        gradient, with the inner motions relaxed.
 
         Parameters
         ----------
         prestress : (...) compressive force over spacing, k, the same in every contact; by default
-            the lattice's own.
+            the forces of the lattice itself.
 
         Returns
         -------
-        (..., n_u, p, n_u, p), indices i, j, k, l of d2E / d(u_i,j) d(u_k,l), in units of k d^2.
+        (..., n_u, p, n_u, p), d2E / d(u_i,j) d(u_k,l) with the indices i, j, k, l, in units of k
+        d^2.
 
-        Raises :class:`~granphon.base.errors.InstabilityError` if prestress makes an inner motion
-        unstable that the gradient moves.
+        Raises
+        ------
+        InstabilityError : static forces make an inner motion unstable that a gradient moves.
         """
         n_u = len(self.motions.translations)
         p = self.periods
@@ -514,7 +523,7 @@ class LongWaves(Compatibility):
             relaxed = self._relaxed_rows
             return (relaxed.T @ relaxed).reshape(shape)
         if prestress is not None and self._uses_sparse_matrices and np.ndim(prestress):
-            # sparse factors are of one load
+            # sparse factors belong to one load
             return np.stack([self.gradient_stiffness(load) for load in np.asarray(prestress)])
         load, push_forms = self._find_load(prestress)
         *energy_forms, stress = push_forms
@@ -525,8 +534,8 @@ class LongWaves(Compatibility):
             relaxed_form = self._eliminate(*forms, self._find_relaxing(energy_forms[2]))
         stiffness = np.asarray(relaxed_form.reshape(*relaxed_form.shape[:-2], *shape))
         is_across = self._is_across
-        # a gradient of displacements across the periods costs the work of the static stress,
-        # nothing else
+        # a gradient of displacements across the periods turns the whole lattice, and costs the work
+        # of the static stress alone
         if is_across.any() and not self.has_tangential_force:
             stiffness[..., is_across, :, :, :] = 0.0
             stiffness[..., :, :, is_across, :] = 0.0
@@ -535,8 +544,11 @@ class LongWaves(Compatibility):
         return stiffness
 
     def _combine_forms(self, load: Any, push_forms: Sequence[Any]) -> tuple[Any, Any, Any]:
-        """Return the energy forms of two gradients, of an inner motion and a gradient, and of two
-        inner motions: those of the springs less the ``load`` times the ``push_forms``.
+        """Return the forms of :attr:`_spring_forms` less ``load`` times the ``push_forms``: the
+        energy forms of two gradients (..., m, m), of an inner motion and a gradient
+        (..., n_inner, m), and of two inner motions (..., n_inner, n_inner), of m = n_u p gradients.
+
+        ``load`` and ``push_forms`` are those of :meth:`_find_load`.
         """
         gradients, mixed, inner = (
             spring - load * push
@@ -545,8 +557,8 @@ class LongWaves(Compatibility):
         return gradients, mixed, inner
 
     def _eliminate(self, form: Array, mixed: Array, block: Array, relaxing: Array) -> Array:
-        """Return energy forms ``form`` (..., m, m) of gradients less the energy that the
-        ``relaxing`` inner motions (n_inner, n) save.
+        """Return the energy forms ``form`` (..., m, m) of gradients, less what the ``relaxing``
+        inner motions (n_inner, n) save.
 
         ``mixed`` (..., n_inner, m) are the forms of an inner motion and a gradient, and ``block``
         (..., n_inner, n_inner) those of two inner motions.
@@ -559,9 +571,13 @@ class LongWaves(Compatibility):
     def _find_pulls(
         self, form: Array, mixed: Array, block: Array, relaxing: Array
     ) -> tuple[Array, Array, Array]:
-        """Return the inner motions (..., n_inner, n) that are not coupled with each other, the
-        pulls (..., n, m) of gradients on them, and the inverse (..., n) of their energies, zero of
-        motions that cost none; the arguments are those of :meth:`_eliminate`.
+        """Return combinations (..., n_inner, n) of the ``relaxing`` inner motions that are not
+        coupled with each other, the forces (..., n, m) with which gradients pull on them, and the
+        inverse (..., n) of their energies, zero for motions that cost none.
+
+        The arguments are those of :meth:`_eliminate`. Raises
+        :class:`~granphon.base.errors.InstabilityError` if a gradient moves an inner motion of
+        negative energy.
         """
         energies, vectors = np.linalg.eigh(relaxing.T @ block @ relaxing)
         pull = vectors.swapaxes(-1, -2) @ relaxing.T @ mixed
@@ -571,8 +587,8 @@ class LongWaves(Compatibility):
         is_moved = np.max(np.abs(pull), axis=-1) > _SOFT * largest_pull
         motions = relaxing @ vectors
         self._require_stable_cell(energies, is_moved, motions)
-        # D lacks the part of static forces without a potential, so that energies a little below
-        # zero count as zero
+        # energies a little below zero are zero: D lacks the part of static forces that has no
+        # potential
         lowest = -max(NO_ENERGY, self.slack) * highest
         is_zero = (energies <= NO_ENERGY * highest) & (energies >= lowest)
         inverse = np.divide(1.0, energies, out=np.zeros_like(energies), where=~is_zero)
@@ -585,8 +601,8 @@ class LongWaves(Compatibility):
         of negative energy.
 
         ``energies`` (..., n) are those of ``vectors`` (..., n_inner, n), and ``is_moved``
-        (..., n) says whether a gradient moves them. A motion that none moves belongs to another
-        wave vector of a smaller cell, or is a wave of its own, whose frequency the bands have.
+        (..., n) says whether a gradient moves them. A motion that no gradient moves belongs to
+        another wave vector of a smaller cell, or is a wave of its own, which the bands show.
         """
         rounding = max(NO_ENERGY, self.slack) * np.max(np.abs(energies), axis=-1, keepdims=True)
         is_unstable = is_moved & (energies < -rounding)
@@ -601,11 +617,11 @@ class LongWaves(Compatibility):
         raise self.explain_buckling(where, motion[:, self.motions.translating].T)
 
     def _find_load(self, prestress: ArrayLike | None) -> tuple[Any, tuple[Array, ...]]:
-        """Return a factor, a number or (..., 1, 1), and the forms that the factor multiplies: those
-        of :meth:`_compute_push_forms`, and the sum (p, p) of f r r/a over the contacts.
+        """Return a load, a number or (..., 1, 1), and the four forms that the load multiplies:
+        those of :meth:`_compute_push_forms`, and the sum (p, p) of f r r/a over the contacts.
 
-        ``prestress`` is as for :meth:`gradient_stiffness`: for the lattice's own the factor is 1,
-        and tangential forces add to the sum.
+        ``prestress`` is that of :meth:`gradient_stiffness`. If it is None, the load is 1, and the
+        forms are those of the lattice's own forces f; tangential forces then add to the sum.
         """
         if prestress is None:
             rows, root = self._weight_rows(prestress=True)
@@ -618,27 +634,30 @@ class LongWaves(Compatibility):
             return 1.0, (*forms, stress)
         loads = real_array("prestress", prestress)
         factor = loads[..., None, None] if loads.ndim else float(loads)
-        return factor, self._even_push_forms
+        return factor, self._uniform_push_forms
 
     @cached_property
     def _spring_forms(self) -> tuple[Array, Array, Array]:
-        """Energy of the springs as forms of two gradients, of an inner motion and a gradient, and
-        of two inner motions.
+        """Energy of the springs as three forms: of two gradients (m, m), of an inner motion and a
+        gradient (n_inner, m), and of two inner motions (n_inner, n_inner), of m = n_u p gradients.
         """
         affine, inner = self._strain_rows
         return affine.T @ affine, inner.T @ affine, inner.T @ inner
 
     @cached_property
-    def _even_push_forms(self) -> tuple[Array, ...]:
-        """The forms of :meth:`_find_load` of the same force over spacing, 1, in all contacts."""
+    def _uniform_push_forms(self) -> tuple[Array, ...]:
+        """Energies that a force over spacing of 1 in all contacts contributes, as four forms: of
+        two gradients (m, m), of an inner motion and a gradient (n_inner, m), of two inner motions
+        (n_inner, n_inner), and the sum (p, p) of r r over the contacts; m = n_u p.
+        """
         push = push_rows(self.contacts.normal, self.motions)
         vector = self.contacts.vector[:, : self.periods]
         forms = self._compute_push_forms(push, np.ones((len(push), len(self.contacts))))
         return (*forms, vector.T @ vector)
 
     def _compute_push_forms(self, rows: list[Row], load: Array) -> tuple[Array, ...]:
-        """Return the energy, as the forms of :attr:`_spring_forms`, of ``rows`` on which static
-        forces act, weighted by ``load`` (kinds, n_c).
+        """Return three forms, as those of :attr:`_spring_forms`, of the energy of ``rows`` on which
+        static forces act, each weighted by its ``load`` (kinds, n_c).
         """
         affine, inner = self._deform_uniformly(rows, np.ones(load.shape))
         weight = load.reshape(-1, 1)
@@ -647,8 +666,9 @@ class LongWaves(Compatibility):
     # -- derivatives -------------------------------------------------------------------------------
 
     def _list_in_balls(self, inner: Array) -> Array:
-        """Return the motions u and w (n_balls, motions, m) of balls in inner motions (n_inner, m),
-        or, in a cell of many balls, in those of all balls.
+        """Return the motions u and w (n_balls, motions, m) of balls from mass-weighted amplitudes
+        ``inner`` of inner motions (n_inner, m), or in a cell of many balls of the motions of each
+        ball (n_branches, m).
         """
         m = inner.shape[1]
         if len(inner) == self.n_branches:
@@ -661,8 +681,8 @@ class LongWaves(Compatibility):
 
     @cached_property
     def gradient_motions(self) -> Array:
-        """(n_balls, motions, n_u p) motions u and w of balls that go with each displacement
-        gradient, beside the gradient itself.
+        """(n_balls, motions, n_u p) motions u and w by which the balls relax under each
+        displacement gradient, in addition to their displacements by the gradient itself.
         """
         if not self.is_prestressed:
             affine, inner = self._strain_rows
@@ -670,7 +690,8 @@ class LongWaves(Compatibility):
                 return self._list_in_balls(-self._relaxation.find_motions(affine))
             relaxing = self._find_relaxing()
             columns = inner @ relaxing
-            # scaled as if nothing cancelled, so that the columns of gears have no digits too many
+            # each column is divided by the length that it would have if nothing cancelled, so that
+            # the rounding of small columns, such as those of gears, does not count
             size = np.sqrt(self._inner_sizes**2 @ relaxing**2)
             scale = np.where(size > 0.0, size, 1.0)
             amplitudes = np.linalg.lstsq(columns / scale, affine, rcond=_SOFT)[0]
@@ -688,10 +709,11 @@ class LongWaves(Compatibility):
         """Rows of all deformations, :attr:`unit_rows`, and the deformations (rows, n_c, n_u, p) of
         contacts under each displacement gradient, with the inner motions relaxed.
 
-        The second derivative of the energy by two gradients has, by the stiffness of a contact, the
-        derivative that is the product of both deformations: the energy is least in the inner
-        motions, so that their change does not matter. For a force over the distance it is minus the
-        product of the displacements across the contact.
+        They give the derivatives of :meth:`gradient_stiffness`. Its derivative with respect to the
+        stiffness of a contact is the product of the deformations of that contact under both
+        gradients: the inner motions make the energy least, so that their change does not matter.
+        Its derivative with respect to a force over the distance is minus the product of the
+        displacements across the contact.
         """
         self.require_rigid()
         table = self.contacts
@@ -707,8 +729,8 @@ class LongWaves(Compatibility):
         stack = np.array(deformations)
         if self.has_tangential_force:
             return rows, stack
-        # a gradient of a displacement across the periods turns the whole lattice: nothing deforms,
-        # and the static stress alone does work
+        # a gradient of a displacement across the periods turns the whole lattice. No contact
+        # deforms, and the work is that of the static stress, for which a row is added
         stack[:, :, self._is_across] = 0.0
         for axis in np.flatnonzero(self._is_across) if self.is_prestressed else ():
             turned = np.zeros(shape)
@@ -719,27 +741,27 @@ class LongWaves(Compatibility):
 
     @cached_property
     def carried(self) -> Array:
-        """(n_balls, n_u, n_u) displacement of each ball in sound, as columns, for a displacement of
-        all balls by one along each axis: the unit matrix, but of balls that stay behind.
+        """(n_balls, n_u, n_u) displacements of each ball in sound, as columns, for a displacement
+        of one along each axis: the unit matrix, except for balls that stay behind.
         """
         count = len(self.motions.translations)
         unit = np.broadcast_to(np.eye(count), (self.n_balls, count, count))
         idle = self._sound_mass.idle
         if not len(idle):
             return unit
-        # the part of a displacement of all balls in the idle motions, which sound does not move:
-        # a shift of all balls, and inner motions, which are mass-weighted
+        # the projection of a displacement of all balls on the motions that stay behind: a shift of
+        # all balls, and mass-weighted inner motions
         shifts, inner = np.split(idle.T @ idle[:, :count], [count])
         stays = self._list_in_balls(self._touching._free @ inner)[:, self.motions.translating]
         return np.asarray(unit - shifts - np.sqrt(self.masses.sum()) * stays)
 
     def acoustic_tensor(self, direction: ArrayLike, prestress: ArrayLike | None = None) -> Array:
-        """Return the acoustic tensor A(q^), (..., n_u, n_u), k d^2/M: the small-q limit of D/q^2
-        with rotations eliminated.
+        """Return the acoustic tensor (..., n_u, n_u), k d^2/M: the limit of D/q^2 for small q along
+        a ``direction``, with the inner motions relaxed. Its eigenvalues are the squares of the
+        sound velocities.
 
-        Its eigenvalues are the squared sound velocities. ``direction`` is (p,), or (n, p) for an
-        axis of directions after the axes of ``prestress``, which is as in
-        :meth:`gradient_stiffness`.
+        ``direction`` is (p,), or (n, p), with the result (..., n, n_u, n_u). ``prestress`` (...) is
+        that of :meth:`gradient_stiffness`.
         """
         along = as_direction(direction, self.periods)
         directions = along.reshape(-1, self.periods)
@@ -758,21 +780,21 @@ class LongWaves(Compatibility):
         Returns
         -------
         velocities : (..., n_u), d (k/M)^1/2; (..., n, n_u) for directions (n, p).
-        polarisations : (..., n_u, n_u), or (..., n, n_u, n_u), unit vectors as columns. Where three
-            displacements have two equal velocities, the first vector of the pair is along the
-            direction as far as the pair has such a part, else along the first of the axes x, y, z
-            that are farthest from the third vector.
+        polarisations : (..., n_u, n_u), or (..., n, n_u, n_u), unit vectors as columns. If two of
+            three velocities are equal, the first vector of the pair is as near to the direction as
+            can be. If the direction is perpendicular to the pair, the first vector is as near as
+            can be to the axis x, y or z that is farthest from the third vector.
 
         Raises
         ------
-        InputError : bodies that do not move hold the balls.
-        MechanismError : the lattice is a :attr:`mechanism`.
+        InputError : bodies that do not move, or springs to the ground, hold the balls.
+        MechanismError : the lattice has a :attr:`mechanism`.
         InstabilityError : the prestress makes a squared velocity negative.
         """
         self.require_rigid()
         along = as_direction(direction, self.periods)
         if prestress is None and not self.is_prestressed:
-            if along.size > _FEW_NUMBERS:
+            if along.size > _FEW_COMPONENTS:
                 return self._compute_waves(along)
             # every load of every state needs the same few directions
             return self._waves_along(along.shape, tuple(along.ravel().tolist()))
@@ -784,8 +806,11 @@ class LongWaves(Compatibility):
         return decompose_waves(along, factor, self.motions.translations)
 
     def _explain_unstable_sound(self, along: Array, tensor: Array) -> InstabilityError:
-        """Return the error of a lattice whose acoustic ``tensor`` (..., n_u, n_u), or
-        (..., n, n_u, n_u) of directions ``along`` (n, p), has an eigenvalue below zero.
+        """Return the error of a lattice whose acoustic ``tensor`` has an eigenvalue below zero; it
+        names the direction of the lowest.
+
+        ``tensor`` is (..., n_u, n_u) for a direction ``along`` (p,), or (..., n, n_u, n_u) for n
+        directions (n, p).
         """
         squared, vectors = np.linalg.eigh(tensor)
         worst = np.unravel_index(np.argmin(squared[..., 0]), squared.shape[:-1])
@@ -798,18 +823,21 @@ class LongWaves(Compatibility):
     def _waves_along(
         self, shape: tuple[int, ...], numbers: tuple[float, ...]
     ) -> tuple[Array, Array]:
-        """Return :meth:`sound_velocities` along a few unit vectors, without prestress, read-only.
+        """Return what :meth:`sound_velocities` returns, as read-only arrays, for a few directions
+        without prestress; the results are cached.
 
-        The components ``numbers`` and the ``shape`` of the vectors, (p,) or (n, p), are the key of
-        the cache.
+        The directions are unit vectors of this ``shape``, (p,) or (n, p), with the components
+        ``numbers``, which are the key of the cache.
         """
         velocities, polarisations = self._compute_waves(np.reshape(numbers, shape))
         return read_only(velocities), read_only(polarisations)
 
     def _compute_waves(self, along: Array) -> tuple[Array, Array]:
-        """Return velocities (..., b), ascending, and polarisations of sound in the directions
-        ``along`` (..., p), from the deformations that sound makes over the root of its mass.
+        """Return the velocities (..., n_u), d (k/M)^1/2, and polarisations (..., n_u, n_u) of sound
+        without prestress, in the order of :attr:`wave_names`, along unit vectors ``along``
+        (..., p).
         """
+        # the squared velocities are those of the deformations of sound, over its mass
         rows = self._sound_rows.reshape(-1, len(self.motions.translations), self.periods)
         factor = np.einsum("rij,...j->...ri", rows, along) @ self._per_mass
         factor = factor / np.sqrt(self.masses.sum())
@@ -817,7 +845,7 @@ class LongWaves(Compatibility):
 
     @property
     def loose_warnings(self) -> tuple[str, ...]:
-        """A sentence about balls that sound leaves behind, or none."""
+        """One sentence about balls that sound leaves behind; empty if there are none."""
         count = len(self.motions.translations)
         missing = count - float(np.trace(self._sound_mass.moved))
         if missing <= _COUPLED:
@@ -829,8 +857,8 @@ class LongWaves(Compatibility):
 
     @cached_property
     def _per_mass(self) -> Array:
-        """(n_u, n_u) the root of all mass over that which sound moves; zero along displacements
-        that move none of it.
+        """(n_u, n_u) square root of all mass over the mass that sound moves; zero along
+        displacements that move no mass.
         """
         mass_parts, vectors = np.linalg.eigh(self._sound_mass.moved)
         inverse = np.zeros_like(mass_parts)
@@ -848,29 +876,31 @@ class LongWaves(Compatibility):
 
     @property
     def runs_twist(self) -> bool:
-        """Whether balls of a straight chain turn about it, so that a twist runs along it where
-        contacts resist torsion, and no spring to the ground holds it.
+        """Whether a wave of twist runs along the lattice, if contacts resist torsion: the lattice
+        is a straight chain whose balls turn about it, without springs to the ground.
         """
         turns_about_line = self.periods == 1 and 0 in self.motions.rotations
         is_straight = not np.any(self.contacts.normal[:, 1:])
         return turns_about_line and is_straight and self.on_site is None
 
     def elastic_tensor(self, prestress: ArrayLike | None = None) -> Array:
-        """Return the stiffness, change of stress over strain, in units of k d^(2-p); (..., 3, 3) in
-        the plane.
+        """Return the elastic tensor (..., n, n), the change of stress over strain, in units of k
+        d^(2-p).
 
-        Its rows and columns are in Voigt order: xx, yy, xy in the plane; xx, yy, zz, yz, xz, xy in
-        space, (..., 6, 6); xx on a line, (..., 1, 1).
+        Rows and columns are in Voigt order: xx, yy, xy in the plane (n = 3), xx, yy, zz, yz, xz, xy
+        in space (n = 6), and xx on a line (n = 1).
 
-        Under prestress these are the coefficients between Cauchy stress and strain (F. Birch, Phys.
-        Rev. 71, 809, 1947; D. C. Wallace, Thermodynamics of Crystals, 1972), so that K and rho v^2
-        keep their usual relation (equation 16).
+        Under ``prestress`` (...), that of :meth:`gradient_stiffness`, the entries are the
+        coefficients between Cauchy stress and strain (F. Birch, Phys. Rev. 71, 809, 1947; D. C.
+        Wallace, Thermodynamics of Crystals, 1972), so that K and rho v^2 keep their usual relation
+        (equation 16 of Velicky and Caroli, 2002).
 
-        Raises :class:`~granphon.base.errors.InputError` if balls do not move along the periods,
-        touch bodies that do not move, or hang on springs to the ground,
-        :class:`~granphon.base.errors.MechanismError` if the lattice
-        is a :attr:`mechanism`, and :class:`~granphon.base.errors.InstabilityError` if prestress
-        leaves a strain that the stiffness does not resist.
+        Raises
+        ------
+        InputError : balls do not move along the periods, touch bodies that do not move, or are held
+            by springs to the ground.
+        MechanismError : the lattice has a :attr:`mechanism`.
+        InstabilityError : under prestress some strain has a modulus below zero.
         """
         self.require_rigid()
         has_no_prestress = prestress is None and not self.is_prestressed
@@ -880,13 +910,15 @@ class LongWaves(Compatibility):
 
     @cached_property
     def _unstressed_tensor(self) -> Array:
-        """:meth:`elastic_tensor` without prestress, which every load of every state asks for;
-        read-only.
+        """What :meth:`elastic_tensor` returns without prestress, read-only; it is kept because
+        every load of every state asks for it.
         """
         return read_only(self._find_elasticity(None))
 
     def _find_elasticity(self, prestress: ArrayLike | None) -> Array:
-        """Return :meth:`elastic_tensor` (..., n, n) of a lattice that is no mechanism."""
+        """Return what :meth:`elastic_tensor` returns, (..., n, n), for a lattice without mechanism;
+        with the same errors, except for mechanisms and bodies that do not move.
+        """
         p = self.periods
         axes = self.motions.translations
         if not set(range(p)) <= set(axes):
@@ -917,14 +949,16 @@ class LongWaves(Compatibility):
 
     @property
     def has_symmetric_stress(self) -> bool:
-        """Whether a turn of the whole costs nothing: no spring to the ground resists rotations of
-        the balls of a plane or of space.
+        """Whether a rotation of the whole lattice costs nothing, so that stress is symmetric: there
+        are no springs to the ground, or the lattice has one period.
         """
         return self.on_site is None or self.periods == 1
 
     @cached_property
     def is_isotropic(self) -> bool:
-        """Whether the elastic tensor is the same in all directions; False if there is none."""
+        """Whether the elastic tensor is the same in all directions; False if springs to the ground
+        make stress asymmetric. Raises what :meth:`elastic_tensor` raises.
+        """
         if not self.has_symmetric_stress:
             return False
         c = self.elastic_tensor()
@@ -939,12 +973,13 @@ class LongWaves(Compatibility):
         return bool(largest_difference <= _ISOTROPIC * c[0, 0])
 
     def optical_branch(self, direction: ArrayLike = (1.0, 0.0)) -> tuple[float, float]:
-        """Return omega_0^2, k/M, and c, d^2, of the long-wave rotational branch omega^2 = omega_0^2
-        (1 - c q^2), for one ball in the cell.
+        """Return omega_0^2, k/M, and c, d^2, of the rotational branch omega^2 = omega_0^2 (1 - c
+        q^2) of long waves, for one ball in the cell.
 
         ``direction`` is a vector (p,) of any length. On the triangular lattice omega_0^2 = 30 eta
-        k/M and c = d^2/10; equation (15) prints d^2/20 (see the errata). Raises
-        :class:`~granphon.base.errors.InputError` if a cell has more than one rotation, or none.
+        k/M and c = d^2/10; equation (15) of Velicky and Caroli (2002) prints d^2/20 (see the
+        errata). Raises :class:`~granphon.base.errors.InputError` if a cell has more than one
+        rotation, or none.
         """
         if self.n_balls != 1 or len(self.motions.rotations) != 1:
             raise InputError(
@@ -953,12 +988,12 @@ class LongWaves(Compatibility):
         ahead = self.contacts.vector[:, : self.periods] @ one_direction(direction, self.periods)
         rows, root = self._weight_rows()
         difference, total = self._combine_ends(rows, root)
-        # effect on the contacts of the rotation (times cos of the half angle) and of the
-        # displacements (times sin)
+        # in the deformations of contacts the rotation is multiplied by the cosine of the half
+        # angle, and the displacements by the sine
         turn = difference[..., self.motions.turning]
         shift = total[..., self.motions.translating]
         squared = float(np.sum(turn**2))
-        # the cosine falls with the square of the half angle
+        # the square of the cosine falls by the square of the half angle
         narrowing = float(np.sum(turn**2 * ahead[:, None] ** 2)) / 4.0
         # coupling with the displacements, which lowers the branch at second order
         coupling = 0.5 * np.sum(turn * shift * ahead[:, None], axis=(0, 1))
@@ -968,9 +1003,9 @@ class LongWaves(Compatibility):
 
 def _find_null(matrix: Array, size: float = 0.0) -> Array:
     """Return an orthonormal basis (k, n), as rows, of the vectors that a ``matrix`` (m, n) takes to
-    zero, but for rounding of its largest singular value, or of ``size`` if this is larger.
+    zero. Rounding is in proportion to its largest singular value, or to ``size`` if that is larger.
     """
-    # with fewer rows than columns some vectors are free: add a row of zeros for each missing row
+    # rows of zeros make n singular values also if there are fewer rows than columns
     lacking = max(0, matrix.shape[1] - len(matrix))
     padded = np.pad(matrix, ((0, lacking), (0, 0)))
     _, singular_values, right_vectors = np.linalg.svd(padded, full_matrices=False)
@@ -979,14 +1014,15 @@ def _find_null(matrix: Array, size: float = 0.0) -> Array:
 
 
 def _split_columns(columns: Array, size: Array) -> tuple[Array, Array, Array]:
-    """Return an orthonormal basis (m, rank) of columns (m, n), an orthonormal basis (n, n - rank)
-    of the vectors that take the scaled columns to zero, and the scale (n,).
+    """Return an orthonormal basis (m, rank) of the space of ``columns`` (m, n), an orthonormal
+    basis (n, n - rank) of the combinations of the scaled columns that are zero, and the scale (n,)
+    of each column.
 
-    The scaled columns are the columns over their scale. The lengths ``size`` (n,) are those that
-    the columns would have if nothing cancelled in them.
+    A column is divided by its scale, the length ``size`` (n,) that it would have if nothing
+    cancelled in it, or one if it is zero.
     """
     scale = np.where(np.any(columns != 0.0, axis=0), size, 1.0)
-    # with fewer rows than columns some vectors are free: add a row of zeros for each missing row
+    # rows of zeros make n singular values also if there are fewer rows than columns
     lacking = max(0, columns.shape[1] - len(columns))
     padded = np.pad(columns / scale, ((0, lacking), (0, 0)))
     basis, singular_values, right_vectors = np.linalg.svd(padded, full_matrices=False)

@@ -1,13 +1,14 @@
-"""The lowest eigenvalues of a large sparse Hermitian matrix, by a block of vectors.
+"""The lowest eigenvalues of a large sparse Hermitian matrix, by a block of vectors (LOBPCG).
 
-In each turn the block X is joined by its preconditioned residuals W and by the last change P of the
-block; of the space of all three the lowest Ritz vectors are the next block (A. V. Knyazev, SIAM J.
-Sci. Comput. 23, 517, 2001). The basis is orthonormal in each turn, so that no digit is lost where
-vectors have converged. The block has more vectors than are requested: the last ones converge late.
+In each iteration the space of the block X is extended by its preconditioned residuals W and by the
+last change P of the block. The lowest Ritz vectors of this space are the next block (A. V. Knyazev,
+SIAM J. Sci. Comput. 23, 517, 2001). The basis of the space is orthonormal in each iteration, so
+that no digit is lost when vectors have converged. The block has more vectors than are requested,
+because its last vectors converge late.
 
-Each eigenvector has a share in a random vector. So in the end fresh random vectors, kept free of
-those that were found, are followed down until they settle: above the last eigenvalue, or below,
-where one was missing.
+The block may have missed an eigenvector. A random vector contains each eigenvector. So in the end
+fresh random vectors, perpendicular to those that were found, are iterated until the lowest Ritz
+value settles: above the last eigenvalue, or below, if an eigenvector was missing.
 """
 
 from __future__ import annotations
@@ -24,25 +25,31 @@ from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
 from granphon.base.progress import Progress, silent
 
-#: vectors of the block beyond those that are requested: at least, and over the requested ones
+#: least number of vectors of the block beyond those that are requested
 SPARE = 8
+#: number of vectors of the block beyond those that are requested, over the requested ones
 _SPARE_SHARE = 0.4
-#: most turns; packings of 1e5 balls take some fifty
+#: largest number of iterations; packings of 1e5 balls take some fifty
 _MOST = 500
-#: fresh random vectors
+#: number of fresh random vectors by which missing eigenvectors are sought
 _FRESH = 4
-#: residual of the lowest fresh vector, over its distance from the last eigenvalue, at which it has
-#: settled
+#: residual of the lowest fresh vector, over the distance of its Ritz value from the last
+#: eigenvalue, at which the value has settled
 _SETTLED = 0.1
-#: most times that missing eigenvectors are taken up
+#: largest number of times that missing eigenvectors are sought
 _ROUNDS = 4
 #: eigenvalue of the products of vectors, over the largest, up to which they depend on each other
 _DEPENDENT = 1e-14
 
 
 class LowestModes(NamedTuple):
-    """Eigenvalues (m,), ascending, orthonormal vectors (size, m), and the norms of their residuals
-    (m,).
+    """The lowest modes of a matrix (size, size).
+
+    Attributes
+    ----------
+    values : (m,) eigenvalues, ascending.
+    vectors : (size, m) orthonormal eigenvectors, as columns.
+    residuals : (m,) norms of the residuals of the vectors.
     """
 
     values: Array
@@ -52,8 +59,14 @@ class LowestModes(NamedTuple):
 
 @dataclass
 class _Block:
-    """Orthonormal ``vectors`` X (size, m), their ``images`` A X, Ritz ``values`` (m,), ascending,
-    and the last ``change`` (size, k) of the vectors.
+    """Ritz vectors of a matrix A (size, size).
+
+    Attributes
+    ----------
+    vectors : (size, m) orthonormal Ritz vectors X, as columns.
+    images : (size, m) A X.
+    values : (m,) Ritz values, ascending.
+    change : (size, k) last change of the vectors, P.
     """
 
     vectors: NDArray[Any]
@@ -62,7 +75,7 @@ class _Block:
     change: NDArray[Any]
 
     def find_residuals(self) -> NDArray[Any]:
-        """Return A X - X values, (size, m)."""
+        """Return the residuals A X - X values, (size, m)."""
         return np.asarray(self.images - self.vectors * self.values)
 
 
@@ -72,11 +85,11 @@ def size_block(count: int) -> int:
 
 
 class LowestSearch:
-    """The search for the lowest eigenvalues of a Hermitian ``matrix``.
+    """The search for the lowest eigenvalues of a sparse Hermitian ``matrix`` (size, size).
 
-    ``precondition`` returns about the inverse of the matrix times vectors (size, m); ``known``
-    (size, k) are orthonormal eigenvectors that do not count, sparse or not. An eigenvector is found
-    when its residual is below the ``tolerance``.
+    ``precondition`` multiplies vectors (size, m) by an approximate inverse of the matrix. ``known``
+    (size, k), sparse or not, are orthonormal eigenvectors that the search leaves out. An
+    eigenvector is found when its residual is no larger than the ``tolerance``.
     """
 
     def __init__(
@@ -87,6 +100,7 @@ class LowestSearch:
         known: Any = None,
         progress: Progress = silent,
     ) -> None:
+        """Keep the arguments, and seed the random vectors, so that results can be repeated."""
         self._matrix = matrix
         self._precondition = precondition
         self._tolerance = tolerance
@@ -97,8 +111,8 @@ class LowestSearch:
     def find(self, count: int) -> LowestModes:
         """Return the ``count`` lowest eigenvalues and their vectors.
 
-        Raises :class:`~granphon.base.errors.ConvergenceError` where they are not found in 500
-        turns.
+        Raises :class:`~granphon.base.errors.ConvergenceError` if they are not found in
+        :data:`_MOST` iterations.
         """
         block = self._begin(size_block(count), None)
         for _ in range(_ROUNDS):
@@ -112,43 +126,50 @@ class LowestSearch:
         raise self._explain(count)
 
     def _draw(self, count: int) -> NDArray[Any]:
-        """Return random vectors (size, count)."""
+        """Return ``count`` random vectors (size, count), complex if the matrix is."""
         vectors = self._random.normal(size=(self._matrix.shape[0], count))
         if np.iscomplexobj(self._matrix.data):
             return vectors + 1.0j * self._random.normal(size=vectors.shape)
         return vectors
 
     def _begin(self, size: int, others: NDArray[Any] | None) -> _Block:
-        """Return a block of ``size`` random vectors, preconditioned, without ``others``."""
+        """Return a block of about ``size`` vectors: preconditioned random ones, made perpendicular
+        to the known eigenvectors and to orthonormal ``others`` (n, k).
+        """
         vectors = self._free(self._precondition(self._draw(size)), others)
         return self._make_block(_orthonormalise(vectors), size)
 
     def _make_block(self, basis: NDArray[Any], size: int) -> _Block:
-        """Return the block of the ``size`` lowest Ritz vectors of an orthonormal ``basis``."""
+        """Return the block of the ``size`` lowest Ritz vectors of the space of an orthonormal
+        ``basis`` (n, m), without a change.
+        """
         images = self._matrix @ basis
         values, turn = np.linalg.eigh(_symmetrise(basis.conj().T @ images))
         turn = turn[:, :size]
         return _Block(basis @ turn, images @ turn, values[:size], basis[:, :0])
 
     def _free(self, vectors: NDArray[Any], others: NDArray[Any] | None) -> NDArray[Any]:
-        """Return vectors (size, m) without what they have of the known eigenvectors and of
-        orthonormal ``others`` (size, k).
+        """Return the parts of ``vectors`` (size, m) that are perpendicular to the known
+        eigenvectors and to orthonormal ``others`` (size, k).
         """
         for basis in (self._known, others):
             if basis is not None and basis.shape[1]:
                 vectors = vectors - basis @ (basis.conj().T @ vectors)
         return np.asarray(vectors)
 
-    def _turn(self, block: _Block, residuals: NDArray[Any], others: NDArray[Any] | None) -> _Block:
-        """Return the next block, of the space of the block, of the ``residuals`` (size, k) of some
-        of its vectors, preconditioned, and of its last change.
+    def _iterate(
+        self, block: _Block, residuals: NDArray[Any], others: NDArray[Any] | None
+    ) -> _Block:
+        """Return the next block: the lowest Ritz vectors of the space of the vectors of the
+        ``block``, of its last change, and of the preconditioned ``residuals`` (size, k) of some of
+        its vectors, made perpendicular to ``others`` (size, l).
         """
         x = block.vectors
         m = x.shape[1]
         space = np.hstack([self._free(self._precondition(residuals), others), block.change])
-        # the lengths of residuals differ by orders: each counts alike
+        # the lengths of residuals differ by orders of magnitude; each vector counts as much
         space /= np.maximum(np.linalg.norm(space, axis=0), np.finfo(float).tiny)
-        for _ in range(2):  # twice is enough
+        for _ in range(2):  # the second time removes the rounding of the first
             space -= x @ (x.conj().T @ space)
             space = _orthonormalise(space)
         images = self._matrix @ space
@@ -157,13 +178,15 @@ class LowestSearch:
             [[np.diag(block.values), mixed], [mixed.conj().T, space.conj().T @ images]]
         )
         values, turn = np.linalg.eigh(_symmetrise(energies))
-        old, new = turn[:m, :m], turn[m:, :m]
-        change = space @ new
-        return _Block(x @ old + change, block.images @ old + images @ new, values[:m], change)
+        from_block = turn[:m, :m]
+        from_space = turn[m:, :m]
+        change = space @ from_space
+        next_images = block.images @ from_block + images @ from_space
+        return _Block(x @ from_block + change, next_images, values[:m], change)
 
     def _converge(self, block: _Block, count: int) -> _Block:
-        """Return the block when the residuals of its first ``count`` vectors are below the
-        tolerance.
+        """Return the ``block`` after as many iterations as it takes for the residuals of its first
+        ``count`` vectors to be no larger than the tolerance; tell the progress.
         """
         first = None
         reached = 0.0
@@ -180,14 +203,15 @@ class LowestSearch:
                 if gained > 0.0:
                     step.advance(gained)
                     reached += gained
-                # vectors that have converged need no more
+                # residuals of vectors that have converged by far are left out
                 is_open = sizes > 0.1 * self._tolerance
-                block = self._turn(block, residuals[:, is_open], None)
+                block = self._iterate(block, residuals[:, is_open], None)
         raise self._explain(count)
 
     def _find_missing(self, block: _Block, count: int) -> _Block | None:
-        """Return fresh vectors, kept free of those of the ``block``, the lowest of which is below
-        the last of its ``count`` eigenvalues; None if none is.
+        """Return a block of fresh vectors, perpendicular to those of the ``block``, whose lowest
+        Ritz value is below the last of the first ``count`` values of the ``block``, so that an
+        eigenvector is missing there; None if no eigenvector is missing.
         """
         highest = float(block.values[count - 1])
         fresh = self._begin(_FRESH, block.vectors)
@@ -198,11 +222,11 @@ class LowestSearch:
             residuals = fresh.find_residuals()
             if np.linalg.norm(residuals[:, 0]) <= _SETTLED * distance + self._tolerance:
                 return None
-            fresh = self._turn(fresh, residuals, block.vectors)
+            fresh = self._iterate(fresh, residuals, block.vectors)
         raise self._explain(count)
 
     def _explain(self, count: int) -> ConvergenceError:
-        """Return the error of a search without an end."""
+        """Return the error of a search that has not found ``count`` modes."""
         return ConvergenceError(
             f"the {count} lowest modes are not found in {_MOST} turns",
             "Many modes beside them may have nearly their frequency",
@@ -211,14 +235,15 @@ class LowestSearch:
 
 
 def _symmetrise(matrix: NDArray[Any]) -> NDArray[Any]:
-    """Return the Hermitian part of a matrix."""
+    """Return the Hermitian part of a ``matrix`` (n, n)."""
     return np.asarray(0.5 * (matrix + matrix.conj().T))
 
 
 def _orthonormalise(vectors: NDArray[Any]) -> NDArray[Any]:
-    """Return an orthonormal basis (size, r) of the space of vectors (size, m), by their products,
-    which take a fraction of the time of reflections; done twice it is as good.
+    """Return an orthonormal basis (size, r) of the space of ``vectors`` (size, m), from the
+    eigenvectors of their products; QR by reflections would take several times as long.
     """
+    # the second time removes the rounding of the first
     for _ in range(2):
         squares, turn = np.linalg.eigh(vectors.conj().T @ vectors)
         is_kept = squares > _DEPENDENT * squares[-1]

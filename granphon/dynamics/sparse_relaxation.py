@@ -1,14 +1,14 @@
 """The inner motions of cells of many balls, relaxed by sparse factors.
 
-Under a strain balls turn and shift until no force is left on them: the least squares of what
-remains of the deformations of all contacts. The normal equations are sparse, and factorised by
-:mod:`granphon.dynamics.fronts`. That takes half of the digits, and a correction with the
-deformations themselves gives them back (the corrected seminormal equations, A. Bjorck, Linear
-Algebra Appl. 88/89, 31, 1987).
+Under a strain, balls turn and shift until no force is left on them. That is a problem of least
+squares: the sum of the squares of the deformations of all contacts becomes least. The normal
+equations are sparse, and factorised by :mod:`granphon.dynamics.fronts`. They lose half of the
+digits, and a correction with the deformations themselves gives these back (the corrected seminormal
+equations, A. Bjorck, Linear Algebra Appl. 88/89, 31, 1987).
 
-Motions that cost nothing, or so little that the factors cannot tell, are set aside by these. They
-are few, and are told apart by the singular values of the deformations that they make once all
-others have relaxed: so they have the digits that a dense decomposition gives them.
+The factors set aside motions that cost nothing, or so little that the factors cannot tell. Such
+motions are few. Singular values of the deformations that they make, once all others have relaxed,
+tell the free motions from the soft ones, with the digits of a dense decomposition.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ NO_SQUARE = 1e-12
 #: coupling of an inner motion with strains, over its largest possible value, up to which it is
 #: rounding
 _UNCOUPLED = 1e-12
-#: corrections of a solution of the normal equations
+#: number of corrections of a solution of the normal equations
 _CORRECTIONS = 1
 
 
 def compose_ends(lattice: Compatibility, rows: list[Row], root: Array) -> tuple[Any, Any]:
-    """Return the effects of the mass-weighted motions of balls j, and of balls i, on contacts:
-    (kinds x n_c, n_branches).
+    """Return the effects on ``rows`` of the mass-weighted motions of balls j, and those of balls i,
+    as two sparse matrices (kinds * n_c, n_branches).
 
-    The rows are multiplied by ``root`` (kinds, n_c). At q = 0 the deformations are the difference
-    of both, in sparse rows.
+    The rows are multiplied by ``root`` (kinds, n_c). The difference of both matrices takes motions
+    at q = 0 to the deformations of contacts.
     """
     from scipy.sparse import coo_array
 
@@ -53,7 +53,7 @@ def compose_ends(lattice: Compatibility, rows: list[Row], root: Array) -> tuple[
         (table.j, [row.head for row in rows]),
         (table.i, [row.tail for row in rows]),
     ):
-        moving = np.flatnonzero(balls < n)  # contacts whose end is not a body that does not move
+        moving = np.flatnonzero(balls < n)  # contacts with a ball at this end that can move
         # entries (kinds, contacts, motions of a ball), with their rows and columns
         effects = root[:, moving, None] * np.asarray(coefficients)[:, moving]
         effects = effects / np.sqrt(lattice.masses[balls[moving]])[:, None]
@@ -67,12 +67,16 @@ def compose_ends(lattice: Compatibility, rows: list[Row], root: Array) -> tuple[
 
 
 class SparseRelaxation:
-    """Inner motions of the balls of a cell, which relax under the deformations of its contacts;
-    reduced units.
+    """Inner motions of the balls of a cell, which relax as the cell is strained, by sparse factors;
+    in reduced units.
 
     ``difference`` and ``total`` (n_rows, n_branches), sparse by rows, are the difference and the
     sum of the effects that the mass-weighted motions of all balls have at both ends of contacts. A
     motion costs nothing if its singular value, over the largest, is up to ``soft``.
+
+    The attribute ``free`` (n_branches, n_free) holds orthonormal motions that cost nothing. Most of
+    these move a few balls and deform nothing in a wave either; of them only their part in the
+    shifts of all balls is held. No motion of ``free`` contains a shift of all balls itself.
     """
 
     def __init__(
@@ -83,6 +87,7 @@ class SparseRelaxation:
         soft: float,
         progress: Progress = silent,
     ) -> None:
+        """Factorise the normal equations, tell the ``progress``, and find the free motions."""
         self.lattice = lattice
         with single_products():
             self._factorise(difference, soft, progress)
@@ -90,7 +95,7 @@ class SparseRelaxation:
 
     @cached_property
     def layers(self) -> list[Layer]:
-        """Layers of balls that cut the cell into halves."""
+        """Layers of balls that cut the cell into halves, halves of halves, and so on."""
         lattice = self.lattice
         p = lattice.periods
         table = lattice.contacts
@@ -103,7 +108,9 @@ class SparseRelaxation:
 
     def _factorise(self, difference: Any, soft: float, progress: Progress) -> None:
         """Factorise the normal equations of the columns of ``difference`` (n_rows, n_branches),
-        each over its length.
+        each divided by its length; set the scale of the columns, the scaled matrix and its factors.
+
+        ``soft`` is that of the class.
         """
         from scipy.sparse import diags_array
 
@@ -125,16 +132,14 @@ class SparseRelaxation:
         self._fronts = Fronts(matrix, self.layers, motions.count, progress)
 
     def _find_free(self, total: Any, soft: float) -> None:
-        """Set ``free`` (n_branches, n_free), the motions that cost nothing among those that the
-        factors have set aside, and the deformations of the others, which are soft.
+        """Set ``free``, as the class describes it, from the motions that the factors have set
+        aside, and the deformations and motions of the others of these, which are soft.
 
-        Most motions that cost nothing move a few balls, and change nothing in a wave either. Only
-        the part that these have of the shift of all balls is of interest: ``free`` holds this part,
-        and all other motions that cost nothing. ``total`` and ``soft`` are those of the class.
+        ``total`` and ``soft`` are those of the class.
         """
         from scipy.sparse import csc_array, diags_array
 
-        # motions in units of the scale of their columns, and then without
+        # the motions set aside, in units of the scale of their columns
         scaled = csc_array(self._fronts.follow())
         lengths = np.sqrt(scaled.power(2).sum(axis=0))
         limit = soft * np.sqrt(self._top)
@@ -144,7 +149,7 @@ class SparseRelaxation:
         row_lengths = np.sqrt(total.power(2).sum(axis=1))
         column_lengths = np.sqrt(motions.power(2).sum(axis=0))
         rounding = soft * row_lengths[change.row] * column_lengths[change.col]
-        # idle motions change nothing in a wave either
+        # idle motions cost nothing, and deform nothing in a wave either; all others are active
         is_idle = costs_nothing
         is_idle[change.col[np.abs(change.data) > rounding]] = False
         active = scaled[:, ~is_idle].toarray()
@@ -165,20 +170,23 @@ class SparseRelaxation:
         self.free: Array = _orthonormalise(free - shifts @ (shifts.T @ free))
 
     def relax(self, deformations: Array) -> Array:
-        """Return the part of deformations (n_rows, ...) that remains once the inner motions have
-        relaxed.
+        """Return the part of the ``deformations`` (n_rows, ...) that remains once the inner motions
+        have relaxed.
         """
-        return self._relax(deformations)[0]
+        remaining, _ = self._relax(deformations)
+        return remaining
 
     def find_motions(self, deformations: Array) -> Array:
-        """Return the mass-weighted motions (n_branches, m) that make the part of deformations
-        (n_rows, m) which does not remain.
+        """Return the mass-weighted motions (n_branches, m) whose deformations are the part of the
+        ``deformations`` (n_rows, m) that does not remain.
         """
-        return np.asarray(self._relax(deformations)[1] / self._scale[:, None])
+        _, motions = self._relax(deformations)
+        return np.asarray(motions / self._scale[:, None])
 
     def _relax(self, deformations: Array) -> tuple[Array, Array]:
-        """Return the deformations (n_rows, ...) of :meth:`relax`, and the motions (n_branches, m)
-        that have taken the others up, in units of the scale of their columns.
+        """Return the part of the ``deformations`` (n_rows, ...) that remains, and the motions
+        (n_branches, m) that make the rest, in units of the scale of their columns; m is the number
+        of deformations.
         """
         relaxed = deformations.reshape(len(deformations), -1)
         motions = np.zeros((len(self._scale), relaxed.shape[1]))
@@ -187,6 +195,7 @@ class SparseRelaxation:
                 motion = self._fronts.solve(self._columns @ relaxed)
                 relaxed = relaxed - self._rows @ motion
                 motions += motion
+        # motions that the factors have set aside, and that deform contacts, relax last
         soft = self._soft_deformations
         amplitudes = soft.T @ relaxed
         relaxed = relaxed - soft @ amplitudes
@@ -194,25 +203,30 @@ class SparseRelaxation:
         return relaxed.reshape(deformations.shape), motions
 
     def eliminate(self, form: Array, mixed: Array, block: Any) -> Array:
-        """Return an energy ``form`` (m, m) of gradients, with prestress, less the energy that inner
-        motions save as they relax.
+        """Return the energy ``form`` (m, m) of m displacement gradients under static forces, less
+        what inner motions save as they relax.
 
-        ``mixed`` (n_branches, m) is the form of an inner motion and a gradient, and the sparse
-        ``block`` (n_branches, n_branches) that of two inner motions. Raises
+        ``mixed`` (n_branches, m) is the energy form of an inner motion and a gradient, and the
+        sparse ``block`` (n_branches, n_branches) that of two inner motions. Raises
         :class:`~granphon.base.errors.InstabilityError` if an inner motion that a gradient moves has
         a negative energy.
         """
-        return np.asarray(form - self._respond(form, mixed, block)[0])
+        saved, _ = self._respond(form, mixed, block)
+        return np.asarray(form - saved)
 
     def respond(self, form: Array, mixed: Array, block: Any) -> Array:
-        """Return the mass-weighted inner motions (n_branches, m) that, taken away, leave the least
-        energy; see :meth:`eliminate`.
+        """Return the mass-weighted inner motions (n_branches, m) that leave the least energy when
+        they are subtracted; the arguments are those of :meth:`eliminate`.
         """
-        return self._respond(form, mixed, block)[1]
+        _, motions = self._respond(form, mixed, block)
+        return motions
 
     def _respond(self, form: Array, mixed: Array, block: Any) -> tuple[Array, Array]:
-        """Return the energy (m, m) that inner motions save, and the motions (n_branches, m); the
-        arguments are those of :meth:`eliminate`.
+        """Return the energy (m, m) that inner motions save, and these motions (n_branches, m), with
+        the sign of :meth:`respond`. The arguments and the error are those of :meth:`eliminate`.
+
+        Sparse factors relax most inner motions. The few that the factors have set aside, as they
+        cost little or nothing, are relaxed one by one, each by its own energy.
         """
         from scipy.sparse import diags_array
 
@@ -223,6 +237,7 @@ class SparseRelaxation:
             fronts = Fronts(matrix, self.layers, lattice.motions.count)
             energies, motions = self._find_set_aside(fronts, matrix, block)
             highest = _bound(block)
+            # no coupling is larger than the root of the product of both energies
             largest_pull = np.sqrt(np.linalg.norm(form) * highest)
             coupling = np.max(np.abs(motions.T @ mixed), axis=1, initial=0.0) / largest_pull
             # a motion that no strain moves belongs to another wave vector of a smaller cell
@@ -230,8 +245,8 @@ class SparseRelaxation:
             unstable = np.flatnonzero(is_negative & (coupling > _UNCOUPLED))
             if unstable.size:
                 raise self._explain_buckling(block, motions[:, unstable[0]])
-            # D lacks the part of static forces without a potential; the whole forces do not act on
-            # motions that cost nothing
+            # motions that cost nothing are left out. Static forces do not act on them; that
+            # `mixed` has a part of them is due to the part without a potential, which D lacks
             is_stiff = energies > NO_SQUARE * highest
             free = motions[:, ~is_stiff]
             acting = mixed - free @ (free.T @ mixed)
@@ -248,10 +263,10 @@ class SparseRelaxation:
 
     def _find_set_aside(self, fronts: Fronts, matrix: Any, block: Any) -> tuple[Array, Array]:
         """Return the energies (k,), ascending, of the motions that factors have set aside, and
-        these motions (n_branches, k), orthonormal.
+        these motions (n_branches, k), orthonormal, in combinations that are not coupled.
 
-        ``fronts`` are the factors of the sparse ``matrix``, which is the energy form ``block`` of
-        motions in units of the scale of their columns.
+        ``fronts`` are the factors of the sparse ``matrix``, which is the energy form ``block``
+        (n_branches, n_branches) in units of the scale of the columns.
         """
         set_aside = fronts.follow()
         for _ in range(_CORRECTIONS):
@@ -276,19 +291,19 @@ class SparseRelaxation:
 
 
 def _bound(matrix: Any) -> float:
-    """Return a bound of the eigenvalues of a sparse symmetric matrix."""
+    """Return an upper bound of the eigenvalues of a sparse symmetric ``matrix``."""
     return float(np.max(abs(matrix).sum(axis=1), initial=0.0))
 
 
 def _leave_out(basis: Any, vectors: Array) -> Array:
-    """Return vectors (n, m) without what they have of the sparse, independent columns of a
-    ``basis`` (n, k).
+    """Return the parts of ``vectors`` (n, m) that are perpendicular to the columns of a sparse
+    ``basis`` (n, k), which are independent.
     """
     products = (basis.T @ basis).toarray()
     return np.asarray(vectors - basis @ np.linalg.solve(products, basis.T @ vectors))
 
 
 def _orthonormalise(vectors: Array) -> Array:
-    """Return an orthonormal basis (n, r) of what vectors (n, m) span."""
+    """Return an orthonormal basis (n, r) of the space that ``vectors`` (n, m) span."""
     basis, singular_values, _ = np.linalg.svd(vectors, full_matrices=False)
     return np.asarray(basis[:, singular_values > DEPENDENT])

@@ -1,12 +1,12 @@
 """A preconditioner for the stiffness of 1e4 balls and more: each ball alone, and boxes of balls
 that move as rigid bodies.
 
-Balls that are moved alone, each by the inverse of what holds it, take away the part of a residual
-that changes from ball to ball. What is left is smooth: boxes of some twenty balls follow it, each
-with the motions of a rigid body, smoothed by one step of the same kind. The matrix of the boxes is
-small and is factorised. This is smoothed aggregation with two levels (P. Vanek, J. Mandel and
-M. Brezina, Computing 56, 179, 1996), and the steps of single balls stand before and behind the
-boxes, so that the preconditioner is symmetric.
+In a first step each ball moves alone, by the inverse of its own block of the stiffness. That
+removes the part of a residual that changes from ball to ball, and leaves a smooth part. In a second
+step boxes of some twenty balls follow the smooth part. Each box has the motions of a rigid body,
+smoothed by one step of single balls. The matrix of the boxes is small and is factorised. A third
+step, of single balls again, makes the preconditioner symmetric. This is smoothed aggregation with
+two levels (P. Vanek, J. Mandel and M. Brezina, Computing 56, 179, 1996).
 """
 
 from __future__ import annotations
@@ -21,28 +21,37 @@ from granphon.base.arrays import Array, Index
 from granphon.dynamics.factors import factorise
 from granphon.dynamics.linalg import NO_ENERGY
 
-#: balls of a box: half as many make the matrix of the boxes ten times as dear, and save a tenth of
-#: the iterations
+#: number of balls in a box: half as many make the matrix of the boxes ten times as dear, and save a
+#: tenth of the iterations
 _BALLS_PER_BOX = 20.0
-#: most boxes, by the dimension: their factors take a gigabyte
+#: largest number of boxes, by the dimension, whose factors take a gigabyte
 _MOST_BOXES = {1: 50_000, 2: 20_000, 3: 5_000}
-#: eigenvalue of the products of the motions of a box, over the largest, from which they differ
+#: eigenvalue of the products of the motions of a box, over the largest, up to which these motions
+#: are dependent
 _DEPENDENT = 1e-6
-#: bound of the eigenvalues of a stiffness over what holds each ball alone: the energy of a contact
+#: bound of the eigenvalues of a stiffness, over its blocks of single balls: the energy of a contact
 #: is at most twice the sum of its energies with one ball moving at a time
 _BOUND = 2.0
-#: lengths of the steps of single balls over the inverse of that bound: before and behind the boxes,
-#: and to smooth the motions of boxes, as in the paper of the head of this module
+#: length of the steps of single balls before and after that of the boxes, over 1/_BOUND
 _STEP = 1.5
+#: length of the step that smooths the motions of boxes, over 1/_BOUND (Vanek et al.)
 _SMOOTHING = 4.0 / 3.0
-#: added to the matrix of the boxes, over the bound of the whole: it is singular where balls are
-#: free to move together
+#: multiple of the unit matrix, over the largest entry of the diagonal of the stiffness, that is
+#: added to the matrix of the boxes, which is singular if balls are free to move together
 _SHIFT = 1e-6
 
 
 class BallFrame(NamedTuple):
-    """Where balls are, and what they weigh: positions (n, 3) in the ``cell`` (p, 3) of their
-    periods, mean ``radius``, ``masses`` (n,), radii of ``gyration`` (n,), and their ``motions``.
+    """Where balls are, and what they weigh, in any units.
+
+    Attributes
+    ----------
+    positions : (n, 3) centres.
+    cell : (p, 3) periods, as rows.
+    radius : mean radius of the balls.
+    masses : (n,) masses.
+    gyration : (n,) radii of gyration.
+    motions : motions of each ball.
     """
 
     positions: Array
@@ -54,8 +63,15 @@ class BallFrame(NamedTuple):
 
 
 class _Boxes(NamedTuple):
-    """The box of each ball (n,), of ``total`` boxes, the vector (n, 3) from its middle to the ball,
-    the cells (n, p) by which the ball was moved into the box, and the ``side`` of boxes.
+    """The division of balls into boxes.
+
+    Attributes
+    ----------
+    box : (n,) number of the box of each ball.
+    total : number of boxes.
+    vector : (n, 3) vector from the middle of its box to each ball.
+    cells : (n, p) numbers of periods by which each ball was moved into its box.
+    side : length of the sides of boxes, about.
     """
 
     box: Index
@@ -66,50 +82,62 @@ class _Boxes(NamedTuple):
 
 
 def _find_boxes(frame: BallFrame) -> _Boxes:
-    """Return boxes of about :data:`_BALLS_PER_BOX` balls, which divide the cell evenly."""
+    """Return the boxes of the balls of a ``frame``, of about :data:`_BALLS_PER_BOX` balls each, or
+    more if there would be more than :data:`_MOST_BOXES`; boxes divide the cell evenly.
+    """
     n = len(frame.positions)
     p = len(frame.cell)
-    # axes across the periods, of length one, complete the cell
-    across = np.linalg.svd(frame.cell, full_matrices=True)[2][p:] if p else np.eye(3)
+    # unit vectors perpendicular to the periods complete the cell to three axes
+    across = np.eye(3)
+    if p:
+        _, _, directions = np.linalg.svd(frame.cell, full_matrices=True)
+        across = directions[p:]
     axes = np.concatenate([frame.cell, across])
-    places = frame.positions @ np.linalg.inv(axes)
-    cells = -np.floor(places[:, :p])
-    places[:, :p] += cells
+    # coordinates (n, 3) of the balls along these axes, within the cell along the periods
+    coordinates = frame.positions @ np.linalg.inv(axes)
+    cells = -np.floor(coordinates[:, :p])
+    coordinates[:, :p] += cells
     lengths = np.linalg.norm(axes, axis=1)
-    lows = np.where(np.arange(3) < p, 0.0, places.min(axis=0))
-    # a layer of balls is as thick as a ball
-    extents = np.where(np.arange(3) < p, 1.0, np.ptp(places, axis=0) + 2.0 * frame.radius)
+    lows = np.where(np.arange(3) < p, 0.0, coordinates.min(axis=0))
+    # across the periods the balls fill the distance of the outermost centres and a diameter more
+    extents = np.where(np.arange(3) < p, 1.0, np.ptp(coordinates, axis=0) + 2.0 * frame.radius)
     dimension = int(np.count_nonzero(extents * lengths > 3.0 * frame.radius))
     balls_per_box = max(_BALLS_PER_BOX, n / _MOST_BOXES[max(dimension, 1)])
     side = _find_side(extents * lengths, n / balls_per_box)
+    # numbers (3,) of boxes along the axes, and the indices (n, 3) of the box of each ball
     numbers = np.maximum(np.rint(extents * lengths / side), 1.0)
-    indices = np.floor((places - lows) / extents * numbers)
+    indices = np.floor((coordinates - lows) / extents * numbers)
     indices = np.clip(indices, 0.0, numbers - 1.0)
     middles = lows + (indices + 0.5) / numbers * extents
     keys = np.ravel_multi_index(
         tuple(indices.astype(np.intp).T), tuple(int(number) for number in numbers)
     )
+    # boxes without balls are left out
     boxes, box = np.unique(keys, return_inverse=True)
-    return _Boxes(box, len(boxes), (places - middles) @ axes, cells, side)
+    return _Boxes(box, len(boxes), (coordinates - middles) @ axes, cells, side)
 
 
 def _find_side(lengths: Array, count: float) -> float:
-    """Return the side of about ``count`` cubes that fill a cuboid with sides of ``lengths`` (3,)
-    where it is longer than the cubes.
+    """Return the side of about ``count`` cubes that fill a cuboid with sides of ``lengths`` (3,).
+
+    If the cuboid is thinner than the cubes along its shortest axes, these axes are not divided, and
+    cubes fill a rectangle or a line.
     """
     side = 0.0
-    for used in (3, 2, 1):
-        longest = np.sort(lengths)[3 - used :]
-        side = float(np.prod(longest) / count) ** (1.0 / used)
+    for dimension in (3, 2, 1):
+        longest = np.sort(lengths)[3 - dimension :]
+        side = float(np.prod(longest) / count) ** (1.0 / dimension)
         if side <= float(longest[0]):
             break
     return side
 
 
 def compose_boxes(frame: BallFrame, q: Array | None = None) -> Any:
-    """Return orthonormal, mass-weighted motions (n x motions, m) of boxes of balls that move as
-    rigid bodies, sparse by rows; with a wave vector ``q`` (p,), in fractions, those of waves, in
-    which a ball beyond a period has the phase of the period more.
+    """Return orthonormal, mass-weighted motions (n * motions, m) of the balls of a ``frame``, as
+    columns of a matrix sparse by rows: in each a box of balls moves as a rigid body.
+
+    With a wave vector ``q`` (p,), in fractions of the reciprocal cell, the balls of a box that were
+    moved by periods have the phases of these periods.
     """
     from scipy.sparse import bsr_array
 
@@ -118,12 +146,15 @@ def compose_boxes(frame: BallFrame, q: Array | None = None) -> Any:
     n = len(boxes.box)
     chosen = [*motions.translations, *(3 + axis for axis in motions.rotations)]
     roots = np.sqrt(frame.masses)[:, None]
+    # motions of each ball, u and w, in the six motions of its box as a rigid body; rotations of a
+    # box are about its middle, and multiplied by its side
     effects = np.zeros((n, 6, 6))  # ball, its motion, motion of the box
     for axis, along in enumerate(np.eye(3)):
         effects[:, axis, axis] = roots[:, 0]
         effects[:, :3, 3 + axis] = roots * np.cross(along, boxes.vector) / boxes.side
         effects[:, 3 + axis, 3 + axis] = roots[:, 0] * frame.gyration / boxes.side
     effects = effects[:, chosen]
+    # combinations of the six that are independent are made orthonormal, box by box
     products = np.zeros((boxes.total, 6, 6))
     np.add.at(products, boxes.box, np.einsum("nki,nkj->nij", effects, effects))
     sizes, vectors = np.linalg.eigh(products)
@@ -140,16 +171,20 @@ def compose_boxes(frame: BallFrame, q: Array | None = None) -> Any:
 
 
 class TwoLevels:
-    """The inverse of a sparse Hermitian ``matrix`` (n x ``count``, n x ``count``) without negative
-    eigenvalues, approximately; ``count`` is the number of motions of a ball, and ``boxes`` are
-    those of :func:`compose_boxes`.
+    """An approximate inverse of a sparse Hermitian ``matrix`` (n * ``count``, n * ``count``)
+    without negative eigenvalues; calling it multiplies vectors by this inverse.
+
+    ``count`` is the number of motions of a ball, and ``boxes`` are those of :func:`compose_boxes`.
 
     Attributes
     ----------
-    held : the inverse of what holds each ball alone, sparse.
+    held : the inverse of the blocks of single balls, sparse.
     """
 
     def __init__(self, matrix: Any, count: int, boxes: Any) -> None:
+        """Invert the blocks of single balls, smooth the motions of boxes, and factorise the matrix
+        of the boxes.
+        """
         from scipy.sparse import eye_array
 
         self._matrix = matrix
@@ -165,13 +200,13 @@ class TwoLevels:
         self._factors = factorise(_make_real(shifted) if self._is_complex else shifted)
 
     def __call__(self, residual: NDArray[Any]) -> NDArray[Any]:
-        """Return the motions (size, m) that take most of the ``residual`` (size, m) away."""
+        """Return the approximate inverse times the ``residual`` (n * count, m)."""
         motions = self._step @ residual
         motions += self._boxes @ self._solve(self._to_boxes @ (residual - self._matrix @ motions))
         return np.asarray(motions + self._step @ (residual - self._matrix @ motions))
 
     def _solve(self, right: NDArray[Any]) -> NDArray[Any]:
-        """Return the motions of boxes under the forces ``right`` (n_boxes, m)."""
+        """Return the motions (k, m) of the boxes under the forces ``right`` (k, m) on them."""
         if not self._is_complex:
             return self._factors.solve(np.ascontiguousarray(right))
         solution = self._factors.solve(np.concatenate([right.real, right.imag]))
@@ -180,8 +215,10 @@ class TwoLevels:
 
 
 def _make_real(matrix: Any) -> Any:
-    """Return the real symmetric matrix (2 n, 2 n) that acts on real and imaginary parts as a
-    Hermitian one (n, n) does on their sum; factors of symmetric matrices keep half of the entries.
+    """Return the real symmetric matrix (2 n, 2 n) that multiplies the real and the imaginary parts
+    of a vector, one after the other, as a Hermitian ``matrix`` (n, n) multiplies the vector.
+
+    The solver of symmetric matrices takes it, but no Hermitian matrix.
     """
     from scipy.sparse import block_array
 
@@ -189,9 +226,9 @@ def _make_real(matrix: Any) -> Any:
 
 
 def invert_blocks(matrix: Any, count: int) -> tuple[Any, Any]:
-    """Return the inverses of the blocks of a sparse Hermitian ``matrix`` (n, n) that hold each ball
-    alone, of ``count`` motions, and the orthonormal motions (n, m) of single balls that nothing
-    holds; both sparse.
+    """Return the inverse (n, n) of the diagonal blocks (``count``, ``count``) of a sparse Hermitian
+    ``matrix`` (n, n), those of single balls, and orthonormal motions (n, m) of single balls that
+    cost nothing, on which the inverse is zero; both are sparse.
     """
     from scipy.sparse import bsr_array, csr_array
 

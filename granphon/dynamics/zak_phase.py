@@ -1,8 +1,9 @@
 """Topology of the branches of a crystal: the Zak phase, and the winding of det C.
 
-Both are sums over the phase of a wave from block to block, across an edge, at one wave vector along
-the edge. They are known from the crystal alone, and count the waves of its edges: J. Zak, Phys.
-Rev. Lett. 62, 2747 (1989); C. L. Kane and T. C. Lubensky, Nature Physics 10, 39 (2014).
+Both are sums over the phase by which a wave changes from block to block across an edge, at one wave
+vector along the edge. A block is a layer, or several, of the half space. Both follow from the
+infinite crystal alone, and count the waves at its edges: J. Zak, Phys. Rev. Lett. 62, 2747 (1989);
+C. L. Kane and T. C. Lubensky, Nature Physics 10, 39 (2014).
 """
 
 from __future__ import annotations
@@ -21,20 +22,21 @@ _SINGULAR = 1e-12
 _CLOSED = 1e-12
 #: least overlap of branches from one phase to the next at which their gap counts as open
 _LEAST_OVERLAP = 0.5
-#: phase up to which a phase is zero but for rounding, rad
+#: size of a Zak phase, rad, up to which it is zero but for rounding
 _NO_PHASE = 1e-9
 #: largest turn of a determinant from one phase to the next, rad, at which turns can be counted
 _LARGEST_TURN = 0.5 * np.pi
 
 
 def find_zak_phase(half_space: HalfSpace, q: Array, below: int) -> float:
-    """Return the Zak phase, rad, from 0 to 2 pi, of all but the ``below`` lowest branches, one or
+    """Return the Zak phase, rad, from 0 to 2 pi, of all branches above the ``below`` lowest, one or
     more, at q (p - 1,) in fractions of the reciprocal cell.
 
-    The phase is that of the motions of the balls where the edge is held, and of the deformations of
-    contacts where the edge is free: a held edge leaves whole cells of balls, a free edge whole
-    cells of contacts. Raises :class:`~granphon.base.errors.InputError` where the gap closes, and at
-    a free edge under prestress.
+    If the edge is held, the phase is that of the motions of the balls, because such an edge leaves
+    whole cells of balls. If it is free, the phase is that of the deformations of contacts, because
+    such an edge leaves whole cells of contacts. Raises
+    :class:`~granphon.base.errors.InputError` if the gap below these branches closes, and for a free
+    edge under prestress.
     """
     is_free = half_space.edge == "free"
     if is_free and half_space.network.prestress:
@@ -58,22 +60,23 @@ def find_zak_phase(half_space: HalfSpace, q: Array, below: int) -> float:
             mend="Take another wave vector",
         )
     phase = -float(np.angle(np.prod(overlaps / np.abs(overlaps))))
-    # rounding below zero would become 2 pi
+    # a phase just below zero, which is rounding, would become 2 pi
     return 0.0 if abs(phase) < _NO_PHASE else phase % (2.0 * np.pi)
 
 
 def find_winding(half_space: HalfSpace, q: Array) -> int:
-    """Return how often det C winds about zero at q (p - 1,), in fractions of the reciprocal cell,
-    which is the number of motions at a free edge that cost nothing.
+    """Return how often det C winds about zero as the phase from block to block grows by 2 pi, at q
+    (p - 1,) in fractions of the reciprocal cell. Motions of that number at a free edge cost
+    nothing.
 
-    Raises :class:`~granphon.base.errors.InputError` where C is not square, or its determinant
-    vanishes, and where springs to the ground hold balls.
+    Raises :class:`~granphon.base.errors.InputError` if C is not square, if its determinant
+    vanishes, and if springs to the ground hold balls.
     """
     if np.any(half_space.anchors):
         raise InputError(
             "springs to the ground hold the balls", "Each motion at an edge costs energy"
         )
-    rows = half_space.weighted_rows(q, _PHASES)[0]
+    rows, _ = half_space.weighted_rows(q, _PHASES)
     _, n_deformations, n_motions = rows.shape
     if n_deformations != n_motions:
         raise InputError(

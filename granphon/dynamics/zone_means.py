@@ -1,12 +1,14 @@
-"""Means over the Brillouin zone of functions that depend on direction at the points q = -q.
+"""Means over the Brillouin zone of functions of q that have no limit at the points q = -q (up to a
+reciprocal vector), because their value depends on the direction of approach.
 
-Projections on the motions of a lattice are such functions: bounded, and smooth but for these
-points, where the direction of approach matters. It matters at Gamma, and, where balls can roll like
-gears, at others. The zone is cut into simplices that have these points as corners: two segments,
-eight triangles or 48 tetrahedra about each of the 2, 4 or 8 points. Each is the image of a cube
-with p edges (Duffy's map, q = corner + s (e_1 + t (e_2 + w e_3))), in which the function is smooth:
-Gauss's rule converges geometrically. Lines from one corner to another along the axes are resolved
-too, as that from M to R of sc.
+Projections on the motions of a lattice are such functions: bounded, and smooth except at these
+points. Their value depends on the direction at Gamma and, if balls can roll like gears, at other
+points of this kind. The zone is cut into simplices that have these points as corners: two segments,
+eight triangles or 48 tetrahedra about each of the 2, 4 or 8 points. Each simplex is the image of a
+cube in p dimensions (Duffy's map, q = corner + s (e_1 + t (e_2 + w e_3))). The function is smooth
+in the cube, so that Gauss's rule converges geometrically. Lines from one corner to another along
+the axes, on which a function may depend on the direction of approach as well, are resolved too,
+such as that from M to R of sc.
 """
 
 from __future__ import annotations
@@ -25,13 +27,13 @@ from granphon.base.arrays import Array
 _PROBES = np.array(
     [[0.1376, 0.2891, -0.0643], [-0.3217, 0.0811, 0.4129], [0.2239, -0.4462, 0.1783]]
 )
-#: greatest relative difference of values that are equal but for rounding
+#: relative difference up to which two values are equal but for rounding
 _EQUAL = 1e-10
 
 
 class Operation(NamedTuple):
-    """A turn of the zone into itself: coordinate k becomes ``signs[k]`` times coordinate
-    ``order[k]``.
+    """A rotation or reflection that maps the zone onto itself: the new coordinate k is ``signs[k]``
+    times the old coordinate ``order[k]``.
 
     Coordinates are fractions of :func:`shortest_vectors`.
     """
@@ -40,7 +42,7 @@ class Operation(NamedTuple):
     signs: tuple[int, ...]
 
     def after(self, first: Operation) -> Operation:
-        """Return the operation that acts as ``first`` and then as this one."""
+        """Return the operation that first acts as ``first``, and then as this operation."""
         order = tuple(first.order[axis] for axis in self.order)
         signs = tuple(
             sign * first.signs[axis] for sign, axis in zip(self.signs, self.order, strict=True)
@@ -48,18 +50,18 @@ class Operation(NamedTuple):
         return Operation(order, signs)
 
 
-#: a part of the zone, by its corner and the operation that turns s_1 > s_2 > ... > 0 into its
-#: sides: corner/2 + s/4
+#: a simplex of the zone: a corner and an operation. Its points are corner/2 + s/4, where the
+#: operation has been applied to coordinates 1 > s_1 > s_2 > ... > 0 to give s
 _Simplex = tuple[tuple[int, ...], Operation]
 
 
 def shortest_vectors(reciprocal: Array) -> Array:
-    """Return p shortest independent vectors (p, p) of a reciprocal lattice; the given ones come
-    first among equals.
+    """Return the p shortest independent vectors (p, p), as rows, of the lattice of the
+    ``reciprocal`` vectors (p, p); of equally short vectors, those of ``reciprocal`` come first.
     """
     longest = float(np.linalg.norm(reciprocal, axis=1).max())
     vectors = np.concatenate([reciprocal, steps_within(reciprocal, longest) @ reciprocal])
-    # rounded, so that rounding does not decide among equals
+    # nine decimals, so that rounding does not decide among equal lengths
     lengths = np.round(np.linalg.norm(vectors, axis=1) / longest, 9)
     chosen: list[Array] = []
     for vector in vectors[np.argsort(lengths, kind="stable")]:
@@ -72,8 +74,8 @@ def shortest_vectors(reciprocal: Array) -> Array:
 
 
 def find_symmetries(function: Callable[[Array], Array], reciprocal: Array) -> list[Operation]:
-    """Return a group of operations that leave a function of q unchanged, by its values at wave
-    vectors without symmetry.
+    """Return a group of operations that leave a ``function`` of q unchanged; they are recognised by
+    its values at wave vectors without symmetry.
 
     ``function`` takes wave vectors (n_q, p) and returns (n_q, ...); ``reciprocal`` (p, p) are
     reciprocal vectors as rows, of any cell.
@@ -91,8 +93,8 @@ def find_symmetries(function: Callable[[Array], Array], reciprocal: Array) -> li
     for turn in allowed:
         if turn in group:
             continue
-        # in a lattice that is symmetric but for rounded numbers, some products of allowed
-        # operations are not allowed
+        # if a lattice is symmetric only up to rounded numbers, some products of allowed operations
+        # are not allowed; an operation is added only if all products are
         larger_group = _close_group(group | {turn})
         if larger_group <= set(allowed):
             group = larger_group
@@ -100,7 +102,9 @@ def find_symmetries(function: Callable[[Array], Array], reciprocal: Array) -> li
 
 
 def _close_group(operations: set[Operation]) -> set[Operation]:
-    """Return the operations and all their products."""
+    """Return the group that ``operations`` generate: them, their products, products of these, and
+    so on.
+    """
     products = {last.after(first) for last in operations for first in operations}
     return operations if products <= operations else _close_group(operations | products)
 
@@ -121,17 +125,18 @@ def _list_operations(periods: int) -> list[Operation]:
 def _find_distinct_simplices(
     symmetries: tuple[Operation, ...], periods: int
 ) -> list[tuple[_Simplex, int]]:
-    """Return one simplex of each set of simplices that the symmetries turn into each other, and the
-    size of the set.
+    """Return pairs (simplex, size): one simplex of each set of simplices that the ``symmetries``
+    map onto each other, and the number of simplices in the set.
     """
     corners = itertools.product((0, 1), repeat=periods)
     simplices = itertools.product(corners, _list_operations(periods))
-    # a dict keeps the order of its keys, and a set does not
+    # a dictionary without values, because a set would not keep the order
     unassigned: dict[_Simplex, None] = dict.fromkeys(simplices)
     distinct = []
     while unassigned:
         simplex = next(iter(unassigned))
         corner, sides = simplex
+        # a change of sign takes a corner, whose coordinates are 0 or 1/2, to an equivalent one
         images = {
             (tuple(corner[axis] for axis in turn.order), turn.after(sides)) for turn in symmetries
         }
@@ -144,8 +149,8 @@ def _find_distinct_simplices(
 def divide_zone(
     reciprocal: Array, order: int, symmetries: Sequence[Operation] | None = None
 ) -> Iterator[tuple[Array, Array]]:
-    """Yield wave vectors (n_q, p) and weights (n_q,), in parts, for the mean of a function over the
-    Brillouin zone.
+    """Yield pairs of wave vectors (n_q, p) and weights (n_q,); the sum over all pairs of weights
+    times the values of a function is its mean over the Brillouin zone.
 
     Parameters
     ----------
@@ -165,8 +170,8 @@ def divide_zone(
     # (n^p, p), all combinations of points from 0 to 1, and of their weights
     cube = _combine(0.5 * points, periods) + 0.5
     gauss = _combine(0.5 * gauss_weights, periods)
-    # distances s from the corner along the axes, in descending order; their product without the
-    # last is the Jacobian of Duffy's map
+    # distances s_1 > s_2 > ... from the corner along the axes; the product of all but the last is
+    # the Jacobian of Duffy's map
     distances = np.cumprod(cube, axis=1)
     weights = np.prod(gauss, axis=1) * np.prod(distances[:, :-1], axis=1)
     for (corner, sides), count in _find_distinct_simplices(tuple(symmetries), periods):
@@ -175,5 +180,5 @@ def divide_zone(
 
 
 def _combine(numbers: Array, count: int) -> Array:
-    """Return all combinations (n^count, count) of values (n,)."""
+    """Return all combinations (n^count, count) of ``count`` of the ``numbers`` (n,)."""
     return np.stack(np.meshgrid(*[numbers] * count, indexing="ij"), axis=-1).reshape(-1, count)

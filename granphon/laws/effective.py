@@ -1,9 +1,11 @@
-"""The contact law of the effective medium: equation (36) of Velicky and Caroli, solved once for
-each shape and Xi.
+"""The contact law of the effective medium: equation (36) of Velicky and Caroli (2002), solved once
+for each shape of the distribution of diameters and each local-field factor Xi.
 
-In reduced units the mean displacement of the corona vanishes, <(F^Q - f)/(K^Q + Xi k)> = 0, when f
-= G(y, k), the mean of F^Q with weights 1/(K^Q + Xi k); and k = df/dy. As a differential equation
-for k, k = dG(y, k(y))/dy, this is stiff: errors in k decay towards low pressure, at a rate
+F^Q and K^Q are the mean force and stiffness of the contacts of a ball Q, f and k those of all
+contacts, and y is the mean overlap; all are in reduced units. The neighbours of a ball are its
+corona. Their mean displacement vanishes, <(F^Q - f)/(K^Q + Xi k)> = 0. That is so if f = G(y,
+k), the mean of F^Q with the weights 1/(K^Q + Xi k). As k = df/dy, it is a differential equation for
+k, k = dG(y, k(y))/dy. The equation is stiff: errors in k decay towards low pressure, at the rate
 1/(dG/dk), and grow without bound towards high pressure. So it is solved downwards, from the
 high-pressure series that condition (40) selects, by collocation at Radau points (an implicit
 Runge-Kutta method, L-stable, of order 2s - 1 at the ends of its steps). The unknown is k alone, G
@@ -61,19 +63,19 @@ from granphon.laws.spread import Series, SpreadLaw, high_pressure_series
 
 #: the number of one step, or an array of the step of each value
 Index = int | NDArray[np.intp]
-#: a step that is not solved yet: origin, lower and upper end in the root
+#: a step that is not solved yet: y at its origin, and the square root u at its lower and upper end
 Step = tuple[float, float, float]
-#: f* down to which the curve is solved, far below the paper's limit of validity
+#: f* down to which the curve is solved, far below the limit of validity of Velicky and Caroli
 LEAST_SOLVED_FORCE = 1e-6
 #: f* from which Section IV states that the medium is valid, by comparison with simulations of the
 #: triangular lattice
 VALID_FORCE = 0.08
-#: value of k (y - y_1)/f* below which the stiffness counts as zero, y_1 being the overlap of the
-#: first contact: wherever the law stiffens the ratio is one or more
+#: value of k (y - y_1)/f* below which the stiffness counts as zero, y_1 being the overlap at which
+#: the first contact closes: wherever the law stiffens the ratio is one or more
 _VANISHED = 1e-7
-#: number of values worked on at once where the coefficients of its step are copied for each value
+#: number of values that are evaluated at once if the coefficients of its step are copied for each
 _VALUES_AT_ONCE = 2**13
-#: number of values per step from which values are sorted by step
+#: number of values per step from which values are sorted by step before they are evaluated
 _MANY_VALUES = 64
 #: number of collocation (Radau) points on a step; its upper end is not counted
 _STAGES = 16
@@ -86,16 +88,16 @@ _MANY_OPENINGS = 100
 _STAGES_OF_SHORT = 12
 #: tolerance of the last coefficients of k on short steps, relative to the least value of k
 _LAST_OF_SHORT = 1e-10
-#: nodes of the average over balls (see Shape.nodes)
+#: number of nodes of the average over balls (see Shape.nodes)
 _ORDER = 32
 #: the lowest step of an interval is halved until the next opening below is at least this fraction
 #: of the step's extent in y away: the nearer that opening, the less smooth is k
 _NEAR = 0.15
-#: largest change of k, relative to k, in the last iteration of Newton's method: convergence is
-#: quadratic, so the remaining error is far smaller
+#: change of k, relative to k, at which Newton's method ends: convergence is quadratic, so that the
+#: remaining error is far smaller
 _SETTLED = 1e-8
-#: largest change of the root, relative to the root at the upper end of the step, after which only
-#: rounding remains: Newton's method for an overlap converges quadratically too
+#: change of the root u, relative to u at the upper end of the step, after which only rounding
+#: remains: Newton's method for an overlap converges quadratically too
 _SETTLED_ROOT = 1e-9
 #: largest number of iterations of Newton's method, which converges quadratically
 _MOST_ITERATIONS = 30
@@ -109,10 +111,10 @@ _ROUNDING = 16.0 * np.finfo(float).eps
 _FAR_OVERLAP = 6.0
 #: degree of the polynomials for far contacts; their errors are then 1e-15
 _DEGREE = 14
-#: number of steps that a block may always have: a third of the number of diameters balances the
-#: work on near and far contacts, and more steps cost little
+#: number of steps that a block may always have. Otherwise a block has a third as many steps as
+#: there are diameters, which balances the work on near and far contacts
 _LEAST_STEPS = 32
-#: steps whose derivative by Xi is found at once, at most
+#: largest number of steps whose derivative with respect to Xi is found at once
 _MANY_STEPS = 256
 #: relative step of Xi for the derivative of the series
 _STEP_OF_XI = 1e-3
@@ -125,10 +127,15 @@ class EffectiveLaw(SpreadLaw):
     """Contact law of the effective medium: balls displace their neighbours, and equation (36)
     holds.
 
-    ``coefficient`` c (N/m^(3/2)) of equal balls, ``width`` W (m), ``shape`` of the distribution,
-    ``xi`` the local-field factor. Energy is counted from the start of the curve. Methods raise
-    :class:`~granphon.base.errors.PrecisionError` between the first contact and the start of the
-    curve.
+    Methods raise :class:`~granphon.base.errors.PrecisionError` for overlaps between that of the
+    first contact and the start of the curve.
+
+    Attributes
+    ----------
+    coefficient : c of Hertz's law of equal balls, N/m^(3/2).
+    width : W, the width of the distribution of diameters, m.
+    shape : the shape of the distribution.
+    xi : the local-field factor Xi.
     """
 
     coefficient: float
@@ -144,8 +151,10 @@ class EffectiveLaw(SpreadLaw):
         return effective_curve(self.shape, self.xi)
 
     def near(self, origin: EffectiveLaw) -> EffectiveLaw:
-        """Return the law, to first order in its distance from ``origin``: the curve of another Xi
-        follows from that of ``origin`` by one linear solution.
+        """Return this law to first order in the difference of its Xi from that of the law
+        ``origin``, whose curve then gives that of this law by one linear solution.
+
+        Return the law itself if both Xi are equal or the shapes differ.
         """
         if self.xi == origin.xi or self.shape != origin.shape:
             return self
@@ -157,17 +166,20 @@ class EffectiveLaw(SpreadLaw):
 
     @cached_property
     def _energy_offset(self) -> float:
+        """Reduced energy to be added to that of the series, so that it joins that of the curve."""
         # energies of the curve are counted from its start, and those of the series from zero
         series = self.curve.series
         energy_of_curve = self.curve.value(np.array(series.start), ENERGY)
         return float(energy_of_curve - series.value(series.start, ENERGY))
 
     def _evaluate_near(self, y: Array, order: int) -> Array:
-        """Return the derivative, of an ``order`` of 0 to 3, of the reduced energy, for y below the
-        start of the series; PrecisionError below the start of the curve.
+        """Return the derivative, of an ``order`` of 0 to 3, of the reduced energy with respect to
+        y, at each y (any shape) below the start of the series; zero if all contacts are open.
+
+        Raises :class:`~granphon.base.errors.PrecisionError` below the start of the curve.
         """
         curve = self.curve
-        touches = y > -self.shape.bounds[1]  # elsewhere all contacts are open, and the law is zero
+        touches = y > -self.shape.bounds[1]
         if np.any(touches & (y < curve.start)):
             least_overlap = float(np.min(y[touches]))
             raise self._refuse(
@@ -179,8 +191,10 @@ class EffectiveLaw(SpreadLaw):
         return derivatives
 
     def _find_near_overlap(self, force: Array) -> Array:
-        """Return y for reduced forces f* below that at the start of the series; PrecisionError
-        below the start of the curve.
+        """Return the reduced overlap y at each reduced force f*, ``force`` (any shape), below that
+        at the start of the series.
+
+        Raises :class:`~granphon.base.errors.PrecisionError` below the start of the curve.
         """
         curve = self.curve
         if np.any(force < curve.least_force):
@@ -192,7 +206,7 @@ class EffectiveLaw(SpreadLaw):
         return curve.overlap(force)
 
     def _refuse(self, problem: str) -> PrecisionError:
-        """Return the error for a ``problem``: an overlap or a force below the start of the
+        """Return the error whose ``problem`` is an overlap or a force below the start of the
         curve.
         """
         why = f"There the effective medium is not solved (it is valid from f* = {VALID_FORCE:g})"
@@ -203,7 +217,9 @@ class EffectiveLaw(SpreadLaw):
 
 @dataclass(frozen=True)
 class _NearLaw(EffectiveLaw):
-    """A law to first order in the distance of Xi from ``origin``, at which it is solved."""
+    """A law to first order in the difference of its Xi from ``origin``, the Xi at which equation
+    (36) is solved.
+    """
 
     origin: float
 
@@ -218,14 +234,22 @@ class _NearLaw(EffectiveLaw):
 
 @dataclass(frozen=True, eq=False)
 class EffectiveCurve:
-    """Solution of equation (36) for one shape and Xi: steps in ascending order, and the ``series``
-    beyond them.
+    """Solution of equation (36) for one shape and Xi, on steps in ascending order.
 
-    ``steps`` (3, steps) holds origin, middle and half length of each step; ``tables`` holds energy,
-    force and stiffness, (n, steps) each, n rising by one or two with each integration. The curve
-    begins at f* = 1e-6, or, if higher, at the force below which steps do not settle in double
-    precision (always below the limit of validity), or at which the stiffness vanishes
-    (:attr:`stiffness_vanishes`).
+    The curve begins at f* = :data:`LEAST_SOLVED_FORCE`. It begins at a higher force if steps below
+    it do not settle in double precision (which is always below the limit of validity), or if the
+    stiffness vanishes there (:attr:`stiffness_vanishes`).
+
+    Attributes
+    ----------
+    shape : the shape of the distribution of diameters.
+    xi : the local-field factor.
+    series : the high-pressure series, beyond the last step.
+    steps : (3, steps), the origin y of each step, and the middle and the half length of the step in
+        the square root u, y = origin + u^2.
+    tables : three arrays (n, steps), Chebyshev coefficients of the reduced energy, force and
+        stiffness on each step; the force has two coefficients more than the stiffness, and the
+        energy two more than the force.
     """
 
     shape: Shape
@@ -235,7 +259,7 @@ class EffectiveCurve:
     tables: tuple[Array, Array, Array]
 
     def follow(self, xi: float) -> EffectiveCurve:
-        """Return the curve at another Xi, to first order in the distance."""
+        """Return the curve at another Xi, ``xi``, to first order in its difference from this."""
         step = xi - self.xi
         energies, forces, stiffness = (
             read_only(table + step * slope)
@@ -246,7 +270,7 @@ class EffectiveCurve:
 
     @cached_property
     def _slopes_by_xi(self) -> tuple[Array, Array, Array]:
-        """Derivatives of :attr:`tables` by Xi: equation (36), differentiated, is linear."""
+        """Derivatives of the three :attr:`tables` with respect to Xi."""
         return _differentiate_curve(self)
 
     @cached_property
@@ -274,8 +298,8 @@ class EffectiveCurve:
         return bool(stiffness * depth < _VANISHED * force)
 
     def ends(self, order: int) -> Array:
-        """Return (2, steps) the reduced energy, force or stiffness, by the ``order`` of the
-        derivative of the energy, at the lower and the upper end of each step.
+        """Return the reduced energy, force or stiffness (2, steps) at the lower and the upper end
+        of each step, for an ``order`` of 0, 1 or 2 of the derivative of the energy.
         """
         table = self.tables[order]
         # Chebyshev polynomials are 1 at the upper end, and 1, -1, 1, ... at the lower one
@@ -291,6 +315,7 @@ class EffectiveCurve:
         """
 
         def evaluate(index: Index, overlap: Array) -> Array:
+            """Return the derivatives (m,) at ``overlap`` (m,) on the steps ``index``."""
             return self._evaluate(index, np.sqrt(overlap - self.steps[0, index]), order)
 
         inner_edges, _ = self._edges
@@ -302,7 +327,6 @@ class EffectiveCurve:
         """Return the reduced overlap y at each reduced ``force`` (any shape), between the forces
         at the ends of the curve, by Newton's method.
         """
-
         rounding = 4.0 * np.finfo(float).eps
         _, (lower_force, upper_force) = self._edges
         # the force rises by at least its rounding on a step, so that no division is by zero
@@ -311,8 +335,9 @@ class EffectiveCurve:
         def invert(index: Index, target: Array) -> Array:
             """Return y (m,) at the forces ``target`` (m,) on the steps ``index``."""
             origin, middle, half = self.steps[:, index]
-            # u is smooth in a variable from 0 to 1. Where contacts open, f rises as u^2, and the
-            # variable is the root of f; elsewhere f may span decades, and the variable is log f
+            # the first guess is linear between u and a variable from 0 to 1. On a step that begins
+            # at an opening f rises as u^2, and the variable is the square root of f; on other steps
+            # f may span decades, and the variable is log f
             rise = np.clip(target - lower_force[index], 0.0, span[index])
             begins_at_opening = middle == half
             log_rise = np.log1p(rise / lower_force[index])
@@ -363,8 +388,8 @@ class EffectiveCurve:
         return quotient, numerator
 
     def _evaluate(self, index: Index, root: Array, order: int) -> Array:
-        """Return the derivative, of an ``order`` of 0 to 3, of the reduced energy at each u =
-        ``root`` (m,) on the steps ``index`` (m,), or on the one step ``index``.
+        """Return the derivative (m,), of an ``order`` of 0 to 3, of the reduced energy with respect
+        to y, at each u = ``root`` (m,) on the steps ``index`` (m,), or all on one step ``index``.
         """
         _, middle, half = self.steps[:, index]
         t = (root - middle) / half
@@ -380,8 +405,12 @@ class EffectiveCurve:
     def _evaluate_by_step(
         self, index: NDArray[np.intp], arguments: Array, function: Callable[[Index, Array], Array]
     ) -> Array:
-        """Return ``function(step, argument)``, of the shape of the ``arguments``, each of which is
-        on the step of the same place in ``index``.
+        """Return the values of ``function`` at the ``arguments``, in their shape; ``index``, of the
+        same shape, is the step of each argument.
+
+        ``function`` is called with the steps (m,) of m arguments (m,), or with one step that is the
+        same for all of them. If there are many arguments per step, they are sorted by step, so that
+        coefficients are not copied for each.
         """
         step_count = self.steps.shape[1]
         flat = arguments.ravel()
@@ -404,12 +433,12 @@ class EffectiveCurve:
 
 
 def _integrate_over_steps(table: Array, rise: Array, start: float) -> Array:
-    """Return the coefficients (n + 2, steps) of the integral over y of the function with the
-    coefficients ``table`` (n, steps).
+    """Return the Chebyshev coefficients (n + 2, steps) of the integral over y of a function with
+    the Chebyshev coefficients ``table`` (n, steps).
 
-    Coefficients are those of Chebyshev polynomials in t, which runs from -1 to 1 on each step;
-    ``rise`` (2, steps) are those of dy/dt, which is linear in t. Steps are in ascending order. The
-    integral is ``start`` at the lower end of the first, and continuous from step to step.
+    The variable is t, which runs from -1 to 1 on each step, and ``rise`` (2, steps) are the
+    coefficients of dy/dt, which is linear in t. Steps are in ascending order. The integral is
+    ``start`` at the lower end of the first step, and continuous from step to step.
     """
     # the product of the function and dy/dt, as 2 T_1 T_m = T_(m + 1) + T_|m - 1|
     product = np.zeros((len(table) + 1, table.shape[1]))
@@ -417,19 +446,23 @@ def _integrate_over_steps(table: Array, rise: Array, start: float) -> Array:
     product[1:] += 0.5 * rise[1] * table
     product[1] += 0.5 * rise[1] * table[0]
     product[:-2] += 0.5 * rise[1] * table[1:]
-    integral = np.asarray(chebyshev.chebint(product, lbnd=-1.0), float)  # zero where a step begins
+    # zero at the lower end of each step, to which the integral up to there is then added
+    integral = np.asarray(chebyshev.chebint(product, lbnd=-1.0), float)
     at_upper_ends = np.cumsum(np.sum(integral, axis=0))
     integral[0] += start + np.append(0.0, at_upper_ends[:-1])
     return integral
 
 
 class Block(NamedTuple):
-    """B adjoining steps in descending order, with s + 1 points on each: y = ``origin`` (B, 1) +
-    ``root``^2 (B, s + 1).
+    """B adjoining steps in descending order, with s + 1 points on each, at which y = origin +
+    root^2.
 
-    ``middle`` and ``half`` (B, 1) are the middle and the half length of each step in the root.
-    ``drop`` (B, s + 1) is the root minus its value at the upper end of the step, without loss of
-    digits.
+    Attributes
+    ----------
+    origin : (B, 1) y at the origin of each step.
+    middle, half : (B, 1) middle and half length of each step in the root.
+    root : (B, s + 1) square root u at the points.
+    drop : (B, s + 1) root minus its value at the upper end of the step, with all digits.
     """
 
     origin: Array
@@ -440,13 +473,15 @@ class Block(NamedTuple):
 
     @classmethod
     def of(cls, steps: list[Step], points: Array) -> Block:
-        """Make a block from its steps, and ``points`` (s + 1,) from -1 to 1."""
+        """Return the block of ``steps``, in descending order, with ``points`` (s + 1,) from -1 to 1
+        on each.
+        """
         origin, low, high = np.array(steps).T[:, :, None]
         middle = 0.5 * (low + high)
         half = 0.5 * (high - low)
         inner_roots = (middle + half * points)[:, 1:-1]
-        # middle - half may round, and at an opening the root must be exactly zero: the ends are
-        # copied
+        # the ends are copied, because middle - half is rounded, and the root at an opening must be
+        # exactly zero
         root = np.concatenate([low, inner_roots, high], axis=1)
         drop = half * (points - 1.0)
         return cls(origin, middle, half, root, drop)
@@ -461,16 +496,24 @@ class Block(NamedTuple):
 
 
 class DensityBalls:
-    """Averages over the balls of a shape, by quadrature of the ``order`` at the points of a block;
-    all reduced.
+    """Averages over the balls of a ``shape`` whose diameters have a density, at the points of a
+    ``block``; all in reduced units.
 
-    ``mean`` (B, s + 1) is the mean stiffness <K^Q>. Forces are counted from the mean force
-    ``base_force``, whose derivative is ``base_stiffness`` (B, s + 1). ``weights``, ``stiffness``
-    K^Q and ``force`` F^Q (B, s + 1, nodes) are those of the nodes of the quadrature. ``noise`` (B,)
-    is the rounding error to expect in the last coefficients of k, relative to k.
+    ``xi`` is the local-field factor, and ``order`` the number of nodes of the quadrature over
+    balls.
+
+    Attributes
+    ----------
+    base_force : (B, s + 1) mean force <F^Q>, from which forces are counted.
+    base_stiffness : (B, s + 1) derivative of this force.
+    weights, stiffness, force : (B, s + 1, nodes) weight of each node of the quadrature, and K^Q and
+        F^Q less the mean force there.
+    mean : (B, s + 1) mean stiffness <K^Q>.
+    noise : (B,) rounding error to expect in the last coefficients of k, relative to k.
     """
 
     def __init__(self, shape: Shape, xi: float, order: int, block: Block) -> None:
+        """Evaluate forces and stiffnesses at the nodes of the quadrature."""
         y = block.y
         nodes = shape.nodes(y, order)
         self.xi = xi
@@ -480,16 +523,19 @@ class DensityBalls:
         self.stiffness = shape.stiffness(y[..., None], nodes.positions)
         self.force = shape.force(y[..., None], nodes.positions) - self.base_force[..., None]
         self.mean = np.sum(nodes.weights * self.stiffness, axis=-1)
-        # on a short step differentiation amplifies the rounding of y and of the forces, which are
-        # counted from their mean; the extent of the step in y is 4 middle half
+        # k is the derivative of a polynomial through the points of a step. Differentiation
+        # amplifies the rounding of y and of the forces by the square of the number of points, over
+        # the extent of the step in y, which is 4 middle half
         lengths = (self.base_force / self.base_stiffness + np.abs(y))[:, -1:]
         point_count = block.root.shape[1]
         amplification = point_count**2 * lengths / (4.0 * block.middle * block.half)
         self.noise = np.minimum(_ROUNDING * amplification[:, 0], _WORST_NOISE)
 
     def balance(self, k: Array) -> tuple[Array, Array, Array]:
-        """Return G(y, k) less ``base_force``, and dG/dk, (B, s + 1), for ``k`` (B, s + 1); and G
-        at the lower ends (B,); all reduced.
+        """Return, for the stiffness ``k`` (B, s + 1) at the points, the force G(y, k) less
+        ``base_force`` (B, s + 1), dG/dk (B, s + 1), and G at the lower ends of the steps (B,).
+
+        G is the mean of F^Q over balls with the weights 1/(K^Q + Xi k), their compliances.
         """
         compliance = 1.0 / (self.stiffness + self.xi * k[..., None])
         weights = self.weights * compliance
@@ -504,11 +550,12 @@ class DensityBalls:
 
 
 class PointAverages:
-    """Averages over the balls of a shape of listed diameters by sums, for the local-field factor
-    ``xi``.
+    """Averages over the balls of a ``shape`` of n listed diameters, by sums over the contacts of
+    all pairs, for the local-field factor ``xi``.
     """
 
     def __init__(self, shape: PointShape, xi: float) -> None:
+        """Sort the openings of all pairs, and tabulate the weights of pairs in sums of balls."""
         from scipy.sparse import csc_array
 
         self.xi = xi
@@ -533,8 +580,8 @@ class PointAverages:
         self._pair_weights: Any = csc_array((weights, (rows, columns)), shape=(w.size, i.size))
 
     def _find_range(self, block: Block) -> tuple[float, float, float, slice]:
-        """Return the middle and the half extent in y of a block, above its least origin; the
-        greatest opening of far contacts; and the slice of the openings of near contacts.
+        """Return the middle and the half extent of a ``block`` in y, counted from its least origin;
+        the greatest opening of far contacts; and the slice of the openings of near contacts.
         """
         least_origin = block.origin[-1, 0]
         low = block.root[-1, 0] ** 2
@@ -547,8 +594,10 @@ class PointAverages:
         return middle, half, last_far, slice(begin, end)
 
     def limit_steps(self, block: Block) -> int:
-        """Return how many steps of the block may be solved at once, so that the work on near and
-        far contacts is balanced and arrays of near contacts stay small.
+        """Return the number of steps of a ``block`` that may be solved at once, such that the work
+        on near and far contacts is balanced and arrays of near contacts stay small.
+
+        If the number is less than that of the block, ask again for the block of so many steps.
         """
         point_count: int = block.root.shape[1]
         steps = min(len(block.root), max(_LEAST_STEPS, len(self._weights) // 3))
@@ -556,16 +605,16 @@ class PointAverages:
         near_count: int = near.stop - near.start
         elements = near_count * steps * point_count
         if steps > 1 and elements > _MOST_NEAR:
-            return steps // 2  # the caller asks again for the smaller block
+            return steps // 2
         return steps
 
     def balls(self, block: Block) -> PointBalls:
-        """Return the averages at the points of the block: the sums over near contacts plus the sums
+        """Return the averages at the points of a ``block``, from sums over near contacts plus sums
         over far contacts.
 
-        Four quantities are summed for each ball: the stiffness, its change and the change of the
-        force since the upper end of the step, (n, B, s + 1); and the force at the upper end, (n,
-        B).
+        For each ball four sums are formed: the stiffness (n, B, s + 1), the changes of stiffness
+        and of force from the upper end of the step (n, B, s + 1), and the force at the upper end
+        (n, B).
         """
         middle, half, last_far, near = self._find_range(block)
         sums = self._sum_near(block, near)
@@ -575,15 +624,14 @@ class PointAverages:
         return PointBalls(self._weights, self.xi, *sums)
 
     def _sum_near(self, block: Block, near: slice) -> list[Array]:
-        """Return the four sums of :meth:`balls` over near contacts, contact by contact.
-
-        Arrays of the contacts are (near contacts, B) or (near contacts, B, s + 1).
+        """Return the four sums of :meth:`balls` over the ``near`` contacts, contact by contact;
+        arrays of contacts are (near contacts, B) or (near contacts, B, s + 1).
         """
         openings = self._openings[near]
         pair_weights = self._pair_weights[..., near]
         origin = block.origin[:, 0]
         closed = openings[:, None] <= origin
-        # h^(1/2) of the overlaps h = (origin - opening) + u^2, and its change since the upper end
+        # h^(1/2) of the overlaps h = (origin - opening) + u^2, and its change from the upper end
         overlap_at_origin = np.where(closed, origin - openings[:, None], 0.0)
         root = np.sqrt(overlap_at_origin[..., None] + block.root**2) * closed[..., None]
         top = root[..., -1:]
@@ -591,8 +639,8 @@ class PointAverages:
         change = block.drop * (block.root + block.root[:, -1:]) / sum_of_roots
 
         def sum_pairs(terms: Array) -> Array:
-            """Return the sums over the pairs of each ball, (n, ...), of the terms (m, ...) of the
-            pairs.
+            """Return the sums (n, ...), over the pairs of each ball, of the ``terms`` (m, ...) of
+            the m pairs.
             """
             shape = terms.shape[1:]
             columns = terms.reshape(len(terms), int(np.prod(shape)))
@@ -608,17 +656,16 @@ class PointAverages:
         ]
 
     def _sum_far(self, block: Block, middle: float, half: float, last_far: float) -> list[Array]:
-        """Return the four sums of :meth:`balls` over far contacts, by polynomials on the range of
-        the block; ``middle``, ``half`` and ``last_far`` are the first three of
-        :meth:`_find_range`.
+        """Return the four sums of :meth:`balls` over far contacts, as polynomials on the range of
+        the ``block``: the slope of the stiffness is interpolated, and integrated twice.
 
-        The slope of the stiffness is interpolated, and integrated twice.
+        ``middle``, ``half`` and ``last_far`` are the first three numbers of :meth:`_find_range`.
         """
         w = self._weights
         least_origin = block.origin[-1, 0]
         is_far = self._opening_matrix <= last_far
-        # (n, n) overlaps at the middle of the range: infinite ones have no slope, zero ones no
-        # force, so that near contacts count in neither sum
+        # (n, n) overlaps at the middle of the range. Near contacts are left out of the sums: an
+        # infinite overlap has no slope of the stiffness, and an overlap of zero no force
         overlap = least_origin - self._opening_matrix + middle
         nodes = chebyshev.chebpts1(_DEGREE + 1)
         far_overlap = np.where(is_far, overlap, np.inf)
@@ -629,7 +676,7 @@ class PointAverages:
         stiffness_series = _integrate_series(slope_series, half, 1.5 * root @ w)
         force_series = _integrate_series(stiffness_series, half, far_overlap * root @ w)
         # T_m at the points, and its difference from T_m at the upper end of the step, both by
-        # recurrence: no digits are lost
+        # recurrence, so that the difference loses no digits
         t = (block.origin - least_origin + block.root**2 - middle) / half
         drop = block.drop * (block.root + block.root[:, -1:]) / half
         polynomials = [np.ones_like(t), t]
@@ -649,15 +696,16 @@ class PointAverages:
 
 
 def _sum_series(table: Array, terms: Array) -> Array:
-    """Return the sums (n, ...) of the Chebyshev series ``table`` (m, n) of n balls; ``terms`` (m or
-    more, ...) are the Chebyshev polynomials.
+    """Return the values (n, ...) of n Chebyshev series with the coefficients ``table`` (m, n);
+    ``terms`` (m or more, ...) are the values of the Chebyshev polynomials.
     """
     return np.asarray(np.einsum("mn,m...->n...", table, terms[: len(table)]))
 
 
 def _integrate_series(table: Array, scale: float, middle: Array) -> Array:
-    """Return the Chebyshev series (m + 1, n) of the integrals of n series (m, n), over ``scale``
-    times the variable; each equals ``middle`` (n,) at 0.
+    """Return the Chebyshev coefficients (m + 1, n) of the integrals of n series with the
+    coefficients ``table`` (m, n), over ``scale`` times the variable; their values at 0 are
+    ``middle`` (n,).
     """
     integral = np.asarray(chebyshev.chebint(table, scl=scale), float)
     integral[0] += middle - chebyshev.chebval(0.0, integral)
@@ -666,11 +714,16 @@ def _integrate_series(table: Array, scale: float, middle: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class PointBalls:
-    """Averages by sums, as :class:`DensityBalls`: ``weights`` (n,) are those of the listed
-    diameters, ``stiffness`` (n, B, s + 1) is K^Q at the points.
+    """Averages over n listed diameters at the points of a block, with the same interface as
+    :class:`DensityBalls`; all in reduced units.
 
-    ``change`` and ``force_change`` (n, B, s + 1) are the changes of K^Q and F^Q since the upper end
-    of the step, where F^Q is ``top`` (n, B); all reduced.
+    Attributes
+    ----------
+    weights : (n,) weights of the listed diameters.
+    xi : local-field factor.
+    stiffness : (n, B, s + 1) K^Q at the points.
+    change, force_change : (n, B, s + 1) changes of K^Q and of F^Q from the upper end of the step.
+    top : (n, B) F^Q at the upper end of the step.
     """
 
     weights: Array
@@ -680,6 +733,7 @@ class PointBalls:
     force_change: Array
     top: Array
 
+    #: derivative of the force from which forces are counted, a constant on each step
     base_stiffness = 0.0
     #: zero, because no differences of large numbers are taken
     noise = 0.0
@@ -690,15 +744,18 @@ class PointBalls:
         return self._average(self.stiffness)
 
     def balance(self, k: Array) -> tuple[Array, Array, Array]:
-        """Return G(y, k) less G at the upper end, and dG/dk, (B, s + 1), for ``k`` (B, s + 1); and
-        G at the lower ends (B,); all reduced.
+        """Return, for the stiffness ``k`` (B, s + 1) at the points, the force G(y, k) less its
+        value at the upper end of the step (B, s + 1), dG/dk (B, s + 1), and G at the lower ends of
+        the steps (B,).
+
+        G is the mean of F^Q over balls with the weights 1/(K^Q + Xi k), their compliances.
         """
         compliance = 1.0 / (self.stiffness + self.xi * k)
         top_compliance = compliance[..., -1]
         top_force = self._average(top_compliance * self.top) / self._average(top_compliance)
         top_excess = self.top - top_force
-        # <(F^Q - f) compliance> is zero at the upper end: elsewhere the mean is the sum of the
-        # changes of F^Q and of the compliance
+        # <(F^Q - f) compliance> is zero at the upper end. So at the other points it is a sum of
+        # the changes of F^Q and of the compliance from the upper end, which keeps all digits
         stiffening = self.change + self.xi * (k - k[:, -1:])
         changes = self.force_change - stiffening * (top_excess * top_compliance)[..., None]
         total = self._average(compliance)
@@ -708,7 +765,7 @@ class PointBalls:
         return force, by_k, top_force + force[:, 0]
 
     def _average(self, values: Array) -> Array:
-        """Return the mean (...) over the points of values (n, ...)."""
+        """Return the mean (...) over the listed diameters of ``values`` (n, ...)."""
         return np.asarray(np.einsum("n,n...->...", self.weights, values))
 
 
@@ -717,10 +774,8 @@ class PointBalls:
 
 @lru_cache(maxsize=64)
 def effective_curve(shape: Shape, xi: float) -> EffectiveCurve:
-    """Return the curve of a shape and Xi, the solution of equation (36); force and stiffness are
-    right to 1e-8 or better from f* = 1e-4 on.
-
-    Results are cached.
+    """Return the curve of a ``shape`` and Xi = ``xi``, the solution of equation (36). The relative
+    errors of force and stiffness are 1e-8 or less from f* = 1e-4 on. Results are cached.
 
     Raises :class:`~granphon.base.errors.PrecisionError` if the steps do not settle where the medium
     is valid.
@@ -731,10 +786,13 @@ def effective_curve(shape: Shape, xi: float) -> EffectiveCurve:
 
 
 def _differentiate_curve(curve: EffectiveCurve) -> tuple[Array, Array, Array]:
-    """Return the derivatives of the tables of energy, force and stiffness of a curve by Xi.
+    """Return the derivatives, with respect to Xi, of the tables of energy, force and stiffness of a
+    ``curve``.
 
-    G depends on Xi k alone, so that dG/dXi = (dG/dk) (dk/dXi + k/Xi). With this equation (36) is
-    linear in dk/dXi, and solved downwards from the series as the curve itself.
+    The curve solves k = dG/dy, where k is the stiffness and G(y, k) the force, at the overlap y. At
+    a given y, G is a function of Xi k alone, so that dG/dXi = (dG/dk) (dk/dXi + k/Xi). With this
+    expression, the derivative of the equation is linear in dk/dXi. It is solved downwards from the
+    series, on the steps of the curve, several steps at a time.
     """
     shape = curve.shape
     xi = curve.xi
@@ -746,10 +804,10 @@ def _differentiate_curve(curve: EffectiveCurve) -> tuple[Array, Array, Array]:
         """Return k where the series begins, at Xi (1 + ``step``)."""
         return high_pressure_series(shape, xi * (1.0 + step)).value(start, STIFFNESS)
 
-    slope = differentiate(find_stiffness, _STEP_OF_XI) / xi
-    force_slope = 0.0
+    slope = differentiate(find_stiffness, _STEP_OF_XI) / xi  # dk/dXi at the upper end
+    force_slope = 0.0  # that of the force, at the lower end of the steps that are done
     tables = []
-    last = curve.steps.shape[1]  # steps from here on are done
+    last = curve.steps.shape[1]  # steps from this number on are done
     while last:
         steps = _list_steps(curve, slice(max(0, last - _MANY_STEPS), last))
         block = Block.of(steps, points)
@@ -758,10 +816,10 @@ def _differentiate_curve(curve: EffectiveCurve) -> tuple[Array, Array, Array]:
         balls = averages.balls(block) if averages else DensityBalls(shape, xi, _ORDER, block)
         chosen = slice(last - allowed, last)
         values = chebyshev.chebval(points, curve.tables[STIFFNESS][:, chosen])
-        k = np.asarray(values[::-1], float)
+        k = np.asarray(values[::-1], float)  # a block has its steps in descending order
         _, by_k, _ = balls.balance(k)
-        by_xi = by_k * k / xi
-        slopes = np.empty_like(k)
+        by_xi = by_k * k / xi  # dG/dXi at fixed k
+        slopes = np.empty_like(k)  # dk/dXi
         change = _solve_steps(by_k, derivative, block, -by_xi @ derivative.T, slope)
         assert change is not None  # the same matrix has solved for k
         slopes[:, :-1] = change
@@ -777,7 +835,7 @@ def _differentiate_curve(curve: EffectiveCurve) -> tuple[Array, Array, Array]:
 
 
 def _list_steps(curve: EffectiveCurve, chosen: slice) -> list[Step]:
-    """Return the chosen steps of a curve, in descending order."""
+    """Return the steps of a ``curve`` that the slice ``chosen`` selects, in descending order."""
     steps = []
     for origin, middle, half in curve.steps[:, chosen].T[::-1].tolist():
         low = 0.0 if middle == half else middle - half
@@ -788,9 +846,13 @@ def _list_steps(curve: EffectiveCurve, chosen: slice) -> list[Step]:
 def radau(stages: int) -> tuple[Array, Array, Array]:
     """Return the collocation rule on [-1, 1] with s = ``stages`` Radau points.
 
-    First are the ``points`` (s + 1,): those s, which include -1, followed by +1. Two matrices act
-    on values at the points: the first (s, s + 1) gives the derivative of the interpolating
-    polynomial at the Radau points, the second (s + 1, s + 1) its Chebyshev series.
+    Returns
+    -------
+    points : (s + 1,) the Radau points, of which the first is -1, followed by +1.
+    to_slopes : (s, s + 1) matrix from values at the points to the derivative, at the Radau points,
+        of the polynomial through these values.
+    to_series : (s + 1, s + 1) matrix from values at the points to the Chebyshev coefficients of
+        this polynomial.
     """
     from scipy.special import roots_jacobi
 
@@ -813,18 +875,19 @@ def solve_curve(
     longest: float = np.inf,
     order: int = _ORDER,
 ) -> EffectiveCurve:
-    """Return the curve of a shape and Xi: equation (36), solved with s = ``stages``; no step is
-    longer than ``longest`` in the square root u.
+    """Return the curve of a ``shape`` and Xi = ``xi``, the solution of equation (36) with s =
+    ``stages`` collocation points on each step.
 
-    ``tolerance`` is the largest value of the last two Chebyshev coefficients of k, relative to the
-    least k on the step; ``order`` is that of the quadrature over the balls of a density. The curve
-    ends where :class:`EffectiveCurve` says. Raises
+    A step is halved until the last two Chebyshev coefficients of k are no larger than
+    ``tolerance`` times the least k on the step. No step is longer than ``longest`` in the square
+    root u. ``order`` is the number of nodes of the quadrature over the balls of a density. The
+    curve ends at low forces as :class:`EffectiveCurve` describes it. Raises
     :class:`~granphon.base.errors.PrecisionError` if steps do not settle where the medium is valid.
     """
     averages = PointAverages(shape, xi) if isinstance(shape, PointShape) else None
     points, derivative, coefficients = radau(stages)
     far = high_pressure_series(shape, xi)
-    # steps to be solved, in ascending order; the solution goes on from the last of them
+    # steps to be solved, in ascending order; the last of them is solved next
     pending = _divide_range([*shape.openings.tolist(), far.start], longest)
     first_opening = pending[0][0]
     stiffness = far.value(far.start, STIFFNESS)
@@ -832,13 +895,13 @@ def solve_curve(
     solved_steps = []
     solved_tables = []
     count = 1  # number of steps that are solved at once
-    guess = None  # overlaps and k/<K^Q> of the last attempt
+    guess = None  # overlaps and k/<K^Q> of the last attempt, if it has to be repeated
     while force > LEAST_SOLVED_FORCE:
         origin, low, high = pending[-1]
         if stiffness * (origin - first_opening + high**2) <= _VANISHED * force:
             break
-        # where the first contact opens, force and stiffness are both zero: steps approach that end
-        # but do not include it
+        # at the overlap where the first contact closes, force and stiffness are both zero. Steps
+        # are halved towards this end, and never contain it
         if (origin, low) == (first_opening, 0.0):
             pending[-1:] = _halve(pending[-1])
             continue
@@ -877,7 +940,7 @@ def solve_curve(
             if solution is not None:
                 guess = _sort_by_overlap(block.y, k / balls.mean)
             continue
-        # the last step that counts is the first that reaches below the least force
+        # steps below the first one that reaches the least force are dropped
         solved_count = min(len(steps), 1 + int(np.count_nonzero(forces > LEAST_SOLVED_FORCE)))
         geometry = np.concatenate([block.origin, block.middle, block.half], axis=1)
         solved_steps.append(geometry[:solved_count])
@@ -891,7 +954,7 @@ def solve_curve(
 
 
 def _explain_divergence(block: Block) -> PrecisionError:
-    """Return the error of a step that is not resolved however short it is."""
+    """Return the error of a ``block`` whose first step is not resolved however short it is."""
     overlap = float(block.y[0, -1])
     return PrecisionError(
         f"the effective medium does not converge below an overlap of {overlap:.6g} widths",
@@ -900,14 +963,19 @@ def _explain_divergence(block: Block) -> PrecisionError:
 
 
 def _sort_by_overlap(y: Array, ratio: Array) -> tuple[Array, Array]:
-    """Return overlaps y and the ratios at them, both flat, in ascending order of the overlap."""
+    """Return overlaps ``y`` (B, s + 1) and the ``ratio`` (B, s + 1) at them, both flat, (m,), in
+    ascending order of the overlap.
+    """
     ascending = np.argsort(y, axis=None)
     return y.ravel()[ascending], ratio.ravel()[ascending]
 
 
 def _divide_range(ends: list[float], longest: float) -> list[Step]:
-    """Return the initial steps between the reduced overlaps ``ends``, the openings and the start of
-    the series, in ascending order; no step is longer than ``longest`` in the square root u.
+    """Return the initial steps, in ascending order, between the reduced overlaps ``ends``, which
+    are the openings and the start of the series.
+
+    The lowest step above an opening is halved while the next opening below is near
+    (:data:`_NEAR`). No step is longer than ``longest`` in the square root u.
     """
     steps: list[Step] = []
     next_below = -np.inf
@@ -931,10 +999,12 @@ def _make_curve(
     tables: list[Array],
     lowest_force: float,
 ) -> EffectiveCurve:
-    """Return the curve from its ``steps`` (n, 3), each an origin, a middle and a half length, and
-    the series of k on each step, the ``tables`` (n, s + 1), both in descending order.
+    """Return the curve of a ``shape`` and Xi from the solved blocks, which are in descending order.
 
-    ``far`` is the series beyond the steps, ``lowest_force`` the reduced force at the lower end.
+    ``steps`` holds an array (B, 3) for each block: the origin, the middle and the half length of
+    each step. ``tables`` holds an array (B, s + 1) for each: the Chebyshev coefficients of k.
+    ``far`` is the series beyond the steps, and ``lowest_force`` the reduced force at the lower end
+    of the curve.
     """
     geometry = np.ascontiguousarray(np.concatenate(steps)[::-1].T)
     stiffness = np.ascontiguousarray(np.concatenate(tables)[::-1].T)
@@ -953,11 +1023,11 @@ def _make_curve(
 def _estimate(
     balls: DensityBalls | PointBalls, block: Block, guess: tuple[Array, Array] | None, top: float
 ) -> Array:
-    """Return an estimate of k, (B, s + 1), at the points of a block, which is ``top`` at the upper
-    end.
+    """Return an estimate of the stiffness k (B, s + 1) at the points of a ``block``, with the value
+    ``top`` at its upper end.
 
-    k/<K^Q> is smooth: the ratio is that of the last attempt, whose overlaps and ratios are the
-    ``guess``, or else a constant.
+    The ratio k/<K^Q> is a smooth function of the overlap. It is interpolated from the overlaps and
+    ratios ``guess`` of the last attempt, or without one is a constant.
     """
     ratio = np.ones(block.y.shape) if guess is None else np.interp(block.y, *guess)
     scale = top / (balls.mean[0, -1] * ratio[0, -1])
@@ -965,17 +1035,17 @@ def _estimate(
 
 
 def _find_rough(table: Array, k: Array, tolerance: Array) -> Flags:
-    """Return (B,) whether k (B, s + 1) is not resolved on each step: the last two of its Chebyshev
-    coefficients, ``table`` (B, s + 1), are above the ``tolerance`` (B,) or (1,), relative to the
-    least k.
+    """Return (B,) whether ``k`` (B, s + 1) is not resolved on each step, because one of the last
+    two of its Chebyshev coefficients, ``table`` (B, s + 1), is above the ``tolerance`` (B,) or (1,)
+    times the least k.
     """
     last_coefficients = np.max(np.abs(table[:, -2:]), axis=1)
     return np.asarray(last_coefficients > tolerance * np.min(k, axis=1))
 
 
 def _halve_rough(steps: list[Step], is_rough: Flags) -> list[Step]:
-    """Return the ``steps``, given in descending order, in ascending order, with the rough ones
-    halved; ``is_rough`` (steps,) says which.
+    """Return ``steps``, which are in descending order, in ascending order, with those halved for
+    which ``is_rough`` (steps,) is true.
     """
     finer = []
     for step, must_halve in zip(reversed(steps), reversed(is_rough.tolist()), strict=True):
@@ -984,7 +1054,7 @@ def _halve_rough(steps: list[Step], is_rough: Flags) -> list[Step]:
 
 
 def _halve(step: Step) -> list[Step]:
-    """Return the two halves of a step, in ascending order."""
+    """Return the two halves of a ``step``, equal in the root, in ascending order."""
     origin, low, high = step
     middle = 0.5 * (low + high)
     return [(origin, low, middle), (origin, middle, high)]
@@ -993,21 +1063,24 @@ def _halve(step: Step) -> list[Step]:
 def _relax(
     balls: DensityBalls | PointBalls, derivative: Array, block: Block, k: Array, top: float
 ) -> tuple[Array, Array] | None:
-    """Return k (B, s + 1) at the points of a block and the force (B,) at the lower ends, by
-    Newton's method from an estimate ``k``, which is overwritten; None if the method fails.
+    """Return the stiffness k (B, s + 1) at the points of a ``block`` of B steps, which solves k =
+    dG(y, k)/dy for the averages G over ``balls``, and the force (B,) at the lower ends of the
+    steps; None if Newton's method fails.
 
-    ``derivative`` (s, s + 1) gives the derivative at the Radau points (see :func:`radau`), ``top``
-    is k at the upper end of the block.
+    The estimate ``k`` (B, s + 1), from which the method starts, is overwritten. ``derivative``
+    (s, s + 1) is ``to_slopes`` of :func:`radau`, and ``top`` is k at the upper end of the block.
     """
     rise = 2.0 * block.half * block.root[:, :-1]  # dy/dt
+    # k at the upper end of a step is k at the lower end of the step before
     k[:, -1] = np.append(top, k[:-1, 0])
     for _ in range(_MOST_ITERATIONS):
         force, by_k, _ = balls.balance(k)
+        # k dy/dt - dG/dt; `force` is G less a base force, whose derivative is the base stiffness
         residual = (k - balls.base_stiffness)[:, :-1] * rise - force @ derivative.T
         change = _solve_steps(by_k, derivative, block, residual, 0.0)
         if change is None:
             return None
-        # a large change may overshoot, but the stiffness stays above zero
+        # a large change may overshoot; the stiffness is kept above zero
         k[:, :-1] = np.maximum(k[:, :-1] + change, 0.1 * k[:, :-1])
         k[1:, -1] = k[:-1, 0]
         if np.all(np.abs(change) <= _SETTLED * k[:, :-1]):
@@ -1020,15 +1093,18 @@ def _relax(
 def _solve_steps(
     by_k: Array, derivative: Array, block: Block, residual: Array, top: float
 ) -> Array | None:
-    """Return the changes of k (B, s) at the Radau points of a block that take a ``residual`` (B, s)
-    of k dy/dt - dG/dt away; ``by_k`` (B, s + 1) is dG/dk, and ``top`` the change of k at the upper
-    end of the block. None if there are none.
+    """Return the changes (B, s) of the stiffness k, at the Radau points of a ``block`` of B steps,
+    that remove a ``residual`` (B, s) of the equation k dy/dt = dG(y, k)/dt to first order; None if
+    the linear equations have no finite solution.
+
+    ``by_k`` (B, s + 1) is dG/dk. ``derivative`` (s, s + 1) takes values at the points to their
+    derivatives at the Radau points, and ``top`` is the change of k at the upper end of the block.
     """
     rise = 2.0 * block.half * block.root[:, :-1]  # dy/dt
     inner_columns = derivative[:, :-1]
     last_column = derivative[:, -1]
-    # k dy/dt = dG/dt at the Radau points, to first order in the change of k there; the second side
-    # is the response to a change of k at the upper end of the step
+    # k dy/dt = dG/dt at the Radau points, to first order in the change of k there. The first right
+    # side is the residual, and the second the effect of a change of k at the upper end of the step
     matrix = inner_columns * by_k[:, None, :-1] - rise[:, :, None] * np.eye(len(inner_columns))
     sides = np.stack([residual, -last_column * by_k[:, -1:]], axis=-1)
     try:

@@ -3,10 +3,12 @@ against the mean overlap.
 
 Every medium has its own law, f(delta) with k = df/d(delta). Equal balls follow Hertz's law
 (:class:`~granphon.balls.hertz.HertzLaw`). Balls whose diameters spread over a width W follow it
-only at overlaps far above W. In the reduced units of Section IV, y = delta/W = a* - 1/2 and f* =
-f/c W^(3/2), their law depends only on the shape of the distribution and on the medium. Where all
-contacts are closed, the law is y^(3/2) times a power series in 1/y. The series is used at large y:
-it costs nothing, loses no digits, and becomes the law of equal balls as W goes to zero.
+only at overlaps far above W. In the reduced units of Velicky and Caroli (2002, Section IV), y =
+delta/W = a* - 1/2 and f* = f/(c W^(3/2)), their law depends only on the shape of the distribution
+and on the medium. If all contacts are closed, the law is y^(3/2) times a power series in 1/y. The
+series is used at large y: it costs nothing, loses no digits, and becomes the law of equal balls as
+W goes to zero. Section and equation numbers in this module are those of that paper. F^Q and K^Q are
+the mean force and stiffness of the contacts of a ball Q.
 """
 
 from __future__ import annotations
@@ -40,34 +42,39 @@ from granphon.base.arrays import ROUNDED, Array
 from granphon.base.errors import InputError, PrecisionError
 from granphon.base.scales import WidthUnits
 
-#: (2/5) y^(5/2), the reduced energy of equal balls, and its derivatives of order 1 to 3, each
-#: divided by its power of y
+#: prefactors of the reduced energy of equal balls, (2/5) y^(5/2), and of its derivatives of order 1
+#: to 3
 _HERTZ = (0.4, 1.0, 1.5, 0.75)
-#: y over the largest deviation x, from which the series is used
+#: overlap y, over the largest deviation x of a diameter, from which the series is used
 _SERIES_START = 12.0
 #: number of terms of the series
 _TERMS = 16
 #: depth y + max(x) above the first contact, over max(x), from which doubles hold eight digits of
 #: the force
 _LEAST_DEPTH = 1e-8
-#: nodes on either side for a count of closed contacts: a count has a kink that the choice of nodes
-#: does not allow for
+#: number of nodes, on either side of the middle, for the fraction of closed contacts, which has a
+#: kink that the choice of nodes does not allow for
 _COUNTING = 128
-#: number of loads averaged over balls at once, which bounds the memory
+#: number of loads that are averaged over balls at once, which bounds the memory
 _LOADS_AT_ONCE = 1024
-#: largest number of rounds of the inverse of the series
+#: largest number of iterations that find the overlap of a force by the series
 _MOST_ROUNDS = 20
 #: largest number of Newton steps for the overlap of the averaged force
 _MOST_STEPS = 200
-#: number of rows of the table from which Newton's method starts
+#: number of rows of the table of forces from which Newton's method starts
 _TABLE_ROWS = 512
 
 
 class Series(NamedTuple):
-    """High-pressure series f* = y^(3/2) sum_n ``mean[n]`` (``scale``/y)^n, for y from ``start`` on.
+    """High-pressure series f* = y^(3/2) sum_n mean_n (scale/y)^n, for y from ``start`` on.
 
-    ``mean`` is (terms,); ``balls`` (terms, n_Q) holds the corresponding coefficients of F^Q of each
-    ball, ``weights`` (n_Q,) the weights of the balls.
+    Attributes
+    ----------
+    mean : (terms,) coefficients of the mean force f*.
+    scale : the largest deviation x of a diameter, in units of W.
+    start : y from which the series is used.
+    balls : (terms, n_Q) coefficients of the force F^Q of each ball.
+    weights : (n_Q,) weights of the balls.
     """
 
     mean: Array
@@ -78,7 +85,7 @@ class Series(NamedTuple):
 
     def ratio(self, y: Array, order: int) -> Array:
         """Return the derivative, of an ``order`` of 0 to 3, of the energy at each overlap ``y``
-        (any shape) divided by that of equal balls.
+        (any shape), divided by the same derivative for equal balls.
         """
         coefficients = self.mean * _compute_factors(order) / _HERTZ[order]
         return np.asarray(np.polynomial.polynomial.polyval(self.scale / y, coefficients))
@@ -88,7 +95,7 @@ class Series(NamedTuple):
         return float(_HERTZ[order] * y ** (2.5 - order) * self.ratio(np.asarray(y), order))
 
     def excess(self, y: Array) -> tuple[Array, Array]:
-        """Return (F^Q - f)/f and K^Q/k, (n_y, n_Q), of each ball at the overlaps y (n_y,).
+        """Return (F^Q - f)/f and K^Q/k, each (n_y, n_Q), of each ball at the overlaps ``y`` (n_y,).
 
         The terms of order 0 of F^Q and f are equal. They are left out of F^Q - f, so that no digits
         are lost.
@@ -102,8 +109,9 @@ class Series(NamedTuple):
 
 
 def _compute_factors(order: int) -> Array:
-    """Return the factors from coefficients of the force (terms y^(3/2 - n)) to those of another
-    derivative of the energy.
+    """Return the factors (terms,) by which the coefficients of the force, whose terms are
+    y^(3/2 - n), are multiplied to give those of the derivative of an ``order`` of 0 to 3 of the
+    energy.
     """
     n = np.arange(_TERMS)
     return np.asarray([1.0 / (2.5 - n), np.ones(n.size), 1.5 - n, (1.5 - n) * (0.5 - n)][order])
@@ -111,8 +119,8 @@ def _compute_factors(order: int) -> Array:
 
 @lru_cache(maxsize=128)
 def high_pressure_series(shape: Shape, xi: float) -> Series:
-    """Return the series of f* where all contacts are closed, by equation (36); infinite Xi gives
-    the averaged force.
+    """Return the series of f* if all contacts are closed, by equation (36), for a ``shape`` and the
+    local-field factor Xi = ``xi``; an infinite Xi gives the averaged force.
 
     To second order f* = y^(3/2) (1 + r/(64 y^2)) for symmetric shapes, with r = Xi/(1 + Xi).
     """
@@ -124,12 +132,13 @@ def high_pressure_series(shape: Shape, xi: float) -> Series:
 
 
 def _expand_forces(x: Array, weights: Array) -> Array:
-    """Return the coefficients (terms, n_Q) of the powers of z = scale/y in F^Q/y^(3/2) of balls
-    with the deviations ``x`` (n_Q,) of their diameters, in units of the scale; ``weights`` (n_Q,)
-    are those of balls.
+    """Return the coefficients (terms, n_Q) of the powers of z = scale/y in F^Q/y^(3/2), of balls
+    with the deviations ``x`` (n_Q,) of their diameters from the mean, in units of the scale, and
+    the ``weights`` (n_Q,).
 
-    F^Q/y^(3/2) is the mean of (1 + z (x + x')/2)^(3/2) over the deviations x' of the balls that
-    touch; so the coefficient of z^m has the mean of (x + x')^m.
+    F^Q/y^(3/2) is the mean of (1 + z (x + x')/2)^(3/2) over the deviations x' of the neighbours.
+    So the coefficient of z^m is a binomial coefficient, of 3/2 over m, times the mean of
+    ((x + x')/2)^m.
     """
     orders = np.arange(_TERMS)
     moments = [float(np.sum(weights * x**m)) for m in orders]
@@ -143,13 +152,13 @@ def _expand_forces(x: Array, weights: Array) -> Array:
 
 
 def _solve_orders(balls: Array, weights: Array, xi: float) -> Array:
-    """Return the coefficients (terms,) of f*, which solve equation (36) order by order, from those
-    of F^Q, ``balls`` (terms, n_Q), for the local-field factor ``xi``; ``weights`` (n_Q,) are those
-    of the balls.
+    """Return the coefficients (terms,) of f* that solve equation (36), <(F^Q - f)/(K^Q + Xi k)> =
+    0, order by order.
 
-    Force and stiffness of all balls agree at leading order, so that a coefficient of the unknown
-    force enters its own order of (36) linearly, and the stiffness that belongs to it enters higher
-    orders only.
+    ``balls`` (terms, n_Q) are the coefficients of F^Q, ``weights`` (n_Q,) the weights of the balls,
+    and ``xi`` is the local-field factor. At leading order force and stiffness are the same for all
+    balls. So a coefficient of f enters its own order of the equation linearly, and the coefficient
+    of k that belongs to it enters higher orders only.
     """
     orders = np.arange(_TERMS)
     stiffness_factors = _compute_factors(STIFFNESS)
@@ -169,9 +178,17 @@ def _solve_orders(balls: Array, weights: Array, xi: float) -> Array:
 class SpreadLaw(EnergyLaw):
     """Contact law f = c W^(3/2) f*(y), y = delta/W, of balls whose diameters differ.
 
-    Methods take numbers or arrays of any shape, and a float gives a float. The energy is the
-    integral of the force over the overlap, zero where all contacts are open. ``overlap`` is delta
-    in m, ``force`` f in N. A subclass gives the reduced law for y below the start of the series.
+    Methods take numbers or arrays of any shape; for a float they return a float. An ``overlap`` is
+    delta in m, and a ``force`` is f in N. The energy is the integral of the force over the overlap,
+    and zero if all contacts are open. A subclass gives the reduced law for y below the start of the
+    series.
+
+    Attributes
+    ----------
+    coefficient : c of Hertz's law of equal balls, N/m^(3/2).
+    width : W, the width of the distribution of diameters, m.
+    shape : the shape of the distribution.
+    xi : the local-field factor Xi.
     """
 
     coefficient: float
@@ -180,22 +197,25 @@ class SpreadLaw(EnergyLaw):
         metadata={"kind": UniformShape | NormalShape | PointShape}
     )
 
-    #: Xi, the stiffness with which the rest of the lattice holds a ball's corona, in units of k;
-    #: infinite if balls stay at their sites
+    #: Xi, the stiffness with which the rest of the lattice holds the neighbours of a ball, its
+    #: corona, in units of k; infinite if balls stay at their sites
     xi: float
 
     @abstractmethod
     def _evaluate_near(self, y: Array, order: int) -> Array:
-        """Return the derivative, of an ``order`` of 0 to 3, of the reduced energy, for y below the
-        start of the series; zero if all contacts are open.
+        """Return the derivative, of an ``order`` of 0 to 3, of the reduced energy with respect to
+        y, at each y (any shape) below the start of the series; zero if all contacts are open.
         """
 
     @abstractmethod
     def _find_near_overlap(self, force: Array) -> Array:
-        """Return y for reduced forces f* below that at the start of the series."""
+        """Return the reduced overlap y at each reduced force f*, ``force`` (any shape), below that
+        at the start of the series.
+        """
 
     @property
     def _series(self) -> Series:
+        """The high-pressure series of the law."""
         return high_pressure_series(self.shape, self.xi)
 
     @property
@@ -209,11 +229,11 @@ class SpreadLaw(EnergyLaw):
         return -self.width * self.shape.bounds[1]
 
     def overlap(self, force: ArrayLike) -> Any:
-        """Return the overlap delta, m, at a mean contact force above zero, N.
+        """Return the overlap delta, m, at a mean contact ``force`` above zero, N.
 
-        Raises :class:`~granphon.base.errors.InputError` if the force is not above zero, and
-        :class:`~granphon.base.errors.PrecisionError` if it is so small that the law is not known
-        there.
+        Raises :class:`~granphon.base.errors.InputError` if a force is not above zero, and
+        :class:`~granphon.base.errors.PrecisionError` if a force is so small that the law is not
+        known there.
         """
         load = np.asarray(force, float)
         if not np.all(load > 0.0):
@@ -232,7 +252,7 @@ class SpreadLaw(EnergyLaw):
             hertz = HertzLaw(self.coefficient)
             delta = np.asarray(hertz.overlap(force))
             for _ in range(_MOST_ROUNDS):
-                # the ratio is within 1 % of one: each round gains two digits or more
+                # the ratio is within 1 % of one, so that each iteration gains two digits or more
                 ratio = self._series.ratio(delta / self.width, FORCE)
                 next_delta = np.asarray(hertz.overlap(force / ratio))
                 is_settled = np.all(np.abs(next_delta - delta) <= ROUNDED * next_delta)
@@ -249,23 +269,28 @@ class SpreadLaw(EnergyLaw):
             return self._evaluate_parts(load, is_far, invert_series, invert_near)
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
-        """Return Delta f / f of Section IV: the rms deviation of the relaxed force over balls,
-        divided by the mean force; a number for each ``overlap``, m.
+        """Return Delta f / f of Section IV at each ``overlap``, m: the rms deviation, over balls Q,
+        of the force F^Q - K^Q u^Q from the mean force f, divided by f. The corona of a ball has
+        been displaced by u^Q.
         """
 
         def compute_rms(force_excess: Array, stiffness_ratio: Array, weights: Array) -> Array:
-            """Return the rms (n_y,) over balls of the relaxed excess of force; arguments are (n_y,
-            n_Q), weights also (n_Q,).
+            """Return the rms (n_y,), over balls, of (F^Q - K^Q u^Q - f)/f.
+
+            ``force_excess`` is (F^Q - f)/f and ``stiffness_ratio`` is K^Q/k, both (n_y, n_Q);
+            ``weights`` are (n_y, n_Q) or (n_Q,).
             """
-            # F^Q - K^Q u^Q - f = (F^Q - f)/(1 + K^Q/Xi k)
+            # F^Q - K^Q u^Q - f = (F^Q - f)/(1 + K^Q/(Xi k)), as u^Q = (F^Q - f)/(K^Q + Xi k)
             relaxed_excess = force_excess / (1.0 + stiffness_ratio / self.xi)
             return np.asarray(np.sqrt(np.sum(weights * relaxed_excess**2, axis=-1)))
 
         def far(y: Array) -> Array:
+            """Return Delta f / f (n_y,) at overlaps y (n_y,), from the start of the series on."""
             force_excess, stiffness_ratio = self._series.excess(y)
             return compute_rms(force_excess, stiffness_ratio, self._series.weights)
 
         def near(y: Array) -> Array:
+            """Return Delta f / f (n_y,) at overlaps y (n_y,) below the start of the series."""
             nodes = self.shape.nodes(y)
             force_excess, stiffness_ratio = self._compute_excesses(y, nodes.positions)
             return compute_rms(force_excess, stiffness_ratio, nodes.weights)
@@ -274,7 +299,7 @@ class SpreadLaw(EnergyLaw):
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
         """Return the fraction of contacts that are closed (N_c of Section IV) at each ``overlap``,
-        m, when the corona of each ball is displaced by u^Q.
+        m, if the corona of each ball Q is displaced by u^Q = (F^Q - f)/(K^Q + Xi k).
         """
 
         def near(y: Array) -> Array:
@@ -284,21 +309,21 @@ class SpreadLaw(EnergyLaw):
             force = self._evaluate_near(y, FORCE)
             k = self._evaluate_near(y, STIFFNESS)
             force_over_stiffness = force / np.where(k > 0.0, k, 1.0)
-            # u^Q = (F^Q - f)/(K^Q + Xi k), reduced
+            # reduced displacement u^Q of the corona
             displacement = (
                 force_over_stiffness[:, None] * force_excess / (stiffness_ratio + self.xi)
             )
             closed = self.shape.average(y[:, None] - displacement, 0.0, nodes.positions)
-            # weights sum to one but for rounding
+            # the sum of the weights may be above one by rounding
             return np.asarray(np.minimum(np.sum(nodes.weights * closed, axis=-1), 1.0))
 
         return self._evaluate_joined(overlap, np.ones_like, near)
 
     def _compute_excesses(self, y: Array, x: Array) -> tuple[Array, Array]:
-        """Return (F^Q - f)/f and K^Q/k, (n_y, n_Q), of balls at x (n_y, n_Q), for y (n_y,) below
-        the start of the series.
+        """Return (F^Q - f)/f and K^Q/k, each (n_y, n_Q), of balls with the reduced deviations ``x``
+        (n_y, n_Q) of their diameters, at ``y`` (n_y,) below the start of the series.
 
-        Both are zero where all contacts are open.
+        Both are zero if all contacts are open.
         """
         force = self._evaluate_near(y, FORCE)[:, None]
         k = self._evaluate_near(y, STIFFNESS)[:, None]
@@ -312,6 +337,7 @@ class SpreadLaw(EnergyLaw):
 
     @property
     def _units(self) -> WidthUnits:
+        """SI values of the reduced units of a distribution of width W."""
         return WidthUnits(self.coefficient, self.width)
 
     def _find_unit(self, order: int) -> float:
@@ -329,8 +355,9 @@ class SpreadLaw(EnergyLaw):
         return float(self.force(high_pressure_overlap(width)))
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
-        """Return the energy, J, or its derivative of an ``order`` of 1 to 3, J/m^order, at each
-        ``overlap``, m: by the series at large overlaps, and in reduced units below.
+        """Return the derivative, of an ``order`` of 0 to 3, of the energy, J/m^order, at each
+        ``overlap``, m: by the series at large overlaps, and by the reduced law of the subclass at
+        others.
         """
         delta = np.asarray(overlap, float)
         hertz = HertzLaw(self.coefficient)
@@ -339,10 +366,12 @@ class SpreadLaw(EnergyLaw):
             offset = self._energy_offset * self._find_unit(ENERGY)
 
         def far(overlap: Array) -> Array:
+            """Return the derivatives (n,) at ``overlap`` (n,), m, by the series."""
             ratio = self._series.ratio(overlap / self.width, order)
             return np.asarray(hertz._evaluate(overlap, order) * ratio + offset)
 
         def near(overlap: Array) -> Array:
+            """Return the derivatives (n,) at ``overlap`` (n,), m, by the reduced law."""
             return self._find_unit(order) * self._evaluate_near(overlap / self.width, order)
 
         # W may be so small that y is above the floating range, where the series holds
@@ -354,10 +383,10 @@ class SpreadLaw(EnergyLaw):
     def _evaluate_parts(
         arguments: Array, is_far: Any, far: Callable[[Array], Array], near: Callable[[Array], Array]
     ) -> Any:
-        """Return an array of the shape of the ``arguments`` (a float for a number): the function
-        ``far`` of those with ``is_far``, and ``near`` of the others.
+        """Return the values of ``far`` at those ``arguments`` for which ``is_far`` is true, and of
+        ``near`` at the others, in the shape of the arguments; a float for a number.
 
-        A function that is not needed is not called.
+        A function is not called if no argument is left for it.
         """
         if np.all(is_far):
             return far(arguments)[()]
@@ -371,8 +400,10 @@ class SpreadLaw(EnergyLaw):
     def _evaluate_joined(
         self, overlap: ArrayLike, far: Callable[[Array], Array], near: Callable[[Array], Array]
     ) -> Any:
-        """Return a function of y at each ``overlap``, m: ``far`` from the start of the series on,
-        ``near`` below it; both map (n,) to (n,).
+        """Return the values of a function of y = overlap/W at each ``overlap``, m, in its shape.
+
+        The function is ``far`` from the start of the series on, and ``near`` below it; both take an
+        array of y (n,) and return (n,).
         """
         far_in_blocks = partial(evaluate_in_blocks, far, size=_LOADS_AT_ONCE)
         near_in_blocks = partial(evaluate_in_blocks, near, size=_LOADS_AT_ONCE)
@@ -388,10 +419,14 @@ class SpreadLaw(EnergyLaw):
 
 @dataclass(frozen=True)
 class AveragedLaw(SpreadLaw):
-    """Contact law of balls held at the sites of the lattice: f = <F^QQ'> (equation 25), the mean
-    over pairs.
+    """Contact law of balls held at the sites of the lattice: the mean over pairs of their forces, f
+    = <F^QQ'> (equation 25).
 
-    ``coefficient`` c (N/m^(3/2)) of equal balls, ``width`` W (m), ``shape`` of the distribution.
+    Attributes
+    ----------
+    coefficient : c of Hertz's law of equal balls, N/m^(3/2).
+    width : W, the width of the distribution of diameters, m.
+    shape : the shape of the distribution.
     """
 
     coefficient: float
@@ -403,11 +438,17 @@ class AveragedLaw(SpreadLaw):
     xi = math.inf
 
     def _evaluate_near(self, y: Array, order: int) -> Array:
+        """Return the mean over pairs of the derivative, of an ``order`` of 0 to 3, of the reduced
+        energy, at each y (any shape).
+        """
         return np.asarray(_HERTZ[order] * self.shape.average(y, 2.5 - order))
 
     def _find_near_overlap(self, force: Array) -> Array:
-        """Return y for reduced forces f* below that at the start of the series, by Newton's method;
-        PrecisionError for a force that is too small.
+        """Return the reduced overlap y at each reduced force f*, ``force`` (any shape), below that
+        at the start of the series, by Newton's method.
+
+        Raises :class:`~granphon.base.errors.PrecisionError` for a force so small that doubles do
+        not hold eight digits of it, and if Newton's method does not end.
         """
         log_depths, log_forces = _tabulate_force(self.shape)
         first_contact = -self.shape.bounds[1]  # y up to which all contacts are open
@@ -420,9 +461,9 @@ class AveragedLaw(SpreadLaw):
                 " force to eight digits",
                 "Raise the load",
             )
-        # the force is convex: from too large an overlap Newton's method descends to the root, past
-        # any kink. The index is limited because, just below the start of the series, rounding may
-        # put a force beyond the table
+        # Newton's method starts from the next larger force of the table: as the force is convex in
+        # y, the method then descends to the root, past any kink. The index is limited because
+        # rounding may put a force just below the start of the series beyond the table
         index = np.minimum(np.searchsorted(log_forces, log_force), log_forces.size - 1)
         y = np.ravel(first_contact + np.exp(log_depths[index]))
         target = np.ravel(force)
@@ -430,7 +471,7 @@ class AveragedLaw(SpreadLaw):
         for _ in range(_MOST_STEPS):
             residual = np.asarray(self.shape.force(y[is_active])) - target[is_active]
             step = residual / np.asarray(self.shape.stiffness(y[is_active]))
-            # a step that is negative, or no larger than rounding, ends the iteration
+            # a value is settled when its step is negative, or no larger than rounding
             is_settled = step <= 0.5 * ROUNDED * np.abs(y[is_active])
             y[is_active] -= np.where(is_settled, 0.0, step)
             is_active[is_active] = ~is_settled
@@ -444,7 +485,8 @@ class AveragedLaw(SpreadLaw):
         """Return the fraction of pairs that overlap, at each ``overlap`` of mean balls, m."""
 
         def near(y: Array) -> Array:
-            # weights sum to one but for rounding
+            """Return the fractions (n_y,) at overlaps y (n_y,) below the start of the series."""
+            # the sum of the weights may be above one by rounding
             return np.asarray(np.minimum(self.shape.average(y, 0.0), 1.0))
 
         return self._evaluate_joined(overlap, np.ones_like, near)
@@ -452,8 +494,9 @@ class AveragedLaw(SpreadLaw):
 
 @lru_cache(maxsize=128)
 def _tabulate_force(shape: Shape) -> tuple[Array, Array]:
-    """Return the natural logarithms (rows,) of the depth y + max(x) and of the averaged force f*
-    there, up to the start of the series.
+    """Return a table of the averaged force of a ``shape``: natural logarithms (rows,) of the depth
+    y + max(x) above the first contact, and of the reduced force f* there, both ascending up to the
+    start of the series.
     """
     start = high_pressure_series(shape, math.inf).start
     first_contact = -shape.bounds[1]

@@ -1,9 +1,9 @@
 """The ASE calculator of any balls in contact, in SI, and what ASE finds by granphon's entry points.
 
-Balls are Atoms whose lengths are in m. Each has a radius and a kind; which balls touch, and how far
-they overlap, follows from their places, and the force from the contact law of the two. ASE calls
-the files of tables and dumps of networks by the formats ``granphon-tables`` and
-``granphon-lammps``, and finds the calculators as plug-ins.
+Balls are Atoms whose lengths are in m. Each has a radius and a kind. Their positions tell which
+balls touch, and how far they overlap, and the contact law of the two balls gives the force. ASE
+reads tables and dumps of networks by the formats ``granphon-tables`` and ``granphon-lammps``, and
+finds the calculators as plug-ins.
 """
 
 from __future__ import annotations
@@ -44,18 +44,18 @@ from granphon.networks.sources import Completion, CompletionOptions
 from granphon.networks.tables import read_tables
 from granphon.phonons.phonopy_atoms import choose_symbols
 
-#: distance of balls over their diameter, or diameter over distance, from which on their places are
-#: taken for those in another unit, as mm or cm
+#: distance of balls over their diameter, or diameter over distance, above which their positions
+#: seem to be in another unit, such as mm or cm
 _FARTHEST = 50.0
-#: part by which balls are sought farther than they reach, so that rounding opens no contact
+#: relative amount by which the reach of balls is enlarged, so that rounding opens no contact
 _ROUNDING = 1e-12
-#: rows and columns of a matrix in Voigt order
+#: rows and columns of the entries of a (3, 3) matrix in Voigt order: xx, yy, zz, yz, xz, xy
 VOIGT = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
 
 
 class ContactCalculator(Calculator):  # type: ignore[misc]
-    """What calculators of contacts have in common: their properties, and the arrays of the Atoms
-    that these follow from.
+    """Base of the calculators of contacts: the properties that they compute, and when ASE computes
+    them anew.
     """
 
     implemented_properties = ["energy", "free_energy", "forces", "stress"]
@@ -64,8 +64,10 @@ class ContactCalculator(Calculator):  # type: ignore[misc]
     follows: tuple[str, ...] = ()
 
     def check_state(self, atoms: Atoms, tol: float = 1e-15) -> list[str]:
-        """Return the names of what has changed since the last calculation, arrays of the balls
-        among them.
+        """Return the names of the properties of ``atoms`` that have changed since the last
+        calculation, with those of the arrays that the calculator ``follows``.
+
+        ``tol`` is the difference up to which ASE takes two numbers for equal.
         """
         changes: list[str] = super().check_state(atoms, tol=tol)
         if self.atoms is None:
@@ -81,15 +83,16 @@ class ContactCalculator(Calculator):  # type: ignore[misc]
 class BallContacts(ContactCalculator):
     """ASE calculator of any balls, in SI: Atoms in m, energy in J, forces in N, stress in Pa.
 
-    A contact has the energy of the law of its two balls at the overlap, the sum of the radii less
-    the distance of the centres, in the true direction. These are the normal forces, by which
-    statics are found; they let balls roll and slide freely. :meth:`contact_network` has the shear
-    stiffness of Mindlin as well. Stress is over the volume of the cell as the Atoms have it; there
-    is none if that is zero.
+    The energy of a contact is that of the law of its two balls at their overlap, the sum of the
+    radii less the distance of the centres. The forces are those along the lines of centres, by
+    which balls come to rest; balls roll and slide freely. The network that
+    :meth:`contact_network` returns has the shear stiffness of Mindlin as well. Stress is that over
+    the volume of the cell of the Atoms; there is none if the volume is zero.
 
-    :class:`~granphon.HertzMindlin` of a mapping of kinds returns one. ASE's optimisers move balls
-    by forces over ``alpha``, by ``maxstep`` at most, and stop at ``fmax``: give a stiffness (N/m),
-    a part of the overlap (m) and a part of the force of a contact (N).
+    :class:`~granphon.HertzMindlin` of a mapping of kinds returns such a calculator. ASE's
+    optimisers move balls by the forces over ``alpha``, by no more than ``maxstep``, and stop when
+    forces are below ``fmax``. Give them a stiffness (N/m), a part of the overlap (m) and a part of
+    the force of a contact (N).
 
     Parameters
     ----------
@@ -102,10 +105,11 @@ class BallContacts(ContactCalculator):
 
     Raises
     ------
-    InputError : no balls, or others; a law that is none. When used: Atoms of another kind, without
-        radii, or with radii that are not above zero; places that are not finite; a period of
-        the cell far below the diameters, as in another unit; a bond, which has no end and so no
-        neighbours.
+    InputError : ``balls`` is no mapping to balls or materials, or is empty; ``law`` is no contact
+        law. When the calculator is used: Atoms of another kind, without radii, or with radii that
+        are not above zero; positions that are not finite; a period of the cell far below the
+        diameters, perhaps in another unit; a law of a bond, which acts at any distance, so that
+        there are no neighbours.
     """
 
     follows = ("radius", "kinds")
@@ -129,10 +133,10 @@ class BallContacts(ContactCalculator):
         self._laws = dict[tuple[str, float, str, float], tuple[PairLaw, float, float]]()
 
     def find_radii(self, atoms: Atoms) -> tuple[list[str], Array]:
-        """Return the kinds of the balls, and their radii (n,), m.
+        """Return the kinds (n,) of the balls of ``atoms``, and their radii (n,), m.
 
         Raises :class:`~granphon.base.errors.InputError` for a kind without a ball, for balls
-        without a radius above zero, and for places that are not finite.
+        without a radius above zero, and for positions that are not finite.
         """
         kinds = [str(kind) for kind in atoms.arrays.get("kinds", atoms.get_chemical_symbols())]
         missing = sorted(set(kinds) - set(self.balls))
@@ -163,8 +167,8 @@ class BallContacts(ContactCalculator):
     def _find_law(
         self, kind_i: str, radius_i: float, kind_j: str, radius_j: float
     ) -> tuple[PairLaw, float, float]:
-        """Return the law of two balls with radii in m, and 4 G*/E* and E*, Pa, of their
-        contacts.
+        """Return the contact law of two balls of these kinds and radii, m, and 4 G*/E* and E*, Pa,
+        of their contacts; each pair is computed and checked once.
         """
         key = (kind_i, radius_i, kind_j, radius_j)
         if key not in self._laws:
@@ -177,26 +181,30 @@ class BallContacts(ContactCalculator):
         return self._laws[key]
 
     def _make_ball(self, kind: str, radius: float) -> Ball:
-        """Return a ball of a kind with a radius, m."""
+        """Return a ball of the material of a ``kind``, with a ``radius``, m."""
         ball = self.balls[kind]
         if isinstance(ball, Material):
             return Ball(ball, 2.0 * radius, name=kind)
         return Ball(ball.material, 2.0 * radius, name=kind)
 
     def find_contacts(self, atoms: Atoms) -> tuple[Index, Index, Index, Array, ContactLaws, Array]:
-        """Return the balls i and j (n_c,) and the shift (n_c, 3) of each contact, the vectors
-        (n_c, 3) between centres, m, the laws, and 4 G*/E* (n_c,).
+        """Return the contacts of the balls of ``atoms``: balls i (n_c,) and j (n_c,), the shift
+        (n_c, 3) of ball j in periods, the vectors (n_c, 3) from centre i to centre j, m, the laws,
+        and 4 G*/E* (n_c,).
+
+        Warns if the positions seem to be in another unit than m. Raises
+        :class:`~granphon.base.errors.InputError` as the class says.
         """
         kinds, radii = self.find_radii(atoms)
         keys = list(zip(kinds, radii.tolist(), strict=True))
-        sorts = list(dict.fromkeys(keys))  # of balls, by kind and radius
+        sorts = list(dict.fromkeys(keys))  # different pairs of kind and radius, in order
         number_of_sort = {sort: number for number, sort in enumerate(sorts)}
         number = np.array([number_of_sort[key] for key in keys], np.intp)
         reach = (radii + 0.5 * self._find_gap(sorts)) * (1.0 + _ROUNDING)
         periods = np.flatnonzero(atoms.pbc)
         longest = 2.0 * float(np.max(reach, initial=0.0))
         shortest = float(np.min(np.linalg.norm(atoms.cell.array[periods], axis=1), initial=np.inf))
-        if longest > _FARTHEST * shortest:  # each ball would touch thousands of images
+        if longest > _FARTHEST * shortest:  # each ball would touch thousands of its own images
             raise InputError(
                 f"balls are up to {longest:.3g} m wide, and a period of the cell is"
                 f" {shortest:.3g} m",
@@ -220,8 +228,10 @@ class BallContacts(ContactCalculator):
     def _find_laws(
         self, sorts: list[tuple[str, float]], sort_i: Index, sort_j: Index
     ) -> tuple[ContactLaws, Array]:
-        """Return the laws of contacts between balls of the sorts of numbers ``sort_i`` and
-        ``sort_j`` (n_c,), and 4 G*/E* (n_c,); ``sorts`` are a kind and a radius, m, each.
+        """Return the laws of n_c contacts, and 4 G*/E* (n_c,) of each.
+
+        ``sorts`` are the sorts of balls, each a kind and a radius, m; ``sort_i`` and ``sort_j``
+        (n_c,) are the numbers of the sorts of the two balls of each contact.
         """
         count = len(sort_i)
         groups = list[tuple[PairLaw, Index]]()
@@ -241,10 +251,11 @@ class BallContacts(ContactCalculator):
         return ContactLaws(groups, count, modulus), ratio
 
     def _find_gap(self, sorts: list[tuple[str, float]]) -> float:
-        """Return the distance, m, up to which balls that adhere touch though they are apart, of any
-        two ``sorts``, a kind and a radius, m; zero without adhesion.
+        """Return the largest distance, m, between the surfaces of two balls at which adhesion still
+        holds them together; zero without adhesion.
 
-        Raises :class:`InputError` for a bond, which has no end.
+        ``sorts`` are the sorts of balls, each a kind and a radius, m. Raises
+        :class:`~granphon.base.errors.InputError` for the law of a bond, which acts at any distance.
         """
         gap = 0.0
         if not isinstance(self._law, Hertz):  # Hertz's law has no adhesion
@@ -265,14 +276,16 @@ class BallContacts(ContactCalculator):
         properties: Any = ("energy",),
         system_changes: Any = all_changes,
     ) -> None:
-        """Set ``results``: the energy (J), the forces (N) and the stress (Pa) of the atoms.
+        """Set ``results``, a dictionary: the energy, J, the forces (n, 3), N, and the stress (6,),
+        Pa, of the atoms.
 
         ASE gives the names of the ``properties`` that it asks for, and of the ``system_changes``
-        since the last call.
+        since the last call. Raises :class:`~granphon.base.errors.InputError` if ASE asks for the
+        stress and the cell has no volume.
         """
         super().calculate(atoms, properties, system_changes)
         balls = self.atoms
-        radii = self.find_radii(balls)[1]
+        _, radii = self.find_radii(balls)
         i, j, _, vector, laws, _ = self.find_contacts(balls)
         distance = np.linalg.norm(vector, axis=1)
         overlap = radii[i] + radii[j] - distance
@@ -293,10 +306,11 @@ class BallContacts(ContactCalculator):
 
     @spell_out(Completion)
     def contact_network(self, atoms: Atoms, **options: Unpack[CompletionOptions]) -> ContactNetwork:
-        """Return the balls and their contacts as a network, in SI, with Mindlin's shear stiffness.
+        """Return the balls of ``atoms`` and their contacts as a network, in SI, with Mindlin's
+        shear stiffness.
 
-        The ``options`` are as for :meth:`ContactNetwork.from_table`. The masses are those of the
-        balls; those of Atoms are atomic, and are not read.
+        The ``options`` are those of :meth:`ContactNetwork.from_table`. The masses are those of the
+        balls that the calculator was given; those of Atoms are atomic, and are not read.
         """
         kinds, radii = self.find_radii(atoms)
         i, j, shift, vector, laws, ratio = self.find_contacts(atoms)
@@ -314,20 +328,24 @@ class BallContacts(ContactCalculator):
             "shift_2": shift[:, 1],
             "shift_3": shift[:, 2],
         }
-        # the model has one ball for each kind
+        # the model of the contacts has one ball for each kind, here one of mean radius
         names = tuple(dict.fromkeys(kinds))
         mean_balls = []
         for name in names:
             mean_radius = float(np.mean(radii[np.array(kinds) == name]))
             mean_balls.append(self._make_ball(name, mean_radius))
         model = ContactModel(tuple(mean_balls), names, self._law, self.friction, own_radii=True)
-        cell, pbc = (atoms.cell.array, atoms.pbc.tolist()) if np.any(atoms.pbc) else (None, None)
+        is_periodic = bool(np.any(atoms.pbc))
+        cell = atoms.cell.array if is_periodic else None
+        pbc = atoms.pbc.tolist() if is_periodic else None
         source = replace(read_tables(balls, contacts, {}, cell, pbc), contact_model=model)
         return ContactNetwork.from_source(source, Completion(**options))
 
     def _find_mass(self, kind: str, radius: float) -> float:
-        """Return the mass, kg, of a ball of a kind with a radius, m: the mass of the
-        :class:`~granphon.Ball` that was given, if the radius is that of the ball.
+        """Return the mass, kg, of a ball of a ``kind`` with a ``radius``, m.
+
+        If the ball that the calculator was given for the kind has this radius, the mass is that of
+        the ball, which may differ from that of its material and volume.
         """
         ball = self.balls[kind]
         if not isinstance(ball, Ball) or ball.radius != radius:
@@ -336,7 +354,7 @@ class BallContacts(ContactCalculator):
 
 
 def _group_equal(numbers: Index) -> list[Index]:
-    """Return the indices of equal ``numbers`` (n,), group after group."""
+    """Return groups of the indices of ``numbers`` (n,); the numbers of a group are equal."""
     order = np.argsort(numbers, kind="stable")
     if not order.size:
         return []
@@ -344,13 +362,14 @@ def _group_equal(numbers: Index) -> list[Index]:
 
 
 def _warn_of_far_balls(atoms: Atoms, radii: Array, shortest: float) -> None:
-    """Warn if balls of ``radii`` (n,), m, that do not touch are so far from each other, and from
-    their images by the ``shortest`` period, m, that their places are not in m.
+    """Warn if balls of ``radii`` (n,), m, none of which touch, are so far from each other that
+    their positions seem not to be in m. ``shortest`` is the shortest period, m, the distance of a
+    ball from its own image.
     """
-    # imported only where needed, as the import loads much of scipy
+    # imported here, because the import loads much of scipy, and is hardly ever needed
     from scipy.spatial import cKDTree
 
-    # the nearest ball but the first, which is the ball itself; inf of a single ball
+    # the second nearest ball, as the nearest is the ball itself; infinite for a single ball
     distances, _ = cKDTree(atoms.positions).query(atoms.positions, k=[2])
     nearest = min(float(np.min(distances)), shortest)
     diameter = 2.0 * float(np.max(radii))
@@ -359,8 +378,8 @@ def _warn_of_far_balls(atoms: Atoms, radii: Array, shortest: float) -> None:
 
 
 def _warn_of_lengths(words: str, distance: float) -> None:
-    """Warn of balls that are a ``distance``, m, from each other, and of which these ``words`` say
-    how wide they are.
+    """Warn of balls that are a ``distance``, m, from each other; the ``words`` continue the
+    sentence, and say how wide the balls are.
     """
     text = f"the balls are {distance:.3g} m from each other {words}. Their places are to be in m"
     warn_caller(text, InconsistencyWarning)
@@ -368,8 +387,8 @@ def _warn_of_lengths(words: str, distance: float) -> None:
 
 # -- what ASE finds by entry points ----------------------------------------------------------------
 
-#: formats of :func:`ase.io.read`: tables that granphon has written are known by what they begin
-#: with
+#: formats of :func:`ase.io.read`; tables that granphon has written are recognised by their first
+#: comment
 tables_format = ExternalIOFormat(
     "granphon: table of balls, beside one of their contacts",
     "1S",
@@ -383,10 +402,11 @@ lammps_format = ExternalIOFormat(
 
 
 def _write_atoms(network: ContactNetwork) -> Atoms:
-    """Return the balls of a network as Atoms in its reduced units, with the arrays ``radius``,
-    ``kinds`` and ``rattler``, which says whether a ball carries no load.
+    """Return the balls of a ``network`` as Atoms in its reduced units, with the arrays ``radius``,
+    ``kinds`` and ``rattler``, whether a ball carries no load; ``info`` holds the units.
 
-    Balls that are held are Atoms of infinite mass; a flat wall, which has no size, is left out.
+    Balls that are held are Atoms of infinite mass. A flat wall, whose radius is infinite, is left
+    out.
     """
     scales = network.scales
     has_size = np.isfinite(network.radii)
@@ -407,8 +427,8 @@ def _write_atoms(network: ContactNetwork) -> Atoms:
 
 
 def _find_beside(path: Any, contacts: Any, word: str, replacement: str) -> Any:
-    """Return the file of ``contacts``, if one is given; else the file beside ``path``, that of the
-    balls, whose name is the same with a ``replacement`` for a ``word``.
+    """Return the file of ``contacts``, if one is given; else the path of the file beside that of
+    the balls, ``path``, in whose name ``replacement`` stands for ``word``.
 
     Raises :class:`~granphon.base.errors.InputError` if the name of ``path`` lacks the word.
     """
@@ -424,12 +444,12 @@ def _find_beside(path: Any, contacts: Any, word: str, replacement: str) -> Any:
 
 
 def read_granphon_tables(path: Any, contacts: Any = None, **options: Any) -> Atoms:
-    """Return a table of balls and one of ``contacts`` as Atoms in the reduced units of their
-    network, for :mod:`ase.io`.
+    """Return the balls of the table ``path``, with the table of their ``contacts``, as Atoms in the
+    reduced units of their network, for :mod:`ase.io`.
 
-    The table of contacts is by default beside that of balls, with "contacts" for "balls" in its
-    name. ``options`` are those of :meth:`ContactNetwork.from_table`, which also says what is
-    raised; rattlers are kept.
+    By default the table of contacts lies beside that of balls, with "contacts" instead of "balls"
+    in its name. ``options`` are those of :meth:`ContactNetwork.from_table`, which also says what is
+    raised; by default rattlers are kept.
     """
     contacts_file = _find_beside(path, contacts, "balls", "contacts")
     options = {"keep_rattlers": True} | options
@@ -437,12 +457,13 @@ def read_granphon_tables(path: Any, contacts: Any = None, **options: Any) -> Ato
 
 
 def read_granphon_lammps(path: Any, pairs: Any = None, **options: Any) -> Atoms:
-    """Return a dump of atoms and one of ``pairs`` as Atoms in the reduced units of their network,
-    for :mod:`ase.io`.
+    """Return the balls of the dump ``path``, with the dump of the ``pairs`` that touch, as Atoms in
+    the reduced units of their network, for :mod:`ase.io`.
 
-    The dump of pairs is by default beside that of atoms, with "pairs" for "atoms" in its name.
-    ``options`` are those of :meth:`ContactNetwork.from_lammps`, which also says what is raised;
-    rattlers are kept. Without a material and stiffnesses the unit of stiffness is 1 N/m.
+    By default the dump of pairs lies beside that of atoms, with "pairs" instead of "atoms" in its
+    name. ``options`` are those of :meth:`ContactNetwork.from_lammps`, which also says what is
+    raised; by default rattlers are kept. Without a material and without stiffnesses, all normal
+    stiffnesses are 1 N/m and all shear stiffnesses zero.
     """
     has_stiffness = "material" in options or "normal_stiffness" in options
     if not has_stiffness:
@@ -453,12 +474,12 @@ def read_granphon_lammps(path: Any, pairs: Any = None, **options: Any) -> Atoms:
 
 
 def __getattr__(name: str) -> Any:
-    """Return ``__ase_plugins__``, the calculators that ASE lists; empty for an ASE that knows no
-    plug-ins.
+    """Return the attribute ``__ase_plugins__`` of this module, the calculators that ASE lists, made
+    on demand; an empty set for an ASE without plug-ins. Any other ``name`` raises AttributeError.
     """
     if name != "__ase_plugins__":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    # the places of the class in ASE's releases
+    # modules that hold the class of plug-ins in ASE's releases
     for module in ("ase.plugins", "ase._4.plugins.plugin"):
         with suppress(ImportError, AttributeError):
             plugin_type = import_module(module).CalculatorPlugin

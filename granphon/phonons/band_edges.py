@@ -1,8 +1,9 @@
 """Edges of bands: where in the zone a branch is highest or lowest, and where two branches touch.
 
-The best points of a mesh are starts. From these, frequencies are followed along group velocities to
-the extremes of a branch. A cone, where two branches cross at a point of their own, has a tip that
-no such path reaches: it is found as the zero of the two branches' part of D(q).
+The points of a mesh with the highest or lowest frequencies are starts. From these, paths along the
+group velocity lead to the extremes of a branch. If two branches cross at a single point, they form
+a cone, whose tip no such path reaches. The tip is found as the point where D(q), between the modes
+of the two branches, is a multiple of the unit matrix.
 """
 
 from __future__ import annotations
@@ -14,36 +15,38 @@ import numpy as np
 from granphon.base.arrays import Array, Complex, Flags, Index
 from granphon.dynamics.contact_lattice import ContactLattice
 
-#: branches whose edges are this part of the top frequency apart may touch between the points of the
-#: mesh: where they do is looked for
+#: width of a gap, over the top frequency, below which two branches may touch between the points of
+#: the mesh, so that a crossing is sought
 _NEAR = 1e-2
-#: number of steps along group velocities, and towards a crossing of two branches, at most
-_TURNS = 30
-_CROSSING_TURNS = 12
-#: number of points of the mesh, for each start of an edge, where two branches are closest
+#: largest number of steps along group velocities to an extreme
+_MOST_STEPS = 30
+#: largest number of steps towards a crossing of two branches
+_MOST_CROSSING_STEPS = 12
+#: number of points of the mesh at which two branches are closest, for each start of an edge
 _CLOSEST = 4
-#: distance of neighbours on the mesh, over its longest step: those across the diagonal count
+#: distance of two points of the mesh, over its longest step, below which they are neighbours; those
+#: across a diagonal are
 _NEIGHBOUR = 1.5
 #: number of branches beyond which edges are sought from fewer points, as many edges are near
 _FEW_BRANCHES = 120
-#: direction, along no axis of symmetry, in which a point without a slope is left
+#: direction, along no axis of symmetry, of the first step from a point without a slope
 _ASIDE = np.array([1.0, 0.37, 0.22])
 #: step, 1/d, after which the frequency is that of the extremum to rounding
 _LEVEL = 1e-8
-#: half the distance, 1/d, of wave vectors whose D(q) have the slope of D between them
+#: half the distance, 1/d, of the two wave vectors whose D(q) give the slope of D by difference
 _SLOPE_STEP = 1e-4
-#: smallest singular value, over the largest, of slopes across which two branches cross; along the
-#: others they stay together, as on a line of touching
+#: singular value of the slopes of D between two branches, over the largest, up to which the
+#: branches do not separate along its direction, as along a line of touching
 _FLATTEST = 1e-6
 
 
 class ZoneSample(NamedTuple):
-    """Where edges of bands are sought.
+    """A mesh of wave vectors, from which edges of bands are sought.
 
     Attributes
     ----------
     points : (n_q, p) wave vectors, fractions of the reciprocal cell.
-    frequencies : (n_q, n_branches) at these, (k/M)^1/2.
+    frequencies : (n_q, n_branches) frequencies at these, (k/M)^1/2.
     spacing : the longest step of the mesh, 1/d.
     """
 
@@ -53,8 +56,12 @@ class ZoneSample(NamedTuple):
 
 
 class Extremes(NamedTuple):
-    """The greatest frequencies times sign, ``heights`` (e,), and the wave vectors ``points``
-    (e, p), 1/d, at which they are.
+    """Extreme frequencies of e edges.
+
+    Attributes
+    ----------
+    heights : (e,) frequencies, (k/M)^1/2, times the ``sign`` of the edges; the greatest found.
+    points : (e, p) wave vectors, 1/d, at which they are.
     """
 
     heights: Array
@@ -62,11 +69,17 @@ class Extremes(NamedTuple):
 
 
 class BandEdges(NamedTuple):
-    """Edges of gaps, (e,): first the tops of the branches below the gaps, in ascending order, then
-    the bottoms of the branches above.
+    """The e edges of gaps between branches: first the tops of the branches below the gaps, in
+    ascending order, then the bottoms of the branches above.
 
-    The gap below the lowest branch has no edge below. A top is sought as the greatest frequency,
-    ``sign`` 1, and a bottom as the greatest negative frequency, ``sign`` -1.
+    The gap below the lowest branch has a bottom alone. A top is the greatest value of the
+    frequency, and a bottom the greatest value of the negative frequency.
+
+    Attributes
+    ----------
+    branch : (e,) number of the branch of each edge.
+    sign : (e,) 1 for a top, -1 for a bottom.
+    n_tops : number of tops.
     """
 
     branch: Index
@@ -84,22 +97,24 @@ class BandEdges(NamedTuple):
         return cls(branch, sign, n_tops)
 
     def find_near(self, heights: Array, width: float) -> Index:
-        """Return the numbers (n,) of the tops of gaps between two branches that are below
-        ``width``, or of branches that overlap by less, with frequencies times sign ``heights``
-        (e,).
+        """Return the numbers (n,) of the tops whose branch is less than ``width`` below the bottom
+        across the gap, or overlaps with the branch above by less than ``width``.
+
+        ``heights`` (e,) are the extreme frequencies times ``sign``, in the unit of the width.
         """
         gap_widths = -heights[self.bottoms_of_tops] - heights[: self.n_tops]
         return np.flatnonzero(np.abs(gap_widths) < width)
 
     @property
     def bottoms_of_tops(self) -> Index:
-        """The numbers (n_tops,) of the bottoms across the gaps from the tops."""
-        # they are last; before them may be the bottom of the gap without a top
+        """The numbers (n_tops,) of the edges that are the bottoms across the gaps from the tops."""
+        # these bottoms are the last edges; the bottom of a gap without a top is before them
         return np.arange(len(self.branch) - self.n_tops, len(self.branch))
 
     def pair(self, values: Array) -> tuple[Array, Array]:
-        """Return the ``values`` (e, ...) at the lower and at the upper edge of each gap, both
-        (n, ...); zero at the lower edge of a gap below all branches.
+        """Return those of the ``values`` (e, ...) of all edges that belong to the lower edges of
+        the n gaps, and those of their upper edges, both (n, ...). The value at the lower edge of
+        the gap below all branches is zero.
         """
         upper = values[self.n_tops :]
         lower = np.zeros_like(upper)
@@ -114,8 +129,12 @@ class EdgeSearch(NamedTuple):
     zone: ZoneSample
 
     def find(self, edges: BandEdges, most_starts: int) -> Extremes:
-        """Return the extremes of each of the ``edges`` that are reached from the best points of the
-        zone, ``most_starts`` at most, and from where a branch comes next to that across a gap.
+        """Return the highest extreme found of each of the ``edges``.
+
+        Paths start at the points of the mesh where the frequency comes nearest to the edge,
+        ``most_starts`` at most for each edge. If a gap is narrow, crossings of its two branches are
+        sought too, from these points and from those where the branches are closest; further paths
+        start at the crossings.
         """
         starts = self._choose_starts(edges, most_starts)
         ends = self._climb_edges(edges, np.arange(len(starts)), starts)
@@ -129,64 +148,69 @@ class EdgeSearch(NamedTuple):
         for numbers in (tops, bottoms):
             highest = self._choose_highest(edges, numbers, crossings, starts.shape[1])
             near_peaks = np.take_along_axis(crossings, highest[..., None], axis=1)
-            reach = np.take_along_axis(widths, highest, axis=1)
-            peaks = self._climb_edges(edges, numbers, near_peaks, reach)
+            longest_steps = np.take_along_axis(widths, highest, axis=1)
+            peaks = self._climb_edges(edges, numbers, near_peaks, longest_steps)
             is_higher = peaks.heights > ends.heights[numbers]
             ends.heights[numbers[is_higher]] = peaks.heights[is_higher]
             ends.points[numbers[is_higher]] = peaks.points[is_higher]
         return ends
 
     def _choose_starts(self, edges: BandEdges, most_starts: int) -> Array:
-        """Return the wave vectors (e, n_starts, p), 1/d, of the zone at which frequencies come next
-        to each edge, the nearest first, ``most_starts`` at most.
+        """Return the wave vectors (e, n_starts, p), 1/d, of the mesh at which frequencies come
+        nearest to each edge, the nearest first; n_starts is ``most_starts`` or less.
         """
         frequencies = self.zone.frequencies
         n_starts = max(1, min(most_starts, _FEW_BRANCHES // frequencies.shape[1]))
         return self._choose_points(-edges.sign * frequencies[:, edges.branch], n_starts)
 
     def _find_closest(self, branch: Index, count: int) -> Array:
-        """Return the up to ``count`` wave vectors (n, count, p), 1/d, of the zone at which each
-        ``branch`` (n,) comes next to the branch above: there peaks may be narrower than the mesh.
+        """Return wave vectors (n, count, p), 1/d, of the mesh at which each ``branch`` (n,) is
+        closest to the branch above it, where peaks may be narrower than the mesh. There are fewer
+        than ``count`` if the mesh has fewer points.
         """
         frequencies = self.zone.frequencies
         return self._choose_points(frequencies[:, branch + 1] - frequencies[:, branch], count)
 
     def _choose_points(self, depths: Array, count: int) -> Array:
-        """Return the up to ``count`` wave vectors (n, count, p), 1/d, of the zone of the least
-        ``depths`` (n_q, n), the least first, no two of them neighbours on the mesh as long as
-        there are others: neighbours lie about the same extreme.
+        """Return wave vectors (n, count, p), 1/d, of the mesh at which the ``depths`` (n_q, n) are
+        least, the least first; fewer than ``count`` if the mesh has fewer points.
+
+        No two of them are neighbours on the mesh, as these would lie about the same extreme, until
+        all points are neighbours of chosen ones.
         """
         points = self.zone.points
         n_chosen = min(count, len(points))
         chosen = np.empty((depths.shape[1], n_chosen), int)
-        nearby: dict[int, Flags] = {}
-        for own, depth in zip(chosen, depths.T, strict=True):
+        neighbours_of: dict[int, Flags] = {}
+        for numbers, depth in zip(chosen, depths.T, strict=True):
             order = np.argsort(depth, kind="stable")
-            is_far = np.ones(len(points), bool)
-            is_free = is_far.copy()
+            is_far = np.ones(len(points), bool)  # from all points chosen so far
+            is_left = is_far.copy()  # not chosen so far
             for n in range(n_chosen):
                 candidates = order[is_far[order]]
-                own[n] = candidates[0] if candidates.size else order[is_free[order]][0]
-                is_free[own[n]] = False
-                if own[n] not in nearby:
-                    nearby[own[n]] = self._find_neighbours(points[own[n]])
-                is_far &= ~nearby[own[n]]
+                number = int(candidates[0] if candidates.size else order[is_left[order]][0])
+                numbers[n] = number
+                is_left[number] = False
+                if number not in neighbours_of:
+                    neighbours_of[number] = self._find_neighbours(points[number])
+                is_far &= ~neighbours_of[number]
         return self.lattice.wavevectors(points[chosen])
 
     def _find_neighbours(self, point: Array) -> Flags:
-        """Return which of the points of the zone (n_q,) are neighbours of a ``point`` (p,) on the
-        mesh, or of its opposite, with the same frequencies; both are fractions.
+        """Return (n_q,) whether each point of the mesh is a neighbour of a ``point`` (p,), in
+        fractions, or of the opposite point, which has the same frequencies.
         """
         is_neighbour = np.zeros(len(self.zone.points), bool)
-        for alike in (point, -point):
-            step = self.zone.points - alike
+        for equivalent in (point, -point):
+            step = self.zone.points - equivalent
             distance = np.linalg.norm(self.lattice.wavevectors(step - np.rint(step)), axis=1)
             is_neighbour |= distance < _NEIGHBOUR * self.zone.spacing
         return is_neighbour
 
     def _choose_highest(self, edges: BandEdges, numbers: Index, points: Array, count: int) -> Index:
-        """Return which ``count`` (n, count) of the wave vectors ``points`` (n, n_points, p), 1/d,
-        are the highest of each of the edges of the ``numbers`` (n,).
+        """Return the indices (n, count) of those of the wave vectors ``points`` (n, n_points, p),
+        1/d, at which the heights of the edges of the ``numbers`` (n,) are greatest, the greatest
+        first.
         """
         n_edges, n_points, p = points.shape
         frequencies = self.lattice.frequencies(points.reshape(-1, p))
@@ -199,9 +223,11 @@ class EdgeSearch(NamedTuple):
     def _climb_edges(
         self, edges: BandEdges, numbers: Index, starts: Array, widths: Array | None = None
     ) -> Extremes:
-        """Return the highest extremes of the edges of the ``numbers`` (n,) that are reached from
-        ``starts`` (n, n_starts, p), 1/d, by steps no longer than ``widths`` (n, n_starts), 1/d, or
-        the spacing of the mesh.
+        """Return, for each of the edges of the ``numbers`` (n,), the highest of the extremes that
+        are reached from its ``starts`` (n, n_starts, p), 1/d.
+
+        Steps are no longer than the spacing of the mesh, and than ``widths`` (n, n_starts), 1/d, if
+        these are given.
         """
         n_edges, n_starts, p = starts.shape
         branch = np.repeat(edges.branch[numbers], n_starts)
@@ -215,11 +241,12 @@ class EdgeSearch(NamedTuple):
         return Extremes(ends.heights[best], ends.points[best])
 
     def _climb(self, starts: Array, branch: Index, sign: Array, longest: Array) -> Extremes:
-        """Return the extremes, by a ``sign`` (n,), of a ``branch`` (n,) along its group velocity
-        from each of the wave vectors ``starts`` (n, p), 1/d.
+        """Return the extremes (n,) that n paths along group velocities reach from the wave vectors
+        ``starts`` (n, p), 1/d: each is the greatest frequency of a ``branch`` (n,), times its
+        ``sign`` (n,), on the path.
 
-        Steps are those of J. Barzilai and J. M. Borwein (IMA J. Numer. Anal. 8, 141, 1988), none
-        above ``longest`` (n,), 1/d.
+        Steps are those of J. Barzilai and J. M. Borwein (IMA J. Numer. Anal. 8, 141, 1988), and no
+        longer than ``longest`` (n,), 1/d.
         """
         q = starts.copy()
         heights = np.full(len(q), -np.inf)
@@ -229,7 +256,7 @@ class EdgeSearch(NamedTuple):
         p = q.shape[1]
         direction = np.eye(p)[0]
         climbing = np.arange(len(q))
-        for turn in range(_TURNS):
+        for turn in range(_MOST_STEPS):
             modes = self.lattice.modes(q[climbing], direction)
             mode = (np.arange(climbing.size), branch[climbing])
             new_heights = sign[climbing] * modes.frequencies[mode]
@@ -240,11 +267,11 @@ class EdgeSearch(NamedTuple):
             steepness = np.linalg.norm(slope, axis=1)
             is_steep = steepness > 0.0
             longest_step = longest[climbing]
-            # unit vectors along the slopes
+            # unit vectors along the slopes; zero without a slope
             uphill = np.zeros_like(slope)
             np.divide(slope, steepness[:, None], out=uphill, where=is_steep[:, None])
             if turn == 0:
-                # where q is its own opposite, no branch has a slope, be it an extreme or a saddle
+                # at a q equivalent to -q no branch has a slope, whether q is an extreme or a saddle
                 uphill[~is_steep] = _ASIDE[:p] / np.linalg.norm(_ASIDE[:p])
                 step = 0.5 * longest_step
             else:
@@ -261,25 +288,25 @@ class EdgeSearch(NamedTuple):
 
     def _approach(self, starts: Array, branch: Index) -> tuple[Array, Array]:
         """Return the wave vectors (n, n_starts, p), 1/d, at which each ``branch`` (n,) crosses the
-        branch above or is closest to it, from ``starts`` (n, n_starts, p), and the distances (n,
-        n_starts), 1/d, over which the branches separate there.
+        branch above or is closest to it, and the distances (n, n_starts), 1/d, over which the
+        branches separate there; the search begins at ``starts`` (n, n_starts, p), 1/d.
 
-        Between the two modes D(q) is 2 x 2, and its part without trace is linear in q near by. The
-        steps are those of C. F. Gauss and I. Newton to the zero of that part, or its least norm,
-        none above the spacing of the mesh.
+        Between the modes of the two branches, D(q) is a 2 x 2 matrix. Its part without trace, which
+        vanishes where the branches cross, is nearly linear in q. Gauss-Newton steps, no longer than
+        the spacing of the mesh, lead to its zero or its least norm.
         """
         n, n_starts, p = starts.shape
         q = starts.reshape(-1, p).copy()
         lower = np.repeat(branch, n_starts)
         widths = np.zeros(len(q))
         moving = np.arange(len(q))
-        for _ in range(_CROSSING_TURNS):
-            apart, slopes = self._split(q[moving], lower[moving])
-            step = -_solve_least(slopes, apart)
+        for _ in range(_MOST_CROSSING_STEPS):
+            splitting, slopes = self._find_splitting(q[moving], lower[moving])
+            step = -_solve_least(slopes, splitting)
             length = np.linalg.norm(step, axis=1)
             steepest = np.linalg.norm(slopes, axis=(1, 2))
-            width = np.zeros(moving.size)
-            np.divide(np.linalg.norm(apart, axis=1), steepest, out=width, where=steepest > 0.0)
+            size = np.linalg.norm(splitting, axis=1)
+            width = np.divide(size, steepest, out=np.zeros_like(size), where=steepest > 0.0)
             widths[moving] = width
             shortening = np.minimum(1.0, self.zone.spacing / np.maximum(length, _LEVEL))
             q[moving] += shortening[:, None] * step
@@ -288,18 +315,20 @@ class EdgeSearch(NamedTuple):
                 break
         return q.reshape(n, n_starts, p), widths.reshape(n, n_starts)
 
-    def _split(self, q: Array, lower: Index) -> tuple[Array, Array]:
-        """Return the part without trace of D between the branches ``lower`` (n,) and those above,
-        (n, 3), k/M, at wave vectors ``q`` (n, p), 1/d, and its slopes (n, 3, p), k d/M.
+    def _find_splitting(self, q: Array, lower: Index) -> tuple[Array, Array]:
+        """Return the part without trace (n, 3), k/M, of the 2 x 2 matrix of D between the branches
+        ``lower`` (n,) and those above, at wave vectors ``q`` (n, p), 1/d, and its derivatives
+        (n, 3, p), k d/M, with respect to q.
 
-        Its components are those of Pauli's matrices.
+        The three components are the coefficients of Pauli's matrices.
         """
         p = q.shape[1]
         modes = self.lattice.modes(q, np.eye(p)[0])
         numbers = np.arange(len(q))
         squared = modes.frequencies**2
-        apart = np.zeros((len(q), 3))
-        apart[:, 2] = 0.5 * (squared[numbers, lower] - squared[numbers, lower + 1])
+        # D is diagonal in its modes
+        splitting = np.zeros((len(q), 3))
+        splitting[:, 2] = 0.5 * (squared[numbers, lower] - squared[numbers, lower + 1])
         pair = lower[:, None] + np.arange(2)
         vectors: Complex = np.take_along_axis(modes.eigenvectors, pair[:, None, :], axis=2)
         slopes = np.empty((len(q), 3, p))
@@ -311,7 +340,7 @@ class EdgeSearch(NamedTuple):
             slopes[:, 0, axis] = slope[:, 0, 1].real
             slopes[:, 1, axis] = -slope[:, 0, 1].imag
             slopes[:, 2, axis] = 0.5 * (slope[:, 0, 0] - slope[:, 1, 1]).real
-        return apart, slopes
+        return splitting, slopes
 
 
 def _solve_least(matrices: Array, values: Array) -> Array:
@@ -323,8 +352,10 @@ def _solve_least(matrices: Array, values: Array) -> Array:
 
 def _secant_step(moved: Array, change: Array, steepness: Array) -> Array:
     """Return the lengths (n,), 1/d, of steps along slopes of size ``steepness`` (n,) that would
-    reach a parabola's top, after slopes have changed by ``change`` (n, p) along ``moved`` (n, p),
-    1/d; zero where the slope has not changed.
+    reach the top of a parabola; zero if the slope has not changed.
+
+    The curvature of the parabola is that by which the slope changed by ``change`` (n, p) over the
+    last step, ``moved`` (n, p), 1/d.
     """
     bend = np.abs(np.sum(moved * change, axis=1))
     squared = np.sum(moved**2, axis=1)

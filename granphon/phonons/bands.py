@@ -1,5 +1,5 @@
-"""Band structures, in memory and in phonopy's band.yaml; and complex ones, of waves that decay
-too.
+"""Band structures, in memory and in phonopy's band.yaml; and complex band structures, which
+contain waves that decay as well.
 """
 
 from __future__ import annotations
@@ -46,13 +46,14 @@ from granphon.phonons.phonopy_atoms import (
     write_kinds,
 )
 
-#: difference of frequencies, over the top one, at which branches coincide
+#: difference of frequencies, over the top frequency, up to which branches coincide
 _COINCIDE = 1e-6
 #: difference of the heights of balls, over the size of the cell, up to which there are no edges
 _FLAT = 1e-9
-#: share of the top frequency by which frequencies at one point may be out of order
+#: part of the top frequency by which frequencies at one point may be out of order
 _ROUNDING = 1e-6
-#: highest frequency in units of the scales: that of a stiff contact, (k/M)^(1/2), is of order one
+#: highest frequency that bands may have, in units of their scales: that of a stiff contact,
+#: (k/M)^(1/2), is of order one
 _HIGHEST = 1e3
 #: largest deviation of the length of an eigenvector from one
 _LENGTH_ERROR = 1e-6
@@ -78,27 +79,27 @@ class Bands(Result):
     Attributes
     ----------
     qpoints : (s, p, 3), wave vectors as fractions of the reciprocal cell.
-    distances : (s, p), distance along the path over 2 pi, times the mean diameter, as in phonopy: a
-        number without a unit.
+    distances : (s, p), length of the path up to each point, times the mean diameter over 2 pi, as
+        in phonopy: a number without a unit.
     frequencies : (s, p, b), Hz, ascending.
     group_velocities : (s, p, b, d), m/s, along the d periods of the lattice; at Gamma, and where
-        branches touch or vanish, the limit along the path. None of bands that were made without
+        branches touch or vanish, the limit along the path. None if the bands were made without
         eigenvectors.
-    eigenvectors : (s, p, n_dof, b), complex, mass-weighted, orthonormal; the motions of ball after
-        ball, (x, y, w) in the plane; or None. Fractions and connections, which follow from them,
-        then raise
+    eigenvectors : (s, p, n_dof, b), complex, mass-weighted, orthonormal: the motions, (x, y, w) in
+        the plane, of the first ball, then those of the second, and so on. None if the bands were
+        made without; fractions and connections, which follow from eigenvectors, then raise
         :class:`~granphon.base.errors.InputError`.
     labels : (s + 1), names of the corners.
-    cell, positions, masses : the cell that the q points belong to, in reduced units: its vectors
-        (3, 3), the positions of the balls (n, 3) as fractions of these vectors, and the masses
-        (n,).
+    cell : (3, 3), vectors, as rows, of the cell to which the q points belong, in reduced units.
+    positions : (n, 3), positions of the balls as fractions of these vectors.
+    masses : (n,), masses of the balls in reduced units.
     scales : the length, stiffness and mass that convert reduced units to SI.
     warnings : one sentence for each limit of the model that the state exceeds, and for branches
         that cost no energy.
     motions : the motions of each ball; rotations that the eigenvectors do not have are left out.
-    pbc : along which of the d periods of the lattice the cell repeats, by default all; a ribbon
-        that is cut out of a lattice in the plane repeats along one. Without group velocities it
-        must be given, as it then tells d.
+    pbc : (d,), whether the cell repeats along each of the d periods of the lattice, by default
+        true; a ribbon that is cut out of a lattice in the plane repeats along one. Without group
+        velocities ``pbc`` must be given, as its length then tells d.
     kinds : names of the kinds of the balls, if they are known.
     gyration : (n,) radii of gyration of the balls, in reduced units; by default of solid balls with
         the diameter 1.
@@ -128,7 +129,9 @@ class Bands(Result):
             object.__setattr__(self, "pbc", (True,) * self.periods)
 
     def _check(self) -> None:
-        """Check shapes, and that all numbers are finite and can be those of bands."""
+        """Raise :class:`~granphon.base.errors.InputError` unless shapes fit together, and all
+        numbers are finite and can be those of bands.
+        """
         super()._check()
         balls = len(self.masses)
         d = self.periods
@@ -141,7 +144,7 @@ class Bands(Result):
                 )
         self._require_finite()
         _require(self.frequencies.size > 0, "there is no frequency")
-        # components across the periods, which are along the first axes
+        # the periods are along the first axes; components along the others must be zero
         across = (self.qpoints[..., d:], self.cell[:d, d:], self.cell[d:, :d])
         lies_along = not any(np.any(components) for components in across)
         shape = ("line", "plane", "space")[d - 1]
@@ -181,10 +184,10 @@ class Bands(Result):
 
     @cached_property
     def motion(self) -> NDArray[Any]:
-        """Eigenvectors with the balls on an axis of their own, (s, p, n_balls, components of a
-        ball, b).
+        """Eigenvectors with an axis for balls and one for the motions of a ball, (s, p, n_balls,
+        motions, b).
 
-        Raises :class:`~granphon.base.errors.InputError` if there are none.
+        Raises :class:`~granphon.base.errors.InputError` if there are no eigenvectors.
         """
         if self.eigenvectors is None:
             raise InputError(
@@ -232,22 +235,22 @@ class Bands(Result):
 
     @property
     def transverse_fraction(self) -> Array:
-        """Fraction of the kinetic energy that is displacement across q, (s, p, b), 0 to 1; of a
-        plane lattice, in its plane.
+        """Fraction of the kinetic energy that is displacement perpendicular to q, (s, p, b), 0 to
+        1; for a lattice in the plane, only that within the plane.
 
-        With the rotational, the longitudinal and the out-of-plane fraction it adds up to 1.
+        The rotational, longitudinal, transverse and out-of-plane fractions add up to 1.
         """
         transverse = 1.0 - self.rotational_fraction - self.longitudinal_fraction
         return np.asarray(np.clip(transverse - self.out_of_plane_fraction, 0.0, 1.0))
 
     @cached_property
     def edge_weight(self) -> Array:
-        """Fraction of the kinetic energy in the outer quarter of a cut, lower and upper edge, (s,
-        p, b, 2), 0 to 1.
+        """Fractions of the kinetic energy in the outer quarters of a cut, at its lower and at its
+        upper edge, (s, p, b, 2), 0 to 1.
 
-        Where branches coincide, the modes are taken that are most at one edge. Raises
-        :class:`~granphon.base.errors.InputError` of a lattice that is not a cut: all balls are at
-        one height.
+        Where branches coincide, the fractions are those of the combinations of their modes that are
+        most at one edge. Raises :class:`~granphon.base.errors.InputError` for a lattice that is not
+        a cut, whose balls are all at one height.
         """
         axis_across = min(sum(self.pbc), 2)  # the periods of a cut are along the first axes
         heights = (self.positions @ self.cell)[:, axis_across]
@@ -265,7 +268,7 @@ class Bands(Result):
             for branches in np.split(np.arange(self.n_branches), set_ends):
                 if len(branches) > 1:
                     motion = self.motion[s, p][..., branches]
-                    weights[s, p, branches] = _part_edges(motion, masks)
+                    weights[s, p, branches] = _separate_edges(motion, masks)
         return np.asarray(np.clip(weights, 0.0, 1.0))
 
     @cached_property
@@ -287,21 +290,22 @@ class Bands(Result):
     # -- phonopy's band.yaml -----------------------------------------------------------------------
 
     def write(self, path: str | os.PathLike[str], pad: bool = False) -> None:
-        """Write phonopy's band.yaml, with eigenvectors and group velocities if there are, for
-        phonopy-bandplot and Euphonic.
+        """Write a band.yaml of phonopy to the file ``path``, with eigenvectors and group velocities
+        if there are any, for phonopy-bandplot and Euphonic.
 
-        Frequencies are in Hz, kHz, MHz or another such unit, in which the top one lies between 1
-        and 1000; the file names the unit. Coordinates of an atom that hold no motion are zero, such
-        as w in the plane without friction. Some programs expect three branches for each atom:
-        ``pad`` adds, below the others, one branch at zero frequency for each such coordinate, which
-        moves it alone. :meth:`read` leaves these branches out.
+        Frequencies are in Hz, kHz, MHz or another such unit, in which the top frequency lies
+        between 1 and 1000; the file names the unit. Coordinates of an atom that hold no motion are
+        zero, such as w in the plane without friction. Some programs expect three branches for each
+        atom. For these, ``pad`` adds one branch of zero frequency for each such coordinate, below
+        the other branches, in which that coordinate alone moves. :meth:`read` leaves these branches
+        out.
 
-        A ball of six motions is two atoms. The second, "Sn", stands a little aside of its ball. As
-        in phonopy, its eigenvector has the phase at that place; :meth:`read` restores the phase at
-        the ball.
+        A ball of six motions is two atoms. The second, "Sn", stands a little beside its ball. As
+        in phonopy, its eigenvector has the phase at its own position; :meth:`read` restores the
+        phase at the ball.
 
-        A file of granphon is replaced; if another is there, as one of phonopy's own,
-        :class:`~granphon.base.errors.FileExistsInRunError` is raised.
+        A file that granphon wrote is replaced; if another file is there, such as one that phonopy
+        wrote, :class:`~granphon.base.errors.FileExistsInRunError` is raised.
         """
         unit = HertzPrefix.for_top(float(self.frequencies.max()))
         still = len(self.masses) * len(self.motions.still_slots) if pad else 0
@@ -315,8 +319,10 @@ class Bands(Result):
         write_text(path, seal(lines))
 
     def _write_head(self, unit: HertzPrefix, still: int) -> list[str]:
-        """Return the lines of a band.yaml before those of its atoms, with frequencies in a ``unit``
-        and ``still`` branches of coordinates that hold no motion.
+        """Return the lines of a band.yaml before those of its atoms.
+
+        ``unit`` is that of the frequencies, and ``still`` the number of branches of coordinates
+        that hold no motion.
         """
         s, p, _ = self.frequencies.shape
         lines = make_header(unit, self.scales, self.motions, self.periods)
@@ -348,7 +354,7 @@ class Bands(Result):
 
     @property
     def _segment_ends(self) -> list[list[str]]:
-        """The names of the first and of the last point of each segment; a label "K|M", of a jump,
+        """The names of the first and of the last point of each segment. The label "K|M" of a jump
         names the last point K of one segment and the first point M of the next.
         """
         corners = [label.split("|") for label in self.labels]
@@ -365,10 +371,13 @@ class Bands(Result):
         return [f"- symbol: {name}\n{place}" for name, place in zip(names, places, strict=True)]
 
     def _write_modes(self, unit: HertzPrefix, still: int) -> list[str]:
-        """Return the text of a band.yaml on its wave vectors and modes, one item for each wave
-        vector, with frequencies in a ``unit`` and ``still`` branches of coordinates that hold no
-        motion below the others.
+        """Return the lines of a band.yaml on its wave vectors and modes, as one text for each wave
+        vector.
+
+        ``unit`` is that of the frequencies, and ``still`` the number of branches of coordinates
+        that hold no motion, below the others.
         """
+        # the text of a wave vector is a template with %r for each number, which is filled below
         s, p, b = self.frequencies.shape
         template = "    frequency: %r\n"
         frequencies = np.pad(self.frequencies, ((0, 0), (0, 0), (still, 0))) / unit.hertz
@@ -396,8 +405,9 @@ class Bands(Result):
         return [f"{place}{label}  band:\n{branches}" for place, label, branches in points]
 
     def _list_components(self, still: int) -> Array:
-        """Return real and imaginary parts of the eigenvectors, (s, p, still + b, atoms, 3, 2), as
-        phonopy has them; each of the first ``still`` branches moves a coordinate without a motion.
+        """Return real and imaginary parts of the eigenvectors, (s, p, still + b, atoms, 3, 2), in
+        phonopy's coordinates. In each of the first ``still`` branches only one coordinate moves,
+        one that holds no motion.
         """
         s, p, b = self.frequencies.shape
         n = len(self.masses)
@@ -407,19 +417,19 @@ class Bands(Result):
         if still:
             units = np.eye(still).reshape(still, n, -1)
             motion[:, :, :still, :, list(self.motions.still_slots)] = units
-        # an atom aside of its ball has the phase at its own place
+        # the second atom of a ball has the phase at its own position
         phases = find_offset_phases(self.qpoints, self.cell).conj()
         motion[..., 3:] *= phases[:, :, None, None, None]
         return motion.view(float).reshape(s, p, still + b, n * per_ball, 3, 2)
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Bands:
-        """Return the bands of a band.yaml that granphon wrote.
+        """Return the bands of the file ``path``, a band.yaml that granphon wrote.
 
-        Raises :class:`~granphon.base.errors.InputError` if another program wrote the file, or it is
-        damaged or was edited; :class:`~granphon.base.errors.MissingFileError` if there is no such
-        file. Warns with :class:`~granphon.base.errors.UnverifiedFileWarning` if it carries no
-        digest, as a copy by another program.
+        Raises :class:`~granphon.base.errors.InputError` if another program wrote the file, or if it
+        is damaged or was edited, and :class:`~granphon.base.errors.MissingFileError` if there is no
+        such file. Warns with :class:`~granphon.base.errors.UnverifiedFileWarning` if the file has
+        no digest, such as a copy that another program wrote.
         """
         text, verified = read_sealed(path)
         with require_own_file(path, "band.yaml"):
@@ -436,13 +446,15 @@ class Bands(Result):
 
     @classmethod
     def _of_data(cls, data: Any, hertz: float, scales: Units) -> Bands:
-        """Return bands from the data of a band.yaml whose frequencies are in units of ``hertz``,
-        Hz; raise :class:`InputError` for data that do not fit together.
+        """Return bands from the ``data`` of a band.yaml, with the unit ``hertz`` of its
+        frequencies, Hz, and its ``scales``.
+
+        Raises :class:`~granphon.base.errors.InputError` for data that do not fit together.
         """
         header = data["granphon"]
         phonon = data["phonon"]
         s, p, natom = _read_counts(data)
-        # a ball of six motions is two atoms, the first at its place
+        # a ball of six motions is two atoms, of which the first is at the position of the ball
         atoms = data["points"]
         symbols = [atom["symbol"] for atom in atoms]
         n = natom // read_motions(header)[0].atoms_per_ball
@@ -493,22 +505,23 @@ class Bands(Result):
 
 @result_class
 class ComplexBands(Result, array="wavenumbers"):
-    """All waves across the layers of a crystal at given frequencies. ``np.asarray`` of it is
-    ``wavenumbers``.
+    """All waves across the layers of a crystal at given frequencies. ``np.asarray`` of an instance
+    is its ``wavenumbers``.
 
-    A motion changes by exp(i k h) from layer to layer, in the time exp(-2 pi i f t). Waves of the
-    first half of a row run or decay towards higher layers, waves of the second half towards lower
-    layers. In each half running waves come first; the others follow, the slowest decay first. An
-    imaginary part is infinite where a motion reaches no other layer at a frequency. The error of
-    exp(i k h) is about 1e-15, so that of k h grows with the decay.
+    A wave changes by the factor exp(i k h) from layer to layer, and in time as exp(-2 pi i f t).
+    The waves of the first half of a row run or decay towards higher layers, and those of the second
+    half towards lower layers. In each half running waves come first; the others follow, the slowest
+    decay first. The imaginary part of k is infinite for motions that reach no other layer at a
+    frequency. The error of exp(i k h) is about 1e-15, so that of k h grows with the decay.
 
     Attributes
     ----------
     frequencies : (n_f,) Hz.
     wavenumbers : (n_f, 2 m) k, 1/m, complex; real parts from -pi/h to pi/h.
     running : (n_f,) number of waves that run towards higher layers.
-    height : of a layer, h, m.
-    warnings : one sentence where contacts are more viscous than stiff, as a damping is a time.
+    height : h, the height of a layer, m.
+    warnings : one sentence if dashpots resist more than springs, as a damping is a time, and was
+        perhaps meant as a loss factor; else empty.
     """
 
     frequencies: Array = held(float, "f", "Hz")
@@ -519,13 +532,13 @@ class ComplexBands(Result, array="wavenumbers"):
 
     @property
     def forward(self) -> NDArray[np.complex128]:
-        """(n_f, m) the wave numbers of waves that run or decay towards higher layers, 1/m."""
+        """(n_f, m) wavenumbers, 1/m, of the waves that run or decay towards higher layers."""
         return self.wavenumbers[:, : self.wavenumbers.shape[1] // 2]
 
     @property
     def attenuation(self) -> Array:
-        """(n_f,) decay of the wave that goes farthest, dB from layer to layer; zero in bands
-        without losses.
+        """(n_f,) decay, dB from layer to layer, of the wave that decays the slowest; zero at
+        frequencies in a band without losses.
         """
         return np.asarray(
             20.0 * math.log10(math.e) * self.height * np.min(self.forward.imag, axis=1)
@@ -534,15 +547,16 @@ class ComplexBands(Result, array="wavenumbers"):
 
 @result_class
 class Onset(Result, array="frequencies"):
-    """Where the branches of a lattice begin: at Gamma. ``np.asarray`` of it is ``frequencies``.
+    """How the branches of a lattice begin at Gamma. ``np.asarray`` of an instance is its
+    ``frequencies``.
 
     Attributes
     ----------
-    frequencies : (n_branches,) at Gamma, Hz, ascending; zero of sound.
+    frequencies : (n_branches,) frequencies at Gamma, Hz, ascending; zero for sound.
     curvatures : (n_branches,) d^2 omega/dq^2 beside Gamma, m^2/s.
     direction : (p,) unit vector along which the curvatures are.
-    gap : the lowest frequency of all branches in the whole zone, Hz: below it no wave runs. It is
-        zero where nothing holds the balls.
+    gap : the lowest frequency of all branches in the whole zone, Hz, below which no wave runs; zero
+        if nothing holds the balls.
     """
 
     frequencies: Array = held(float, "b", "Hz")
@@ -552,42 +566,47 @@ class Onset(Result, array="frequencies"):
 
 
 def _require(holds: Any, fault: str) -> None:
-    """Raise :class:`InputError` for a fault of bands unless ``holds``."""
+    """Raise :class:`~granphon.base.errors.InputError` for a ``fault`` of bands unless ``holds``."""
     if not holds:
         raise InputError(fault, mend="Make the bands again")
 
 
-def _part_edges(motion: NDArray[Any], masks: NDArray[np.bool_]) -> Array:
-    """Return the parts (b, 2) of the kinetic energy in the balls of two ``masks`` (2, n), of those
-    sums of the modes ``motion`` (n, components of a ball, b) that are most in one of them.
+def _separate_edges(motion: NDArray[Any], masks: NDArray[np.bool_]) -> Array:
+    """Return the fractions (b, 2) of the kinetic energy in the balls of the two ``masks`` (2, n),
+    for those combinations of b coinciding modes that are most at one edge.
+
+    ``motion`` (n, motions, b) are the modes; a mask is true for the balls at an edge.
     """
     energy_forms = []
     for mask in masks:
         outer = motion[mask]
         energy_forms.append(np.einsum("icb,icd->bd", outer.conj(), outer))
     low, high = energy_forms
-    # the eigenvectors of the difference are sums at one edge as far as can be
+    # the eigenvectors of the difference are the combinations that are most at one edge
     _, turn = np.linalg.eigh(high - low)
     weights = [np.einsum("ba,bc,ca->a", turn.conj(), form, turn).real for form in energy_forms]
     return np.stack(weights, axis=1)
 
 
 def _read_vectors(components: Array, motions: Motions, qpoints: Array, cell: Array) -> Complex:
-    """Return eigenvectors (s, p, n_dof, b) from ``components``, the real and imaginary parts
-    (s, p, b, n, 3 or 6, 2) of the coordinates of atoms in a band.yaml.
+    """Return the eigenvectors (s, p, n_dof, b) of balls with these ``motions``.
+
+    ``components`` (s, p, b, n, 3 or 6, 2) are the real and imaginary parts of the coordinates of
+    the one or two atoms of each ball in a band.yaml, at ``qpoints`` (s, p, 3) of the ``cell``
+    (3, 3).
     """
     motion = components[..., 0] + 1j * components[..., 1]
-    # the phase at the ball, in place of that of an atom aside
+    # the second atom of a ball gets the phase at the ball instead of that at its own position
     motion[..., 3:] *= find_offset_phases(qpoints, cell)[:, :, None, None, None]
     by_branch = motion[..., list(motions.slots)].reshape(*motion.shape[:3], -1)
     return np.moveaxis(by_branch, 2, 3)
 
 
 def _read_velocities(modes: list[Any], periods: int) -> Array:
-    """Return group velocities (n_q, b, periods), d times the unit of frequencies, of the ``modes``
-    of a band.yaml, which are listed for each wave vector.
+    """Return the group velocities (n_q, b, periods), d times the unit of frequencies, of the
+    ``modes`` of a band.yaml, b for each of n_q wave vectors.
 
-    Raises :class:`InputError` for a velocity across the ``periods``.
+    Raises :class:`~granphon.base.errors.InputError` for a velocity across the ``periods``.
     """
     in_space = _read_of_modes("group_velocity", modes)
     if np.any(in_space[..., periods:]):
@@ -598,7 +617,8 @@ def _read_velocities(modes: list[Any], periods: int) -> Array:
 def _read_counts(data: Any) -> tuple[int, int, int]:
     """Return the numbers of segments, of points in a segment and of atoms of a band.yaml.
 
-    Raises :class:`InputError` for numbers that do not fit the rest of the file.
+    Raises :class:`~granphon.base.errors.InputError` for numbers that do not fit the rest of the
+    file.
     """
     counts = {}
     for key in ("npath", "nqpoint", "natom"):
@@ -621,15 +641,15 @@ def _read_counts(data: Any) -> tuple[int, int, int]:
 
 
 def _read_of_modes(name: str, modes: list[Any]) -> Array:
-    """Return the values of a key (n_q, b, ...) of the modes of a band.yaml, which are listed for
-    each wave vector.
+    """Return the values (n_q, b, ...) of the key ``name`` in the ``modes`` of a band.yaml, b for
+    each of n_q wave vectors.
     """
     return read_numbers(name, [[mode[name] for mode in branches] for branches in modes])
 
 
 def _join_labels(listed: list[Any]) -> tuple[str, ...]:
-    """Return the names of the corners (s + 1), "K|M" where the path jumps, from the names of both
-    ends of each segment.
+    """Return the names of the corners (s + 1), "K|M" for a jump of the path, from those of the two
+    ends of each of s segments, as a band.yaml has ``listed`` them.
     """
     ends = [[str(name) for name in names] for names in listed]
     labels = [ends[0][0]]

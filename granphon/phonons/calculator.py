@@ -1,9 +1,9 @@
 """The ASE calculator for balls in contact, and the ``ase.Atoms`` of one cell of a lattice.
 
-Atoms are in reduced units and carry the arrays of :mod:`granphon.array.atoms`. The reference
-direction of a contact is the nearest contact vector of the lattice, so that reference positions
-need not be stored: slip does not change when the lattice is moved as a whole. A pair of balls
-counts as the contact of the lattice whose vector is nearest to its own.
+Atoms are in reduced units and have the arrays of :mod:`granphon.array.atoms`. A pair of balls is
+identified with the contact of the lattice whose vector is nearest to that of the pair. The
+direction of this contact is the reference direction of the pair. So reference positions need not be
+stored, and slip does not change when all balls are moved together.
 """
 
 from __future__ import annotations
@@ -61,28 +61,27 @@ if TYPE_CHECKING:
 
 #: least delta/d at which double-precision positions still hold six digits of the overlap
 _LEAST_OVERLAP = 1e-10
-#: most displacement of balls in contact against each other that a harmonic energy is asked for, in
-#: diameters
+#: largest displacement of two balls in contact against each other, in diameters, for which a
+#: harmonic energy is found
 _FAR = 0.5
 #: all motions of balls that have 1, 2 or 3 coordinates
 _MOTIONS = (LONGITUDINAL, IN_PLANE, ALL)
-#: what the cell of a lattice of 1, 2 or 3 periods is measured by
+#: words for the measure of the cell of a lattice with 1, 2 or 3 periods
 _EXTENTS = ("length along x", "area in the plane", "volume")
 #: greatest distance, in diameters, between the vector of a pair and a contact vector of the lattice
 #: for the pair to count as that contact
 _CATCH = 0.25
-#: greatest rotation of the whole lattice that is accepted when energies are found. The measure is
-#: the overlap that the rotation would add to contacts of fixed direction, over the overlap that
-#: they have
+#: greatest rotation of the whole lattice that is accepted when energies are found. It is measured
+#: by the overlap that the rotation would add to contacts of fixed direction, over their overlap
 _TURN_PER_OVERLAP = 1e-2
-#: the same when force constants are found, as added overlap over the spacing. It is larger, because
-#: positions then only tell which balls touch
+#: greatest rotation of the whole lattice that is accepted when force constants are found, as added
+#: overlap over the spacing. More is allowed, because positions then only tell which balls touch
 _TURN_PER_SPACING = 1e-4
-#: distance, in diameters, by which a list reaches beyond the cutoff. A list serves until a ball has
-#: moved by half of it. It is small enough that a list does not reach the second neighbours of the
-#: lattices.
+#: distance, in diameters, by which a list of pairs reaches beyond the cutoff. A list serves until a
+#: ball has moved by half of this distance. It is so small that a list does not reach the second
+#: neighbours of the lattices
 _SKIN = 0.3
-#: length, area or volume, in diameters, below which a cell counts as one of none
+#: length, area or volume of a cell, in units of the diameter, below which it counts as zero
 _FLAT = 1e-12
 
 
@@ -94,14 +93,14 @@ def atoms(state: Any) -> Atoms:
     cube of cubic lattices; for the triangular lattice it is ASE's HEX2D cell (120 degrees). A
     lattice of fewer than three periods lies along x, or in the xy plane; across it the cell is one
     diameter thick and not periodic. With finite overlap the cell has the spacing a = d - delta.
-    Arrays are those of a file ``sample.extxyz``.
+    The Atoms have the arrays of a file ``sample.extxyz``.
 
-    The state of a crystal, a sample or a :class:`~granphon.ContactNetwork` with periods gives the
-    cell of its network: the balls that move, with masses, radii (the array ``radius``), a chemical
-    symbol for each kind, and the scales in ``info``. The name of a kind is its symbol if it is one;
-    ``info["kinds"]`` has the name of each symbol. Where kinds are not known, balls of each mass
-    have a symbol. Its calculator is :class:`HarmonicContacts`, as a network has stiffnesses and no
-    contact law.
+    For the state of a crystal, of a sample or of a :class:`~granphon.ContactNetwork` with periods
+    the cell is that of its network. The Atoms are then the balls that move, with their masses,
+    radii (the array ``radius``), a chemical symbol for each kind, and the scales in ``info``. A
+    kind whose name is a chemical symbol has that symbol; ``info["kinds"]`` has the name of each
+    symbol. If kinds are not known, each mass has a symbol of its own. The calculator is
+    :class:`HarmonicContacts`, as a network has stiffnesses and no contact law.
 
     Raises :class:`~granphon.base.errors.InputError` if the state holds several loads, and for a
     network without a period.
@@ -138,8 +137,8 @@ def _place_balls(vectors: Array, positions: Array) -> Atoms:
 
 
 def _make_network_atoms(state: NetworkState) -> Atoms:
-    """Return the balls of the network of a ``state`` that move, as Atoms in reduced units with the
-    calculator :class:`HarmonicContacts`.
+    """Return the moving balls of the network of a ``state`` as Atoms in reduced units, as
+    :func:`atoms` describes them, with the calculator :class:`HarmonicContacts`.
     """
     lattice = state.contact_lattice()
     network = state.network
@@ -164,23 +163,27 @@ class HarmonicContacts(ContactCalculator):
     """ASE calculator of a network of contacts, to second order about its state, in the reduced
     units of the network.
 
-    The energy over that of the state is V s:(F - 1), with the volume V of the cell, the stress s of
-    the normal forces, and F the deformation of the cell, plus k e^2/2 + kappa s^2/2 + k_t twist^2/2
-    + k_b roll^2/2 of each contact, less f t^2/2r with prestress (t is the displacement across the
-    contact, r the distance of the centres). Forces and torques are zero at rest, and their slopes
-    are the dynamical matrix of :class:`~granphon.Phonons`. Contacts neither open nor stiffen, so
-    that displacements must be small against the overlap. Stress is as for :class:`HertzMindlin`.
-    Rotations about the axes of the motions count, from the array ``rotations``.
+    The energy is counted from that of the state. It has two parts. The first is V S:(F - 1), with
+    the volume V of the cell, the stress S of the normal forces, and the deformation F of the cell.
+    The second is a sum over contacts: k e^2/2 + kappa s^2/2 + k_t twist^2/2 + k_b roll^2/2, where e
+    is the elongation and s the slip, and with prestress less f t^2/(2 r), where t is the
+    displacement across the contact and r the distance of the centres. Forces and torques are zero
+    at rest, and their derivatives are the dynamical matrix of :class:`~granphon.Phonons`. Contacts
+    neither open nor stiffen, so that displacements must be small against the overlap. Stress is
+    defined as for :class:`HertzMindlin`. Rotations, about the axes of the motions, are read from
+    the array ``rotations``.
 
-    :func:`~granphon.atoms` attaches it to the Atoms of a network, of which it keeps the places. It
-    serves the same balls in the same order; of a larger cell, ``gp.atoms(network.repeat(...))`` has
-    its own. Raises :class:`~granphon.base.errors.InputError` for other Atoms, for displacements of
-    half a diameter, and for the stress of balls that bodies without motion hold.
+    :func:`~granphon.atoms` attaches the calculator to the Atoms of a network, whose positions it
+    keeps as those at rest. It serves the same balls in the same order; the Atoms
+    ``gp.atoms(network.repeat(...))`` of a larger cell have a calculator of their own. Raises
+    :class:`~granphon.base.errors.InputError` for other Atoms, for displacements of half a diameter,
+    and if a stress is asked for although bodies without motion hold the balls.
     """
 
     follows = ("rotations",)
 
     def __init__(self, state: NetworkState, reference: Atoms) -> None:
+        """Keep the ``state``, and a copy of ``reference``, the Atoms at rest."""
         super().__init__()
         self.state = state
         self._reference = reference.copy()
@@ -191,25 +194,26 @@ class HarmonicContacts(ContactCalculator):
         properties: Any = ("energy",),
         system_changes: Any = all_changes,
     ) -> None:
-        """Set ``results``: the energy (units of k d^2), the forces (k d) and the stress (k/d) of
-        the atoms; a network that bodies without motion hold has no stress.
+        """Set ``results``, a dictionary: the energy, k d^2, the forces (N, 3), k d, and the stress
+        (6,), k/d, of the atoms; keep the torques for :meth:`get_torques`. A network that bodies
+        without motion hold has no stress.
 
         ASE gives the names of the ``properties`` that it asks for, and of the ``system_changes``
         since the last call.
 
         Raises :class:`~granphon.base.errors.InputError` for other Atoms, for displacements that are
-        not small, and if a stress is asked for that there is not.
+        not small, and if ASE asks for a stress and there is none.
         """
         super().calculate(atoms, properties, system_changes)
         balls = self.atoms
         lattice = self.state.contact_lattice()
-        self.contact_network(balls)  # refuses other Atoms
+        self.contact_network(balls)  # raises for other Atoms
         table = lattice.contacts
         n = len(balls)
         displacement = self._find_moves(balls)
         turned = self._find_turns(balls)
         energy, pull, torques = _load_springs(lattice, displacement, turned)
-        # a body that does not move comes after the balls
+        # the last row is that of bodies that do not move
         forces = np.zeros((n + 1, 3))
         np.add.at(forces, table.j, pull)
         np.add.at(forces, table.i, -pull)
@@ -234,7 +238,8 @@ class HarmonicContacts(ContactCalculator):
             )
 
     def _find_moves(self, balls: Atoms) -> Array:
-        """Return the displacement (n_c, 3) of ball j of each contact against ball i, in diameters.
+        """Return the displacement (n_c, 3), in diameters, of ball j of each contact against ball i,
+        from their positions at rest.
 
         Raises :class:`~granphon.base.errors.InputError` for a displacement that is not small.
         """
@@ -242,7 +247,8 @@ class HarmonicContacts(ContactCalculator):
         lattice = self.state.contact_lattice()
         table = lattice.contacts
         n = len(balls)
-        # displacements of the balls, and of a body that does not move; whole periods count nothing
+        # displacements of the balls without whole periods; the last row, of zeros, is that of
+        # bodies that do not move
         displacements = np.zeros((n + 1, 3))
         fractions = balls.get_scaled_positions(wrap=False)
         fractions_at_rest = reference.get_scaled_positions(wrap=False)
@@ -261,12 +267,12 @@ class HarmonicContacts(ContactCalculator):
 
     def _find_turns(self, balls: Atoms) -> Array:
         """Return w = R_g phi (n + 1, r), in diameters, of the balls about the r axes of their
-        motions; zero, in the last row, of a body that does not move.
+        motions; the last row, of zeros, is that of bodies that do not move.
         """
         lattice = self.state.contact_lattice()
         rotations = list(lattice.motions.rotations)
         n = len(balls)
-        # (n, 1) about z alone, or (n, 3)
+        # the array is (n,) if balls turn about z alone, else (n, 3)
         angles = balls.arrays.get("rotations", np.zeros((n, 3))).reshape(n, -1)
         if angles.shape[1] != len(rotations):
             angles = angles[:, rotations]
@@ -275,24 +281,25 @@ class HarmonicContacts(ContactCalculator):
         return turned
 
     def _find_static_stress(self) -> Array:
-        """Return V s (3, 3), units of k d^2: the stress s of the normal forces times the volume."""
+        """Return the stress of the normal forces times the volume of the cell, (3, 3), k d^2."""
         lattice = self.state.contact_lattice()
         table = lattice.contacts
         network = self.state.network
         sizes = network.normal_force[network.in_lattice, None] / self.state.scales.force
         forces = sizes * table.normal[: len(sizes)]
-        # compressive forces are above zero, and make a stress below zero
-        vectors = table.vector[: len(sizes)]  # springs to the ground bear none
+        # compressive forces are positive, and compressive stress is negative
+        vectors = table.vector[: len(sizes)]  # without springs to the ground, which bear no force
         return np.asarray(-_in_space(vectors).T @ _in_space(forces))
 
     def get_torques(self, atoms: Atoms) -> Array:
-        """Return the torque on each ball, -dE/dphi, in units of k d^2: (N, 3)."""
+        """Return the torques (N, 3) on the balls, -dE/dphi, k d^2."""
         self.get_property("energy", atoms)
         return self._torques.copy()
 
     def contact_network(self, atoms: Atoms) -> ContactNetwork:
-        """Return the network; raises :class:`~granphon.base.errors.InputError` for Atoms that are
-        not its balls.
+        """Return the network of the state, whose balls ``atoms`` must be.
+
+        Raises :class:`~granphon.base.errors.InputError` for Atoms with other periods or masses.
         """
         reference = self._reference
         have_periods = np.array_equal(atoms.pbc, reference.pbc)
@@ -307,11 +314,13 @@ class HarmonicContacts(ContactCalculator):
 
 
 class Pairs(NamedTuple):
-    """Pairs of balls, each once: indices ``i`` and ``j`` (n,), vectors (n, m) from i to j, in
-    diameters.
+    """n pairs of balls, each once; a ball has m = 1, 2 or 3 coordinates.
 
-    ``shift`` (n, m) is the number of whole cells by which the image of ball j is shifted. m is 1, 2
-    or 3, the number of coordinates of a ball.
+    Attributes
+    ----------
+    i, j : (n,) numbers of the two balls.
+    shift : (n, m) numbers of cells by which the image of ball j is shifted.
+    vector : (n, m) vector from ball i to the image of ball j, in diameters.
     """
 
     i: Index
@@ -321,15 +330,22 @@ class Pairs(NamedTuple):
 
 
 def keep_rows(kept: Flags, *arrays: Any) -> tuple[Any, ...]:
-    """Return the rows of each array that are ``kept``; the arrays themselves if all rows are kept,
-    as is mostly so.
+    """Return the rows of each of the ``arrays`` (n, ...) for which ``kept`` (n,) is true; the
+    arrays themselves if all rows are kept.
     """
     return arrays if kept.all() else tuple(array[kept] for array in arrays)
 
 
 class _Search(NamedTuple):
-    """The ``pairs`` of balls nearer than ``reach`` at ``positions`` (N, m) in a ``cell`` (m, m),
-    all in diameters; ``periodic`` says along which of its m vectors the balls repeat.
+    """The result of a search for pairs of balls; lengths are in diameters.
+
+    Attributes
+    ----------
+    pairs : all pairs nearer than ``reach``.
+    positions : (N, m) positions of the balls.
+    cell : (m, m) vectors of the cell, as rows.
+    periodic : (m,) whether the balls repeat along each vector.
+    reach : distance up to which pairs were sought.
     """
 
     pairs: Pairs
@@ -341,19 +357,19 @@ class _Search(NamedTuple):
     def serves(
         self, positions: Array, cell: Array, periodic: tuple[bool, ...], cutoff: float
     ) -> bool:
-        """Return whether the pairs hold all pairs nearer than ``cutoff`` at other positions, in
-        another cell.
+        """Return whether ``pairs`` contains all pairs nearer than ``cutoff`` at these positions
+        (N, m), in this cell (m, m).
 
-        A change of the cell maps every vector to vector F. So a pair beyond the reach is at least s
-        times the reach apart, s being the smallest singular value of F, less the further motion of
-        its two balls.
+        A change of the cell multiplies all vectors by a matrix F. Balls that were farther apart
+        than the reach are then at least s times the reach apart, where s is the smallest singular
+        value of F, less twice the farthest that a ball has moved in addition.
         """
         if positions.shape != self.positions.shape or periodic != self.periodic:
             return False
         expected: Any = self.positions
         stretch = 1.0
         if not np.array_equal(cell, self.cell):
-            # F; zero, with which no list serves, where the kept cell has none
+            # F; a matrix of zeros, with which no list serves, if the old cell cannot be inverted
             change: Any = np.zeros_like(cell)
             if abs(np.linalg.det(self.cell)) >= _FLAT:
                 change = np.linalg.solve(self.cell, cell)
@@ -368,8 +384,9 @@ class _Search(NamedTuple):
 def _search(positions: Array, cell: Array, periodic: tuple[bool, ...], reach: float) -> _Search:
     """Return the pairs of balls at ``positions`` (N, m) nearer than ``reach``, in diameters.
 
-    Raises :class:`InputError` for periods, those rows of the ``cell`` (m, m) that are ``periodic``,
-    that have no length or are not independent of each other.
+    The periods are those rows of the ``cell`` (m, m) for which ``periodic`` (m,) is true. Raises
+    :class:`~granphon.base.errors.InputError` for a period without length, and for periods that are
+    not independent of each other.
     """
     axes = np.flatnonzero(periodic)
     periods = cell[axes]
@@ -393,23 +410,24 @@ def _search(positions: Array, cell: Array, periodic: tuple[bool, ...], reach: fl
 
 
 class PairList:
-    """A search for pairs that keeps its list. The list reaches beyond the cutoff, and serves until
-    it might miss a pair.
+    """A search for pairs of balls that keeps its list of pairs. The list reaches beyond the cutoff,
+    and is used again until it might miss a pair.
     """
 
     def __init__(self) -> None:
+        """Begin without a list."""
         self._kept: _Search | None = None
 
     def near(
         self, positions: Array, cell: Array, periodic: tuple[bool, ...], cutoff: float
     ) -> Pairs:
         """Return the pairs nearer than ``cutoff``, in the order of (i, j, shift); all lengths are
-        in diameters.
+        in diameters. A list that does not serve any more is replaced by a new one.
 
-        ``positions`` are (N, m), ``cell`` is (m, m), with a row for each axis, periodic or not. A
-        kept list gives the same numbers to the last digit as a new one. Raises
-        :class:`~granphon.base.errors.InputError` for a periodic axis whose cell vector has no
-        length, and for periods that are not independent of each other.
+        ``positions`` are (N, m), and ``cell`` is (m, m), with a row for each axis, whether or not
+        it is ``periodic`` (m,). A kept list gives the same numbers to the last digit as a new one.
+        Raises :class:`~granphon.base.errors.InputError` for a period without length, and for
+        periods that are not independent of each other.
         """
         if self._kept is None or not self._kept.serves(positions, cell, periodic, cutoff):
             self._kept = _search(positions, cell, periodic, cutoff + _SKIN)
@@ -425,10 +443,10 @@ class _ClosedContacts(NamedTuple):
     Attributes
     ----------
     i, j : (n_c,) the balls of each contact.
-    vector : (n_c, m) from ball i to ball j.
+    vector : (n_c, m) vector from ball i to ball j.
     normal : (n_c, m) direction of the contact of the lattice.
     along : (n_c, m) direction of the normal force on ball j.
-    overlap : (n_c,)
+    overlap : (n_c,) overlap of the two balls.
     """
 
     i: Index
@@ -445,7 +463,7 @@ class _ContactsAtRest(NamedTuple):
     Attributes
     ----------
     i, j : (n_c,) the balls of each contact.
-    shift : (n_c, m) whole cells by which the image of ball j is shifted.
+    shift : (n_c, m) numbers of cells by which the image of ball j is shifted.
     vector : (n_c, m) from the site of ball i to that of ball j.
     axis : (n_c, m) direction of the contact.
     overlap, distance : (n_c,) the overlap, and the distance of the centres.
@@ -461,12 +479,13 @@ class _ContactsAtRest(NamedTuple):
 
 
 class _Loads(NamedTuple):
-    """What contacts do, summed over their deformations one after the other.
+    """Energies, forces and torques of contacts, to which those of each kind of deformation are
+    added in turn.
 
     Attributes
     ----------
-    energies : (n_c,) in units of k d^2.
-    pull : (n_c, m) force on ball j, k d.
+    energies : (n_c,) energies, k d^2.
+    pull : (n_c, m) forces on balls j, k d.
     torque_i, torque_j : (axes, n_c) torques on the two balls, k d^2.
     """
 
@@ -476,10 +495,12 @@ class _Loads(NamedTuple):
     torque_j: Array
 
     def add(self, row: Row, stiffness: Array, change: Array) -> None:
-        """Add the energies, forces and torques of springs of ``stiffness`` (n_c,), in units of k,
-        whose deformation, a ``row``, has become ``change`` (n_c,), in diameters.
+        """Add the energies, forces and torques of springs, in place.
+
+        The springs resist the deformation ``row``, which is ``change`` (n_c,), in diameters, with
+        the ``stiffness`` (n_c,), k.
         """
-        # coefficients of the m displacements come first, then those of rotations
+        # the first m coefficients of a row are those of displacements, and the others of rotations
         m = self.pull.shape[1]
         tension = stiffness * change
         self.energies[:] += 0.5 * tension * change
@@ -494,31 +515,31 @@ class HertzMindlin(ContactCalculator):
     """ASE calculator of one-sided Hertz-Mindlin contacts, in the reduced units of its state.
 
     Energy, forces, torques and stress follow from positions and rotations. The energy of a contact
-    follows from the state's contact law at the overlap of the contact, plus kappa s^2/2 + k_t
-    twist^2/2 + k_b roll^2/2: s is the slip since the reference configuration, twist and roll are
-    the rotation of one ball relative to the other about the normal and across it, and the
-    stiffnesses belong to the reference. Balls that are apart exert no force on each other. Stress,
-    in Voigt order, is force over area; across a line or a plane of balls the cell counts as one
-    diameter thick. Multiplied by ``Units.modulus`` it is in Pa.
+    is that of the state's contact law at the overlap of the contact, plus kappa s^2/2 + k_t
+    twist^2/2 + k_b roll^2/2. Here s is the slip since the reference configuration, and twist and
+    roll are the rotation of one ball relative to the other about the normal and across it. The
+    stiffnesses are those of the reference configuration. Balls that are apart exert no force on
+    each other. Stress, in Voigt order, is force over area; across a line or a plane of balls the
+    cell counts as one diameter thick. Stress times ``Units.modulus`` is in Pa.
 
     The balls may be any cell of the lattice: a supercell, a slab (periodic in some directions
     only), a cluster, a cell with vacancies. If the motions of the state lead out of the plane,
     balls may stand out of the plane, and rotations and torques are (N, 3). Energy, forces and
-    torques include what all coordinates do, also where the state names the motions out of the plane
-    only.
+    torques contain the contributions of all coordinates, even if the motions of the state are only
+    those out of the plane.
 
-    In the paper's limit (the default of a state) the overlap is delta - (r - d n).n with n fixed;
-    if the state has finite overlap it is ``d - |r|``. Slip is counted from the array
-    ``slip_origin``.
+    In the limit of small overlap (the default of a state) the overlap is delta - (r - d n).n with a
+    fixed direction n. If the state has finite overlap, the overlap is ``d - |r|``. Slip is counted
+    from the array ``slip_origin``.
 
-    Force constants come from the state and from the arrays ``displacements`` and
-    ``diameter_deviations``. Positions only tell which balls touch.
+    Force constants follow from the state and from the arrays ``displacements`` and
+    ``diameter_deviations``; positions only tell which balls touch.
 
     The state of one simulated sample serves two kinds of Atoms: the sample's own
     ``sample.atoms()``, whose contacts have the law of two balls, and ``gp.atoms(state)``, whose
     contacts have the mean law.
 
-    Any other Atoms, in m, have the calculator ``HertzMindlin({"A": ball, "B": ball})``, which is a
+    For any other Atoms, in m, ``HertzMindlin({"A": ball, "B": ball})`` returns the calculator
     :class:`~granphon.BallContacts`.
 
     Parameters
@@ -538,12 +559,17 @@ class HertzMindlin(ContactCalculator):
     follows = tuple(ARRAYS)
 
     def __new__(cls, state: Any = None, *balls: Any, **options: Any) -> Any:
-        """Return a :class:`BallContacts` for a mapping of kinds of balls."""
+        """Return a :class:`BallContacts` if ``state`` is a mapping of kinds to balls, else a new
+        calculator of this class.
+        """
         if isinstance(state, Mapping):
             return BallContacts(state, *balls, **options)
         return super().__new__(cls)
 
     def __init__(self, state: ContactState, **unknown: Any) -> None:
+        """Keep the numbers of the ``state`` that energies need, in reduced units; raise
+        :class:`~granphon.base.errors.InputError` for any other keyword.
+        """
         super().__init__(**unknown)
         self.state = given_state(state)
         self.finite_overlap = state.finite_overlap
@@ -554,7 +580,7 @@ class HertzMindlin(ContactCalculator):
         self._eta = float(packing.mindlin_ratio)
         self._torsion = float(state.torsion)
         self._bending = float(packing.bending)
-        # without the rotations that no contact resists
+        # all motions of the coordinates, without rotations that no contact resists
         all_motions = _MOTIONS[self._coordinates - 1]
         self._motions = select_motions(self._eta, self._torsion, self._bending, all_motions)
         self._overlap = float(self.state.relative_overlap)
@@ -567,7 +593,9 @@ class HertzMindlin(ContactCalculator):
         self._pair_list = PairList()
 
     def set(self, **unknown: Any) -> dict[str, Any]:
-        """Raise InputError for any parameter: all that this calculator needs is in its state."""
+        """Raise :class:`~granphon.base.errors.InputError` for any keyword: all that this calculator
+        needs is in its state. Without keywords return an empty dictionary, as ASE expects.
+        """
         if unknown:
             names = ", ".join(map(repr, unknown))
             raise InputError(
@@ -578,8 +606,11 @@ class HertzMindlin(ContactCalculator):
     # -- ASE's protocol ----------------------------------------------------------------------------
 
     def check_state(self, atoms: Atoms, tol: float = 1e-15) -> list[str]:
-        """Return the names of what has changed since the last calculation: ASE's six properties and
-        granphon's arrays.
+        """Return the names of the properties of ``atoms`` that have changed since the last
+        calculation: those that ASE knows, granphon's arrays, and "masses" if masses were set or
+        removed.
+
+        ``tol`` is the difference up to which ASE takes two numbers for equal.
         """
         changes: list[str] = super().check_state(atoms, tol=tol)
         if self.atoms is not None and has_masses(self.atoms) != has_masses(atoms):
@@ -587,13 +618,14 @@ class HertzMindlin(ContactCalculator):
         return changes
 
     def adopt(self, atoms: Atoms, like: Atoms | None = None) -> Atoms:
-        """Return a copy of Atoms from elsewhere that has all that balls of this state need, and
-        this calculator.
+        """Return a copy of Atoms from another program, with all arrays that balls of this state
+        need, and with this calculator.
 
-        The copy keeps what the Atoms have, including what was set by hand. Masses, scales and
-        arrays of :func:`~granphon.atoms` that are missing are taken from ``like``, ball by ball.
-        Without ``like`` the balls are those of the state, on the sites of its lattice, with masses
-        (1 + deviation)^3. Positions and cell must be in units of the mean diameter.
+        The copy keeps what ``atoms`` has, including what was set by hand. Masses, scales and arrays
+        of :func:`~granphon.atoms` that are missing are copied from the Atoms ``like``, ball by
+        ball. Without ``like`` the balls are taken for balls of the state on the sites of its
+        lattice, with masses (1 + deviation)^3. Positions and cell must be in units of the mean
+        diameter.
 
         Raises :class:`~granphon.base.errors.InputError` if ``like`` has another number of balls, or
         if the Atoms belong to another state.
@@ -610,15 +642,16 @@ class HertzMindlin(ContactCalculator):
         properties: Any = ("energy",),
         system_changes: Any = all_changes,
     ) -> None:
-        """Set ``results``: the energy (units of k d^2), the forces (k d) and the stress (k/d) of
-        the atoms; without the vectors of a cell there is no stress.
+        """Set ``results``, a dictionary: the energy, k d^2, the forces (N, 3), k d, and the stress
+        (6,), k/d, of the atoms; keep the torques for :meth:`get_torques`. Without the vectors of a
+        cell there is no stress.
 
         ASE gives the names of the ``properties`` that it asks for, and of the ``system_changes``
         since the last call.
 
-        Raises :class:`~granphon.base.errors.PrecisionError` where balls overlap so little that
+        Raises :class:`~granphon.base.errors.PrecisionError` if balls overlap so little that
         positions do not hold the digits, and :class:`~granphon.base.errors.InputError` for Atoms
-        that are not balls of the state, and if a stress is asked for that there is not.
+        that are not balls of the state, and if ASE asks for a stress and there is none.
         """
         super().calculate(atoms, properties, system_changes)
         balls: Atoms = self.atoms
@@ -661,24 +694,24 @@ class HertzMindlin(ContactCalculator):
             )
 
     def _find_stress(self, balls: Atoms, contacts: _ClosedContacts, loads: _Loads) -> Array | None:
-        """Return the stress (6,) in Voigt order, k/d, that contacts with these ``loads`` have; None
-        of a cell without a length, area or volume.
+        """Return the stress (6,), k/d, in Voigt order, of ``contacts`` with these ``loads``; None
+        if the cell has no length, area or volume.
         """
         p = self._periods
         m = self._coordinates
         volume = float(abs(np.linalg.det(np.asarray(balls.cell)[:p, :p])))
         if volume == 0.0:
             return None
-        # stress is dE/d(strain of positions and cell) over the volume, one diameter thick across
-        # the periods
+        # stress is dE/d(strain) over the volume; the cell is one diameter thick across the periods
         stress = np.zeros((3, 3))
         stress[:m, :m] = -np.einsum("ca,cb->ab", loads.pull, contacts.vector) / volume
         return np.asarray((0.5 * (stress + stress.T))[VOIGT])
 
     def _find_closed(self, balls: Atoms, law: Law) -> _ClosedContacts:
-        """Return the contacts that are closed under a law at the positions of the balls."""
+        """Return the contacts that are closed under the ``law`` at the positions of ``balls``."""
         i, j, _, vector = self._find_pairs(balls, balls.positions[:, : self._coordinates])
         deviations = balls.arrays["diameter_deviations"]
+        # the diameters add this much to the distance at which the balls touch
         extra = 0.5 * (deviations[i] + deviations[j])
         normal, is_near = self._find_normals(vector, extra)
         if self.finite_overlap:
@@ -686,14 +719,15 @@ class HertzMindlin(ContactCalculator):
             along = vector / distance[:, None]
             overlap = 1.0 + extra - distance
         else:
+            # in the limit of small overlap contacts keep the direction of the lattice
             along = normal
             overlap = self._overlap + extra - (np.einsum("ca,ca->c", vector, normal) - 1.0)
         is_closed = is_near & (overlap > law.least_overlap / self.scales.length)
         return _ClosedContacts(*keep_rows(is_closed, i, j, vector, normal, along, overlap))
 
     def _load_normally(self, balls: Atoms, law: Law, contacts: _ClosedContacts) -> _Loads:
-        """Return the loads of the normal forces of contacts under a law, which takes overlaps in
-        m; torques are zero.
+        """Return the energies and normal forces of ``contacts`` under the ``law``, which takes
+        overlaps in m; torques are zero.
         """
         d = self.scales.length
         k = self.scales.stiffness
@@ -706,10 +740,8 @@ class HertzMindlin(ContactCalculator):
         return _Loads(energies, pull, torque_i, np.zeros_like(torque_i))
 
     def _load_rows(self, balls: Atoms, law: Law, contacts: _ClosedContacts, loads: _Loads) -> None:
-        """Add to the ``loads`` those of slip, twist and roll since the reference configuration.
-
-        The stiffnesses are those of the reference state: slip, twist and roll add to the energy of
-        that state.
+        """Add to ``loads``, in place, those of slip, twist and roll since the reference
+        configuration, in which the contacts have their stiffnesses.
         """
         i = contacts.i
         j = contacts.j
@@ -741,8 +773,8 @@ class HertzMindlin(ContactCalculator):
             loads.add(row, row.stiffness * stiffness, change)
 
     def get_torques(self, atoms: Atoms) -> Array:
-        """Return the torque on each ball, -dE/dphi, in units of k d^2: (N,) where balls turn about
-        z only, else (N, 3).
+        """Return the torques on the balls, -dE/dphi, k d^2: (N,) if balls turn about z alone, else
+        (N, 3).
         """
         self.get_property("energy", atoms)
         return self._torques.copy()
@@ -758,13 +790,15 @@ class HertzMindlin(ContactCalculator):
         m = self._coordinates
         p = self._periods
         cell = np.asarray(balls.cell)[:m, :m]
-        if p < m:  # no vector across the periods counts
+        if p < m:  # vectors of the cell across the periods do not matter
             cell = np.concatenate([cell[:p], np.eye(m)[p:]])
         return self._pair_list.near(positions, cell, tuple(balls.pbc[:m].tolist()), cutoff)
 
     @cached_property
     def _directions(self) -> Array:
-        """(2 n_c, m) contact vectors of the lattice, both ways, at spacing one."""
+        """(2 n_c, m) unit vectors of the contacts of the lattice, from ball i to ball j, then from
+        ball j to ball i.
+        """
         normal = self.state.packing.structure.contacts.normal
         both_ways = np.concatenate([normal, -normal])
         n_missing = self._coordinates - normal.shape[1]  # components across the lattice, zero
@@ -772,8 +806,9 @@ class HertzMindlin(ContactCalculator):
 
     @cached_property
     def _midway(self) -> float:
-        """Distance, d, halfway from that of touching balls to that of second neighbours; where
-        these are farther than a search reaches, halfway to the reach.
+        """Distance, d, below which a pair of balls counts as neighbours that touch: the mean of the
+        distances of touching balls and of second neighbours. If second neighbours are farther than
+        a search reaches, the reach takes the place of their distance.
         """
         structure = self.state.packing.structure
         reach = 1.0 + 2.0 * _CATCH
@@ -790,16 +825,18 @@ class HertzMindlin(ContactCalculator):
     def _find_normals(
         self, vector: Array, extra: Array, at_sites: bool = False
     ) -> tuple[Array, Flags]:
-        """Return the direction (n, m) of the lattice contact nearest to each pair, and whether (n,)
-        the pair is near enough to be that contact. With finite overlap, where balls do not turn,
-        the direction is that of the pair itself, and its length alone decides.
+        """Return the direction (n, m) of that contact of the lattice that is nearest to each pair,
+        and (n,) whether the pair is near enough to be that contact.
 
-        ``vector`` (n, m) joins the balls of each pair, d. ``extra`` (n,) is the distance, d, that
-        the diameters of the two balls add to the distance at which balls touch. With ``at_sites``
-        the vectors join the sites of the balls, and so only tell which balls touch.
+        With finite overlap and balls that do not turn, the direction is that of the pair itself,
+        and the length of its vector alone decides.
 
-        Raises :class:`InputError` if balls touch in another direction, or if the lattice is turned
-        too far for contacts of fixed direction.
+        ``vector`` (n, m), d, joins the balls of each pair. ``extra`` (n,), d, is what the diameters
+        of the two balls add to the distance at which balls touch. With ``at_sites`` the vectors
+        join the sites of the balls, and only tell which balls touch.
+
+        Raises :class:`~granphon.base.errors.InputError` if balls touch in another direction, or if
+        the lattice is turned too far for contacts of fixed direction.
         """
         distance = np.linalg.norm(vector, axis=1)
         if self._has_free_directions:
@@ -830,11 +867,12 @@ class HertzMindlin(ContactCalculator):
     def _find_rest(
         self, balls: Atoms, i: Index, j: Index, normal: Array
     ) -> tuple[Array, Array, Array]:
-        """Return the direction (n_c, m), the overlap (n_c,), d, and the distance (n_c,), d, of each
-        contact in the reference state.
+        """Return the direction (n_c, m), the overlap (n_c,), d, and the distance of the centres
+        (n_c,), d, of each contact of balls ``i`` and ``j`` (n_c,) in the reference state.
 
-        There balls are displaced from their sites, which are one spacing apart in the direction
-        ``normal``. In the paper's limit the contact keeps the direction of the sites.
+        In the reference state balls are displaced from their sites by the array ``displacements``;
+        the sites are one spacing apart in the direction ``normal`` (n_c, m). In the limit of small
+        overlap the contact keeps the direction of the sites.
         """
         deviations = balls.arrays["diameter_deviations"]
         displacement = balls.arrays["displacements"]
@@ -842,29 +880,29 @@ class HertzMindlin(ContactCalculator):
         distance = np.full(len(normal), self._spacing)
         if not np.any(displacement):
             return normal, overlap, distance
-        from granphon.contacts.deformation import (  # averages need no Numba
-            measure_losses,
-            measure_turned,
-        )
+        # imported here, because lattices without displacements need no Numba
+        from granphon.contacts.deformation import measure_losses, measure_turned
 
         m = self._coordinates
         along = np.zeros((len(normal), 3))
         along[:, :m] = normal
         ends = (i, j, self._spacing * along)
-        loss = np.empty(len(normal))
-        still = np.zeros((3, 3))
+        loss = np.empty(len(normal))  # of overlap, which the functions below write
+        no_strain = np.zeros((3, 3))
         if not self.finite_overlap:
-            measure_losses(*ends, along, displacement, still, loss)
+            measure_losses(*ends, along, displacement, no_strain, loss)
             return normal, overlap - loss, distance
         vector = np.empty_like(along)
         is_flat = np.zeros(len(normal), bool)
-        measure_turned(*ends, is_flat, displacement, still, loss, vector, distance)
+        measure_turned(*ends, is_flat, displacement, no_strain, loss, vector, distance)
         return vector[:, :m] / distance[:, None], overlap - loss, distance
 
     def _choose_law(self, balls: Atoms) -> Law:
-        """Return the contact law of these balls: of the Atoms of a sample that of two balls, else
-        that of the state. Raises :class:`InputError` if the balls cannot belong to the state, or
-        hold numbers that are not finite.
+        """Return the contact law of these balls: that of two balls for the Atoms of a sample, else
+        that of the state.
+
+        Raises :class:`~granphon.base.errors.InputError` if the balls cannot belong to the state, or
+        if their arrays hold numbers that are not finite.
         """
         self._require_known_sample(balls)
         kind = find_kind(balls, self.scales, self.finite_overlap, self._coordinates)
@@ -878,7 +916,8 @@ class HertzMindlin(ContactCalculator):
         require_lying(balls, self._periods)
         if kind == SAMPLE:
             return self.state.packing.law
-        # a law that opens below zero overlap is that of a medium, or of balls that adhere
+        # contacts open at an overlap below zero if the law is a mean over diameters, or if balls
+        # adhere
         has_diameters = np.any(balls.arrays["diameter_deviations"])
         if self._least_overlap < 0.0 and has_diameters:
             raise InputError(
@@ -891,9 +930,9 @@ class HertzMindlin(ContactCalculator):
         return self.state.law
 
     def _require_known_sample(self, balls: Atoms) -> None:
-        """Raise :class:`InputError` for Atoms of a sample whose contacts this calculator does not
-        know: those of one sample of several, of one that was loaded with friction, of one with its
-        exact geometry, and of one whose cell has sheared.
+        """Raise :class:`~granphon.base.errors.InputError` for Atoms of a sample whose contacts this
+        calculator does not know: a sample among several of the state, one that was loaded with
+        friction, one with its exact geometry, and one whose cell has sheared.
         """
         samples = self.state.samples
         if not samples or not has_sampled(balls):
@@ -922,10 +961,10 @@ class HertzMindlin(ContactCalculator):
         )
 
     def _find_springs(self, law: Law, overlap: Array) -> tuple[Array, float | Array]:
-        """Return the normal stiffness (n_c,) over that of the state, and the torsion over k d^2, a
-        number or (n_c,), of contacts with ``overlap`` (n_c,), d.
+        """Return the normal stiffness (n_c,), k, and the torsion over k d^2, a number or (n_c,), of
+        contacts with an ``overlap`` (n_c,), d, under the ``law``.
 
-        Both are exactly those of the state for its law at its overlap.
+        For the law of the state at its overlap, both are exactly those of the state.
         """
         stiffness = np.ones(overlap.shape)
         torsion = np.full(overlap.shape, self._torsion)
@@ -933,8 +972,8 @@ class HertzMindlin(ContactCalculator):
         differs = (overlap != self._overlap) | (law is not self.state.law)
         if not np.any(differs):
             return stiffness, self._torsion
-        # the law of a simulation solves an equilibrium for each overlap, so it is used only where
-        # the stiffness differs
+        # the law of a simulation solves an equilibrium for each overlap, so it is evaluated only
+        # for contacts that differ from those of the state
         depth = overlap[differs] * self.scales.length
         slopes = law.stiffness(depth)
         stiffness[differs] = slopes / self.scales.stiffness
@@ -944,32 +983,33 @@ class HertzMindlin(ContactCalculator):
         return stiffness, torsion
 
     def contact_lattice(self, atoms: Atoms, motions: str | None = None) -> ContactLattice:
-        """Return the harmonic :class:`~granphon.ContactLattice` of any cell of these balls, about
-        the state.
+        """Return the harmonic :class:`~granphon.ContactLattice` of ``atoms``, any cell of these
+        balls, about the state.
 
         Its contacts are the closed contacts of the lattice between the balls of the cell. The
         overlap of a contact is the overlap of the state, plus the mean of the two
         ``diameter_deviations``, minus the change of the distance by the ``displacements``. With
-        ``finite_overlap`` displacements also turn the contacts. Masses are those of the Atoms. It
-        has the periods and the dimension of the lattice; the dimension is three if displacements
+        ``finite_overlap`` displacements also turn the contacts. Masses are those of the Atoms. The
+        periods and the dimension are those of the lattice; the dimension is three if displacements
         turn contacts out of the plane. Shear, torsion and bending of each contact are in proportion
         to its normal stiffness. With ``torsion="mindlin"`` each contact has the torsion of a Hertz
         contact under its own force.
 
         ``motions`` names some of the motions of the state, "longitudinal", "in_plane",
-        "out_of_plane" or "all", and leaves the others out; by default all motions of the state.
-        Raises :class:`~granphon.base.errors.InputError` for a name of motions that the state does
-        not have.
+        "out_of_plane" or "all", and the others are left out; by default the lattice has all motions
+        of the state. Raises :class:`~granphon.base.errors.InputError` for a name of motions that
+        the state does not have.
         """
-        return self._find_lattice(atoms, motions)[0]
+        lattice, _, _ = self._find_lattice(atoms, motions)
+        return lattice
 
     def contact_network(self, atoms: Atoms, motions: str | None = None) -> ContactNetwork:
-        """Return balls and closed contacts of any cell as a
+        """Return the balls and the closed contacts of ``atoms``, any cell of these balls, as a
         :class:`~granphon.networks.network.ContactNetwork`, in SI.
 
-        The contacts are those of :meth:`contact_lattice`, with their forces, at the places of the
-        balls in the reference state. The network repeats along the periods of the Atoms. With
-        ``finite_overlap`` it has prestress. ``motions`` and errors are as for
+        The contacts are those of :meth:`contact_lattice`, with their forces, and the positions
+        those of the Atoms. The network repeats along the periods of the Atoms. With
+        ``finite_overlap`` it has prestress. ``motions`` and errors are those of
         :meth:`contact_lattice`.
         """
         lattice, law, overlap = self._find_lattice(atoms, motions)
@@ -992,7 +1032,8 @@ class HertzMindlin(ContactCalculator):
 
     def _find_lattice(self, atoms: Atoms, motions: str | None) -> tuple[ContactLattice, Law, Array]:
         """Return the lattice of the closed contacts of ``atoms`` in the reference state, with the
-        ``motions`` of this name, and the law and the overlaps (n_c,), d, of these contacts.
+        ``motions`` of this name (None for all), and the law and the overlaps (n_c,), d, of these
+        contacts.
         """
         chosen_motions = self._choose_motions(motions)
         law = self._choose_law(atoms)
@@ -1040,8 +1081,8 @@ class HertzMindlin(ContactCalculator):
         return np.asarray(atoms.positions[:, :m] - atoms.arrays["displacements"][:, :m])
 
     def _find_closed_at_rest(self, atoms: Atoms, sites: Array, law: Law) -> _ContactsAtRest:
-        """Return the contacts between balls at ``sites`` (N, m), d, that are closed under a law in
-        the reference state.
+        """Return the contacts between balls at ``sites`` (N, m), d, that are closed in the
+        reference state under the ``law``.
         """
         i, j, shift, vector = self._find_pairs(atoms, sites)
         deviations = atoms.arrays["diameter_deviations"]
@@ -1053,9 +1094,9 @@ class HertzMindlin(ContactCalculator):
         return _ContactsAtRest(*rows)
 
     def _choose_motions(self, name: str | None) -> Motions:
-        """Return the motions of the state, or some of these by their ``name``.
+        """Return the motions of this ``name``, or all motions of the state if it is None.
 
-        Raises :class:`InputError` for a name of motions that the state does not have.
+        Raises :class:`~granphon.base.errors.InputError` for motions that the state does not have.
         """
         packing = self.state.packing
         motions = allowed_motions(packing.structure.dimension)[packing.ball_motions.name]
@@ -1088,7 +1129,8 @@ class HertzMindlin(ContactCalculator):
     def get_force_constants(
         self, atoms: Atoms, format: Literal["dense", "csr"] = "dense", motions: str | None = None
     ) -> Array | csr_array[Any]:
-        """Return the analytic force constants of the cell, summed over its images; units of k.
+        """Return the analytic force constants of the cell, each summed over the images of the
+        balls, k.
 
         Parameters
         ----------
@@ -1100,10 +1142,10 @@ class HertzMindlin(ContactCalculator):
 
         Returns
         -------
-        constants : between the m motions of balls that move: (x, y, w) in the plane, (x, y, z, w_x,
-            w_y, w_z) in space and in a plane with the motions "all", (z, w_x, w_y) out of the
-            plane, (x,) along a chain. Rotations that no contact resists are left out, except that
-            in the plane the rows and columns of w are then zero.
+        constants : the force constants between the m motions of all balls. The motions are (x, y,
+            w) in the plane, (x, y, z, w_x, w_y, w_z) in space and in a plane with the motions
+            "all", (z, w_x, w_y) out of the plane, (x,) along a chain. Rotations that no contact
+            resists are left out, except that in the plane the rows and columns of w are then zero.
 
         Notes
         -----
@@ -1115,7 +1157,7 @@ class HertzMindlin(ContactCalculator):
         table = lattice.contacts
         n = lattice.n_balls
         blocks = contact_blocks(lattice)
-        # number of coordinates of a ball in the blocks, and those of them that are returned
+        # `size` is the number of coordinates of a ball in the blocks; `slots` are those returned
         size = blocks.shape[1] // 2
         all_slots = list(range(size))
         slots = list(lattice.motions.slots)
@@ -1149,7 +1191,9 @@ class HertzMindlin(ContactCalculator):
 
 
 def _turned_balls(fault: str) -> InputError:
-    """Return the error of balls whose contacts do not have the directions of the lattice."""
+    """Return the error of balls whose contacts do not have the directions of the lattice, with the
+    problem ``fault``.
+    """
     return InputError(
         fault,
         "With friction, and in the limit of small overlap, contacts keep these: balls are turned"
@@ -1160,10 +1204,11 @@ def _turned_balls(fault: str) -> InputError:
 
 
 def _find_turn(normal: Array, vector: Array, distance: Array, touching: Flags) -> float:
-    """Return the angle, rad, by which the contacts ``touching`` (n,) are turned against their
-    normals (n, m) on average; in the plane with its sign.
+    """Return the angle, rad, by which pairs of balls are turned on average against the directions
+    ``normal`` (n, m) of their contacts; in the plane with its sign.
 
-    The vectors (n, m) between the balls have the lengths ``distance`` (n,), both in diameters.
+    The mean is over the pairs for which ``touching`` (n,) is true. ``vector`` (n, m), in diameters,
+    joins the balls of each pair, and ``distance`` (n,) is its length.
     """
     m = normal.shape[1]
     if m == 1 or not np.any(touching):
@@ -1172,8 +1217,9 @@ def _find_turn(normal: Array, vector: Array, distance: Array, touching: Flags) -
     if m == 2:
         across = normal[:, 0] * vector[:, 1] - normal[:, 1] * vector[:, 0]
         return float(np.mean(across / distance))
-    # a turn by omega gives n x v = (1 - nn) omega: least squares over all contacts. The inverse is
-    # a pseudo-inverse, as contacts along a single line show no turn about it
+    # for a rotation by omega, n x v is (1 - nn) omega times the length of v; omega is found by
+    # least squares over all contacts. Contacts along a single line show no rotation about that
+    # line, so the inverse is a pseudoinverse
     total = np.sum(np.cross(normal, vector) / distance[:, None], axis=0)
     projection = len(normal) * np.eye(3) - normal.T @ normal
     turn = np.linalg.pinv(projection, rcond=1e-9, hermitian=True) @ total
@@ -1181,8 +1227,8 @@ def _find_turn(normal: Array, vector: Array, distance: Array, touching: Flags) -
 
 
 def _list_springs(lattice: ContactLattice) -> list[tuple[Row, Array]]:
-    """Return the rows of the contacts, each with its stiffness (n_c,), units of k, those of static
-    forces among them.
+    """Return the rows of the deformations of contacts of a ``lattice``, each with its stiffness
+    (n_c,), k, followed by those on which static forces act.
     """
     springs = [(row, row.stiffness * lattice.stiffness) for row in lattice.rows]
     return springs + lattice.static_rows if lattice.is_prestressed else springs
@@ -1191,11 +1237,13 @@ def _list_springs(lattice: ContactLattice) -> list[tuple[Row, Array]]:
 def _load_springs(
     lattice: ContactLattice, displacement: Array, turned: Array
 ) -> tuple[float, Array, Array]:
-    """Return the energy, units of k d^2, the forces (n_c, 3) on balls j of the contacts, k d, and
-    the torques over R_g (n + 1, r), k d, on the balls.
+    """Return the energy, k d^2, of the springs of all contacts of a ``lattice``, the forces
+    (n_c, 3), k d, on balls j of the contacts, and the torques on the balls over R_g, (n + 1, r),
+    k d.
 
-    ``displacement`` (n_c, 3) is that of ball j of a contact against ball i, and ``turned``
-    (n + 1, r) is w = R_g phi of the balls, both in diameters.
+    ``displacement`` (n_c, 3) is that of ball j of each contact against ball i, and ``turned``
+    (n + 1, r) is w = R_g phi of the balls about the r axes of their motions, both in diameters. The
+    last row is that of bodies that do not move.
     """
     i = lattice.contacts.i
     j = lattice.contacts.j
@@ -1220,23 +1268,25 @@ def _load_springs(
 
 
 def _in_space(vectors: Array) -> Array:
-    """Return vectors (n, d) as (n, 3)."""
+    """Return ``vectors`` (n, d) with zeros for the other components of three, (n, 3)."""
     return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
 
 
 def contact_blocks(lattice: ContactLattice) -> Array:
-    """Return the force constants of each contact alone, (n_c, 6, 6), in the three coordinates of
-    ball i, then of ball j; units of k.
+    """Return the force constants (n_c, 6, 6), k, of each contact alone, between the three
+    coordinates of ball i followed by the three of ball j.
 
-    The coordinates are (x, y, w) in the plane and (w_x, w_y, z) out of it, and (x, y, z) where
-    balls move in space and do not turn; those without a motion have zeros. If balls have all six
-    motions the shape is (n_c, 12, 12), in (x, y, z, w_x, w_y, w_z) of each ball.
+    The coordinates are (x, y, w) in the plane, (w_x, w_y, z) out of the plane, and (x, y, z) if
+    balls move in space and do not turn. Force constants of coordinates without a motion are zero.
+    If balls have all six motions, the shape is (n_c, 12, 12), for (x, y, z, w_x, w_y, w_z) of each
+    ball.
     """
     slots = list(lattice.motions.slots)
     count = 3 * lattice.motions.atoms_per_ball
     springs = _list_springs(lattice)
     entries = np.zeros((len(springs), 2 * count, len(lattice.contacts)))
     for entry, (row, _) in zip(entries, springs, strict=True):
+        # a deformation is head.x_j - tail.x_i
         entry[:count][slots] = -row.tail.T
         entry[count:][slots] = row.head.T
     stiffnesses = [stiffness for _, stiffness in springs]

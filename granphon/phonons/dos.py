@@ -15,12 +15,13 @@ from granphon.base.tables import Table, table_text
 from granphon.base.text import read_sealed, require_own_file, require_schema, seal, warn_unverified
 
 _DOS_COLUMNS = ("frequency_Hz", "total_per_Hz", "translational_per_Hz", "rotational_per_Hz")
-#: share of the largest density by which a density may be below zero
+#: part of the largest density by which a density may be below zero
 _ROUNDING = 1e-9
-#: version number of dos.csv, and the first comment of the file, which holds it
+#: version number of dos.csv
 _DOS_SCHEMA = 1
+#: first comment of dos.csv, with the version number
 _DOS_HEAD = "granphon density of states, schema {}, per ball"
-#: fault of a file that holds something else
+#: problem that an error tells if a file holds something else
 _NO_DENSITY = "Its heading or its first comments are not those of a density of states"
 
 
@@ -29,15 +30,15 @@ class DensityOfStates(Result):
     """Density of states per ball, 1/Hz; it integrates to the number of motions of a ball.
 
     With the tetrahedron method each value is the mean over the interval around its frequency, and
-    the trapezoidal sum is exactly the number of motions. With smearing the tails below zero
-    frequency are reflected. Branches that cost no energy at any wave vector count too: the first
-    interval holds all of them (with smearing, the half width at zero).
+    the trapezoidal sum is exactly the number of motions. With smearing, the tails below zero
+    frequency are reflected. Branches that cost no energy at any wave vector count too: they are in
+    the first interval, or with smearing in the half of a line at zero.
 
     Attributes
     ----------
     frequencies : (n,), Hz.
-    translational, rotational : (n,), 1/Hz, the density with each mode weighted by that fraction of
-        its kinetic energy.
+    translational, rotational : (n,), 1/Hz, the density with each mode weighted by the translational
+        or the rotational fraction of its kinetic energy.
     method : "tetrahedron" or "smearing".
     mesh : (p,), numbers of wave vectors along the axes of the reciprocal cell, one for each period
         of the lattice.
@@ -55,8 +56,9 @@ class DensityOfStates(Result):
     warnings: tuple[str, ...] = held((str, ...), default=())
 
     def _check(self) -> None:
-        """Check the shapes, that numbers are finite, that frequencies are zero or above and ascend,
-        that no density is below zero by more than rounding, and that the mesh has points.
+        """Raise :class:`~granphon.base.errors.InputError` unless shapes fit together, numbers are
+        finite, frequencies are zero or above and ascend, no density is below zero by more than
+        rounding, and the mesh has points.
         """
         super()._check()
         self._require_finite()
@@ -78,8 +80,8 @@ class DensityOfStates(Result):
         return self.translational + self.rotational
 
     def write_csv(self, path: str | os.PathLike[str]) -> None:
-        """Write the columns frequency, total, translational and rotational, with all digits and the
-        units in the heading.
+        """Write the columns frequency, total, translational and rotational to the file ``path``,
+        with all digits, and with the units in the heading.
 
         The heading is the first line, so that spreadsheets and ``numpy.genfromtxt(path,
         delimiter=",", names=True)`` take the names from it. Comments below it hold the digest of
@@ -98,8 +100,12 @@ class DensityOfStates(Result):
 
     @classmethod
     def read_csv(cls, path: str | os.PathLike[str]) -> DensityOfStates:
-        """Return the density of a file that :meth:`write_csv` wrote; raises and warns as
-        :meth:`Bands.read` does.
+        """Return the density of states of the file ``path``, which :meth:`write_csv` wrote.
+
+        Raises :class:`~granphon.base.errors.InputError` if another program wrote the file, or if it
+        is damaged or was edited, and :class:`~granphon.base.errors.MissingFileError` if there is no
+        such file. Warns with :class:`~granphon.base.errors.UnverifiedFileWarning` if the file has
+        no digest.
         """
         text, verified = read_sealed(path)
         with require_own_file(path, "density of states"):
@@ -121,8 +127,8 @@ class DensityOfStates(Result):
 def _read_comments(
     path: str | os.PathLike[str], text: str
 ) -> tuple[str, tuple[int, ...], tuple[str, ...]]:
-    """Return the method, the mesh and the warnings of a density from the comments in the ``text``
-    of the file ``path``.
+    """Return the method, the mesh (p,) and the warnings of a density of states from the comments in
+    the ``text`` of the file ``path``.
 
     Raises :class:`~granphon.base.errors.InputError` for comments that granphon does not write.
     """

@@ -1,5 +1,5 @@
-"""The Brillouin zone of a lattice: its special points, its faces, and paths through it with their
-corners and labels.
+"""The Brillouin zone of a lattice: its special points, its faces, and paths through the zone, with
+their corners and the labels of these.
 """
 
 from __future__ import annotations
@@ -27,33 +27,35 @@ from granphon.dynamics.zone_means import shortest_vectors
 
 #: memory of a wave vector of a path, bytes
 _POINT_BYTES = 100.0
-#: the pieces of a path, each a tuple of points of three numbers
+#: the pieces of a path, which do not join; each is a tuple of points of three numbers
 Pieces = tuple[tuple[tuple[float, float, float], ...], ...]
-#: greatest number of points or cells that an argument may ask for; a larger one is a mistake
+#: greatest number of points or cells that an argument may ask for; a larger number is a mistake
 LARGEST_COUNT = 1_000_000_000
 #: mesh of a density of states for one, two and three periods, if none is given
 MESHES = ((1024,), (64, 64), (32, 32, 32))
-#: mesh on which the edges of bands are sought, for one, two and three periods, and the balls of a
-#: cell up to which all of it is taken
+#: mesh on which the edges of bands are sought, for one, two and three periods
 _GAP_MESHES = ((256,), (48, 48), (16, 16, 16))
+#: number of balls of a cell up to which the whole of such a mesh is used
 _FEW_BALLS = 16
 #: greatest size of a coordinate of a path in a scene
 _LARGEST_FRACTION = 1e3
-#: letters of the corners of the path around the irreducible zone, and their coordinates as
-#: fractions of the reciprocal cell, for a hexagonal cell of 120 degrees and for a square one
+#: letters of the corners of the path around the irreducible zone, and the coordinates of the
+#: corners as fractions of the reciprocal cell, for a hexagonal cell of 120 degrees and for a square
+#: cell
 _HEXAGONAL_PATH = "GKMG", "0 0 0 1/3 1/3 0 1/2 0 0 0 0 0"
 _SQUARE_PATH = "GXMG", "0 0 0 1/2 0 0 1/2 1/2 0 0 0 0"
 #: letters of the path of a face-centred cubic cell; other cells in space have ASE's
 _FACE_CENTRED_PATH = "GXWKGL"
-#: difference of a cell from a hexagonal or square one, over the square of its side, that is put
-#: down to rounding
+#: difference of the products of cell vectors from those of a hexagonal or square cell, over the
+#: square of its side, up to which the cell is hexagonal or square
 _SAME = 1e-6
 #: corners of the zone that are closer than this part of its size are one corner
 _SAME_CORNER = 1e-6
-#: what the balls of a lattice with one, two or three periods make
+#: words for the balls of a lattice with one, two or three periods
 _SHAPES = ("row", "layer", "crystal")
-#: numbers of a corner, and an example of a path, for one, two and three periods
+#: words for the coordinates of a corner, for one, two and three periods
 _COUNTS = ("one or three finite numbers", "two or three finite numbers", "three finite numbers")
+#: example of a path, for one, two and three periods
 _EXAMPLES = ("0 0 0 1/2 0 0", "0 0 0 1/3 1/3 0 1/2 0 0", "0 0 0 1/2 0 1/2 1/2 1/4 3/4")
 
 
@@ -61,10 +63,10 @@ _EXAMPLES = ("0 0 0 1/2 0 0", "0 0 0 1/3 1/3 0 1/2 0 0", "0 0 0 1/2 0 1/2 1/2 1/
 
 
 def choose_gap_mesh(balls: int, periods: int) -> tuple[int, ...]:
-    """Return the numbers of wave vectors (p,) of the mesh on which the edges of the bands of a cell
-    of so many ``balls`` are sought.
+    """Return the numbers of wave vectors (p,) of the mesh on which the edges of bands are sought,
+    for a cell of so many ``balls`` with p = ``periods``.
     """
-    # the zone of a large cell is small; along each axis the p-th root counts
+    # the zone of a large cell is small, so fewer points do: along each axis by the p-th root
     coarsening = (balls / 4.0) ** (1.0 / periods) if balls > _FEW_BALLS else 1.0
     return tuple(max(2, round(number / coarsening)) for number in _GAP_MESHES[periods - 1])
 
@@ -72,19 +74,20 @@ def choose_gap_mesh(balls: int, periods: int) -> tuple[int, ...]:
 def special_points(vectors: ArrayLike, pbc: Sequence[bool] = ()) -> dict[str, Array]:
     """Return the special points of the Brillouin zone of lattice vectors (p, d), by ASE's letters.
 
-    Each point is (3,), in fractions of the reciprocal cell. ``pbc`` says along which vectors balls
-    repeat, by default all: a ribbon cut out of a plane has the two points G and X of a line.
+    Each point is (3,), in fractions of the reciprocal cell. ``pbc`` (p,) says along which vectors
+    balls repeat, by default all. A ribbon that is cut out of a plane has the two points G and X of
+    a line.
     """
     points = _find_band_path(vectors, pbc).special_points
-    # on a line X may lie on either side of G
+    # on a line ASE may place X on the negative side of G
     is_reversed = sum(pbc) == 1 and np.min(list(points.values())) < 0.0
     sign = -1.0 if is_reversed else 1.0
     special = {name: sign * np.array(point) + 0.0 for name, point in points.items()}
     periods = sum(pbc) or len(np.asarray(vectors))
     is_oblique = periods == 2 and "H1" in special
     if is_oblique:
-        # ASE has the corners of oblique cells right in one of two mirror images only: a corner is
-        # as far from 0 as from 2Y, 2C or 2X
+        # ASE's corners H and H1 of oblique cells are right for only one of two mirror images. Each
+        # is computed here as the point at equal distances from 0, 2C and 2Y, or from 0, 2C and 2X
         cell = np.asarray(vectors, float)[:2, :2]
         reciprocal = np.linalg.inv(cell).T
         for corner, side in (("H", "Y"), ("H1", "X")):
@@ -96,12 +99,12 @@ def special_points(vectors: ArrayLike, pbc: Sequence[bool] = ()) -> dict[str, Ar
 
 
 def default_letters(vectors: ArrayLike, pbc: Sequence[bool] = ()) -> str:
-    """Return the letters of the path of a cell (p, d) from corner to corner of its irreducible
-    zone.
+    """Return the letters of the path from corner to corner of the irreducible zone, for a cell with
+    lattice vectors (p, d).
 
-    They are GX on a line, GKMG and GXMG in hexagonal and square cells of the plane, GXWKGL in
-    face-centred cubic ones; of other cells ASE's, where a comma marks a jump. ``pbc`` is as in
-    :func:`special_points`.
+    They are GX on a line, GKMG and GXMG for hexagonal and square cells of the plane, and GXWKGL for
+    face-centred cubic cells. For other cells they are those of ASE, in which a comma marks a jump.
+    ``pbc`` is that of :func:`special_points`.
     """
     path = _find_band_path(vectors, pbc)
     if len(path.special_points) < 4:  # hexagonal and square cells of the plane have three points
@@ -114,8 +117,8 @@ def default_letters(vectors: ArrayLike, pbc: Sequence[bool] = ()) -> str:
 
 
 def _find_band_path(vectors: ArrayLike, pbc: Sequence[bool]) -> Any:
-    """Return ASE's band path of a cell with lattice vectors (p, d), which knows its special points
-    and the standard path.
+    """Return ASE's band path, an object with the special points and the standard path, of a cell
+    with lattice vectors (p, d) and ``pbc`` of :func:`special_points`.
     """
     with needing("A path through the zone"):
         from ase.cell import Cell
@@ -124,14 +127,14 @@ def _find_band_path(vectors: ArrayLike, pbc: Sequence[bool]) -> Any:
     cell = np.eye(3)
     p = len(periods)
     cell[:p, :p] = periods[:, :p]
-    # a cluster, which repeats nowhere, has the zone of the cell that it was put into
+    # a cluster, which repeats nowhere, has the zone of the cell around it
     repeats = pbc if any(pbc) else (True,) * p
     return Cell(cell).bandpath(npoints=0, pbc=(*repeats, *(False,) * (3 - p)))
 
 
 def split_letters(path: str) -> list[list[str]]:
-    """Return the letters of special points in each piece of a path: "GX1,LG" is [["G", "X1"], ["L",
-    "G"]]. A text between letters that is no letter of a point is an item of its own.
+    """Return the letters of special points in each piece of a ``path``: [["G", "X1"], ["L", "G"]]
+    for "GX1,LG". Text that is not the letter of a point becomes an item of its own.
     """
     pieces = []
     for piece in path.split(","):
@@ -158,7 +161,8 @@ def interpolate_path(
         (n, 3) in fractions of the reciprocal cell, or a list of such arrays.
     npoints : points in each segment, both ends counted; at least 2.
     special_points : the point that each letter means, in fractions of the reciprocal cell.
-    labels : one for each corner; by default the letters, or the coordinates.
+    labels : one for each corner; by default the letters, or the coordinates. In a single text each
+        character is a label.
     periods : number p of periods of the lattice.
 
     Returns
@@ -181,7 +185,7 @@ def interpolate_path(
     if labels is not None:
         words = texts("labels", labels)
         is_one_text = isinstance(labels, str) or getattr(labels, "ndim", 1) == 0
-        # of one text, each letter is a label
+        # in a single text each character is a label
         names = list(words[0] if is_one_text else words)
     corner_count = sum(map(len, pieces))
     if len(names) != corner_count:
@@ -197,7 +201,7 @@ def interpolate_path(
         _check_piece(piece, periods)
         for start, stop in itertools.pairwise(piece):
             segment = start + (stop - start) * steps
-            segment[-1] = stop  # without the rounding of the difference
+            segment[-1] = stop  # exactly, without the rounding of the difference
             segments.append(segment)
     return np.array(segments), _join_names(pieces, names)
 
@@ -207,7 +211,8 @@ def _read_letters(
 ) -> tuple[list[Array], list[str]]:
     """Return the corners (n, 3) of each piece of a path of letters, and the letters of all corners.
 
-    Raises :class:`InputError` for a letter that is not of a special point.
+    ``special_points`` are the points (3,) by their letters. Raises
+    :class:`~granphon.base.errors.InputError` for a letter of no special point.
     """
     pieces = []
     names = []
@@ -224,14 +229,16 @@ def _read_letters(
 
 
 def _read_corners(path: Any, periods: int) -> list[Array]:
-    """Return the corners (n, 3) of each piece of a path of numbers.
+    """Return the corners (n, 3) of each piece of a ``path`` of numbers: an array (n, ``periods``)
+    or (n, 3), or a list of such arrays.
 
-    Raises :class:`InputError` for what is not corners of ``periods`` or three finite numbers.
+    Raises :class:`~granphon.base.errors.InputError` for anything else, and for numbers that are not
+    finite.
     """
     try:
         try:
             pieces = [real_array("path", path)]
-        except InputError:  # the path may be a list of arrays of different lengths
+        except InputError:  # perhaps a list of arrays of different lengths
             pieces = [real_array("path", piece) for piece in path]
     except TypeError:
         raise InputError(
@@ -254,13 +261,13 @@ def _read_corners(path: Any, periods: int) -> list[Array]:
 
 
 def _name_corner(corner: Array) -> str:
-    """Return the coordinates of a corner (p,) as its label."""
+    """Return a label made of the coordinates of a ``corner`` (p,)."""
     return "(" + " ".join([f"{x:.3g}" for x in corner]) + ")"
 
 
 def _check_piece(piece: Array, periods: int) -> None:
-    """Raise :class:`InputError` for a piece (n, 3) of a path that has fewer than two corners,
-    leaves the lattice, or has the same corner twice in a row.
+    """Raise :class:`~granphon.base.errors.InputError` if a ``piece`` (n, 3) of a path has fewer
+    than two corners, a component across the ``periods``, or the same corner twice in a row.
     """
     if len(piece) < 2:
         raise InputError("a path needs at least two corners", mend="Name another point")
@@ -274,8 +281,10 @@ def _check_piece(piece: Array, periods: int) -> None:
 
 
 def _join_names(pieces: list[Array], names: list[str]) -> tuple[str, ...]:
-    """Return the labels of a path of ``pieces`` (n, 3) whose corners have ``names``: "K|M" where a
-    piece ends at K and the next begins at M.
+    """Return the labels of the corners of a path, "K|M" where a piece ends at K and the next begins
+    at M.
+
+    ``names`` are those of the corners of all ``pieces`` (n, 3), one after the other.
     """
     labels: list[str] = []
     first = 0
@@ -291,8 +300,9 @@ def _join_names(pieces: list[Array], names: list[str]) -> tuple[str, ...]:
 
 
 def check_inside(qpoints: Array, periods: int, what: str) -> None:
-    """Raise InputError if wave vectors (n, 3), called ``what``, have a component across the
-    ``periods`` of the lattice.
+    """Raise :class:`~granphon.base.errors.InputError` if wave vectors ``qpoints`` (n, 3), called
+    ``what`` in the message, have a component across the ``periods`` of the lattice, and
+    :class:`~granphon.base.errors.PrecisionError` if they are too far from Gamma.
     """
     require_digits(qpoints)
     if np.any(qpoints[:, periods:] != 0.0):
@@ -310,11 +320,11 @@ def check_inside(qpoints: Array, periods: int, what: str) -> None:
 
 
 def read_paths(value: Any, periods: int = 2, letters: str = "") -> Pieces:
-    """Return the points of each path in a text such as "0 0 0 1/3 1/3 0, 1/2 0 0 0 0 0"; a comma
-    separates paths that do not join.
+    """Return the pieces of the path that is written in a text such as "0 0 0 1/3 1/3 0, 1/2 0 0 0 0
+    0"; a comma separates pieces that do not join.
 
-    A point has three numbers, of which those beyond the ``periods`` of the lattice are 0.
-    ``letters`` is a path of special points that may stand in their place, for messages. Raises
+    A point has three numbers, of which those beyond the ``periods`` of the lattice are 0. Messages
+    name ``letters``, a path of special points, as what may be written instead. Raises
     :class:`~granphon.base.errors.Refused` for other values.
     """
     example = _EXAMPLES[periods - 1]
@@ -328,7 +338,7 @@ def read_paths(value: Any, periods: int = 2, letters: str = "") -> Pieces:
         raise Refused(show(value), allowed, "Write the points as one line of text.")
     paths = []
     for piece in value.split(","):
-        numbers = [_fraction(word, value, allowed) for word in piece.split()]
+        numbers = [_read_fraction(word, value, allowed) for word in piece.split()]
         are_points = len(numbers) % 3 == 0 and len(numbers) >= 6
         if not are_points:
             raise Refused(
@@ -345,15 +355,18 @@ def read_paths(value: Any, periods: int = 2, letters: str = "") -> Pieces:
 
 
 def _has_repeats(points: Sequence[Any]) -> bool:
-    """Return whether two points that follow each other are the same."""
+    """Return whether two successive ``points`` are equal."""
     return any(point == following for point, following in itertools.pairwise(points))
 
 
 def _refuse_across(
     points: tuple[tuple[float, float, float], ...], periods: int, value: str, allowed: str
 ) -> None:
-    """Raise :class:`Refused` if a point of the text ``value`` leaves the line or the plane of the
-    lattice; ``allowed`` says what is allowed.
+    """Raise :class:`~granphon.base.errors.Refused` if one of the ``points`` has a component across
+    the ``periods`` of the lattice.
+
+    The message quotes the text ``value`` from which the points were read, and says what is
+    ``allowed``.
     """
     for point in points:
         for axis in range(periods, 3):
@@ -367,9 +380,11 @@ def _refuse_across(
                 )
 
 
-def _fraction(word: str, value: str, allowed: str) -> float:
-    """Return the number of a ``word`` in the text ``value``; raise :class:`Refused`, which says
-    what is ``allowed``, for another word.
+def _read_fraction(word: str, value: str, allowed: str) -> float:
+    """Return the number that a ``word`` of the text ``value`` is, such as "1/3".
+
+    Raises :class:`~granphon.base.errors.Refused`, which says what is ``allowed``, for a word that
+    is not a number or a fraction, or too large.
     """
     try:
         return fraction(word, _LARGEST_FRACTION)
@@ -384,8 +399,8 @@ def _fraction(word: str, value: str, allowed: str) -> float:
 def read_point(value: Any, structure: Lattice) -> Array:
     """Return a wave vector (3,) of a lattice, in fractions of the reciprocal cell.
 
-    ``value`` is the letter of a special point, such as "K" (Gamma is G), or a text of numbers or
-    fractions, one for each period or three, parted by spaces or commas. Raises
+    ``value`` is the letter of a special point, such as "K" (G for Gamma), or a text of numbers or
+    fractions, as many as periods or three, separated by spaces or commas. Raises
     :class:`~granphon.base.errors.Refused` for another value.
     """
     letters = special_points(structure.vectors)
@@ -405,7 +420,7 @@ def read_point(value: Any, structure: Lattice) -> Array:
     if is_word:
         letter = closest(value.strip(), letters)
         raise Refused(show(value), allowed, f"Did you mean {letter!r}?" if letter else "")
-    numbers = [_fraction(word, value, allowed) for word in value.replace(",", " ").split()]
+    numbers = [_read_fraction(word, value, allowed) for word in value.replace(",", " ").split()]
     if len(numbers) not in (p, 3):
         raise Refused(f"{show(value)}, with {len(numbers)} numbers", allowed)
     if any(numbers[p:]):
@@ -433,7 +448,9 @@ def read_labels(value: Any) -> tuple[str, ...]:
 
 
 def _is_label(word: Any) -> bool:
-    """Return whether a word is a text of up to 40 characters, without quotes, spaces or "|"."""
+    """Return whether a ``word`` is a text of 1 to 40 printable characters, without quotes, spaces
+    or "|".
+    """
     if not isinstance(word, str):
         return False
     return re.fullmatch(r"[^\s'\"|]{1,40}", word) is not None and word.isprintable()
@@ -442,13 +459,13 @@ def _is_label(word: Any) -> bool:
 @dataclass(frozen=True)
 class BandPath:
     """The path of a band structure: one or more pieces of two points or more, with a label for
-    every point or for none.
+    every point or without labels.
 
     Attributes
     ----------
     paths : the pieces, which do not join. A piece is a tuple of n q points, (n, 3) fractions of the
         reciprocal cell.
-    labels : the name of each point; None for none.
+    labels : the names of the points of all pieces, one after the other; None without labels.
 
     Raises
     ------
@@ -475,7 +492,7 @@ class BandPath:
                     f"a piece of the path of the band is {brief(piece.tolist())}",
                     mend="Give two points or more, each of three finite numbers",
                 )
-        # tuples of floats, which can be hashed, in place of whatever was given
+        # tuples of floats, because these can be hashed, whatever was given
         paths_of_floats = tuple(tuple(tuple(point) for point in piece.tolist()) for piece in pieces)
         object.__setattr__(self, "paths", paths_of_floats)
         count = sum(len(piece) for piece in pieces)
@@ -500,19 +517,17 @@ class BandPath:
 
     @classmethod
     def read(cls, value: Any, structure: Lattice) -> Self:
-        """Return a path through the zone of a lattice, read from a text.
+        """Return a path through the zone of a lattice, read from the text ``value``: letters of
+        special points ("GKMG"), or points as fractions of the reciprocal cell.
 
-        ``value`` has special points by their letters ("GKMG"), or points as fractions of the
-        reciprocal cell.
-
-        Raises :class:`~granphon.base.errors.Refused`, with a path of letters and one of numbers
-        that the lattice has.
+        Raises :class:`~granphon.base.errors.Refused` for another text; the message shows a path of
+        letters and a path of numbers of this lattice.
         """
         has_letters = isinstance(value, str) and re.fullmatch(r"\s*[A-Za-z][A-Za-z0-9,\s]*", value)
         if not has_letters:
             try:
                 return cls(read_paths(value, structure.periods))
-            except Refused:  # ASE, which knows the letters, is asked for a message only
+            except Refused:  # read again, to raise with ASE's letters in the message
                 return cls(read_paths(value, structure.periods, default_letters(structure.vectors)))
         special = special_points(structure.vectors)
         letters = default_letters(structure.vectors)
@@ -535,7 +550,7 @@ class BandPath:
         :func:`default_letters`.
         """
         cell = structure.vectors
-        # products of the vectors over the square of the first
+        # scalar products of the vectors, over the square of the first
         gram = cell @ cell.T / cell[0].dot(cell[0])
         has_equal_sides = structure.periods == 2 and abs(gram[1, 1] - 1.0) < _SAME
         if has_equal_sides:
@@ -547,7 +562,7 @@ class BandPath:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The labels of all points; of a path without labels their numbers."""
+        """The labels of all points; if there are none, texts of the coordinates of the points."""
         if self.labels:
             return self.labels
         points = itertools.chain.from_iterable(self.paths)
@@ -559,6 +574,9 @@ class BandPath:
         return [np.array(path) for path in self.paths]
 
     def __str__(self) -> str:
+        """Return the path in the notation of :meth:`parse`: the numbers of all points of a piece,
+        and a comma between pieces.
+        """
         pieces = []
         for path in self.paths:
             numbers = itertools.chain.from_iterable(path)
@@ -567,7 +585,9 @@ class BandPath:
 
 
 def _write_coordinate(x: float) -> str:
-    """Return a number as text: as a fraction, if it is one with a denominator up to 100."""
+    """Return the text of a number ``x``: a fraction if its denominator is at most 100, else a
+    decimal number with all digits.
+    """
     near = Fraction(x).limit_denominator(100)
     return str(near) if float(near) == x else repr(x)
 
@@ -576,34 +596,34 @@ def _write_coordinate(x: float) -> str:
 
 
 def zone_polygon(reciprocal: ArrayLike) -> Array:
-    """Return the corners (n, 2), anticlockwise, of the Brillouin zone: the Wigner-Seitz cell of the
-    rows of ``reciprocal`` (2, 2), in the unit of these.
+    """Return the corners (n, 2), anticlockwise, of the Brillouin zone in the plane, in the unit of
+    ``reciprocal``: the Wigner-Seitz cell of the lattice of the rows of ``reciprocal`` (2, 2).
     """
     shortest = shortest_vectors(np.asarray(reciprocal, float))
     a, b = shortest
     if a @ b > 0.0:
         b = -b
-    # the angle of a and b is at least 90 degrees, so that these are the neighbours of the origin
-    # in turn; each corner of the zone is as far from two successive neighbours as from the origin
+    # as the angle between a and b is at least 90 degrees, these are the neighbours of the origin in
+    # turn. Each corner of the zone is as far from two successive neighbours as from the origin
     neighbours = np.array([a, a + b, b, -a, -a - b, -b])
     pairs = np.stack([neighbours, np.roll(neighbours, -1, axis=0)], axis=1)
     halves = 0.5 * np.sum(pairs**2, axis=2)
     corners = np.linalg.solve(pairs, halves[..., None])[..., 0]
     anticlockwise = np.argsort(np.arctan2(corners[:, 1], corners[:, 0]))
     corners = corners[anticlockwise]
-    # two of the six corners of a rectangle are there twice
+    # for a rectangular lattice two of the six corners coincide with others, and are left out
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
     return np.asarray(corners[sides > _SAME_CORNER * np.linalg.norm(shortest)])
 
 
 def zone_faces(reciprocal: ArrayLike) -> list[Array]:
-    """Return the faces of the Brillouin zone in space: the Wigner-Seitz cell of the rows of
-    ``reciprocal`` (3, 3).
+    """Return the faces of the Brillouin zone in space: those of the Wigner-Seitz cell of the
+    lattice of the rows of ``reciprocal`` (3, 3).
 
-    Each face is (n, 3), its corners in turn, anticlockwise as seen from outside, in the unit of
-    ``reciprocal``.
+    Each face is an array (n, 3) of its corners in turn, anticlockwise as seen from outside, in the
+    unit of ``reciprocal``.
     """
-    # a zone in space alone needs the import; the function of ASE would load matplotlib
+    # imported here, as only a zone in space needs SciPy; the function of ASE would load matplotlib
     from scipy.spatial import Voronoi
 
     shortest = shortest_vectors(np.asarray(reciprocal, float))
@@ -619,7 +639,7 @@ def zone_faces(reciprocal: ArrayLike) -> list[Array]:
         ring = cells.vertices[vertices]
         sides = np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1)
         corners = ring[sides > _SAME_CORNER]
-        # a neighbour that the zone touches in an edge or a corner only gives a face without area
+        # faces without area, of neighbours that the zone touches along an edge or at a corner
         if len(corners) < 3:
             continue
         spokes = corners[1:] - corners[0]

@@ -74,17 +74,17 @@ if TYPE_CHECKING:
     from granphon.phonons.phonopy_bridge import ContactPhonopy
 
 
-#: greatest number of points of a mesh: phonopy's tables of more do not fit into memory
+#: greatest number of points of a mesh: phonopy's tables of more points do not fit into memory
 _MOST_MESH_POINTS = 1e9
 #: memory of a frequency of a density of states, bytes
 _DENSITY_BYTES = 100.0
-#: number of mesh points whose eigenvectors are held in memory at a time
+#: largest number of mesh points whose eigenvectors are held in memory at a time
 _MESH_POINTS = 4096
-#: and the number of their components
+#: largest number of components of eigenvectors that are held in memory at a time
 _MESH_NUMBERS = 2**26
 #: largest standard deviation of a smeared density of states, over the top frequency
 _WIDEST = 1e6
-#: standard deviations above the top frequency at which a smeared density of states ends
+#: number of standard deviations above the top frequency at which a smeared density of states ends
 _TAIL = 5.0
 #: end of an interpolated density of states, over the top frequency
 _ABOVE_TOP = 1.02
@@ -92,11 +92,12 @@ _ABOVE_TOP = 1.02
 _NARROWEST = 0.01
 #: width of a gap, over the top frequency, up to which branches touch
 _NO_GAP = 1e-6
-#: number of points of the mesh from which an edge of a band is sought
+#: number of points of the mesh from which an edge of a gap is sought
 _STARTS = 6
-#: number of such points for the edges of every branch, which may have several extremes
+#: number of points of the mesh from which the edges of every branch are sought, which may have
+#: several extremes
 _MORE_STARTS = 24
-#: relative difference of a cell of Atoms from that of the state that is rounding
+#: relative difference of a cell of Atoms from that of the state up to which it is rounding
 _SAME = 1e-9
 
 
@@ -105,10 +106,10 @@ class Phonons:
 
     Parameters
     ----------
-    state : the state of the contacts, at one load; the state of a crystal, a sample, or a
-        :class:`~granphon.ContactNetwork`, that repeats along one axis or more. The cell is the
-        network: a ribbon has bands along its one period. Bodies that do not move, such as walls,
-        hold the balls and have no motions.
+    state : the state of the contacts, at one load: of a packing, a crystal or a sample; or a
+        :class:`~granphon.ContactNetwork` that repeats along one axis or more, which is then the
+        cell. A ribbon has bands along its one period. Bodies that do not move, such as walls, hold
+        the balls and have no motions.
     atoms : another cell of the same balls (a supercell, other masses, a defect) of a packing, in
         the reduced units of the state; by default one cell of the lattice.
     dim : numbers of cells of the supercell for force constants, one for each period, such as (n1,
@@ -116,7 +117,7 @@ class Phonons:
 
     Attributes
     ----------
-    state, atoms : the state (of the network, if a network is given), and the cell of balls.
+    state, atoms : the state (that of the network, if a network is given), and the cell of balls.
     scales : the length, stiffness and mass that convert reduced units to SI.
     lattice : the :class:`~granphon.ContactLattice` of the cell, whose C(q) gives frequencies and
         velocities.
@@ -157,16 +158,16 @@ class Phonons:
         self.dim = self._read_dim(dim)
 
     def _span_cell(self) -> None:
-        """Give the cell of the Atoms a vector along each axis, upright where the balls do not
-        repeat; lengths are in diameters.
+        """Change the cell of ``atoms``, in place, such that it has a vector along each axis;
+        vectors along which the balls do not repeat become perpendicular to the others.
         """
         for axis in range(self.state.reference_lattice.periods, 3):
-            # phonopy needs three dimensions; the layer is one diameter thick
+            # phonopy needs three vectors; across its periods the cell is one diameter thick
             if not self.atoms.cell[axis].any():
                 self.atoms.cell[axis, axis] = 1.0
         if np.any(self._repeats):
-            # a vector along which nothing repeats only spans the cell: if it is upright, wave
-            # vectors have no component along it
+            # a vector along which nothing repeats only spans the cell. If it is perpendicular to
+            # the periods, wave vectors have no component along it
             cell = self.atoms.cell.array
             open_axes = np.flatnonzero(~self._repeats)
             along = cell[np.flatnonzero(self._repeats)]
@@ -183,26 +184,27 @@ class Phonons:
 
     @cached_property
     def calculator(self) -> HertzMindlin:
-        """The calculator of the state; a network has none
-        (:class:`~granphon.base.errors.InputError`).
+        """The calculator of the state. Raises :class:`~granphon.base.errors.InputError` for the
+        state of a network, which has no contact law.
         """
         return HertzMindlin(given_state(self.state))
 
     @property
     def _periods(self) -> int:
+        """Number p of periods of the lattice."""
         return self.lattice.periods
 
     @property
     def _repeats(self) -> NDArray[np.bool_]:
-        """Along which of the periods of the lattice the cell repeats, (p,)."""
+        """(p,) whether the cell repeats along each of the periods of the lattice."""
         return np.asarray(self.atoms.pbc[: self.state.reference_lattice.periods], bool)
 
     def _read_dim(self, requested: Sequence[int] | None) -> tuple[int, ...]:
-        """Return the numbers of cells (p,) in the supercell of phonopy, as ``requested``, or the
-        smallest in which two balls touch once at most.
+        """Return the numbers of cells (p,) in the supercell of phonopy: those ``requested``, or if
+        None is given the fewest with which two balls touch at most once.
 
-        Raises :class:`InputError` for a supercell that is too small, does not fit into memory, or
-        has several cells along an axis that is not periodic.
+        Raises :class:`~granphon.base.errors.InputError` for a supercell that is too small, that
+        does not fit into memory, or that has several cells along an axis without period.
         """
         if requested is None:
             return self._choose_dim()
@@ -232,8 +234,8 @@ class Phonons:
         return dim
 
     def _choose_dim(self) -> tuple[int, ...]:
-        """Return the fewest numbers of cells (p,) of a supercell in which two balls touch once at
-        most; equal numbers if the cell has one ball and repeats along all periods.
+        """Return the fewest numbers of cells (p,) of a supercell in which two balls touch at most
+        once. The numbers are equal if the cell has one ball and repeats along all periods.
         """
         p = self._periods
         cell = self._image_cell
@@ -252,15 +254,16 @@ class Phonons:
     def _longest_contact(self) -> float:
         """The greatest distance of two atoms of phonopy whose balls touch, in diameters."""
         longest = float(np.linalg.norm(self.lattice.contacts.vector, axis=1).max())
-        if self.lattice.motions.atoms_per_ball > 1:  # atoms a little aside of their balls
+        if self.lattice.motions.atoms_per_ball > 1:  # second atoms are a little beside their balls
             longest += 2.0 * float(np.linalg.norm(OFFSET))
         return longest
 
     @property
     def _image_cell(self) -> Array:
-        """The vectors (p, d) between images of a ball, in diameters.
+        """(p, d) vectors between images of a ball, in diameters.
 
-        An axis that is not periodic has no images: a very long vector keeps them away.
+        Along an axis without period there are no images; its vector is made very long, so that
+        images are too far away to matter.
         """
         periodic = np.asarray(self.atoms.pbc)[: self._periods]
         return np.where(periodic[:, None], self.lattice.cell, 1e6 * self.lattice.cell)
@@ -277,8 +280,8 @@ class Phonons:
         )
 
     def _require_state_cell(self, with_stiffness: bool = False) -> None:
-        """Raise InputError unless the lattice has the contacts of the state, in their order; with
-        ``with_stiffness`` also the masses and stiffnesses of the state.
+        """Raise :class:`~granphon.base.errors.InputError` unless the lattice has the contacts of
+        the state, in their order, and with ``with_stiffness`` also its masses and stiffnesses.
         """
         arrays_of_state = _list_arrays(self.state.contact_lattice(), with_stiffness)
         arrays = _list_arrays(self.lattice, with_stiffness)
@@ -296,14 +299,15 @@ class Phonons:
     def phonopy(self) -> ContactPhonopy:
         """Phonopy object in reduced units (frequencies in (k/M)^1/2), with symmetry off.
 
-        The calculator makes its force constants. The documentation lists what may be done with it;
-        methods that would give a wrong answer raise
+        Its force constants are those of the contacts. The documentation lists which of its methods
+        may be used; methods that would give a wrong answer raise
         :class:`~granphon.base.errors.UnsupportedError`.
 
         Up to three motions of a ball are the coordinates of one atom, (u_x, u_y, w) in the plane
-        and (w_x, w_y, u_z) out of it. Coordinates without a motion give flat branches at zero. Six
-        motions take two atoms: "Fe" holds u, and "Sn", a little aside, w. The eigenvector of the
-        second has the phase of its own place, exp(i q.offset) less than the ball.
+        and (w_x, w_y, u_z) out of it. Coordinates without a motion give flat branches at zero. A
+        ball of six motions is two atoms: "Fe" holds u, and "Sn", a little beside the ball, holds w.
+        The eigenvector of the second atom has the phase of its own position: it lacks the factor
+        exp(i q.offset) that it would have at the ball.
         """
         with needing("A phonopy object"):
             from phonopy.structure.atoms import PhonopyAtoms
@@ -313,7 +317,7 @@ class Phonons:
         motions = self.lattice.motions
         unit_cell = PhonopyAtoms(
             symbols=name_atoms(self.atoms.get_masses(), motions, self.state.kinds),
-            cell=self._part_images(),
+            cell=self._lengthen_open_axes(),
             masses=np.repeat(self.atoms.get_masses(), motions.atoms_per_ball),
             positions=place_atoms(self.atoms.positions, motions),
         )
@@ -329,16 +333,18 @@ class Phonons:
         bridge.give_force_constants(self._sum_force_constants(numbers))
         return bridge
 
-    def _part_images(self) -> Array:
-        """Return the cell (3, 3) of the Atoms, in diameters, lengthened along open axes.
+    def _lengthen_open_axes(self) -> Array:
+        """Return the cell (3, 3) of the Atoms, in diameters, made so long along axes without period
+        that images are farther than the balls of the cell.
 
-        phonopy has no open boundaries and divides a pair among its nearest images, so all images
-        are moved far away.
+        Phonopy has no open boundaries, and divides the force constants of a pair among its nearest
+        images, which must not include images that do not exist.
         """
         cell = np.array(self.atoms.cell)
         spread = np.ptp(self.atoms.positions, axis=0)
         is_period = np.arange(3) < self._periods
-        # across the periods balls fit into the cell, one diameter thick, unless they are spread out
+        # across the periods the cell is one diameter thick, which is enough if the balls lie in a
+        # line or in a plane
         is_open = np.where(is_period, ~np.asarray(self.atoms.pbc), spread > 0.5)
         extent = float(spread[is_period | is_open].sum())
         for axis in np.flatnonzero(is_open):
@@ -348,16 +354,16 @@ class Phonons:
         return cell
 
     def _sum_force_constants(self, numbers: Index) -> Array:
-        """Return the force constants (n_a, N_a, 3, 3), in units of k, between the n_a atoms of the
-        cell and the N_a of the supercell, summed over contacts.
+        """Return the force constants (n_a, N_a, 3, 3), k, between the n_a atoms of the cell and the
+        N_a of the supercell, summed over contacts.
 
-        ``numbers`` (n_a, n1, ...) is the index of each image of an atom, see
-        :func:`_number_images`.
+        ``numbers`` (n_a, n1, ...) are the numbers of the images of each atom, as
+        :func:`_number_images` returns them.
         """
         table = self.lattice.contacts
         blocks = contact_blocks(self.lattice)
         per_ball = self.lattice.motions.atoms_per_ball
-        # a body that does not move has no atoms
+        # number n stands for bodies that do not move, which are no atoms
         is_free = table.j < self.lattice.n_balls
         every_contact = np.ones(len(table), bool)
         # cells (n_c, p) of the supercell: the first, that of ball j as seen from ball i, and that
@@ -370,10 +376,12 @@ class Phonons:
         def add(
             kept: Flags, rows: tuple[Index, int], columns: tuple[Index, int], cell: Index
         ) -> None:
-            """Add the blocks of the contacts ``kept`` (n_c,).
+            """Add to ``constants`` the blocks, between two atoms of each contact, of the contacts
+            for which ``kept`` (n_c,) is true.
 
-            ``rows`` and ``columns`` are the atoms (n_c,) of the cell, and their place among the
-            atoms of a contact; ``cell`` (n_c, p) is where the image of the second atom is.
+            ``rows`` and ``columns`` are the two atoms: their numbers (n_c,) in the cell, and which
+            of the atoms of a contact they are. The image of the second atom is in the ``cell``
+            (n_c, p) of the supercell.
             """
             first, first_place = rows
             second, second_place = columns
@@ -383,7 +391,7 @@ class Phonons:
             np.add.at(constants, (first[kept], images), blocks[kept, row, column])
 
         for a, b in itertools.product(range(per_ball), repeat=2):  # the atoms of a ball
-            # atoms a and b of both balls, each with its place among the atoms of a contact
+            # atoms a and b of both balls, each with its number in the cell and in the contact
             i_a = (per_ball * table.i + a, a)
             i_b = (per_ball * table.i + b, b)
             j_a = (per_ball * table.j + a, per_ball + a)
@@ -424,20 +432,22 @@ class Phonons:
         dashpot: Any = 0.0,
         restitution: Any = 1.0,
     ) -> DampedModes:
-        """Return complex frequencies (n_q, n_branches), Hz, at ``qpoints``, with contacts that lose
-        energy; and Q factors.
+        """Return the complex frequencies (n_q, n_branches), Hz, of modes at ``qpoints`` with
+        contacts that lose energy, from which Q factors follow.
 
         Parameters
         ----------
         qpoints : (n_q, p) or (n_q, 3) fractions of the reciprocal cell.
-        damping, loss_factor, drag, dashpot, restitution : as in :meth:`gp.Waves.response`, of the
-            network.
+        damping, loss_factor, drag, dashpot, restitution : losses of the contacts and balls of the
+            network, as in :meth:`gp.Waves.response`.
 
-        Raises :class:`~granphon.base.errors.InputError` for a damping below zero, and for Atoms
-        whose contacts are not the state's, in their order;
-        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative;
-        :class:`~granphon.base.errors.PrecisionError` for dashpots that differ and are far stiffer
-        than springs.
+        Raises
+        ------
+        InputError : a loss is below zero, or the contacts of the Atoms are not those of the state,
+            in their order.
+        InstabilityError : a squared frequency is negative.
+        PrecisionError : losses are not the same everywhere, and dashpots are far stiffer than
+            springs.
         """
         points = _check_qpoints(qpoints, self._periods)
         network = given_network(self.state)
@@ -469,8 +479,9 @@ class Phonons:
         ``qpoints``.
 
         ``qpoints`` (n_q, p) or (n_q, 3) are fractions of the reciprocal cell. Where branches touch,
-        at Gamma and wherever a mode vanishes, the result is the limit along ``direction``
-        (Cartesian, of any length), which is required at Gamma.
+        at Gamma, and where a frequency is zero, the result is the limit along ``direction``, (p,)
+        or (n_q, p), Cartesian and of any length. The direction is by default that of q, and is
+        required at Gamma.
 
         Raises :class:`~granphon.base.errors.InputError` for Gamma without a direction, and
         :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
@@ -499,11 +510,15 @@ class Phonons:
         qpoints : (n_q, p) or (n_q, 3) fractions of the reciprocal cell.
         branches : (b,) numbers of branches, from 0; all of them by default.
 
-        Where branches have one frequency, to 1e-8 of it, the derivative is that of their mean. A
-        frequency f has derivatives to about 1e-16 of the top frequency over f. Raises
-        :class:`~granphon.base.errors.InputError` for a branch that is not there, for arrays larger
-        than the memory, and for other Atoms than the cell of the state;
-        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
+        If branches have one frequency, to 1e-8 of it, the derivatives are those of their mean. The
+        relative error of the derivatives of a frequency f is about 1e-16 times the top frequency
+        over f.
+
+        Raises
+        ------
+        InputError : a branch does not exist, the arrays are larger than the memory, or the Atoms
+            are another cell than that of the state.
+        InstabilityError : a squared frequency is negative.
         """
         q = self.lattice.wavevectors(_check_qpoints(qpoints, self._periods))
         chosen = np.arange(self.lattice.n_branches)
@@ -514,7 +529,10 @@ class Phonons:
 
     def _measure(self, q: Array, branches: Index) -> ModeEnergies:
         """Return the energies of the modes of ``branches`` (n_q, b) at wave vectors q (n_q, p),
-        1/d.
+        1/d, along the axes of the network.
+
+        Raises :class:`~granphon.base.errors.InputError` if the Atoms are another cell than that of
+        the state.
         """
         self._require_state_cell(with_stiffness=True)
         network = given_network(self.state)
@@ -524,7 +542,10 @@ class Phonons:
     def _make_sensitivities(
         self, energies: ModeEnergies, qpoints: Array | None = None
     ) -> FrequencySensitivities:
-        """Return derivatives of frequencies from the ``energies`` of their modes."""
+        """Return the derivatives of frequencies, in SI, from the ``energies`` of their modes.
+
+        ``qpoints`` (n_q, b, 3) are the wave vectors, if these differ from frequency to frequency.
+        """
         network = given_network(self.state)
         balls = np.flatnonzero(network.moving)
         place = Place(network, self.scales, balls, np.flatnonzero(network.in_lattice))
@@ -540,6 +561,7 @@ class Phonons:
 
     @property
     def _lattice_vectors(self) -> Array:
+        """(p, p) vectors of the cell along the periods, as rows, in diameters."""
         return np.asarray(self.atoms.cell)[: self._periods, : self._periods]
 
     def bands(
@@ -554,18 +576,20 @@ class Phonons:
         Parameters
         ----------
         path : letters of :attr:`special_points` ("GKMG"; a comma where the path jumps) or corners
-            in fractions of the reciprocal cell; by default the lattice's own
-            (:func:`~granphon.phonons.paths.default_letters`): GKMG on a hexagonal cell, GXMG on a
-            square one, GXWKGL in fcc; GX of atoms that repeat along one axis.
-        npoints : points in each segment, both ends counted.
+            in fractions of the reciprocal cell; by default that of the lattice
+            (:func:`~granphon.phonons.paths.default_letters`): GKMG for a hexagonal cell, GXMG for a
+            square cell, GXWKGL in fcc, and GX for a cell that repeats along one axis.
+        npoints : number of points in each segment, with both ends.
         labels : names of the corners; by default the letters, or the coordinates.
-        eigenvectors : whether to find eigenvectors and group velocities, from which colours and
-            characters follow. In a large cell frequencies alone take a fifth of the time and next
-            to no memory, see :meth:`estimate`.
+        eigenvectors : whether to find eigenvectors and group velocities, from which the fractions
+            of energy, and thus colours in figures, follow. In a large cell frequencies alone take a
+            fifth of the time and next to no memory, see :meth:`estimate`.
 
-        Raises :class:`~granphon.base.errors.InputError` for a path or labels that
-        :func:`~granphon.phonons.paths.interpolate_path` refuses, and for bands too large for the
-        memory; :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
+        Raises
+        ------
+        InputError : :func:`~granphon.phonons.paths.interpolate_path` refuses the path or the
+            labels, or the bands are too large for the memory.
+        InstabilityError : a squared frequency is negative.
         """
         chosen_path: Any = path
         if path is None:
@@ -606,8 +630,8 @@ class Phonons:
         )
 
     def _require_memory_of_bands(self, points: int, eigenvectors: bool) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if bands at so many wave vectors,
-        ``points``, do not fit into memory, or their eigenvectors take more than ``MOST_BYTES``.
+        """Raise :class:`~granphon.base.errors.InputError` if bands at ``points`` wave vectors do
+        not fit into memory, or if their ``eigenvectors``, if wanted, take more than ``MOST_BYTES``.
         """
         b = self.lattice.n_branches
         mend = "Give fewer npoints or segments, or eigenvectors=False"
@@ -623,12 +647,12 @@ class Phonons:
         require_memory(f"bands of {b:,} branches at {points:,} wave vectors", memory, mend)
 
     def estimate(self, points: int, eigenvectors: bool = True) -> Cost:
-        """Return what bands, or frequencies, at so many wave vectors cost on one processor of this
-        machine, before they do.
+        """Return the expected cost, on one processor of this machine, of bands at ``points`` wave
+        vectors, with or without ``eigenvectors``.
 
-        :attr:`~granphon.media.cost.Cost.text` says it in words; ``memory`` is in bytes, and
-        ``seconds`` is the processor's time. Of cells with hundreds of branches the time follows
-        from that of a small matrix.
+        The attribute :attr:`~granphon.media.cost.Cost.text` of the result says the cost in words;
+        ``memory`` is in bytes, and ``seconds`` is the time of the processor. For cells with
+        hundreds of branches the time is extrapolated from that of a small matrix.
         """
         count = whole_number("points", points, 1, LARGEST_COUNT)
         return costs.bands(count, self.lattice.n_branches, eigenvectors, file=False)
@@ -645,23 +669,25 @@ class Phonons:
         dashpot: Any = 0.0,
         restitution: Any = 1.0,
     ) -> ComplexBands:
-        """Return all wave numbers across the layers at given frequencies, also of waves that decay.
+        """Return the wavenumbers, across the layers of the crystal, of all waves at given
+        frequencies, with those of waves that decay.
 
         Parameters
         ----------
         frequencies : (n_f,) Hz, above zero.
-        axis : across the layers, as for :meth:`ContactNetwork.cut`; of a packing or network, not of
-            other ``atoms``.
+        axis : the axis across the layers, as for :meth:`ContactNetwork.cut`.
         q : (p - 1,) wave vector along the layers, in fractions of their reciprocal cell; zero by
             default.
-        damping, loss_factor, drag, dashpot, restitution : as in :meth:`Waves.response`: numbers, or
-            tuples of two.
+        damping, loss_factor, drag, dashpot, restitution : losses of the contacts and balls, as in
+            :meth:`Waves.response`; numbers, or tuples of two.
 
-        Raises :class:`~granphon.base.errors.PrecisionError` for a frequency at the very edge of a
-        band, for one so high that a wave decays by more than 1e12 from layer to layer, and for an
-        axis across which some motions are passed on to the next layers and no further;
-        :class:`~granphon.base.errors.InputError` for other Atoms than those of the state, an axis
-        without a period or without contacts across it, and wrong numbers.
+        Raises
+        ------
+        PrecisionError : a frequency is at the very edge of a band, or so high that a wave decays by
+            more than 1e12 from layer to layer; or some motions are passed on to the next layers
+            across the axis and no further.
+        InputError : the Atoms are another cell than that of the state, the axis has no period or no
+            contacts across it, or a number is not allowed.
         """
         network = given_network(self.state)
         self._require_state_cell(with_stiffness=True)
@@ -676,15 +702,15 @@ class Phonons:
             require_bloch_memory(hertz.size, half_space.size, half_space.cut.n_contacts)
             normal, other = losses.soften(2.0 * np.pi * hertz)
             blocks = half_space.couplings(wavevector, normal, other)
-            # drag resists the motions of a block as an imaginary stiffness would
+            # drag acts on the motions of a block as an imaginary stiffness, -i omega gamma M
             drags = losses.drag_of(half_space.motions) / (2.0 * np.pi * half_space.units.frequency)
             of_block = np.diag(np.tile(drags, half_space.size // drags.size))
             reduced = hertz / half_space.units.frequency
             inner = blocks.inner - 1j * reduced[:, None, None] * of_block
             blocks = blocks._replace(inner=inner)
         squares = (hertz / half_space.units.frequency) ** 2
-        # far above all bands a wave decays by about the couplings over the square from layer to
-        # layer
+        # far above all bands the factor by which a wave decays from layer to layer is about the
+        # couplings over omega^2
         is_far = squares * LEAST_PART > np.max(np.abs(blocks.inner))
         _require_digits(hertz, is_far)
         motions_of_layer = half_space.size // half_space.reach
@@ -709,17 +735,17 @@ class Phonons:
 
         Parameters
         ----------
-        mesh : wave vectors of a Gamma-centred mesh along each period, such as (n1, n2), or (n1, n2,
-            1), which the symmetry of the lattice reduces; by default 1024, 64 x 64, or 32 x 32 x
-            32.
+        mesh : numbers of wave vectors of a Gamma-centred mesh along each period, such as (n1, n2),
+            or (n1, n2, 1); by default 1024, 64 x 64, or 32 x 32 x 32. The symmetry of the lattice
+            reduces the mesh.
         method : "tetrahedron" (linear interpolation), or "smearing" with a Gaussian.
         sigma : standard deviation of the Gaussian, Hz, not below the spacing of the frequencies,
-            and up to a million times the top one; by default a hundredth of that, or more if there
-            are few ``points``.
+            and up to a million times the top frequency; by default a hundredth of the top
+            frequency, or more if there are few ``points``.
         points : number of frequencies, 12 or more, from zero to just above the top frequency.
 
         Raises :class:`~granphon.base.errors.InputError` for numbers out of range or too large for
-        the memory, for a ``sigma`` of tetrahedra, and where every branch vanishes.
+        the memory, for a ``sigma`` with the tetrahedron method, and if every branch vanishes.
         """
         numbers = self._read_mesh(mesh)
         chosen_method = one_of("method", method, ("tetrahedron", "smearing"))
@@ -743,7 +769,7 @@ class Phonons:
             # the integral of a Gaussian, times the number of points of the mesh
             norm = np.prod(numbers) * np.sqrt(2.0 * np.pi) * width
             densities = _smear(omega, frequencies, shares * grid.weights[:, None] / norm, width)
-        # from modes of a cell, per reduced frequency, to modes of a ball, per Hz
+        # densities of modes of a cell per reduced frequency become those of a ball per Hz
         translational, rotational = densities / (len(self.atoms) * self.scales.frequency)
         return DensityOfStates(
             frequencies=omega * self.scales.frequency,
@@ -755,9 +781,10 @@ class Phonons:
         )
 
     def _read_mesh(self, mesh: Sequence[int] | None) -> tuple[int, ...]:
-        """Return the numbers of wave vectors (p,) of the mesh of a density of states.
+        """Return the numbers of wave vectors (p,) of the ``mesh`` of a density of states, or those
+        of :data:`MESHES` if it is None.
 
-        Raises :class:`~granphon.base.errors.InputError` for other than whole numbers from 1 on.
+        Raises :class:`~granphon.base.errors.InputError` for anything but whole numbers from 1 on.
         """
         p = self._periods
         example = " ".join(map(str, _pad((64,) * p)))
@@ -779,8 +806,9 @@ class Phonons:
         )
 
     def _find_modes_on(self, q: Array) -> tuple[Array, Array]:
-        """Return frequencies, (k/M)^1/2, and the fractions of the kinetic energy that are rotation,
-        both (n_q, n_branches), at wave vectors (n_q, p), 1/d.
+        """Return the frequencies, (k/M)^1/2, and the rotational fractions of the kinetic energy of
+        all modes, both (n_q, n_branches), at wave vectors q (n_q, p), 1/d, a part of them at a
+        time.
         """
         b = self.lattice.n_branches
         batch_size = min(_MESH_POINTS, max(1, _MESH_NUMBERS // b**2))
@@ -801,9 +829,9 @@ class Phonons:
         """Return densities of states (2, n) at ``omega`` (n,) by linear interpolation of the
         ``frequencies`` (n_q, n_branches), weighted with ``shares`` (2, n_q, n_branches).
 
-        Each density is the mean over an interval of its own, a difference of the integrated
-        density: van Hove singularities stay finite, and the trapezoidal sum over the points is
-        exactly the number of modes.
+        Each density is the mean over the interval around its frequency, that is, a difference of
+        the integrated density over the width of the interval. So van Hove singularities stay
+        finite, and the trapezoidal sum over all frequencies is exactly the number of modes.
         """
         edges = np.concatenate([omega[:1], 0.5 * (omega[1:] + omega[:-1]), omega[-1:]])
         integrated = grid.count_modes(self.lattice.reciprocal, frequencies, shares, edges)
@@ -813,9 +841,13 @@ class Phonons:
     def _read_smearing(
         self, method: str, sigma: float | None, top: float, count: int
     ) -> float | None:
-        """Return the standard deviation of the Gaussians of a density of states, (k/M)^1/2, from
-        ``sigma``, Hz; by default the width that ``count`` frequencies up to the ``top`` resolve.
-        None for tetrahedra, which take no ``sigma``.
+        """Return the standard deviation, (k/M)^1/2, of the Gaussians of a density of states; None
+        for the ``method`` "tetrahedron".
+
+        ``sigma``, Hz, is the standard deviation that was asked for. If it is None, the width is a
+        hundredth of the ``top`` frequency, (k/M)^1/2, or more if ``count`` frequencies do not
+        resolve that. Raises :class:`~granphon.base.errors.InputError` for a ``sigma`` with
+        tetrahedra, below the spacing of the frequencies, or far above the top frequency.
         """
         if method == "tetrahedron":
             if sigma is not None:
@@ -824,8 +856,8 @@ class Phonons:
                 )
             return None
         if sigma is None:
-            # with few frequencies, a width a little above their spacing up to the end of the tail:
-            # w = (top + 5 w)/(count - 1) is top/(count - 6)
+            # with few frequencies the width is a little above their spacing, w = (top + 5 w)/(count
+            # - 1), which is top/(count - 6)
             return max(_NARROWEST, 1.0 / (count - 7)) * top
         width = positive("sigma", sigma, "Hz") / self.scales.frequency
         if width > _WIDEST * top:
@@ -843,27 +875,29 @@ class Phonons:
         return width
 
     def gaps(self, mesh: Sequence[int] | None = None) -> Array:
-        """Return the gaps, (n, 2) Hz, ascending: intervals from zero to the top frequency in which
-        no branch lies.
+        """Return the gaps, (n, 2) Hz, ascending: intervals between zero and the top frequency in
+        which no branch lies.
 
         The edges of bands are sought on a mesh of the whole zone and at its special points, and
         from the best of these along group velocities. If something holds the balls, the interval
-        below the lowest branch counts. Intervals below a millionth of the top frequency are
-        branches that touch.
+        below the lowest branch is a gap too. Intervals narrower than a millionth of the top
+        frequency are no gaps: there branches touch.
 
         Parameters
         ----------
         mesh : numbers of wave vectors along each period, from Gamma; by default 256, 48 x 48, or 16
-            x 16 x 16. The zone of a cell of more than 16 balls is small: its mesh has 4 over the
-            number of balls of these points, at least two a row.
+            x 16 x 16. As the zone of a cell of more than 16 balls is small, its mesh has fewer
+            points by a factor of 4 over the number of balls, but at least two along each period.
         """
-        return self.find_gaps(mesh)[1]
+        _, gaps = self.find_gaps(mesh)
+        return gaps
 
     def onset(self, direction: ArrayLike | None = None) -> Onset:
-        """Return the frequency of each branch at Gamma, and the curvature there.
+        """Return the frequency and the curvature of each branch at Gamma, and the gap below all
+        branches.
 
-        Where springs to the ground hold the balls there is no sound: bands begin at a cut-off
-        frequency, from which omega rises as the square of q.
+        If springs to the ground hold the balls, there is no sound: bands begin at a cut-off
+        frequency, from which omega rises in proportion to the square of q.
 
         Parameters
         ----------
@@ -883,21 +917,22 @@ class Phonons:
         )
 
     def find_gaps(self, mesh: Sequence[int] | None = None) -> tuple[Index, Array]:
-        """Return the number of branches below each of the :meth:`gaps`, (n,), which tells a gap
-        from the others under every load, and the gaps, (n, 2) Hz; ``mesh`` is as there.
+        """Return the number of branches below each gap, (n,), and the gaps (n, 2), Hz, of
+        :meth:`gaps`, with the same ``mesh``. The number of branches identifies a gap when the load
+        changes.
         """
         gaps = self._find_gap_edges(mesh)
         return gaps.branches_below, gaps.frequencies * self.scales.frequency
 
     def gap_sensitivities(self, mesh: Sequence[int] | None = None) -> FrequencySensitivities:
-        """Return the derivatives of the edges (n, 2) of :meth:`gaps`, as :meth:`sensitivities` has
-        them, and the wave vectors at which they are; ``mesh`` is as there.
+        """Return the derivatives of the edges (n, 2) of :meth:`gaps`, with the same ``mesh``, as
+        :meth:`sensitivities` returns those of frequencies, and the wave vectors of the edges.
 
-        An edge is the greatest or the least frequency of a branch, so that it does not change to
-        first order as its wave vector moves. Where several wave vectors have the edge, as those
-        that the symmetry of the lattice makes alike, it is the derivative at one of them: that of
-        the edge if the parameters change alike at all. The lower edge of a gap below all branches
-        is zero, and has no derivative.
+        An edge is the greatest or the least frequency of a branch, so that a change of its wave
+        vector does not matter to first order. If several wave vectors have the frequency of the
+        edge, such as those that the symmetry of the lattice makes equivalent, the derivative is
+        that at one of them. It is the derivative of the edge if the change of the parameters keeps
+        the symmetry. The lower edge of a gap below all branches is zero, and has no derivative.
         """
         gaps = self._find_gap_edges(mesh)
         count = len(gaps.branches_below)
@@ -921,7 +956,7 @@ class Phonons:
     def _find_gap_edges(self, mesh: Sequence[int] | None, *, only_from_zero: bool = False) -> _Gaps:
         """Return the gaps and their edges in reduced units; ``mesh`` is that of :meth:`gaps`.
 
-        With ``only_from_zero`` no edges are sought but those of the gap that begins at zero.
+        With ``only_from_zero`` only the gap that begins at zero is sought.
         """
         zone = self._sample_zone(mesh)
         frequencies = zone.frequencies
@@ -948,30 +983,34 @@ class Phonons:
         """Return the cut-off frequencies, (n_branches, 2) Hz: the lowest and the highest frequency
         of each branch in the whole zone. At each wave vector branches are ordered by frequency.
 
-        They are sought as the edges of :meth:`gaps`, from more points; ``mesh`` is as there. The
-        edge of a branch inside other bands may lie where it crosses its neighbour along a line, or
-        in a hollow narrower than the mesh: cut-offs of crystals in space were found short by up to
-        5e-3 of the top frequency.
+        Cut-offs are sought as the edges of :meth:`gaps`, with the same ``mesh``, but from more of
+        its points. The cut-off of a branch inside other bands may lie where the branch crosses its
+        neighbour along a line, or in a hollow narrower than the mesh. Cut-offs of crystals in space
+        were found short by up to 5e-3 of the top frequency.
         """
-        return self._find_cutoffs(mesh)[0]
+        cutoffs, _ = self._find_cutoffs(mesh)
+        return cutoffs
 
     def find_cutoff_points(self, mesh: Sequence[int] | None = None) -> Array:
-        """Return the wave vectors (n_branches, 2, p) of :meth:`cutoffs`, fractions of the
-        reciprocal cell.
+        """Return the wave vectors (n_branches, 2, p), fractions of the reciprocal cell, at which
+        the cut-off frequencies of :meth:`cutoffs` are, with the same ``mesh``.
         """
-        return self._find_cutoffs(mesh)[1] @ np.linalg.inv(self.lattice.reciprocal)
+        _, points = self._find_cutoffs(mesh)
+        return points @ np.linalg.inv(self.lattice.reciprocal)
 
     def _find_cutoffs(self, mesh: Sequence[int] | None) -> tuple[Array, Array]:
-        """Return the cut-off frequencies (n_branches, 2), Hz, and their wave vectors (n_branches,
-        2, p), 1/d.
+        """Return the cut-off frequencies (n_branches, 2), Hz, and their wave vectors
+        (n_branches, 2, p), 1/d; ``mesh`` is that of :meth:`gaps`.
         """
         zone = self._sample_zone(mesh)
         b = self.lattice.n_branches
-        edges = BandEdges.of(np.arange(b))
         search = EdgeSearch(self.lattice, zone)
+        # the edges of the gaps below all branches, open or not, are the bottoms of all branches and
+        # the tops of all but the last; the top of the last is sought alone
+        edges = BandEdges.of(np.arange(b))
         extremes = search.find(edges, _MORE_STARTS)
         top = search.find(BandEdges(np.array([b - 1]), np.ones(1), 0), _MORE_STARTS)
-        # each top with the bottom above
+        # gap n has the top of branch n - 1 below, and the bottom of branch n above
         tops, bottoms = edges.pair(edges.sign * extremes.heights)
         points_of_tops, points_of_bottoms = edges.pair(extremes.points)
         cutoffs = np.stack([bottoms, np.concatenate([tops[1:], top.heights])], axis=1)
@@ -981,7 +1020,9 @@ class Phonons:
         return np.maximum(cutoffs, 0.0) * self.scales.frequency, points
 
     def _sample_zone(self, mesh: Sequence[int] | None) -> ZoneSample:
-        """Return the frequencies at the wave vectors at which edges of bands are sought."""
+        """Return the wave vectors from which edges of bands are sought, with their frequencies;
+        ``mesh`` is that of :meth:`gaps`.
+        """
         numbers = self._read_gap_mesh(mesh)
         points = self._list_gap_points(numbers)
         frequencies = self.lattice.frequencies(self.lattice.wavevectors(points))
@@ -989,10 +1030,11 @@ class Phonons:
         return ZoneSample(points, frequencies, spacing)
 
     def _read_gap_mesh(self, mesh: Sequence[int] | None) -> tuple[int, ...]:
-        """Return the numbers of wave vectors (p,) of the mesh on which gaps are sought.
+        """Return the numbers of wave vectors (p,) of the ``mesh`` on which gaps are sought, by
+        default those of :func:`choose_gap_mesh`.
 
-        Raises :class:`~granphon.base.errors.InputError` for other than whole numbers from 1 on, and
-        for a mesh that does not fit into memory.
+        Raises :class:`~granphon.base.errors.InputError` for anything but whole numbers from 1 on,
+        and for a mesh that does not fit into memory.
         """
         p = self._periods
         requested = choose_gap_mesh(self.lattice.n_balls, p) if mesh is None else mesh
@@ -1028,25 +1070,25 @@ class Phonons:
     # -- files -------------------------------------------------------------------------------------
 
     def save(self, path: str | os.PathLike[str] = "phonopy_params.yaml") -> None:
-        """Write the force constants in a file for phonopy, whose command reads it without options,
-        and for Euphonic.
+        """Write the force constants to the file ``path``, for Euphonic and for phonopy, whose
+        command reads it without options.
 
         On loading, phonopy symmetrises force constants and takes frequencies for THz. Two measures
-        keep the numbers right. One very heavy auxiliary atom at a general position takes up what
-        the force constants lack in the sum rule, and lowers the symmetry to P1; it adds three flat
-        bands at zero. A ball of six motions is two atoms, as in :attr:`phonopy`. Masses are scaled
-        so that phonopy's "THz" stand for Hz, kHz, MHz or another such unit, in which the top
-        frequency lies between 1 and 1000. The file names this unit under ``granphon``, with the
-        scales.
+        keep the numbers right. First, a very heavy auxiliary atom at a general position completes
+        the sum rule of the force constants, and lowers the symmetry to P1; it adds three flat bands
+        at zero. Second, masses are scaled such that phonopy's "THz" stand for Hz, kHz, MHz or
+        another such unit, in which the top frequency lies between 1 and 1000. The file names this
+        unit under ``granphon``, with the scales. A ball of six motions is two atoms, as in
+        :attr:`phonopy`.
 
         Balls of several kinds have the symbols of :func:`~granphon.atoms`; the file names the kind
-        of each.
+        of each symbol.
 
         :func:`load_phonopy` reads the file back without the auxiliary atom. The folder is made if
-        need be.
+        it does not exist.
 
-        A file of granphon is replaced; if another is there, as one of phonopy's own,
-        :class:`~granphon.base.errors.FileExistsInRunError` is raised.
+        A file that granphon wrote is replaced; if another file is there, such as one that phonopy
+        wrote, :class:`~granphon.base.errors.FileExistsInRunError` is raised.
         """
         bridge = self.phonopy  # raises first if phonopy is not installed: the import below is safe
         from granphon.phonons.phonopy_bridge import write_phonopy
@@ -1058,8 +1100,13 @@ class Phonons:
 
 
 class _Gaps(NamedTuple):
-    """Gaps in reduced units: the number of branches below each (n,), their edges ``frequencies``
-    (n, 2), and the wave vectors ``points`` (n, 2, p), 1/d, at which the edges are.
+    """Gaps between branches.
+
+    Attributes
+    ----------
+    branches_below : (n,) number of branches below each gap.
+    frequencies : (n, 2) lower and upper edge, (k/M)^1/2.
+    points : (n, 2, p) wave vectors of the edges, 1/d.
     """
 
     branches_below: Index
@@ -1068,26 +1115,28 @@ class _Gaps(NamedTuple):
 
 
 def find_phonons(state: State, dim: tuple[int, ...] | None = None) -> Phonons:
-    """Return the phonons of a state at one load, which the state keeps: all its spectra are found
-    from the same object. ``dim`` is that of :class:`Phonons`.
+    """Return the phonons of a ``state`` at one load, with ``dim`` of :class:`Phonons`.
+
+    The state keeps the object, so that all of its spectra are found from the same one.
     """
     return state.cached(Phonons, None, dim)
 
 
 def _directions_along(paths: Array) -> Array:
-    """Return the vector (s p, periods) along the path at each wave vector of ``paths`` (s, p,
-    periods), both 1/d; at the last point of a segment it points back.
+    """Return a vector (s * p, periods) along the path at each wave vector of ``paths``
+    (s, p, periods), both in 1/d: that from the first to the last point of a segment, and its
+    opposite at the last point.
     """
     points = paths.shape[1]
     along = np.repeat(paths[:, -1] - paths[:, 0], points, axis=0)
-    # at the last point of a segment the limit is taken from inside the segment
+    # limits at the last point of a segment are taken from inside the segment
     along[points - 1 :: points] *= -1.0
     return along
 
 
 def _distances_along(paths: Array) -> Array:
-    """Return distances (s, p) along segments of wave vectors ``paths`` (s, p, periods), 1/d, over
-    2 pi; each segment begins where the one before has ended.
+    """Return the distances (s, p) along the ``paths`` (s, p, periods) of wave vectors, 1/d, over
+    2 pi. The distance at the beginning of a segment is that at the end of the segment before.
     """
     steps = np.linalg.norm(np.diff(paths, axis=1), axis=2) / (2.0 * np.pi)
     starts = np.zeros((len(paths), 1))
@@ -1097,14 +1146,16 @@ def _distances_along(paths: Array) -> Array:
 
 
 def _decay_fully(upward: BlochWaves, downward: BlochWaves) -> bool:
-    """Return whether a wave decays from layer to layer by more than its digits can show."""
+    """Return whether some of the waves at a frequency decays by more than 1/:data:`LEAST_PART` from
+    layer to layer, so that its wavenumber has no digits.
+    """
     decays = np.concatenate([np.abs(upward.factors), 1.0 / np.abs(downward.factors)])
     return bool(np.any(decays < LEAST_PART))
 
 
 def _require_digits(hertz: Array, is_far: ArrayLike) -> None:
-    """Raise :class:`PrecisionError` if the waves at some frequencies (n_f,), Hz, decay too far:
-    those for which ``is_far`` (n_f,) holds.
+    """Raise :class:`~granphon.base.errors.PrecisionError` if ``is_far`` (n_f,), whether a wave
+    decays too much to have digits, is true at some of the frequencies ``hertz`` (n_f,), Hz.
     """
     far = np.asarray(is_far, bool)
     if np.any(far):
@@ -1119,10 +1170,11 @@ def _require_digits(hertz: Array, is_far: ArrayLike) -> None:
 def _list_wavenumbers(
     space: HalfSpace, waves: list[tuple[BlochWaves, BlochWaves]], along: Array
 ) -> Complex:
-    """Return the wave numbers (n_f, 2 m), 1/m, of the upward and the downward ``waves`` at each
-    frequency and at the wave vector ``along`` the layers.
+    """Return the wavenumbers (n_f, 2 m), 1/m, of ``waves``, which are a pair at each frequency,
+    those towards higher and those towards lower layers; ``along`` (p - 1,) is their wave vector
+    along the layers.
 
-    The imaginary part is infinite of a motion that reaches no other layer at a frequency.
+    The imaginary part is infinite for a motion that reaches no other layer at a frequency.
     """
     wavenumbers = np.empty((len(waves), 2, space.size), complex)
     wavenumbers[:, 0] = complex(0.0, np.inf)
@@ -1130,7 +1182,7 @@ def _list_wavenumbers(
     for n, upward_and_downward in enumerate(waves):
         for sense, bloch_waves in enumerate(upward_and_downward):
             numbers = space.wavenumbers(bloch_waves.factors, along)
-            numbers[: bloch_waves.running].imag = 0.0  # but for rounding
+            numbers[: bloch_waves.running].imag = 0.0  # exactly, for waves that run
             wavenumbers[n, sense, : len(numbers)] = numbers
     # motions that reach no other layer at any frequency are no waves
     are_waves = np.any(np.isfinite(wavenumbers), axis=(0, 1))
@@ -1138,12 +1190,12 @@ def _list_wavenumbers(
 
 
 def _number_images(bridge: ContactPhonopy, dim: tuple[int, ...]) -> Index:
-    """Return the index (n_a, n1, ...) in phonopy's supercell of the image of each of the n_a atoms
-    in each cell of the supercell of ``dim`` (n1, ...) cells.
+    """Return the numbers (n_a, n1, ...), in phonopy's supercell of ``dim`` (n1, ...) cells, of the
+    images of the n_a atoms of the cell in each of these cells.
     """
     supercell = bridge.supercell
     unit_cell = bridge.unitcell
-    # the atom of the cell of which each atom of the supercell is an image
+    # number, in the cell, of the atom of which each atom of the supercell is an image
     atom = np.array([supercell.u2u_map[number] for number in supercell.s2u_map])
     offsets = supercell.positions - unit_cell.positions[atom]
     steps = np.rint(offsets @ np.linalg.inv(unit_cell.cell)).astype(int)
@@ -1154,8 +1206,9 @@ def _number_images(bridge: ContactPhonopy, dim: tuple[int, ...]) -> Index:
 
 
 def _list_arrays(lattice: ContactLattice, with_stiffness: bool) -> list[Array]:
-    """Return the balls i and j (n_c,) and the vectors (n_c, d) of the contacts of a lattice; with
-    ``with_stiffness`` also masses and radii of gyration (n,), stiffnesses and prestress (n_c,).
+    """Return a list of the arrays by which two lattices are compared: the balls i and j (n_c,) and
+    the vectors (n_c, d) of the contacts of a ``lattice``, with ``with_stiffness`` also masses and
+    radii of gyration (n,), stiffnesses and prestress (n_c,).
     """
     contacts = lattice.contacts
     arrays: list[Any] = [contacts.i, contacts.j, contacts.vector]
@@ -1165,9 +1218,9 @@ def _list_arrays(lattice: ContactLattice, with_stiffness: bool) -> list[Array]:
 
 
 def _smear(omega: Array, frequencies: Array, weights: Array, width: float) -> Array:
-    """Return the sums (m, n) of Gaussians of standard deviation ``width`` about ``frequencies``
-    (n_q, n_branches), with ``weights`` (m, n_q, n_branches) as their heights, at frequencies
-    ``omega`` (n,).
+    """Return m sums (m, n), at the frequencies ``omega`` (n,), of Gaussians of standard deviation
+    ``width`` about ``frequencies`` (n_q, n_branches), with the heights ``weights``
+    (m, n_q, n_branches).
 
     The part of a Gaussian below zero frequency is reflected, so that no mode is lost.
     """
@@ -1180,15 +1233,17 @@ def _smear(omega: Array, frequencies: Array, weights: Array, width: float) -> Ar
 
 
 def _pad(numbers: tuple[int, ...]) -> list[int]:
-    """Return the numbers of cells or wave vectors along three axes."""
+    """Return ``numbers`` (p,) of cells or wave vectors, followed by 1 for each other axis of
+    three.
+    """
     return [*numbers, *(1,) * (3 - len(numbers))]
 
 
 def _check_qpoints(qpoints: ArrayLike, periods: int) -> Array:
     """Return ``qpoints`` (n, periods) or (n, 3) as (n, 3), fractions of the reciprocal cell.
 
-    Raises :class:`InputError` for another shape, numbers that are not finite, and wave vectors that
-    leave the line, plane or space of the periods.
+    Raises :class:`~granphon.base.errors.InputError` for another shape, numbers that are not finite,
+    and wave vectors with a component across the ``periods``.
     """
     q = real_array("q points", qpoints)
     has_shape = q.ndim == 2 and len(q) > 0 and q.shape[1] in (periods, 3)

@@ -2,9 +2,9 @@
 
 Up to three motions of a ball fit into the coordinates x, y, z of one atom: (u_x, u_y, w_z) in the
 plane, (w_x, w_y, u_z) out of it. Six motions need a second atom, which holds (w_x, w_y, w_z).
-Phonopy refuses two atoms at one place, so the second one is moved aside by a small offset. A wave
-has the phase exp(i q.r) of the place r of each atom; the eigenvector of the second atom therefore
-lacks the factor exp(i q.offset) that belongs to its ball.
+Phonopy refuses two atoms at one position, so the second atom is moved aside by a small offset. In
+phonopy a wave has the phase exp(i q.r) at the position r of each atom. The eigenvector of the
+second atom therefore lacks the factor exp(i q.offset) that it would have at its ball.
 """
 
 from __future__ import annotations
@@ -27,24 +27,24 @@ from granphon.base.text import show
 
 #: chemical symbol of the atoms that hold rotations alone
 SPIN = "Sn"
-#: chemical symbols of balls of different masses, in the order in which these come
+#: chemical symbols of balls of different masses, in the order in which the masses first occur
 KINDS = (BALL, "Al", "Cu", "Ti", "Zn", "W", "Pb", "Ni", "Ag", "Au", "Si", "Cr")
-#: YAML reads this symbol as false; symbols that are never those of a kind of another name: also
-#: those of other atoms
+#: chemical symbol that YAML reads as false
 _FALSE = "No"
+#: symbols that are not chosen for a kind: those of other atoms, and that which YAML misreads
 _NO_KIND = (SPIN, "He", _FALSE)
-#: relative difference of masses that are one but for rounding
+#: relative difference up to which two masses are one
 _ONE_MASS = 1e-9
-#: displacement of these atoms from the centres of the balls, in diameters. It is so short that the
-#: nearest images of touching balls stay the same, and has no symmetry
+#: displacement of the atoms that hold rotations alone from the centres of the balls, in diameters:
+#: so short that the nearest images of touching balls stay the same, and without symmetry
 OFFSET: Array = read_only([0.0031, 0.0047, 0.0059])
 
 
 def number_kinds(masses: Array) -> list[int]:
-    """Return the number of the kind of each ball: balls of one mass (n,) are one kind, and kinds
-    count as they come.
+    """Return the number of the kind of each ball, from the ``masses`` (n,): balls of one mass are
+    one kind, and kinds are numbered in the order in which their masses first occur.
 
-    Where there are too many of them for the symbols in :data:`KINDS`, all balls are of one kind.
+    If there are more kinds than symbols in :data:`KINDS`, all balls are of kind 0.
     """
     masses_of_kinds: list[float] = []
     numbers = []
@@ -62,8 +62,10 @@ def number_kinds(masses: Array) -> list[int]:
 
 
 def free_symbol(symbol: str, taken: Iterable[str]) -> str:
-    """Return a chemical symbol that is not ``taken``: this one if possible."""
-    from ase.data import chemical_symbols  # imported here, as figures of bands do not need it
+    """Return a chemical symbol that is not among those ``taken``: ``symbol`` if possible, else one
+    of :data:`KINDS`, else any other.
+    """
+    from ase.data import chemical_symbols  # imported here, as figures of bands do not need ASE
 
     used = set(taken)
     candidates = (symbol, *KINDS, *chemical_symbols[1:])
@@ -71,16 +73,16 @@ def free_symbol(symbol: str, taken: Iterable[str]) -> str:
 
 
 def choose_symbols(kinds: Iterable[str]) -> dict[str, str]:
-    """Return a chemical symbol for each kind of balls, by its name, all different.
+    """Return a dictionary of different chemical symbols by the names of ``kinds`` of balls.
 
-    The symbol is the name if the name is a symbol; else the symbol with which the name begins, as
-    Al6061 does, if no other kind has it; else any free symbol. Where there are more kinds than
-    symbols, all balls have one symbol.
+    If a name is a symbol, that is the symbol of the kind. If it begins with a symbol, as Al6061
+    does, and no other kind has that symbol, the kind has it. Any other kind has a free symbol. If
+    there are more kinds than symbols, all balls have one symbol.
     """
     from ase.data import chemical_symbols
 
     names = list(dict.fromkeys(kinds))
-    elements = chemical_symbols[1:]  # the first stands for no element
+    elements = chemical_symbols[1:]  # the first is "X", which is no element
     if len(names) > len(elements) - len(_NO_KIND):
         return dict.fromkeys(names, BALL)
     symbols = {name: name for name in names if name in elements and name != _FALSE}
@@ -98,8 +100,8 @@ def choose_symbols(kinds: Iterable[str]) -> dict[str, str]:
 
 
 def name_balls(masses: Array, kinds: Sequence[str] = ()) -> list[str]:
-    """Return a chemical symbol for each ball: that of its kind, or if kinds are not known, that of
-    its mass among ``masses`` (n,), see :func:`number_kinds`.
+    """Return a chemical symbol for each of n balls: that of its kind among ``kinds`` (n,), or
+    without kinds that of its mass among ``masses`` (n,), see :func:`number_kinds`.
     """
     if not kinds:
         return [KINDS[number] for number in number_kinds(masses)]
@@ -108,8 +110,8 @@ def name_balls(masses: Array, kinds: Sequence[str] = ()) -> list[str]:
 
 
 def name_atoms(masses: Array, motions: Motions, kinds: Sequence[str] = ()) -> list[str]:
-    """Return the chemical symbols of the atoms of balls of these masses (n,) and kinds
-    (:func:`name_balls`), in turn.
+    """Return the chemical symbols of the one or two atoms of each ball, ball after ball, from the
+    ``masses`` (n,) and ``kinds`` of the balls as in :func:`name_balls`.
     """
     balls = name_balls(masses, kinds)
     spin = free_symbol(SPIN, balls)
@@ -117,16 +119,16 @@ def name_atoms(masses: Array, motions: Motions, kinds: Sequence[str] = ()) -> li
 
 
 def write_kinds(kinds: Sequence[str]) -> list[str]:
-    """Return the line of a head that says which kind of balls each symbol is; none if kinds are not
-    known.
+    """Return the line of the head of a file that names the kind of balls of each symbol, as a list;
+    an empty list without ``kinds``.
     """
     symbols = {symbol: name for name, symbol in choose_symbols(kinds).items()}
     return [f"  kinds: {json.dumps(symbols, ensure_ascii=False)}"] if kinds else []
 
 
 def read_kinds(header: Mapping[str, Any], symbols: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the kinds of balls with these ``symbols`` from the head of a file; none
-    if the ``header`` has no kinds.
+    """Return the names of the kinds of balls with these ``symbols``, from the ``header`` of a file;
+    an empty tuple if the header names no kinds.
     """
     if "kinds" not in header:
         return ()
@@ -134,16 +136,16 @@ def read_kinds(header: Mapping[str, Any], symbols: Sequence[str]) -> tuple[str, 
 
 
 def place_atoms(positions: Array, motions: Motions, offset: Array = OFFSET) -> Array:
-    """Return the positions of the atoms, ball after ball, from those of the balls (n, 3), both in
-    the unit of ``offset``.
+    """Return the positions of the one or two atoms of each ball, ball after ball, from the
+    ``positions`` (n, 3) of the balls; all in the unit of ``offset`` (3,).
     """
     steps = np.stack([np.zeros(3), offset])[: motions.atoms_per_ball]
     return np.asarray((positions[:, None] + steps).reshape(-1, 3))
 
 
 def find_offset_phases(qpoints: Array, cell: Array) -> Complex:
-    """Return exp(i q.offset), (...), for ``qpoints`` (..., 3) in fractions of the reciprocal cell
-    of ``cell`` (3, 3).
+    """Return the phases exp(i q.offset) (...) for ``qpoints`` (..., 3) in fractions of the
+    reciprocal vectors of ``cell`` (3, 3), whose rows are in diameters.
     """
     return np.asarray(np.exp(2j * np.pi * (qpoints @ (OFFSET @ np.linalg.inv(cell)))))
 
@@ -152,8 +154,9 @@ def find_offset_phases(qpoints: Array, cell: Array) -> Complex:
 
 
 def make_header(unit: HertzPrefix, scales: Units, motions: Motions, periods: int) -> list[str]:
-    """Return the lines of the block ``granphon`` at the head of a file: the unit of frequencies,
-    the scales, and the motions that the coordinates of the atoms of a ball hold.
+    """Return the lines of the block ``granphon`` at the head of a file: the ``unit`` of
+    frequencies, the ``scales``, the ``motions`` that the coordinates of the atoms of a ball hold,
+    and the number of ``periods``.
     """
     return [
         *file_header(unit, scales, _name_coordinates(motions)),
@@ -164,7 +167,9 @@ def make_header(unit: HertzPrefix, scales: Units, motions: Motions, periods: int
 
 
 def _name_coordinates(motions: Motions) -> list[str]:
-    """Return what each coordinate of the atoms of a ball holds; "0" if it holds no motion."""
+    """Return, for each coordinate of the one or two atoms of a ball, the name of the motion that it
+    holds; "0" if it holds none.
+    """
     names = ["0"] * (3 * motions.atoms_per_ball)
     for slot, letter in zip(motions.slots, motions.letters, strict=True):
         names[slot] = f"{letter} = R_g phi{letter[1:]}" if letter.startswith("w") else letter
@@ -172,12 +177,12 @@ def _name_coordinates(motions: Motions) -> list[str]:
 
 
 def read_motions(header: Mapping[str, Any], components: int | None = None) -> tuple[Motions, int]:
-    """Return the motions of a ball and the number of periods from a block of :func:`make_header`,
-    ``header``.
+    """Return the motions of a ball and the number of periods from the ``header`` of a file, a block
+    that :func:`make_header` wrote.
 
-    ``components`` is the number of motions of a ball in the file, if the number is known. Raises
-    :class:`~granphon.base.errors.InputError` for motions that do not exist, and for another number
-    of motions than ``components``.
+    ``components`` is the number of motions of a ball in the rest of the file, if it is known.
+    Raises :class:`~granphon.base.errors.InputError` for motions that do not exist, and for another
+    number of motions than ``components``.
     """
     periods = header["periods"]
     rotate = header["rotations"]
@@ -202,16 +207,17 @@ def read_motions(header: Mapping[str, Any], components: int | None = None) -> tu
 
 
 def read_numbers(name: str, values: Any, shape: tuple[int, ...] | None = None) -> Array:
-    """Return the values of the key ``name`` of a file as finite floats (...); if a ``shape`` is
-    given, of this shape, in which -1 stands for any length.
+    """Return the ``values`` of a key of a file as an array of finite floats.
 
-    Raises :class:`~granphon.base.errors.InputError`, which names the key, for other values.
+    If a ``shape`` is given, the array has this shape, in which -1 stands for any length. Raises
+    :class:`~granphon.base.errors.InputError`, with the ``name`` of the key, for other values.
     """
     try:
         numbers = np.array(values)
     except (TypeError, ValueError):  # lists of different lengths
         raise InputError(f"Its values of {name} are not equally many everywhere") from None
     if numbers.dtype.kind not in "if":
+        # the message shows the first value that is not a number
         leaves = np.array(values, object).ravel().tolist()
         wrong = next(
             leaf for leaf in leaves if isinstance(leaf, bool) or not isinstance(leaf, int | float)

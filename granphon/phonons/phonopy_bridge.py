@@ -2,9 +2,9 @@
 
 The coordinates of phonopy's atoms hold the motions of balls
 (:mod:`granphon.phonons.phonopy_atoms`), in the plane (u_x, u_y, w) with w = R_g phi. A translation
-of the lattice does not change w, which is an axial quantity. Methods that symmetrise force
-constants, or enforce their sum rule, are therefore wrong here: :class:`ContactPhonopy` refuses
-them, and exported files are made so that they do no harm.
+of the lattice does not change w, and rotations and reflections act on w as on an axial vector.
+Methods that symmetrise force constants, or enforce their sum rule, are therefore wrong here.
+:class:`ContactPhonopy` refuses them, and exported files are made such that they do no harm.
 """
 
 from __future__ import annotations
@@ -70,8 +70,8 @@ _UNGUARDED = (
     "its copy would lose these guards and the force constants; make another Phonons(state, atoms)"
 )
 
-#: patterns of names of methods of phonopy.Phonopy that would give a wrong answer for balls, and the
-#: reasons
+#: patterns of the names of methods of phonopy.Phonopy that would give a wrong answer for balls,
+#: each with the reason
 _REASONS = (
     (r"^symmetrize_|irreps", _SYMMETRY),
     (r"^(generate_displacements|produce_force_constants)$|_mlp$", _DATASET),
@@ -94,8 +94,8 @@ _REASONS = (
     (r"^set_force_constants_zero", _FIXED),
     (r"^(copy|replicate|ph2ph)$", _UNGUARDED),
 )
-#: methods of the installed phonopy.Phonopy that would give a wrong answer for balls, each with the
-#: reason; those that read the results of such methods are among them
+#: reasons by the names of methods of the installed phonopy.Phonopy that would give a wrong answer
+#: for balls, or read the results of such methods
 REFUSED: dict[str, str] = {
     name: reason
     for name in dir(Phonopy)
@@ -103,7 +103,7 @@ REFUSED: dict[str, str] = {
     for pattern, reason in _REASONS
     if re.search(pattern, name)
 }
-#: attributes that may be read but not set, each with the reason
+#: reasons by the names of attributes that may be read but not set
 READ_ONLY: dict[str, str] = {
     **dict.fromkeys(
         ("dataset", "displacements", "forces", "supercell_energies", "mlp", "mlp_dataset"), _DATASET
@@ -113,17 +113,20 @@ READ_ONLY: dict[str, str] = {
 }
 
 #: factor by which exported force constants are multiplied, so that the fixed number of decimals
-#: that phonopy writes keeps every digit; a power of two, so that no digit changes
+#: that phonopy writes keeps every digit; a power of two, which changes no digit
 _EXPORT_SCALE = 2.0**30
-#: symbol, position (fractions of the cell) and mass (in masses of a ball) of an export's auxiliary
-#: atom, see Phonons.save
+#: symbol of the auxiliary atom of an export, see Phonons.save
 _AUXILIARY = "He"
+#: its position, fractions of the cell
 _AUXILIARY_POSITION = (0.137, 0.291, 0.373)
+#: its mass, in masses of a ball
 _AUXILIARY_MASS = 1e32
 
 
 def _refuse(name: str, reason: str) -> Any:
-    """Return a method that raises UnsupportedError, with a ``reason``, in place of phonopy's."""
+    """Return a method ``name`` that raises :class:`~granphon.base.errors.UnsupportedError` with a
+    ``reason``, to stand in place of phonopy's.
+    """
 
     def method(self: Any, *args: Any, **kwargs: Any) -> NoReturn:
         raise UnsupportedError(f"Phonopy.{name} is refused for balls in contact: {reason}")
@@ -134,15 +137,13 @@ def _refuse(name: str, reason: str) -> Any:
 
 
 class ContactPhonopy(Phonopy):  # type: ignore[misc]
-    """A ``phonopy.Phonopy`` in reduced units, frequencies in (k/M)^1/2, whose methods that are
-    wrong for balls raise.
-
-    What they raise is :class:`~granphon.base.errors.UnsupportedError`.
+    """A ``phonopy.Phonopy`` in reduced units, with frequencies in (k/M)^1/2. Its methods that would
+    give a wrong answer for balls raise :class:`~granphon.base.errors.UnsupportedError`.
     """
 
     def give_force_constants(self, force_constants: Array) -> None:
-        """Set the force constants, in units of k, that the calculator found; they are read-only
-        from then on.
+        """Set the force constants (n, N, 3, 3), k, between the n atoms of the cell and the N of the
+        supercell; they are read-only from then on.
         """
         Phonopy.force_constants.fset(self, force_constants)
         self.force_constants.setflags(write=False)
@@ -169,21 +170,22 @@ def write_phonopy(
     periods: int,
     kinds: Sequence[str] = (),
 ) -> None:
-    """Write the force constants of ``bridge`` so that phonopy reads them correctly without options;
-    see ``Phonons.save``.
+    """Write the force constants of ``bridge`` to the file ``path``, such that phonopy reads them
+    correctly without options: with an auxiliary atom, as :meth:`Phonons.save` explains.
 
-    ``top`` is the highest frequency, Hz; ``motions`` and ``kinds`` are those of each ball, and
-    ``periods`` the number of periods of the lattice.
+    ``scales`` convert reduced units to SI, and ``top`` is the highest frequency, Hz. ``motions``
+    are those of each ball, ``kinds`` the kinds of the balls, if known, and ``periods`` is the
+    number of periods of the lattice.
     """
     unit = HertzPrefix.for_top(top)
-    # phonopy's "THz" of a reduced frequency of one are to be the number in the unit
+    # masses are such that a reader's "THz" are frequencies in the unit of the file
     per_frequency = scales.frequency / unit.hertz / get_physical_units().DefaultToTHz
     mass = _EXPORT_SCALE / per_frequency**2
     unit_cell = bridge.unitcell
     n = len(unit_cell)
     symbol = free_symbol(_AUXILIARY, unit_cell.symbols)
-    # besides the branches a reader sees bands at zero: those of the auxiliary atom, and one for
-    # each coordinate that holds no motion
+    # number of bands at zero that a reader sees besides the branches: three of the auxiliary atom,
+    # and one for each coordinate that holds no motion
     zero_bands = 3 + n // motions.atoms_per_ball * len(motions.still_slots)
     cell = PhonopyAtoms(
         symbols=[*unit_cell.symbols, symbol],
@@ -197,8 +199,8 @@ def write_phonopy(
     numbers_in_supercell = [int(number) for number in export.primitive.p2s_map]
     constants = _couple_auxiliary(bridge.force_constants, numbers_in_supercell)
     export.force_constants = constants * _EXPORT_SCALE
-    # phonopy writes physical units into the file unless the factor was set, if only to the value
-    # that the factor has
+    # phonopy writes physical units into the file unless this factor has been set; any setting will
+    # do, also to its present value
     export.unit_conversion_factor = export.unit_conversion_factor
     head = [
         *make_header(unit, scales, motions, periods),
@@ -216,12 +218,13 @@ def write_phonopy(
 
 
 def _couple_auxiliary(constants: Array, firsts: list[int]) -> Array:
-    """Return compact force constants (n + 1, N + N/n, 3, 3) with the auxiliary atom, from
-    ``constants`` (n, N, 3, 3) of n atoms of the cell and N of the supercell.
+    """Return force constants (n + 1, N + N/n, 3, 3) with the auxiliary atom, from ``constants``
+    (n, N, 3, 3) between the n atoms of the cell and the N of the supercell.
 
-    The auxiliary atom is coupled to the atoms of its own cell, by what their sum rule lacks.
-    ``firsts`` are the numbers in the supercell of the n + 1 atoms of the cell; phonopy orders a
-    supercell by atom, then by cell.
+    The auxiliary atom is coupled to the atoms of its own cell such that the force constants of each
+    atom add up to zero (the sum rule). ``firsts`` (n + 1,) are the numbers, in the supercell, of
+    the atoms of the first cell, the auxiliary atom last; phonopy orders a supercell by atom, then
+    by cell.
     """
     n, size = constants.shape[:2]
     *balls, auxiliary = firsts
@@ -236,9 +239,9 @@ def _couple_auxiliary(constants: Array, firsts: list[int]) -> Array:
 
 def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
     """Return the Phonopy object in reduced units, without the auxiliary atom, and the scales, from
-    a file of :meth:`Phonons.save`.
+    the file ``path``, which :meth:`Phonons.save` wrote.
 
-    Only the named file is read, as plain data; phonopy's own loader is not used.
+    Only this file is read, as plain data; phonopy's own loader is not used.
 
     Raises
     ------
@@ -247,7 +250,7 @@ def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
 
     Warns
     -----
-    UnverifiedFileWarning : the file carries no digest.
+    UnverifiedFileWarning : the file has no digest.
     """
     text, verified = read_sealed(path)
     with require_own_file(path, "phonopy_params.yaml"):
@@ -260,9 +263,10 @@ def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
 
 
 def _make_bridge(data: Any) -> ContactPhonopy:
-    """Return the Phonopy object in reduced units from the data of a file of :meth:`Phonons.save`.
+    """Return the Phonopy object in reduced units, without the auxiliary atom, from the ``data`` of
+    a file that :meth:`Phonons.save` wrote.
 
-    Raises :class:`InputError` for data that do not fit together.
+    Raises :class:`~granphon.base.errors.InputError` for data that do not fit together.
     """
     header = data["granphon"]
     masses = read_numbers("masses", header["masses"], (-1,))
@@ -272,7 +276,7 @@ def _make_bridge(data: Any) -> ContactPhonopy:
     symbols = [atom["symbol"] for atom in atoms]
     motions, periods = read_motions(header)
     per_ball = motions.atoms_per_ball
-    # the last atom is the auxiliary one
+    # the last of the symbols is that of the auxiliary atom
     kinds = read_kinds(header, symbols[:-1:per_ball])
     ball_symbols = name_atoms(masses[::per_ball], motions, kinds)
     expected_symbols = [*ball_symbols, free_symbol(_AUXILIARY, ball_symbols)]
@@ -281,7 +285,7 @@ def _make_bridge(data: Any) -> ContactPhonopy:
     numbers = _read_supercell(data["supercell_matrix"], periods)
     if masses.min() <= 0.0 or scale <= 0.0:
         raise InputError("Its masses and scales are not above zero")
-    cells = math.prod(numbers)  # Python's integers: their product does not overflow
+    cells = math.prod(numbers)  # of Python's integers, whose product does not overflow
     constants = _read_constants(data["force_constants"], n + 1, cells)
     positions = read_numbers("coordinates", [atom["coordinates"] for atom in atoms[:n]], (n, 3))
     vectors = read_numbers("lattice", data["unit_cell"]["lattice"], (3, 3))
@@ -292,16 +296,17 @@ def _make_bridge(data: Any) -> ContactPhonopy:
         cell, np.diag(numbers), primitive_matrix="P", is_symmetry=False, log_level=0
     )
     bridge.unit_conversion_factor = 1.0
-    # without the auxiliary atom, which comes last in the cell and in the supercell
+    # the auxiliary atom, last in the cell and in the supercell, is left out
     bridge.give_force_constants(constants[:n, : len(bridge.supercell)] / scale)
     return bridge
 
 
 def _read_supercell(listed: Any, periods: int) -> list[int]:
-    """Return the numbers of cells (3,) of a supercell from its matrix in a file.
+    """Return the numbers of cells (3,) of a supercell from its matrix, ``listed`` in a file.
 
-    Raises :class:`InputError` for another matrix than those of whole cells along the ``periods``:
-    granphon writes no other, and phonopy may never return from one.
+    Raises :class:`~granphon.base.errors.InputError` unless the matrix is diagonal, with whole
+    numbers of cells along the ``periods`` and one cell across. granphon writes no other matrix, and
+    with others phonopy may run without end.
     """
     matrix = np.array(listed)
     is_matrix = matrix.shape == (3, 3) and matrix.dtype.kind == "i"
@@ -315,9 +320,10 @@ def _read_supercell(listed: Any, periods: int) -> list[int]:
 
 
 def _read_constants(block: Any, atoms: int, cells: int) -> Array:
-    """Return the force constants (atoms, atoms cells, 3, 3) of a block of a file.
+    """Return the force constants (``atoms``, ``atoms`` * ``cells``, 3, 3) of a ``block`` of a file:
+    between the atoms of a cell and those of a supercell.
 
-    Raises :class:`InputError` if they are not those of so many ``atoms`` and ``cells``.
+    Raises :class:`~granphon.base.errors.InputError` for a block of other numbers.
     """
     rows, columns = block["shape"]
     if columns != atoms * cells or rows not in (atoms, columns):
@@ -327,6 +333,8 @@ def _read_constants(block: Any, atoms: int, cells: int) -> Array:
         )
     elements = read_numbers("elements", block["elements"], (rows * columns, 3, 3))
     constants = elements.reshape(rows, columns, 3, 3)
-    if rows != atoms:  # the rows of all cells; phonopy orders a supercell by atom, then by cell
+    if rows != atoms:
+        # the block has the rows of all cells. Phonopy orders a supercell by atom, then by cell, so
+        # the rows of the first cell are these
         constants = constants[::cells]
     return constants

@@ -1,11 +1,12 @@
-"""Meshes of wave vectors over the Brillouin zone, and the modes that they count below a frequency.
+"""Meshes of wave vectors over the Brillouin zone, and numbers of modes below a frequency.
 
-The mesh is cut into simplices (segments, triangles, tetrahedra), in which frequencies, and the
-parts of modes that are counted, are linear. Of the part that corner i has, the simplex then counts
-F(omega)/(p + 1) below omega. F is the distribution function of the B-spline whose knots t are the
-frequencies of the p + 1 corners, with that of corner i twice (H. B. Curry and I. J. Schoenberg, J.
-d'Analyse Math. 17, 71, 1966). Like the spline it has a recursion without differences of near-equal
-numbers, which starts from steps F_kk, one from omega = t_k on:
+The mesh is cut into simplices (segments, triangles, tetrahedra). In each the frequency of a branch
+is interpolated linearly between the p + 1 corners, and so is the weight with which its modes are
+counted, such as their rotational fraction. The weight at corner i then contributes the fraction
+F(omega)/(p + 1) of itself to the count below omega. F is the distribution function of the B-spline
+whose knots t are the frequencies of the corners, with that of corner i twice (H. B. Curry and I. J.
+Schoenberg, J. d'Analyse Math. 17, 71, 1966). Like the spline it has a recursion without differences
+of near-equal numbers, which starts from steps F_kk, zero below omega = t_k and one from there on:
 
     F_kl = ((omega - t_k) F_k,l-1 + (t_l - omega) F_k+1,l) / (t_l - t_k)
 """
@@ -24,52 +25,54 @@ from ase import Atoms
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import needing
 
-#: number of corners of simplices, times frequencies, that are held in memory at a time
+#: number of simplices about points of the mesh, times frequencies, that are held in memory at a
+#: time
 _HELD = 2**20
-#: width of a step, far below any frequency that is not zero
+#: width that stands for that between equal knots, far below any frequency that is not zero
 _TINY = 1e-200
 #: distance, in diameters, up to which balls are at one position
 _SAME_POSITION = 1e-5
 #: relative difference of numbers that are equal but for rounding
 _EQUAL = 1e-10
-#: a wave vector without symmetry, fractions of the reciprocal cell
+#: wave vector without symmetry, fractions of the reciprocal cell, at whose images frequencies are
+#: compared
 _PROBE = np.array([0.1234, 0.2871, 0.3917])
 
 
 class ZoneMesh(NamedTuple):
-    """A mesh that contains Gamma, of which symmetry leaves some points."""
+    """A mesh of wave vectors that contains Gamma, reduced by symmetry to irreducible points."""
 
-    #: numbers of points along the reciprocal vectors, (p,)
+    #: (p,) numbers of points of the mesh along the reciprocal vectors
     numbers: tuple[int, ...]
-    #: the irreducible point to which each point of the mesh is equivalent; the first axis runs
-    #: fastest
+    #: (N,) number of the irreducible point that is equivalent to each of the N points of the mesh,
+    #: whose coordinate along the first axis changes fastest
     irreducible: Index
-    #: irreducible points, (n, p) fractions of the reciprocal cell
+    #: (n, p) irreducible points, fractions of the reciprocal cell
     qpoints: Array
-    #: number of points of the mesh to which each irreducible point is equivalent, (n,)
+    #: (n,) number of points of the mesh that are equivalent to each irreducible point
     weights: Index
 
     @classmethod
     def of(cls, numbers: tuple[int, ...], group: Index | None = None) -> ZoneMesh:
-        """Return the mesh of these ``numbers`` (p,) of points, reduced by a ``group`` (g, p, p) of
-        :func:`find_point_group` and by time reversal.
+        """Return the mesh of these ``numbers`` (p,) of points, reduced by the rotations ``group``
+        (g, p, p) of :func:`find_point_group` and by time reversal.
 
-        The mesh has all its points without a group, and where a rotation mixes axes of different
-        numbers.
+        The mesh is not reduced without a group, and if a rotation mixes axes with different numbers
+        of points.
         """
         count = np.array(numbers)
         rotations = np.eye(len(numbers), dtype=int)[None]
         if group is not None:
-            # entries of rotations that join axes of different numbers
+            # entries of rotations between axes with different numbers of points
             mixing = group[:, count[:, None] != count]
             if not np.any(mixing):
                 rotations = np.unique(np.concatenate([group, -group]), axis=0)
-        # (p, n) of all n points
+        # (p, N) coordinates of all N points, in steps of the mesh
         addresses = np.stack(np.unravel_index(np.arange(count.prod()), numbers, order="F"))
-        # of all images of a point, that of the lowest number stands for the point
+        # each point is represented by the one of its images that has the lowest number
         lowest = np.arange(count.prod())
-        for turn in rotations:
-            image = turn.T @ addresses % count[:, None]
+        for rotation in rotations:
+            image = rotation.T @ addresses % count[:, None]
             lowest = np.minimum(lowest, np.ravel_multi_index(tuple(image), numbers, order="F"))
         points, irreducible, weights = np.unique(lowest, return_inverse=True, return_counts=True)
         # fractions from -1/2 to 1/2
@@ -80,22 +83,24 @@ class ZoneMesh(NamedTuple):
     def count_modes(
         self, reciprocal: Array, frequencies: Array, parts: Array, limits: Array
     ) -> Array:
-        """Return the number of modes per cell below each limit, (n_parts, n_limits), by the linear
-        tetrahedron method.
+        """Return the weighted number of modes per cell below each limit, (n_parts, n_limits), by
+        the linear tetrahedron method.
 
         Parameters
         ----------
-        reciprocal : (p, p) reciprocal vectors, one a row; each cell of the mesh is cut along its
+        reciprocal : (p, p) reciprocal vectors as rows; each cell of the mesh is cut along its
             shortest diagonal.
         frequencies : (n_q, n_branches), at the irreducible points.
-        parts : (n_parts, n_q, n_branches), weights with which each mode is counted.
+        parts : (n_parts, n_q, n_branches), the weights with which each mode is counted, in each of
+            n_parts counts.
         limits : (n_limits,), ascending, in the unit of the frequencies.
         """
         p = len(self.numbers)
         numbers = np.array(self.numbers)
         simplices = self._cut_cell(reciprocal)
-        # about a point there are p + 1 times as many, as the point may be each of their corners:
-        # (n_steps, p + 1, p) steps from the point, and the corner (n_steps,) that the point is
+        # a point belongs to p + 1 times as many simplices, as it may be any of their corners:
+        # (n_steps, p + 1, p) steps from the point to their corners, and (n_steps,) the number of
+        # the corner that is the point itself
         steps = np.concatenate([simplices - simplices[:, [corner]] for corner in range(p + 1)])
         corner_of_point = np.repeat(np.arange(p + 1), len(simplices))
         stride = np.concatenate([[1], np.cumprod(numbers[:-1])])
@@ -107,7 +112,7 @@ class ZoneMesh(NamedTuple):
             corner_addresses = (addresses[points, None, None] + steps) % numbers
             corners = self.irreducible[corner_addresses @ stride]  # (n, n_steps, p + 1)
             point_itself = corners[:, np.arange(len(steps)), corner_of_point, None]
-            # the knots (n, n_steps, p + 2), of which that of the point is there twice
+            # knots (n, n_steps, p + 2): those of all corners, and that of the point once more
             knot_points = np.concatenate([corners, point_itself], axis=2)
             for branch in range(frequencies.shape[1]):
                 knots = np.sort(frequencies[knot_points, branch].reshape(-1, p + 2), axis=1)
@@ -116,18 +121,20 @@ class ZoneMesh(NamedTuple):
         return counts[:, :-1]
 
     def _cut_cell(self, reciprocal: Array) -> Index:
-        """Return the corners (p!, p + 1, p) of the simplices of a cell of the mesh, as steps from
-        point to point, about the shortest diagonal of the cell; ``reciprocal`` (p, p) are the
-        reciprocal vectors as rows.
+        """Return the corners (p!, p + 1, p), in steps of the mesh, of the simplices into which a
+        cell of the mesh is cut, all of them about its shortest diagonal.
+
+        ``reciprocal`` (p, p) are the reciprocal vectors as rows.
         """
         p = len(self.numbers)
         numbers = np.array(self.numbers)
-        # the diagonals, as signs (n, p) of the edges of the cell; the first shortest one is taken
+        # the diagonals, as signs (n, p) of the edges of the cell; the first of the shortest is used
         senses = np.array([np.ones(p), *(np.ones((p, p)) - 2.0 * np.eye(p))])
         lengths = np.linalg.norm(senses @ (reciprocal / numbers[:, None]), axis=1)
         is_shortest = lengths <= (1.0 + _EQUAL) * lengths.min()
         sense = senses[np.argmax(is_shortest)].astype(int)
-        # a simplex goes from corner to corner along the edges of the cell, in any order of axes
+        # the corners of a simplex lie on a way along the edges of the cell, from one end of the
+        # diagonal to the other; there is one simplex for each order of the axes
         axes = np.eye(p, dtype=int)
         edges = []
         for order in itertools.permutations(range(p)):
@@ -136,17 +143,21 @@ class ZoneMesh(NamedTuple):
 
 
 def _add_counts(counts: Array, limits: Array, knots: Array, weights: Array) -> None:
-    """Add to ``counts`` (n_parts, n_limits + 1) the parts of n splines below each of the ``limits``
-    (n_limits,), with ``weights`` (n_parts, n); ``knots`` (n, m) of each spline ascend.
+    """Add to ``counts`` (n_parts, n_limits + 1), in place, the integrals of n B-splines up to each
+    of the ``limits`` (n_limits,), times their ``weights`` (n_parts, n).
+
+    The whole integral of a spline is one, and its ``knots`` (n, m) are ascending. The last column
+    of ``counts`` is for splines that end above all limits.
     """
-    # a spline is below all limits from its last knot on; limits between its first and its last
-    # knot are counted one by one
+    # a limit beyond the last knot of a spline has all of it below; limits between its first and its
+    # last knot are counted one by one
     first = np.searchsorted(limits, knots[:, 0])
     last = np.searchsorted(limits, knots[:, -1])
     n_between = last - first
-    # pairs of a spline and a limit between its knots: spline after spline
+    # pairs of a spline and a limit between its knots, spline after spline
     spline = np.repeat(np.arange(len(knots)), n_between)
-    # the limits of a spline are first, first + 1, ...: the number of the pair less an offset
+    # the limits of a spline are first, first + 1, ..., that is, the numbers of its pairs less an
+    # offset
     offset = np.repeat(np.cumsum(n_between) - last, n_between)
     limit = np.arange(len(spline)) - offset
     part_below = _integrate_splines(limits[limit], knots[spline].T)
@@ -156,13 +167,13 @@ def _add_counts(counts: Array, limits: Array, knots: Array, weights: Array) -> N
 
 
 def _integrate_splines(x: Array, knots: Array) -> Array:
-    """Return the parts (n,) below ``x`` (n,) of the B-splines with ``knots`` (m, n), ascending, of
-    integral one, by the recursion at the head of this module.
+    """Return the integrals (n,) up to ``x`` (n,) of n B-splines whose whole integral is one, by the
+    recursion at the head of this module; ``knots`` (m, n) are ascending.
     """
     below = [(x >= knot).astype(float) for knot in knots]
     for degree in range(1, len(knots)):
         for k in range(len(knots) - degree):
-            # equal knots make a step
+            # between equal knots the spline is a step
             width = np.maximum(knots[k + degree] - knots[k], _TINY)
             weight = np.clip((x - knots[k]) / width, 0.0, 1.0)
             below[k] = below[k + 1] + weight * (below[k] - below[k + 1])
@@ -172,12 +183,14 @@ def _integrate_splines(x: Array, knots: Array) -> Array:
 def find_point_group(
     atoms: Atoms, periods: int, frequencies: Callable[[Array], Array]
 ) -> Index | None:
-    """Return the rotations (g, p, p) that keep ``frequencies``, which act on fractions q as q @
-    rotation; None if unknown. On a line the only rotation is the identity.
+    """Return rotations (g, p, p) that leave the frequencies unchanged and act on fractions q (p,)
+    as q @ rotation; None if they are not known. On a line only the identity is returned.
 
-    The rotations are of the layer or space group of the ``atoms``. Spglib knows the positions of
-    the balls, not the stiffness of contacts. So ``frequencies``, a function of wave vectors (n, p),
-    fractions, that returns (n, n_branches), is compared at the images of one wave vector.
+    The rotations are those of the layer or space group of the ``atoms``, as spglib finds it.
+    Spglib knows the positions and masses of the balls, but not the stiffness of contacts. So the
+    frequencies are compared at all images of one wave vector; if they differ, None is returned.
+    ``frequencies`` is a function that takes wave vectors (n, ``periods``), fractions, and returns
+    (n, n_branches).
     """
     with needing("A mesh that is reduced by symmetry"):
         import spglib
