@@ -56,18 +56,18 @@ from granphon.base.results import Result
 from granphon.base.settings import SCALES, list_settings, read_values
 from granphon.base.tables import Table
 from granphon.base.text import plain_yaml
-from granphon.cli.commands import app
-from granphon.cli.commands import main as granphon
+from granphon.cli.main import app
+from granphon.cli.main import main as granphon
 from granphon.fits.fit import WidthFit
 from granphon.media.array_options import DEFAULT_SHAPES
 from granphon.media.choice import MEDIA
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE
 from granphon.runs.dataset import load_sweep
-from granphon.scene import rules
+from granphon.scene import file_keys
 from granphon.scene.file import BLOCKS
+from granphon.scene.file_keys import PARTS, Context
 from granphon.scene.outputs import OUTPUTS
-from granphon.scene.rules import PARTS, Context
 from granphon.scene.scene import Scene
 from granphon.tradeoffs.measure import TradeOff
 from granphon.waves.settings import DriveSettings, Shaker
@@ -377,7 +377,7 @@ def sweep_parameters() -> str:
     rows = []
     for name in (*PARAMETERS, *LOSS_PARAMETERS):
         unit = find_unit(name)
-        allowed = told(lambda name=name: rules.SWEEP.kind.read({name: object()}, Context()))
+        allowed = told(lambda name=name: file_keys.SWEEP.kind.read({name: object()}, Context()))
         several = "a list" if unit is None else "one, a list, or a [range](#ranges)"
         rows.append(
             [
@@ -393,7 +393,7 @@ def sweep_parameters() -> str:
 def _element(name: str, allowed: str) -> str:
     if not allowed.startswith("a list"):
         return allowed
-    return told(lambda: rules.SWEEP.kind.read({name: [object()]}, Context()))
+    return told(lambda: file_keys.SWEEP.kind.read({name: [object()]}, Context()))
 
 
 def ranges() -> str:

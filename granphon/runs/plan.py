@@ -46,8 +46,8 @@ from granphon.runs.dataset import (
     load_sweep,
     write_sweep,
 )
+from granphon.runs.finished_tasks import Store, open_store
 from granphon.runs.notes import CaseNotes, tell_notes
-from granphon.runs.store import Store, open_store
 from granphon.runs.tasks import INCOMPLETE, Case, Grid, find_analysis, to_json
 from granphon.waves.settings import (
     MOMENTS,

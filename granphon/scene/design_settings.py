@@ -51,7 +51,7 @@ from granphon.base.validation import (
 )
 from granphon.inverse.variables import PER, RESTARTS, SEED, STEPS, UNITS, VARIED
 from granphon.media.network_file import NetworkMedium
-from granphon.scene.rules import find_kind, refusing
+from granphon.scene.file_keys import find_kind, refusing
 from granphon.waves.settings import DIRECTION, NetworkSettings, ResponseSettings, find_place
 
 #: the kinds of the numbers of a network

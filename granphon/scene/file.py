@@ -48,9 +48,9 @@ from granphon.media.medium import CRYSTAL, NETWORK
 from granphon.media.network_file import NetworkFiles
 from granphon.phonons.paths import BandPath
 from granphon.runs.plan import Places
-from granphon.scene import rules
+from granphon.scene import file_keys
 from granphon.scene.design_settings import DesignSettings, named_tables_of_goal
-from granphon.scene.rules import (
+from granphon.scene.file_keys import (
     PARTS,
     Context,
     choose_lattice,
@@ -82,20 +82,20 @@ SETTINGS: dict[str, type[Block]] = {**WAVE_BLOCKS, DesignSettings.block: DesignS
 #: the keys of each block, as they are declared; a value at the top level stands alone under an
 #: empty key
 BLOCKS: dict[str, Mapping[str, Setting]] = {
-    "schema": {"": rules.SCHEMA},
+    "schema": {"": file_keys.SCHEMA},
     "material": list_settings(Material),
-    "packing": rules.PACKING,
-    "balls": {"": rules.BALLS},
-    "crystal": rules.CRYSTAL,
+    "packing": file_keys.PACKING,
+    "balls": {"": file_keys.BALLS},
+    "crystal": file_keys.CRYSTAL,
     "network": list_settings(NetworkFiles),
-    "load": rules.LOAD,
-    "medium": {"": rules.MEDIUM},
-    "sweep": {"": rules.SWEEP},
-    "correlations": {"": rules.CORRELATIONS},
-    "observe": {"": rules.OBSERVE},
-    "direction": {"": rules.DIRECTION},
+    "load": file_keys.LOAD,
+    "medium": {"": file_keys.MEDIUM},
+    "sweep": {"": file_keys.SWEEP},
+    "correlations": {"": file_keys.CORRELATIONS},
+    "observe": {"": file_keys.OBSERVE},
+    "direction": {"": file_keys.DIRECTION},
     **{name: list_settings(settings) for name, settings in SETTINGS.items()},
-    "phonopy": rules.PHONOPY,
+    "phonopy": file_keys.PHONOPY,
 }
 #: the attribute of a scene that has the values of a block, or the value of a key, where it has not
 #: the name of the block, or of the key in it
@@ -495,7 +495,7 @@ def _find_lattice(data: Any) -> Lattice:
     depend: that of the packing, triangular by default, or of a sweep over lattices of another
     dimension the first. Refused for a value that is no lattice.
     """
-    readers = {"packing": PARTS["lattice"].rule(Context()), "sweep": rules.read_lattices}
+    readers = {"packing": PARTS["lattice"].rule(Context()), "sweep": file_keys.read_lattices}
     lattices = {}
     for name, rule in readers.items():
         values = data.get(name) if isinstance(data, Mapping) else None
@@ -503,7 +503,7 @@ def _find_lattice(data: Any) -> Lattice:
             read = partial(read_inside, "lattice", rule)
             lattices[name] = read_inside(name, read, values["lattice"])
     packing_lattice = find_lattice(lattices.get("packing", TRIANGULAR))
-    return rules.choose_lattice(packing_lattice, lattices.get("sweep", ()))
+    return file_keys.choose_lattice(packing_lattice, lattices.get("sweep", ()))
 
 
 # -- the file of a scene ---------------------------------------------------------------------------
@@ -575,7 +575,7 @@ def _find_uncertain(data: Any) -> dict[tuple[Any, ...], Any]:
                 entries[path] = entry
         elif isinstance(entry, list):
             items = enumerate(entry)
-        elif isinstance(entry, Mapping) and rules.FIT in entry and path:
+        elif isinstance(entry, Mapping) and file_keys.FIT in entry and path:
             entries[path] = entry
         elif isinstance(entry, Mapping):
             items = entry.items()

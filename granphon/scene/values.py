@@ -27,10 +27,10 @@ from granphon.media.choice import (
 from granphon.phonons.paths import MESHES, BandPath, read_paths
 from granphon.runs.plan import list_parameters_of_branches
 from granphon.runs.tasks import require_arrays
-from granphon.scene import rules
+from granphon.scene import file_keys
 from granphon.scene.design_settings import DesignSettings, require_variables
 from granphon.scene.file import SETTINGS, SceneSource, write_blocks
-from granphon.scene.rules import Context
+from granphon.scene.file_keys import Context
 from granphon.waves.settings import BLOCKS as WAVE_BLOCKS
 from granphon.waves.settings import (
     NETWORK_BLOCKS,
@@ -56,11 +56,11 @@ if TYPE_CHECKING:
 _SPECTRUM = SpectrumSettings()
 #: the keys in a file by whose rules attributes of a scene are checked
 _CHECKED = {
-    "media": rules.MEDIUM,
-    "finite_overlap": rules.PACKING["finite_overlap"],
-    "observe": rules.OBSERVE,
-    **{name: rules.PHONOPY[name] for name in ("band_points", "mesh", "dim")},
-    "direction": rules.DIRECTION,
+    "media": file_keys.MEDIUM,
+    "finite_overlap": file_keys.PACKING["finite_overlap"],
+    "observe": file_keys.OBSERVE,
+    **{name: file_keys.PHONOPY[name] for name in ("band_points", "mesh", "dim")},
+    "direction": file_keys.DIRECTION,
 }
 #: what a sweep may vary of losses and of walls
 _ALLOWED_IN_SWEEP = "a parameter of what is observed, which no block gives"
@@ -91,7 +91,7 @@ class Conflict(NamedTuple):
 class SceneValues:
     """The values of a :class:`~granphon.scene.scene.Scene`, which describes each of them."""
 
-    schema: ClassVar[int] = rules.SCENE_SCHEMA
+    schema: ClassVar[int] = file_keys.SCENE_SCHEMA
 
     packing: Packing | Arrangement | NetworkFiles
     load: Load
@@ -131,7 +131,7 @@ class SceneValues:
         axes = tuple(Axis.of(name, values) for name, values in dict(self.parameters).items())
         assign("parameters", tuple((axis.name, axis.values) for axis in axes))
         lattices = dict(self.parameters).get("lattice", ())
-        lattice = rules.choose_lattice(self.packing.structure, lattices)
+        lattice = file_keys.choose_lattice(self.packing.structure, lattices)
         if lattice != self.packing.structure:
             assign("packing", change_packing(self.packing, {"lattice": lattices[0]}))
         if not self.mesh:
@@ -305,7 +305,7 @@ class SceneValues:
         file; else None.
         """
         spread: Any = self.packing.spread
-        if not rules.is_long(spread):
+        if not file_keys.is_long(spread):
             return None
         rows = ([diameter] for diameter in spread.diameters)
         return table_text([Heading("diameter", LENGTH.unit)], rows)
@@ -357,7 +357,7 @@ class SceneValues:
                 f"{', '.join(NETWORK_BLOCKS)} of these",
                 f"Waves of this kind need a period: write observe: [{first_block}].",
             )
-            for name in rules.OBSERVABLES
+            for name in file_keys.OBSERVABLES
             if name not in ("spectrum", "pulse", *NETWORK_BLOCKS, "design")
         ]
         pulse = Conflict(
@@ -471,7 +471,7 @@ class SceneValues:
             return
         kinds = "one state, or of arrays" if waves == ["dos"] else "arrays"
         allowed = f"{', '.join(waves)} of {kinds} that a medium: simulation makes"
-        with rules.refusing(waves[0], allowed, "observe"):
+        with file_keys.refusing(waves[0], allowed, "observe"):
             require_arrays(self.media, dict(self.parameters), waves)
 
     def _list_conflicts_of_design(self) -> list[Conflict]:
@@ -531,10 +531,10 @@ class SceneValues:
         structure = self.packing.structure
         self._require_supercell()
         if self.finite_overlap:
-            with rules.refusing(True, "false, with a simulation", "packing", "finite_overlap"):
+            with file_keys.refusing(True, "false, with a simulation", "packing", "finite_overlap"):
                 require_finite_overlap(self.media)
         for choice in self.media:
-            with rules.refusing(choice.label, "a medium of these balls", "medium"):
+            with file_keys.refusing(choice.label, "a medium of these balls", "medium"):
                 choice.require_for(self.packing)
         self._require_arrays()
         if self.parameters:
@@ -542,7 +542,7 @@ class SceneValues:
 
             observed = [*map(self.observed_settings, WAVE_BLOCKS)]
             for name, _values in self.parameters:
-                with rules.refusing(name, _ALLOWED_IN_SWEEP, "sweep"):
+                with file_keys.refusing(name, _ALLOWED_IN_SWEEP, "sweep"):
                     require_losses([name], observed)
                     require_walls([name], observed, find_kinds(self.packing))
         for conflict in self._list_conflicts():
@@ -554,7 +554,7 @@ class SceneValues:
         surface = self.observed_settings("surface")
         if surface is not None:
             allowed = "an axis across which the balls repeat"
-            with rules.refusing(surface.axis, allowed, "surface", "axis"):
+            with file_keys.refusing(surface.axis, allowed, "surface", "axis"):
                 Layers.across(surface.axis, structure.vectors)
         if "pulse" in self.observe and len(self.directions) > 1:
             raise Refused("several directions with a pulse", "one direction", path=("direction",))
@@ -576,5 +576,5 @@ class SceneValues:
             return
         supercells = ((n_cells,) * structure.periods for n_cells in range(1, _MOST_CELLS))
         smallest = next(supercell for supercell in supercells if touch_once(supercell))
-        allowed = f"{rules.write_grid(smallest)} or more"
-        raise Refused(rules.write_grid(self.dim), allowed, path=("phonopy", "dim"))
+        allowed = f"{file_keys.write_grid(smallest)} or more"
+        raise Refused(file_keys.write_grid(self.dim), allowed, path=("phonopy", "dim"))

@@ -1,4 +1,4 @@
-"""How values of a scene file are read and written, one
+"""The keys of a scene file: how the values of each are read and written, one
 :class:`~granphon.base.settings.Kind` for each sort of value.
 
 A reader takes a value of the file and the :class:`Context` of the scene.
