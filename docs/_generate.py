@@ -59,6 +59,7 @@ from granphon.base.text import plain_yaml
 from granphon.cli.main import app
 from granphon.cli.main import main as granphon
 from granphon.fits.fit import WidthFit
+from granphon.media.arrangement import Arrangement
 from granphon.media.array_options import DEFAULT_SHAPES
 from granphon.media.choice import MEDIA
 from granphon.media.state import ContactState
@@ -194,6 +195,8 @@ def literal(value: Any) -> str:
         return f"`{str(value).lower()}`"
     if isinstance(value, tuple):
         return f"`{' '.join(map(str, value))}`"
+    if isinstance(value, float):
+        return f"`{value:g}`"
     return f"`{value}`"
 
 
@@ -269,7 +272,7 @@ def scene_keys() -> str:
     rows = []
     made = {
         name: one.default
-        for kind in (Material, Packing, Scene)
+        for kind in (Arrangement, Material, Packing, Scene)
         for name, one in signature(kind).parameters.items()
     }
     for block, name, one in (

@@ -22,6 +22,7 @@ from granphon.balls.material import LEAST_YOUNG_MODULUS, Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.balls.on_site import SPRING_PARAMETERS
 from granphon.base.errors import InputError, brief
+from granphon.base.quantities import LENGTH, MASS, RATE, SINCE, VISCOSITY, WIDTH, Quantity
 from granphon.base.results import write_html
 from granphon.base.scales import WidthUnits, write_in
 from granphon.base.settings import NEEDED, describe_settings, list_settings
@@ -411,8 +412,8 @@ _EXTENTS = {1: "along a line", 2: "in a plane", 3: "in space"}
 #: the parameters of a packing and their SI units; None for parameters that are not numbers
 PARAMETERS: Mapping[str, str | None] = {
     **_MATERIAL,
-    "diameter": "m",
-    "width": "m",
+    "diameter": LENGTH.si_unit,
+    "width": WIDTH.si_unit,
     "friction": None,
     "spread": None,
     "lattice": None,
@@ -422,17 +423,26 @@ PARAMETERS: Mapping[str, str | None] = {
 }
 #: the parameters of each kind of ball of a crystal and their SI units; a sweep calls them by kind
 #: and name, "A.diameter"
-KIND_PARAMETERS: Mapping[str, str] = {**_MATERIAL, "diameter": "m", "mass": "kg"}
+KIND_PARAMETERS: Mapping[str, str] = {
+    **_MATERIAL,
+    "diameter": LENGTH.si_unit,
+    "mass": MASS.si_unit,
+}
 #: the parameters of each wall of a crystal and their SI units; a sweep calls them by the name of
 #: the wall, "wall.young_modulus"
 WALL_PARAMETERS: Mapping[str, str] = {name: _MATERIAL[name] for name in _ELASTIC}
-#: the losses of contacts and balls by the names of arguments and settings, and their SI units
+#: the losses of contacts and balls by the names of arguments and settings, each with its quantity;
+#: None for pure numbers
+LOSS_QUANTITIES: Mapping[str, Quantity | None] = {
+    "damping": SINCE,
+    "loss_factor": None,
+    "drag": RATE,
+    "dashpot": VISCOSITY,
+    "restitution": None,
+}
+#: their SI units
 LOSSES: Mapping[str, str] = {
-    "damping": "s",
-    "loss_factor": "",
-    "drag": "1/s",
-    "dashpot": "N s/m",
-    "restitution": "",
+    name: "" if quantity is None else quantity.si_unit for name, quantity in LOSS_QUANTITIES.items()
 }
 #: the losses that may be two, of which one name is that of all motions; and the name of the second:
 #: of all other motion than the normal one, and of rotations

@@ -112,8 +112,8 @@ _ATTRIBUTES = {
     "packing.finite_overlap": "finite_overlap",
     "crystal.kinds": "packing.order",
     "crystal.finite_overlap": "finite_overlap",
+    **{f"phonopy.{key}": key for key in file_keys.PHONOPY},
     "phonopy.band_labels": "band.labels",
-    **{f"phonopy.{key}": key for key in ("dim", "band", "band_points", "mesh")},
     # each key writes what it holds of the load
     **{f"load.{key}": "load" for key in (*LOAD_KINDS, "times")},
 }

@@ -30,7 +30,14 @@ from granphon.balls.lattices import (
 from granphon.balls.loads import balls_on_side
 from granphon.balls.material import Material
 from granphon.balls.motions import allowed_motions, default_motions
-from granphon.balls.on_site import DISPLACEMENTS, ROTATION, ROTATIONS, SPRING_PARAMETERS
+from granphon.balls.on_site import (
+    DISPLACEMENTS,
+    ON_SITE,
+    ROTATION,
+    ROTATIONS,
+    SPRING_PARAMETERS,
+    find_quantity,
+)
 from granphon.balls.packing import (
     LOSS_PARAMETERS,
     MINDLIN,
@@ -46,9 +53,7 @@ from granphon.base.quantities import (
     LENGTH,
     LOADS,
     MASS,
-    STIFFNESS,
     TENSORS,
-    TURN_STIFFNESS,
     WAY,
     WIDTH,
     Quantity,
@@ -92,7 +97,7 @@ from granphon.base.validation import (
 )
 from granphon.media.choice import MEDIA, MediumChoice, read_medium
 from granphon.observables.catalogue import CATALOGUE
-from granphon.phonons.paths import BandPath, read_labels
+from granphon.phonons.paths import MESHES, BandPath, read_labels
 from granphon.scene.outputs import DIAMETERS_FILE
 from granphon.waves.settings import CUT, LOSS_KINDS, NETWORK_BLOCKS, REPEAT, is_of_wall
 
@@ -366,9 +371,7 @@ def _write_motions(motions: str, context: Context) -> str | None:
 
 #: the keys of the block "packing"
 PACKING: dict[str, Setting] = {
-    "lattice": Setting(
-        PARTS["lattice"], "how the balls are arranged, see [lattices](#lattices)", "`triangular`"
-    ),
+    "lattice": Setting(PARTS["lattice"], "how the balls are arranged, see [lattices](#lattices)"),
     "diameter": Setting(PARTS["diameter"], "diameter of a ball; the mean, if they differ", NEEDED),
     "spread": Setting(
         Kind(_read_spread, _write_own_spread),
@@ -378,13 +381,11 @@ PACKING: dict[str, Setting] = {
     "friction": Setting(
         PARTS["friction"],
         "whether contacts resist shear; without friction, torsion and bending balls do not rotate",
-        "`true`",
     ),
     "finite_overlap": Setting(
         PARTS["finite_overlap"],
         "keep the [terms of relative order"
         " overlap/diameter](../explanation/model.md#finite-overlap)",
-        "`false`",
     ),
     "motions": Setting(
         Kind(_read_motions, _write_motions),
@@ -395,12 +396,10 @@ PACKING: dict[str, Setting] = {
         _unless_zero(PARTS["torsion"]),
         "stiffness of a contact against twist, over k d²; `mindlin`: that of Hertz contacts"
         " without slip",
-        "`0`",
     ),
     "bending": Setting(
         _unless_zero(PARTS["bending"]),
         "stiffness of a contact against rolling, over k d²",
-        "`0`",
     ),
 }
 
@@ -663,6 +662,14 @@ def write_grid(numbers: Sequence[int]) -> str:
     return " ".join(map(str, (*numbers, 1, 1)[:3]))
 
 
+def _by_periods(texts: Sequence[str]) -> str:
+    """Return the words for values that depend on the lattice, from the ``texts`` of those of one,
+    two and three periods.
+    """
+    on_line, in_plane, in_space = texts
+    return f"`{in_plane}`; `{on_line}` on a chain; `{in_space}` in space"
+
+
 def read_directions(value: Any, lattice: Lattice) -> tuple[Any, ...]:
     """Read the direction of sound on a lattice, Cartesian: the numbers of one direction, or a tuple
     of such numbers for many directions.
@@ -718,12 +725,14 @@ DIRECTION = Setting(
     "direction of sound, Cartesian, or a list of directions, see [direction](#direction)",
     "x",
 )
+#: examples of a supercell of one, two and three periods
+_SUPERCELLS = tuple(write_grid((3,) * periods) for periods in (1, 2, 3))
 #: the keys of the block "phonopy"
 PHONOPY: dict[str, Setting] = {
     "dim": Setting(
-        _grid_kind(("3 1 1", "3 3 1", "3 3 3"), 2, 100, 2),
-        "cells of the supercell for force constants, along each period; `3 1 1` on a chain,"
-        " `3 3 3` in space",
+        _grid_kind(_SUPERCELLS, 2, 100, 2),
+        "cells of the supercell for force constants, along each period;"
+        f" `{_SUPERCELLS[0]}` on a chain, `{_SUPERCELLS[2]}` in space",
         "the smallest that is large enough",
     ),
     "band": Setting(
@@ -741,10 +750,9 @@ PHONOPY: dict[str, Setting] = {
     "band_points": Setting(whole_from(2, 100_000), "points on each segment, both ends counted"),
     "mesh": Setting(
         # in space a 1 would be the mesh of a plane
-        _grid_kind(("1024 1 1", "64 64 1", "32 32 32"), 1, 4096, 2),
-        "wave vectors for the density of states, along each period; `1024 1 1` on a chain,"
-        " `32 32 32` in space",
-        "`64 64 1`; `1024 1 1` on a chain; `32 32 32` in space",
+        _grid_kind(tuple(map(write_grid, MESHES)), 1, 4096, 2),
+        "wave vectors for the density of states, along each period",
+        _by_periods(tuple(map(write_grid, MESHES))),
     ),
 }
 
@@ -953,11 +961,10 @@ _ALL_MOTIONS = tuple(
 )
 #: the spring to the ground of each motion, by name, and of all displacements
 _SPRING_KINDS = {
-    name: with_unit(TURN_STIFFNESS if name.startswith(ROTATION) else STIFFNESS)
-    for name in (*DISPLACEMENTS, ROTATION, *ROTATIONS)
+    name: with_unit(find_quantity(name)) for name in (*DISPLACEMENTS, ROTATION, *ROTATIONS)
 }
 _SPRINGS = block_of(_SPRING_KINDS)
-_SPRING = with_unit(STIFFNESS)
+_SPRING = with_unit(find_quantity(ON_SITE))
 
 
 def _read_on_site(value: Any, context: Context) -> Any:
@@ -1031,21 +1038,19 @@ CRYSTAL: dict[str, Setting] = {
     "seed": Setting(
         whole_from(0),
         "of the diameters, where kinds have a spread: `repeat` is then a sample",
-        "`0`",
     ),
     "law": Setting(
         Kind.plain(_read_law, _write_law),
         "the law of contacts, or a block of pairs of kinds with a law for each",
         "`hertz`",
     ),
-    "friction": Setting(PARTS["friction"], "whether contacts resist shear", "`true`"),
+    "friction": Setting(PARTS["friction"], "whether contacts resist shear"),
     "motions": Setting(
         word_of(*_ALL_MOTIONS),
         "how each ball moves, see [lattices](#lattices)",
         "as in `packing`",
     ),
-    "torsion": Setting(_unless_zero(PARTS["torsion"]), "as in `packing`", "`0`"),
-    "bending": Setting(_unless_zero(PARTS["bending"]), "as in `packing`", "`0`"),
+    **{name: PACKING[name]._replace(meaning="as in `packing`") for name in ("torsion", "bending")},
     "on_site": Setting(
         Kind(_read_on_site, _write_on_site),
         "springs to the ground: one stiffness of displacements, or a block of `x`, `y`, `z`,"
@@ -1055,7 +1060,6 @@ CRYSTAL: dict[str, Setting] = {
     "finite_overlap": Setting(
         PARTS["finite_overlap"],
         "the true geometry: contacts turn, the cell deforms, and static forces enter the response",
-        "`false`",
     ),
 }
 
