@@ -30,14 +30,12 @@ from typing import Any, get_args, get_type_hints
 from _meanings import (
     ATTRIBUTES,
     BANDED,
-    DEFAULTS,
     FIELD_UNITS,
     FIELDS,
     FITTED,
     MEASURED,
     PACKINGS,
     RANGE,
-    RUNG_OPTIONS,
     RUNGS,
     SAMPLE,
     SPREAD_BLOCKS,
@@ -60,7 +58,6 @@ from granphon.cli.main import app
 from granphon.cli.main import main as granphon
 from granphon.fits.fit import WidthFit
 from granphon.media.arrangement import Arrangement
-from granphon.media.array_options import DEFAULT_SHAPES
 from granphon.media.choice import MEDIA
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE
@@ -356,23 +353,14 @@ def medium_options() -> str:
         [
             f"`{name}`",
             f"`{key}`",
-            meaning(RUNG_OPTIONS, f"{name}.{key}"),
+            one.meaning,
             told(partial(one.rule, object())),
-            _option_default(f"{name}.{key}", one.default),
+            one.absent or literal(one.default),
         ]
         for name, options in ((name, medium.options) for name, medium in MEDIA.items())
         for key, one in options.items()
     ]
     return table(("medium", "option", "what it is", "allowed", "default"), rows)
-
-
-def _option_default(key: str, value: Any) -> str:
-    """Write the default of an option of a medium; where it is None the medium chooses it by the
-    lattice.
-    """
-    if key == "simulation.shape":
-        return ", ".join(map(literal, DEFAULT_SHAPES.values()))
-    return DEFAULTS[key] if key in DEFAULTS else literal(value)
 
 
 def sweep_parameters() -> str:
