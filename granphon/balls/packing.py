@@ -33,7 +33,7 @@ from granphon.base.validation import is_one_of, not_negative, positive, real_lis
 MINDLIN = "mindlin"
 #: greatest torsion and bending, over k d^2: bands lose the digits of all other motions beside
 #: stiffer ones
-_MOST_ROLLING = 1e6
+MOST_ROLLING = 1e6
 #: digits of the values of parameters in words
 _DIGITS = 6
 #: no units of such values besides SI units with decimal prefixes
@@ -301,11 +301,11 @@ def read_rolling(
         raise InputError(f"torsion is {brief(torsion)}", mend=f"Give a number, or {MINDLIN}")
     bending = not_negative("bending", bending)
     for name, stiffness in (("torsion", torsion), ("bending", bending)):
-        if isinstance(stiffness, float) and stiffness > _MOST_ROLLING:
+        if isinstance(stiffness, float) and stiffness > MOST_ROLLING:
             raise InputError(
                 f"{name} is {stiffness:g}",
                 "It is a stiffness over k d^2; that of a contact is far below 1",
-                f"Give a number up to {_MOST_ROLLING:g}",
+                f"Give a number up to {MOST_ROLLING:g}",
             )
     default_motions = next(iter(allowed.values()))
     ball_motions = default_motions if motions is None else allowed[motions]

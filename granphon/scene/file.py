@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 from granphon.balls.lattices import TRIANGULAR, Lattice, find_lattice
 from granphon.balls.loads import Load
 from granphon.balls.material import Material
-from granphon.balls.packing import Packing
+from granphon.balls.packing import MOST_ROLLING, Packing
 from granphon.base.errors import (
     ConvergenceError,
     GranphonError,
@@ -512,8 +512,10 @@ def _find_lattice(data: Any) -> Lattice:
 #: what is allowed of the motions of balls, and of the stiffnesses that resist some of them
 _ALLOWED_OF_MOTIONS = {
     "motions": "motions of this lattice",
-    "torsion": "up to 1e6, and 0 where no motion is resisted by it",
-    "bending": "up to 1e6, and 0 where no motion is resisted by it",
+    **dict.fromkeys(
+        ("torsion", "bending"),
+        f"up to {MOST_ROLLING:g}, and 0 where no motion is resisted by it",
+    ),
 }
 #: ordinary values of the quantities of which the scales of a ball are made, Pa, kg/m^3 and m
 _ORDINARY = {"young_modulus": 1e10, "density": 1e3, "diameter": 1e-2}

@@ -17,7 +17,7 @@ import numpy as np
 
 from granphon.balls.ball import Ball
 from granphon.balls.contact_laws import LAWS, TabulatedLaw
-from granphon.balls.diameters import Discrete, Measured, Normal, Uniform
+from granphon.balls.diameters import CUTOFFS, Discrete, Measured, Normal, Uniform
 from granphon.balls.lattices import (
     LATTICES,
     STRUCTURES,
@@ -73,6 +73,7 @@ from granphon.base.settings import (
     read_values,
     whole_from,
     with_unit,
+    with_unit_unless_zero,
     word_of,
     write_values,
 )
@@ -95,6 +96,7 @@ from granphon.base.validation import (
     whole,
     zero_or_above,
 )
+from granphon.dynamics.elasticity import voigt_pairs
 from granphon.media.choice import MEDIA, MediumChoice, read_medium
 from granphon.observables.catalogue import CATALOGUE
 from granphon.phonons.paths import MESHES, BandPath, read_labels
@@ -195,7 +197,7 @@ def _read_measured(value: Any, context: Context) -> Measured:
 
 _FRACTIONS = listed(Kind.plain(partial(number, low=0.0, high=1.0)), "fractions")
 _NORMAL = block_of(
-    {"std": with_unit(WIDTH), "cutoff": Kind.plain(partial(number, low=1e-3, high=10.0))}, ("std",)
+    {"std": with_unit(WIDTH), "cutoff": Kind.plain(partial(number, **CUTOFFS))}, ("std",)
 )
 _DISCRETE = block_of({"diameters": _DIAMETERS, "fractions": _FRACTIONS}, ("diameters", "fractions"))
 _MEASURED = block_of({"diameters": _DIAMETERS})
@@ -849,21 +851,6 @@ def _read_structure(value: Any) -> Any:
         raise Refused(refused.found, allowed, refused.mend, refused.path) from None
 
 
-def _read_vectors(value: Any) -> tuple[tuple[float, ...], ...]:
-    """Return the vectors of a list of vectors, each a list of lengths, in m; no vectors of an empty
-    list.
-    """
-
-    def read_length(component: Any) -> float:
-        if is_whole(component) and component == 0:
-            return 0.0  # zero needs no unit
-        return WAY.read(component)
-
-    if value == []:
-        return ()
-    return each(value, partial(each, rule=read_length, what="lengths"), "vectors")
-
-
 def _read_removed(value: Any) -> tuple[int, ...]:
     """Return the numbers of the balls that are removed, of a list; Refused if one stands there
     twice.
@@ -951,9 +938,8 @@ def _write_structure(structure: Any) -> Any:
     return write_lattice(structure)
 
 
-_VECTOR = Kind.plain(
-    lambda vector: _read_vectors([vector])[0], lambda vector: [WAY.write(x) for x in vector]
-)
+_VECTOR = listed(with_unit_unless_zero(WAY), "lengths")
+_VECTORS = listed(_VECTOR, "vectors")
 _SITE = block_of({"kind": Kind.plain(label), "at": _VECTOR}, ("kind", "at"))
 _SITES = listed(_SITE.made(lambda site: (site["at"], site["kind"])), "sites")
 _ALL_MOTIONS = tuple(
@@ -1007,8 +993,10 @@ CRYSTAL: dict[str, Setting] = {
         "all kinds in turn",
     ),
     "cell": Setting(
-        Kind.plain(
-            _read_vectors, lambda rows: [[WAY.write(x) for x in row] for row in rows] or None
+        Kind(
+            # a crystal that repeats nowhere has no vectors
+            lambda value, context: () if value == [] else _VECTORS.read(value, context),
+            lambda rows, context: _VECTORS.write(rows, context) or None,
         ),
         "vectors along which the crystal repeats, each a list of lengths",
         "`lattice`",
@@ -1064,20 +1052,17 @@ CRYSTAL: dict[str, Setting] = {
 }
 
 
-#: axes of the components of a symmetric tensor of 2 and 3 periods in Voigt order
-_VOIGT_PAIRS = {
-    2: ((0, 0), (1, 1), (0, 1)),
-    3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)),
-}
-
-
 def _tensor_kind(name: str) -> Kind:
     """Return the kind of a tensor along the periods, "stress" or "strain": a list in Voigt order,
     or a symmetric matrix.
     """
 
     def read(value: Any, context: Context) -> tuple[float, ...]:
-        return _read_tensor(value, name, context.lattice.periods)
+        periods = context.lattice.periods
+        component = Kind.plain(partial(number, low=-1e300, high=1e300))
+        if name == "stress":
+            component = with_unit_unless_zero(tensor_quantities(periods)[name])
+        return _read_tensor(value, name, periods, component.rule(context))
 
     def write(load: Any, context: Context) -> Any:
         """Return the components of the tensor of a ``load``, with units; None for a load of another
@@ -1094,22 +1079,12 @@ def _tensor_kind(name: str) -> Kind:
     return Kind(read, write)
 
 
-def _read_tensor(value: Any, name: str, periods: int) -> tuple[float, ...]:
+def _read_tensor(value: Any, name: str, periods: int, read_component: Rule) -> tuple[float, ...]:
     """Return the components of a "stress", N, N/m or Pa, or of a "strain", in Voigt order along the
     ``periods``. The ``value`` is a list in this order or a symmetric matrix; Refused for a tensor
     of zeros.
     """
-    unit = tensor_quantities(periods)[name]
-
-    def read_component(component: Any) -> float:
-        """Return one component in the SI unit of the tensor."""
-        if name == "strain":
-            return number(component, -1e300, 1e300)
-        if is_whole(component) and component == 0:
-            return 0.0  # zero needs no unit
-        return unit.read(component)
-
-    n_components = {1: 1, 2: 3, 3: 6}.get(periods, 0)
+    n_components = len(voigt_pairs(periods)) if periods else 0
     rows = list(value) if isinstance(value, list | tuple) else [value]
     are_rows = all(isinstance(row, list | tuple) and len(row) == periods for row in rows)
     if periods > 1 and len(rows) == periods and are_rows:
@@ -1140,7 +1115,7 @@ def _read_matrix(value: Sequence[Any], name: str, read_component: Rule) -> tuple
     # in Voigt order a shear strain is that of the angle, xy + yx
     shear = 2.0 if name == "strain" else 1.0
     return tuple(
-        float(matrix[a, b]) * (shear if a != b else 1.0) for a, b in _VOIGT_PAIRS[len(matrix)]
+        float(matrix[a, b]) * (shear if a != b else 1.0) for a, b in voigt_pairs(len(matrix))
     )
 
 

@@ -14,7 +14,7 @@ from granphon.balls.neighbours import touch_once_at_most
 from granphon.balls.on_site import HOLDING_PARAMETERS
 from granphon.balls.packing import Axis, Packing, change_packing, find_unit
 from granphon.base.errors import InputError, Refused
-from granphon.base.quantities import LENGTH, find_load_unit
+from granphon.base.quantities import ACCELERATION, LENGTH, find_load_unit
 from granphon.base.settings import describe_settings
 from granphon.base.tables import Heading, table_text
 from granphon.base.text import MOST_SCENE_BYTES, dump_yaml, spell
@@ -271,7 +271,7 @@ class SceneValues:
             (load.kind.replace("_", " "), load.array, load_unit),
             ("components", load.tensor, "of that"),
             ("balls per side", load.balls_per_side, ""),
-            ("gravity", load.gravity, "m/s^2"),
+            ("gravity", load.gravity, ACCELERATION.unit),
             ("medium", media, ""),
             *sweeps,
             ("finite overlap", self.finite_overlap, ""),

@@ -52,6 +52,7 @@ from granphon.base.settings import (
     setting,
     whole_from,
     with_unit,
+    with_unit_unless_zero,
     word_of,
     write_block,
     write_values,
@@ -122,15 +123,15 @@ def _loss_kind(name: str, quantity: Quantity | None) -> Kind:
     if quantity is None:
         return Kind.plain(partial(read_loss, name, rule=zero_or_above))
 
+    number_kind = with_unit_unless_zero(quantity)
+
     def read(value: Any, context: ValueContext) -> Any:
-        is_zero = isinstance(value, int | float) and not isinstance(value, bool) and value == 0
-        rule = with_unit(quantity).rule(context)
-        return read_loss(name, value, (lambda _: 0.0) if is_zero else rule)
+        return read_loss(name, value, number_kind.rule(context))
 
     def write(value: Any, context: ValueContext) -> Any:
-        return quantity.write(value) if value else value
+        return number_kind.write(value, context) if value else value
 
-    return Kind(read, write, quantity.unit)
+    return number_kind._replace(read=read, write=write)
 
 
 def _of_both_motions(kind: Kind, parts: str = "of normal motion, and of all other") -> Kind:
