@@ -373,7 +373,7 @@ def sweep_parameters() -> str:
         rows.append(
             [
                 f"`{name}`",
-                meaning(PACKINGS, name),
+                PACKINGS.get(name) or meaning(MEANINGS, name),
                 f"{several}: {_element(name, allowed)}",
                 unit or "",
             ]

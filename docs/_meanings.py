@@ -34,10 +34,8 @@ RUNGS = {
     "others with `start: gas`",
     "auto": "the cheapest of these whose expected error is within a tolerance",
 }
+#: what parameters of a sweep are, where the titles of the catalogue do not say all
 PACKINGS = {
-    "young_modulus": "Young modulus",
-    "poisson_ratio": "Poisson ratio",
-    "density": "density of the material",
     "diameter": "mean diameter; leaves the spread as it is",
     "width": "width W; scales the spread and keeps its form, uniform if there is none",
     "friction": "with and without",
@@ -45,16 +43,6 @@ PACKINGS = {
     "lattice": "lattices of one dimension",
     "motions": "motions of each ball",
     "torsion": "stiffness against twist, over k d²; numbers, and `mindlin`",
-    "bending": "stiffness against rolling, over k d²",
-    "damping": "viscosity over stiffness of contacts, of what is observed with losses",
-    "loss_factor": "loss factor of contacts, likewise",
-    "drag": "drag of balls, likewise",
-    "dashpot": "viscosity of contacts, likewise",
-    "restitution": "restitution of collisions, likewise",
-    "tangential_damping": "the second of a pair, of all other than normal motion",
-    "tangential_loss_factor": "likewise",
-    "rotational_drag": "the second of a pair, of rotations",
-    "tangential_dashpot": "the second of a pair, of slip",
 }
 RANGE = {
     "from": "the first value",

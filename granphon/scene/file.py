@@ -43,7 +43,7 @@ from granphon.base.quantities import (
 from granphon.base.scales import write_quantity
 from granphon.base.settings import NEEDED, Block, Setting, list_settings
 from granphon.base.text import Document, parse_yaml, plain_yaml, read_text, show
-from granphon.base.validation import block, read_inside, refuse_unknown_key
+from granphon.base.validation import Rule, block, read_inside, refuse_unknown_key
 from granphon.media.medium import CRYSTAL, NETWORK
 from granphon.media.network_file import NetworkFiles
 from granphon.phonons.paths import BandPath
@@ -256,8 +256,7 @@ def read_blocks(document: Document, folder: Path) -> dict[str, Any]:
         if isinstance(data, Mapping) and set(_CRYSTAL_BLOCKS) & set(data):
             return _read_crystal_scene(document, folder)
         context = Context(_find_lattice(data), folder=folder)
-        readers = {name: partial(_read_block, name, context=context) for name in BLOCKS}
-        return block(data, readers, _NEEDED_BLOCKS)
+        return block(data, _make_readers(context), _NEEDED_BLOCKS)
     except Refused as refused:
         with suppress(LookupError, TypeError, Refused, AttributeError):
             refused = _convert_percent(refused, data)
@@ -301,7 +300,7 @@ def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
     crystal_context = Context(folder=folder)
     crystal_values = block(
         {name: data[name] for name in _CRYSTAL_BLOCKS if name in data},
-        {name: partial(_read_block, name, context=crystal_context) for name in _CRYSTAL_BLOCKS},
+        {name: _make_readers(crystal_context)[name] for name in _CRYSTAL_BLOCKS},
         _CRYSTAL_BLOCKS,
     )
     settings: dict[str, Any] = dict(crystal_values["crystal"])
@@ -313,9 +312,7 @@ def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
     context = Context(arrangement.structure, parameters=arrangement.parameters, folder=folder)
     # spectrum and pulse are of arrays, which packings have
     unused = (*_CRYSTAL_BLOCKS, *_NEEDED_BLOCKS[:2], "spectrum", "pulse")
-    readers = {
-        name: partial(_read_block, name, context=context) for name in BLOCKS if name not in unused
-    }
+    readers = _make_readers(context, unused)
     blocks = {name: value for name, value in data.items() if name not in _CRYSTAL_BLOCKS}
     return block(blocks, readers, ("load",)) | {"packing": packing}
 
@@ -331,17 +328,14 @@ def _read_files_scene(document: Document, folder: Path) -> dict[str, Any]:
         if name in data:
             allowed = "network alone, as files have their balls, their contacts and their forces"
             raise Refused(f"{name} beside network", allowed, "Remove it.", (name,))
-    values = read_inside(
-        "network", partial(_read_block, "network", context=Context(folder=folder)), data["network"]
-    )
+    rule = _make_readers(Context(folder=folder))["network"]
+    values = read_inside("network", rule, data["network"])
     try:
         arrangement = NetworkFiles(**values)
     except GranphonError as error:
         raise document.error(("network",), str(error)) from None
     context = Context(arrangement.structure, folder=folder)
-    readers = {
-        name: partial(_read_block, name, context=context) for name in BLOCKS if name not in unused
-    }
+    readers = _make_readers(context, unused)
     blocks = {name: value for name, value in data.items() if name not in _FILES_BLOCKS}
     packing = {"arrangement": arrangement, "finite_overlap": arrangement.network.prestress}
     return block(blocks, readers, ()) | {"packing": packing}
@@ -388,6 +382,13 @@ def _find_failing_step(
             make(**earlier)
             failing = (step,)
     return failing
+
+
+def _make_readers(context: Context, unused: Sequence[str] = ()) -> dict[str, Rule]:
+    """Return the rule that reads each block, by name, but for the ``unused``."""
+    return {
+        name: partial(_read_block, name, context=context) for name in BLOCKS if name not in unused
+    }
 
 
 def _read_block(name: str, value: Any, context: Context) -> Any:
