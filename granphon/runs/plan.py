@@ -986,7 +986,7 @@ def _estimate_response(serving: ServingMedium, settings: ResponseSettings) -> Co
     Raises :class:`~granphon.base.errors.ConvergenceError` for a response that would be refused.
     """
     # imported here: other scenes do not need it
-    from granphon.dynamics.damping import Losses
+    from granphon.dynamics.damping import GivenLosses, Losses
     from granphon.runs.wave_records import find_typical_state
     from granphon.waves.operator import make_operator
     from granphon.waves.response import ResponseWork
@@ -1000,7 +1000,7 @@ def _estimate_response(serving: ServingMedium, settings: ResponseSettings) -> Co
         return None
     whole_network = state.network if array is None else state.network.repeat(array.cells)
     network = settings.shape(whole_network)
-    losses = Losses.of(network, **settings.losses)
+    losses = Losses.of(network, GivenLosses(**settings.losses))
     omega = 2.0 * math.pi * np.array(settings.frequencies)  # rad/s
     work = ResponseWork(make_operator(network), losses, omega)
     is_factorised, seconds = work.choose(None)
