@@ -663,6 +663,8 @@ class Plan:
         machine now, or more than 10,000 days on one processor.
         """
         told_parts = [(path, mend, cost) for path, mend, cost in self.parts if cost.tells]
+        if not told_parts:
+            return None
         total = sum((cost for _, _, cost in told_parts), Cost())
         free_memory = memory.available_memory()  # bytes
         most_seconds = costs.MOST_SECONDS
@@ -674,7 +676,7 @@ class Plan:
             limit = f"no run may take more than {duration} on one processor"
             sizes = [cost.seconds for _, _, cost in told_parts]
         else:
-            return total if told_parts else None
+            return total
         # the error stands at the key of the largest part
         path, mend, _ = told_parts[sizes.index(max(sizes))]
         with self.places.at(*path):

@@ -150,7 +150,8 @@ class SceneValues:
             assign("finite_overlap", True)
         # a scene without bands in space does not ask ASE, which knows the path there
         has_path = lattice.periods == 2 or bool({"bands", "spectrum"} & set(self.observe))
-        if self.band is None and has_path:
+        given_path = self.band
+        if given_path is None and has_path:
             assign("band", BandPath.default(lattice))
         if self.load.array.ndim > 1:
             problem = f"the load has the shape {self.load.shape}"
@@ -158,7 +159,7 @@ class SceneValues:
         for settings in map(self.observed_settings, SETTINGS):
             if isinstance(settings, EdgeSettings) and settings.kinds_of_walls:
                 assign(settings.block, self._find_materials(settings))
-        self._require_consistency()
+        self._require_consistency(given_path)
         if self.errors or self.correlations:
             # imported here: few scenes have errors
             from granphon.scene.uncertainty import settle_correlations, settle_errors
@@ -524,9 +525,9 @@ class SceneValues:
             {name: ball for name, ball in kinds.items() if name not in of_crystal}
         )
 
-    def _require_consistency(self) -> None:
+    def _require_consistency(self, given_path: BandPath | None) -> None:
         """Raise :class:`~granphon.base.errors.Refused` if values that are allowed one by one
-        exclude each other.
+        exclude each other; ``given_path`` is the path of the bands, unless it is the lattice's own.
         """
         structure = self.packing.structure
         self._require_supercell()
@@ -558,10 +559,10 @@ class SceneValues:
                 Layers.across(surface.axis, structure.vectors)
         if "pulse" in self.observe and len(self.directions) > 1:
             raise Refused("several directions with a pulse", "one direction", path=("direction",))
-        if self.band is not None:
+        if given_path is not None:
             # a path of another dimension is refused, with its key in the block
             rule = partial(read_paths, periods=structure.periods)
-            read_inside("phonopy", partial(read_inside, "band", rule), str(self.band))
+            read_inside("phonopy", partial(read_inside, "band", rule), str(given_path))
         if self.load.kind == "side_force" and structure != TRIANGULAR:
             allowed = "on the triangular lattice only, whose frame is a hexagon"
             raise Refused("a side_force", allowed, path=("load", "side_force"))
