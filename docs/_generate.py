@@ -30,14 +30,12 @@ from typing import Any, get_args, get_type_hints
 from _meanings import (
     ATTRIBUTES,
     BANDED,
-    DEFAULTS,
     FIELD_UNITS,
     FIELDS,
     FITTED,
     MEASURED,
     PACKINGS,
     RANGE,
-    RUNG_OPTIONS,
     RUNGS,
     SAMPLE,
     SPREAD_BLOCKS,
@@ -56,18 +54,18 @@ from granphon.base.results import Result
 from granphon.base.settings import SCALES, list_settings, read_values
 from granphon.base.tables import Table
 from granphon.base.text import plain_yaml
-from granphon.cli.commands import app
-from granphon.cli.commands import main as granphon
+from granphon.cli.main import app
+from granphon.cli.main import main as granphon
 from granphon.fits.fit import WidthFit
-from granphon.media.array_options import DEFAULT_SHAPES
+from granphon.media.arrangement import Arrangement
 from granphon.media.choice import MEDIA
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE
 from granphon.runs.dataset import load_sweep
-from granphon.scene import rules
+from granphon.scene import file_keys
 from granphon.scene.file import BLOCKS
+from granphon.scene.file_keys import PARTS, Context
 from granphon.scene.outputs import OUTPUTS
-from granphon.scene.rules import PARTS, Context
 from granphon.scene.scene import Scene
 from granphon.tradeoffs.measure import TradeOff
 from granphon.waves.settings import DriveSettings, Shaker
@@ -194,6 +192,8 @@ def literal(value: Any) -> str:
         return f"`{str(value).lower()}`"
     if isinstance(value, tuple):
         return f"`{' '.join(map(str, value))}`"
+    if isinstance(value, float):
+        return f"`{value:g}`"
     return f"`{value}`"
 
 
@@ -269,7 +269,7 @@ def scene_keys() -> str:
     rows = []
     made = {
         name: one.default
-        for kind in (Material, Packing, Scene)
+        for kind in (Arrangement, Material, Packing, Scene)
         for name, one in signature(kind).parameters.items()
     }
     for block, name, one in (
@@ -353,9 +353,9 @@ def medium_options() -> str:
         [
             f"`{name}`",
             f"`{key}`",
-            meaning(RUNG_OPTIONS, f"{name}.{key}"),
+            one.meaning,
             told(partial(one.rule, object())),
-            _option_default(f"{name}.{key}", one.default),
+            one.absent or literal(one.default),
         ]
         for name, options in ((name, medium.options) for name, medium in MEDIA.items())
         for key, one in options.items()
@@ -363,26 +363,17 @@ def medium_options() -> str:
     return table(("medium", "option", "what it is", "allowed", "default"), rows)
 
 
-def _option_default(key: str, value: Any) -> str:
-    """Write the default of an option of a medium; where it is None the medium chooses it by the
-    lattice.
-    """
-    if key == "simulation.shape":
-        return ", ".join(map(literal, DEFAULT_SHAPES.values()))
-    return DEFAULTS[key] if key in DEFAULTS else literal(value)
-
-
 def sweep_parameters() -> str:
     """What a block ``sweep`` may hold."""
     rows = []
     for name in (*PARAMETERS, *LOSS_PARAMETERS):
         unit = find_unit(name)
-        allowed = told(lambda name=name: rules.SWEEP.kind.read({name: object()}, Context()))
+        allowed = told(lambda name=name: file_keys.SWEEP.kind.read({name: object()}, Context()))
         several = "a list" if unit is None else "one, a list, or a [range](#ranges)"
         rows.append(
             [
                 f"`{name}`",
-                meaning(PACKINGS, name),
+                PACKINGS.get(name) or meaning(MEANINGS, name),
                 f"{several}: {_element(name, allowed)}",
                 unit or "",
             ]
@@ -393,7 +384,7 @@ def sweep_parameters() -> str:
 def _element(name: str, allowed: str) -> str:
     if not allowed.startswith("a list"):
         return allowed
-    return told(lambda: rules.SWEEP.kind.read({name: [object()]}, Context()))
+    return told(lambda: file_keys.SWEEP.kind.read({name: [object()]}, Context()))
 
 
 def ranges() -> str:

@@ -6,12 +6,6 @@ Observables are not here: the catalogue of granphon/observables says what they m
 
 from __future__ import annotations
 
-#: the defaults of options of media in words, where they are no plain values
-DEFAULTS = {
-    "simulation.friction_coefficient": "required with `friction_history`",
-    "auto.friction_coefficient": "required with `friction_history`",
-    "simulation.start": "`0.5`",
-}
 SPREADS = {
     "uniform": "even over this full width W, the mean ± W/2; `0 um` is equal balls",
     "normal": "normal, of this standard deviation, cut at three of them",
@@ -40,43 +34,8 @@ RUNGS = {
     "others with `start: gas`",
     "auto": "the cheapest of these whose expected error is within a tolerance",
 }
-RUNG_OPTIONS = {
-    "ema.local_field": "computed, or what the paper prints, which is [wrong](../errata.md), to"
-    " reproduce its curves",
-    "simulation.shape": "cells along each period of the array, by default one of these, by the"
-    " dimension of the lattice",
-    "simulation.seed": "seed of the diameters of the first sample; each further sample has the next"
-    " number",
-    "simulation.samples": "how many arrays are averaged; two or more have standard errors",
-    "simulation.friction_history": "load the samples [with"
-    " friction](../how-to/simulation.md#load-it-with-friction)",
-    "simulation.friction_coefficient": "of the contacts; needed with `friction_history`, and only"
-    " then, as are those below",
-    "simulation.geometry": "`lattice`: contacts keep the directions of the lattice; `exact`: their"
-    " own, with `finite_overlap`; left out: [exact where it"
-    " matters](../explanation/simulation.md#which-geometry)",
-    "simulation.boundary": "`isotropic`: the cell keeps its shape; `stress`: it may shear, and its"
-    " whole stress is [hydrostatic](../explanation/rest.md#two-flags); not with"
-    " `friction_history`",
-    "simulation.start": "where the loading starts, at rest without friction: a reduced spacing"
-    " $a^*$ or a load; or `gas`, balls apart",
-    "simulation.shear_response": "tangential stiffness under sound: $\\eta k$ everywhere, none"
-    " where a contact slides, or "
-    "that of Mindlin's partial slip",
-    "simulation.step_tolerance": "relative change of the force by which steps of the load may be"
-    " wrong",
-    "simulation.ordered": "take the loads in the order given, up and down; else from the lowest"
-    " to the highest",
-    "auto.tolerance": "largest expected relative error of velocities and frequencies",
-    "auto.friction_history": "whether errors are relative to arrays [loaded with friction]"
-    "(../how-to/tradeoff.md#arrays-loaded-with-friction)",
-    "auto.friction_coefficient": "of these arrays; needed with `friction_history`, and only then",
-    "auto.shear_response": "of these arrays to sound, as of a `simulation`",
-}
+#: what parameters of a sweep are, where the titles of the catalogue do not say all
 PACKINGS = {
-    "young_modulus": "Young modulus",
-    "poisson_ratio": "Poisson ratio",
-    "density": "density of the material",
     "diameter": "mean diameter; leaves the spread as it is",
     "width": "width W; scales the spread and keeps its form, uniform if there is none",
     "friction": "with and without",
@@ -84,16 +43,6 @@ PACKINGS = {
     "lattice": "lattices of one dimension",
     "motions": "motions of each ball",
     "torsion": "stiffness against twist, over k d²; numbers, and `mindlin`",
-    "bending": "stiffness against rolling, over k d²",
-    "damping": "viscosity over stiffness of contacts, of what is observed with losses",
-    "loss_factor": "loss factor of contacts, likewise",
-    "drag": "drag of balls, likewise",
-    "dashpot": "viscosity of contacts, likewise",
-    "restitution": "restitution of collisions, likewise",
-    "tangential_damping": "the second of a pair, of all other than normal motion",
-    "tangential_loss_factor": "likewise",
-    "rotational_drag": "the second of a pair, of rotations",
-    "tangential_dashpot": "the second of a pair, of slip",
 }
 RANGE = {
     "from": "the first value",

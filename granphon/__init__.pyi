@@ -119,7 +119,7 @@ from .phonons.surfaces import SurfaceBranches as SurfaceBranches
 from .phonons.surfaces import SurfaceSpectrum as SurfaceSpectrum
 from .runs.dataset import SweepAccessor as SweepAccessor
 from .runs.dataset import load_sweep as load_sweep
-from .runs.store import Store as Store
+from .runs.finished_tasks import Store as Store
 from .runs.sweep import sweep as sweep
 from .runs.wave_records import SampleWaves as SampleWaves
 from .scene.design_settings import DesignSettings as DesignSettings

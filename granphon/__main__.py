@@ -17,7 +17,7 @@ def main() -> int:
         try:
             with needing("The command granphon"):
                 # a slow import, which may be interrupted
-                from granphon.cli.commands import (
+                from granphon.cli.main import (
                     main as command,
                 )
         except MissingPackageError as error:

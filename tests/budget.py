@@ -276,7 +276,7 @@ def warm_up() -> float:
     from hypothesis.strategies import characters
 
     import granphon as gp
-    from granphon.cli.commands import main
+    from granphon.cli.main import main
 
     # hypothesis makes its table of characters where a clone has none
     find(characters(codec="utf-8"), lambda _: True)

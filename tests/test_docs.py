@@ -44,7 +44,7 @@ import pytest
 
 import granphon as gp
 from granphon.base import errors
-from granphon.cli.commands import main
+from granphon.cli.main import main
 from granphon.fits import measurements
 from granphon.media import simulation
 from granphon.observables import velocities as observables

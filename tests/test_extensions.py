@@ -18,7 +18,7 @@ from granphon.balls.loads import Load
 from granphon.base import registry
 from granphon.base.errors import InputError
 from granphon.base.registry import Registry
-from granphon.cli.commands import main
+from granphon.cli.main import main
 from granphon.observables.catalogue import CATALOGUE
 from granphon.scene.scene import Scene, is_complete
 

@@ -724,6 +724,11 @@ class Uniform(Spread):
         return UniformShape()
 
 
+#: least and greatest cutoff of a normal distribution, over its standard deviation: below, the
+#: density is even to 1e-6; above, nothing is cut
+CUTOFFS = {"low": 1e-3, "high": 10.0}
+
+
 @dataclass(frozen=True)
 class Normal(Spread):
     """Normal deviations without those larger than ``cutoff`` times ``std``.
@@ -735,8 +740,7 @@ class Normal(Spread):
 
     Raises
     ------
-    InputError : a ``std`` that is negative or not finite, or a cutoff outside 0.001 ... 10 (below,
-        the density is even to 1e-6; above, nothing is cut).
+    InputError : a ``std`` that is negative or not finite, or a cutoff outside 0.001 ... 10.
     """
 
     std: float
@@ -745,10 +749,9 @@ class Normal(Spread):
     def __post_init__(self) -> None:
         object.__setattr__(self, "std", not_negative("std", self.std, "m"))
         object.__setattr__(self, "cutoff", positive("cutoff", self.cutoff))
-        if not 1e-3 <= self.cutoff <= 10.0:
-            raise InputError(
-                f"cutoff is {self.cutoff:g}", mend="Give 0.001 to 10 standard deviations, such as 3"
-            )
+        if not CUTOFFS["low"] <= self.cutoff <= CUTOFFS["high"]:
+            allowed = f"{CUTOFFS['low']:g} to {CUTOFFS['high']:g} standard deviations, such as 3"
+            raise InputError(f"cutoff is {self.cutoff:g}", mend=f"Give {allowed}")
 
     def with_width(self, width: float) -> Self:
         """Return the distribution of the same cutoff whose width is W = ``width``, m."""

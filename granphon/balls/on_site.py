@@ -17,8 +17,10 @@ from numpy.typing import ArrayLike
 
 from granphon.balls.hertz import ENERGY, FORCE, STIFFNESS, EnergyLaw
 from granphon.balls.motions import Motions
+from granphon.base import quantities
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, Refused
+from granphon.base.quantities import Quantity
 from granphon.base.results import read_only
 from granphon.base.validation import block, require, zero_or_above
 
@@ -102,7 +104,8 @@ def _read_springs(value: Any, motions: Motions) -> list[float]:
     if isinstance(value, list | tuple) and len(value) == len(names):
         value = dict(zip(names, value, strict=True))
     if not isinstance(value, Mapping):
-        stiffness: float = require("on_site", partial(_read_stiffness, unit="N/m"), value)
+        rule = partial(_read_stiffness, unit=SPRING_PARAMETERS[ON_SITE])
+        stiffness: float = require("on_site", rule, value)
         return [0.0 if name in ROTATIONS else stiffness for name in names]
     allowed = (*names, ROTATION) if motions.rotations else names
     rules = {name: partial(_read_stiffness, unit=find_unit(name)) for name in allowed}
@@ -119,18 +122,26 @@ def _read_stiffness(value: Any, unit: str) -> float:
     return stiffness
 
 
+def find_quantity(name: str) -> Quantity:
+    """Return the quantity that the stiffness of the spring of a ``name`` is."""
+    is_of_rotation = name.startswith(ROTATION)
+    return quantities.TURN_STIFFNESS if is_of_rotation else quantities.STIFFNESS
+
+
 def find_unit(name: str) -> str:
     """Return the SI unit of the stiffness of the spring of a ``name``."""
-    return "N m" if name.startswith(ROTATION) else "N/m"
+    return find_quantity(name).si_unit
 
 
 #: the parameters of springs to the ground that a sweep varies, and their SI units: one stiffness of
 #: all displacements, and those of single motions
-SPRING_PARAMETERS = {ON_SITE: "N/m"} | {
+SPRING_PARAMETERS = {ON_SITE: quantities.STIFFNESS.si_unit} | {
     f"{ON_SITE}.{name}": find_unit(name) for name in (*DISPLACEMENTS, ROTATION, *ROTATIONS)
 }
 #: those of them that hold balls, which then have no sound
-HOLDING_PARAMETERS = frozenset(name for name, unit in SPRING_PARAMETERS.items() if unit == "N/m")
+HOLDING_PARAMETERS = frozenset(
+    name for name, unit in SPRING_PARAMETERS.items() if unit == quantities.STIFFNESS.si_unit
+)
 
 
 def list_spring_parameters(motions: Motions) -> list[str]:

@@ -22,6 +22,7 @@ from granphon.balls.material import LEAST_YOUNG_MODULUS, Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.balls.on_site import SPRING_PARAMETERS
 from granphon.base.errors import InputError, brief
+from granphon.base.quantities import LENGTH, MASS, RATE, SINCE, VISCOSITY, WIDTH, Quantity
 from granphon.base.results import write_html
 from granphon.base.scales import WidthUnits, write_in
 from granphon.base.settings import NEEDED, describe_settings, list_settings
@@ -32,7 +33,7 @@ from granphon.base.validation import is_one_of, not_negative, positive, real_lis
 MINDLIN = "mindlin"
 #: greatest torsion and bending, over k d^2: bands lose the digits of all other motions beside
 #: stiffer ones
-_MOST_ROLLING = 1e6
+MOST_ROLLING = 1e6
 #: digits of the values of parameters in words
 _DIGITS = 6
 #: no units of such values besides SI units with decimal prefixes
@@ -300,11 +301,11 @@ def read_rolling(
         raise InputError(f"torsion is {brief(torsion)}", mend=f"Give a number, or {MINDLIN}")
     bending = not_negative("bending", bending)
     for name, stiffness in (("torsion", torsion), ("bending", bending)):
-        if isinstance(stiffness, float) and stiffness > _MOST_ROLLING:
+        if isinstance(stiffness, float) and stiffness > MOST_ROLLING:
             raise InputError(
                 f"{name} is {stiffness:g}",
                 "It is a stiffness over k d^2; that of a contact is far below 1",
-                f"Give a number up to {_MOST_ROLLING:g}",
+                f"Give a number up to {MOST_ROLLING:g}",
             )
     default_motions = next(iter(allowed.values()))
     ball_motions = default_motions if motions is None else allowed[motions]
@@ -411,8 +412,8 @@ _EXTENTS = {1: "along a line", 2: "in a plane", 3: "in space"}
 #: the parameters of a packing and their SI units; None for parameters that are not numbers
 PARAMETERS: Mapping[str, str | None] = {
     **_MATERIAL,
-    "diameter": "m",
-    "width": "m",
+    "diameter": LENGTH.si_unit,
+    "width": WIDTH.si_unit,
     "friction": None,
     "spread": None,
     "lattice": None,
@@ -422,17 +423,26 @@ PARAMETERS: Mapping[str, str | None] = {
 }
 #: the parameters of each kind of ball of a crystal and their SI units; a sweep calls them by kind
 #: and name, "A.diameter"
-KIND_PARAMETERS: Mapping[str, str] = {**_MATERIAL, "diameter": "m", "mass": "kg"}
+KIND_PARAMETERS: Mapping[str, str] = {
+    **_MATERIAL,
+    "diameter": LENGTH.si_unit,
+    "mass": MASS.si_unit,
+}
 #: the parameters of each wall of a crystal and their SI units; a sweep calls them by the name of
 #: the wall, "wall.young_modulus"
 WALL_PARAMETERS: Mapping[str, str] = {name: _MATERIAL[name] for name in _ELASTIC}
-#: the losses of contacts and balls by the names of arguments and settings, and their SI units
+#: the losses of contacts and balls by the names of arguments and settings, each with its quantity;
+#: None for pure numbers
+LOSS_QUANTITIES: Mapping[str, Quantity | None] = {
+    "damping": SINCE,
+    "loss_factor": None,
+    "drag": RATE,
+    "dashpot": VISCOSITY,
+    "restitution": None,
+}
+#: their SI units
 LOSSES: Mapping[str, str] = {
-    "damping": "s",
-    "loss_factor": "",
-    "drag": "1/s",
-    "dashpot": "N s/m",
-    "restitution": "",
+    name: "" if quantity is None else quantity.si_unit for name, quantity in LOSS_QUANTITIES.items()
 }
 #: the losses that may be two, of which one name is that of all motions; and the name of the second:
 #: of all other motion than the normal one, and of rotations

@@ -129,6 +129,11 @@ class Quantity:
     negative: str = "negative"
 
     @property
+    def si_unit(self) -> str:
+        """The SI unit as results and messages have it, with a space between its factors."""
+        return self.unit.replace("*", " ")
+
+    @property
     def allowed(self) -> str:
         """What may be written for such a quantity, in words for a message."""
         sign = _SIGN_WORDS[self.least]

@@ -105,6 +105,17 @@ def with_unit(kind: Quantity) -> Kind:
     )
 
 
+def with_unit_unless_zero(kind: Quantity) -> Kind:
+    """Return the kind of a number :func:`with_unit`, of which zero needs none."""
+    number_kind = with_unit(kind)
+
+    def read(value: Any, context: ValueContext) -> Any:
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        return 0.0 if is_number and value == 0 else number_kind.read(value, context)
+
+    return number_kind._replace(read=read)
+
+
 def word_of(*options: str) -> Kind:
     """Return the kind of a word that is one of the ``options``."""
     return Kind.plain(partial(choice, options=options))

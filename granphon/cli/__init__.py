@@ -1,5 +1,1 @@
 """The command ``granphon``."""
-
-from granphon.cli.commands import main
-
-__all__ = ["main"]

@@ -182,7 +182,7 @@ def _write_picture(
     """
     from granphon.base.validation import lengths, require
     from granphon.phonons.paths import read_point
-    from granphon.scene.rules import read_directions
+    from granphon.scene.file_keys import read_directions
 
     why = "A mode is drawn of one state"
     with write_of_scene(scene_file, out, endings, force, why) as (scene, staged_file):

@@ -577,7 +577,7 @@ def measure_tradeoff(
     from granphon.base.progress import on_stderr
     from granphon.base.quantities import TIME
     from granphon.base.validation import require
-    from granphon.runs.store import open_store
+    from granphon.runs.finished_tasks import open_store
     from granphon.runs.workers import open_executor, require_workers
     from granphon.scene.scene import WORK_FILE, Scene
     from granphon.tradeoffs.measure import tradeoff

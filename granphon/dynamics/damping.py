@@ -31,7 +31,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, Self
 
@@ -64,6 +64,50 @@ _NEAR_ZERO = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
+class GivenLosses:
+    """Losses as a call gives them, of whatever network; :meth:`Losses.of` are those of one.
+
+    Attributes
+    ----------
+    damping : tau = c/k, s, of all deformations, a number or (n_c,); or a tuple of two, of normal
+        motion and of all other motion.
+    loss_factor : eta of all deformations, a number or (n_c,); or a tuple of two, of normal motion
+        and of all other motion.
+    drag : gamma, 1/s, of all motions, a number; or a tuple of two, of displacements and of
+        rotations.
+    dashpot : c_0, N s/m, a number or (n_c,); or a tuple of two, of normal motion and of slip.
+    restitution : e of a collision, the velocity after it over that before, a number or (n_c,).
+    """
+
+    damping: Any = 0.0
+    loss_factor: Any = 0.0
+    drag: Any = 0.0
+    dashpot: Any = 0.0
+    restitution: Any = 1.0
+
+    @classmethod
+    def take(cls, options: dict[str, Any], *losses: Any) -> Self:
+        """Return the losses that stand in ``losses``, in their order, and those among the
+        ``options`` of a call, by name, which are taken out of the options.
+        """
+        named = {name: options.pop(name) for name in LOSSES if name in options}
+        return cls(*losses, **named)
+
+    def with_tangential(self, damping: float | None) -> Self:
+        """Return the losses with another ``damping``, s, of all other than normal motion; None
+        leaves it as it is.
+        """
+        if damping is None:
+            return self
+        normal = self.damping[0] if isinstance(self.damping, tuple) else self.damping
+        return replace(self, damping=(normal, damping))
+
+
+#: what is given of contacts and balls that lose nothing
+NO_LOSSES = GivenLosses()
+
+
+@dataclass(frozen=True, eq=False)
 class Losses:
     """Losses of energy in the contacts and in the motion of the balls of a network.
 
@@ -86,41 +130,22 @@ class Losses:
     tsuji: Array
 
     @classmethod
-    def of(
-        cls,
-        network: ContactNetwork,
-        damping: Any = 0.0,
-        loss_factor: Any = 0.0,
-        drag: Any = 0.0,
-        dashpot: Any = 0.0,
-        restitution: Any = 1.0,
-    ) -> Self:
-        """Return the losses of a ``network`` from the arguments of a public call.
-
-        Parameters
-        ----------
-        damping : tau = c/k, s, of all deformations, a number or (n_c,); or a tuple of two, of
-            normal motion and of all other motion.
-        loss_factor : eta of all deformations, a number or (n_c,); or a tuple of two, of normal
-            motion and of all other motion.
-        drag : gamma, 1/s, of all motions, a number; or a tuple of two, of displacements and of
-            rotations.
-        dashpot : c_0, N s/m, a number or (n_c,); or a tuple of two, of normal motion and of slip.
-        restitution : e of a collision, the velocity after it over that before, a number or (n_c,).
+    def of(cls, network: ContactNetwork, given: GivenLosses = NO_LOSSES) -> Self:
+        """Return the losses of a ``network`` that a public call has ``given``.
 
         Raises :class:`~granphon.base.errors.InputError` for numbers below zero or above
         :data:`LARGEST_LOSSES`, for a restitution not between :data:`LEAST_RESTITUTION` and 1, and
         for arrays of another length.
         """
         count = network.n_contacts
-        collisions = require("restitution", _read_restitution, restitution)
+        collisions = require("restitution", _read_restitution, given.restitution)
         mend = "Give a number, or one for each contact"
         return cls(
             network,
-            _read_pair("damping", damping, count),
-            _read_pair("loss_factor", loss_factor, count),
-            _read_pair("drag", drag, 1, "of displacements, of rotations")[:, 0],
-            _read_pair("dashpot", dashpot, count),
+            _read_pair("damping", given.damping, count),
+            _read_pair("loss_factor", given.loss_factor, count),
+            _read_pair("drag", given.drag, 1, "of displacements, of rotations")[:, 0],
+            _read_pair("dashpot", given.dashpot, count),
             find_tsuji(_broadcast("restitution", collisions, count, mend)),
         )
 

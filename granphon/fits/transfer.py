@@ -32,6 +32,7 @@ from granphon.base.validation import Low, finite_list, positive, texts
 from granphon.dynamics.damping import (
     LEAST_RESTITUTION,
     SMALL_LOSS,
+    GivenLosses,
     Losses,
     find_reduced_masses,
 )
@@ -788,7 +789,7 @@ def fit_damping(
         "dashpot": dashpot,
         _RESTITUTION: restitution,
     }
-    given_losses = Losses.of(network, **fixed_losses)
+    given_losses = Losses.of(network, GivenLosses(**fixed_losses))
     places = {
         "source": source,
         "receiver": receiver,

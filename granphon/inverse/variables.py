@@ -13,6 +13,7 @@ import numpy as np
 
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, brief
+from granphon.base.quantities import INERTIA, MASS, STIFFNESS, TURN_STIFFNESS
 from granphon.base.validation import finite_array, not_negative, one_of, texts
 from granphon.networks.network import ContactNetwork
 
@@ -37,17 +38,18 @@ VARIED = {
     "bending": {"bending_stiffness": "bending"},
     "on_site": {"on_site": "on_site"},
 }
-#: the SI unit of each
-UNITS = {
-    "mass": "kg",
-    "inertia": "kg m^2",
-    "stiffness": "N/m",
-    "normal_stiffness": "N/m",
-    "shear_stiffness": "N/m",
-    "torsion": "N m",
-    "bending": "N m",
-    "on_site": "N/m",
+#: what quantity each is, and its SI unit
+QUANTITIES = {
+    "mass": MASS,
+    "inertia": INERTIA,
+    "stiffness": STIFFNESS,
+    "normal_stiffness": STIFFNESS,
+    "shear_stiffness": STIFFNESS,
+    "torsion": TURN_STIFFNESS,
+    "bending": TURN_STIFFNESS,
+    "on_site": STIFFNESS,
 }
+UNITS = {name: quantity.si_unit for name, quantity in QUANTITIES.items()}
 #: what may be zero in a network; masses, inertias and normal stiffnesses are above zero
 _MAY_BE_ZERO = ("shear_stiffness", "torsion", "bending", "on_site")
 #: what has a variable of its own: every ball or contact, or every kind

@@ -275,14 +275,39 @@ def _read_start_load(
 
 #: the options that say whether and how samples are loaded with friction
 HISTORY_OPTIONS: Mapping[str, Option] = {
-    "friction_history": Option(False, truth),
-    "friction_coefficient": Option(FrictionHistory.friction_coefficient, read_friction_coefficient),
-    "start": Option(FrictionHistory.start, read_start),
-    "shear_response": Option(
-        FrictionHistory.shear_response, partial(choice, options=SHEAR_RESPONSES)
+    "friction_history": Option(
+        False,
+        truth,
+        "load the samples [with friction](../how-to/simulation.md#load-it-with-friction)",
     ),
-    "step_tolerance": Option(FrictionHistory.step_tolerance, partial(number, low=1e-9, high=1.0)),
-    "ordered": Option(FrictionHistory.ordered, truth),
+    "friction_coefficient": Option(
+        FrictionHistory.friction_coefficient,
+        read_friction_coefficient,
+        "of the contacts; needed with `friction_history`, and only then, as are those below",
+        "required with `friction_history`",
+    ),
+    "start": Option(
+        FrictionHistory.start,
+        read_start,
+        "where the loading starts, at rest without friction: a reduced spacing $a^*$ or a load; or"
+        " `gas`, balls apart",
+    ),
+    "shear_response": Option(
+        FrictionHistory.shear_response,
+        partial(choice, options=SHEAR_RESPONSES),
+        "tangential stiffness under sound: $\\eta k$ everywhere, none where a contact slides, or"
+        " that of Mindlin's partial slip",
+    ),
+    "step_tolerance": Option(
+        FrictionHistory.step_tolerance,
+        partial(number, low=1e-9, high=1.0),
+        "relative change of the force by which steps of the load may be wrong",
+    ),
+    "ordered": Option(
+        FrictionHistory.ordered,
+        truth,
+        "take the loads in the order given, up and down; else from the lowest to the highest",
+    ),
 }
 #: the history of samples at rest without friction
 REST = FrictionHistory()

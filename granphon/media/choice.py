@@ -79,6 +79,14 @@ SIDES = {
     2: (16, 20, 24, 32, 40, 50, 64, 80, 100, 128, 160, 200, 256, 320, 400, 512, 640, 800, 1024),
     3: (8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 80, 96),
 }
+#: what the :data:`~granphon.media.array_options.REFERENCE_OPTIONS` of an automatic medium are, of
+#: the arrays that errors are relative to
+_MEANINGS_OF_TRUTH = (
+    "whether errors are relative to arrays [loaded with friction]"
+    "(../how-to/tradeoff.md#arrays-loaded-with-friction)",
+    "of these arrays; needed with `friction_history`, and only then",
+    "of these arrays to sound, as of a `simulation`",
+)
 
 
 @dataclass(frozen=True)
@@ -121,8 +129,15 @@ class AutoMedium(Medium[ContactState]):
     shear_response: str = REST.shear_response
 
     options = {
-        "tolerance": Option(tolerance, partial(number, low=1e-12, high=0.99)),
-        **{name: HISTORY_OPTIONS[name] for name in REFERENCE_OPTIONS},
+        "tolerance": Option(
+            tolerance,
+            partial(number, low=1e-12, high=0.99),
+            "largest expected relative error of velocities and frequencies",
+        ),
+        **{
+            name: replace(HISTORY_OPTIONS[name], meaning=meaning)
+            for name, meaning in zip(REFERENCE_OPTIONS, _MEANINGS_OF_TRUTH, strict=True)
+        },
     }
 
     def __post_init__(self) -> None:

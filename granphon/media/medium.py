@@ -44,10 +44,19 @@ NETWORK = "network"
 
 @dataclass(frozen=True)
 class Option:
-    """An option of a medium: its default, and the rule that reads its value."""
+    """An option of a medium, which a scene or a sweep may set.
+
+    Attributes
+    ----------
+    default, rule : its default, and the rule that reads its value.
+    meaning : in words, for the reference.
+    absent : what holds by ``default``, in words, where the default itself does not say it.
+    """
 
     default: Any
     rule: Rule
+    meaning: str
+    absent: str = ""
 
 
 #: a prestress f/(k a) so small that a lattice which buckles under it does so under any
@@ -501,7 +510,14 @@ class EffectiveMedium(LawMedium):
     name = "ema"
     words = "effective medium"
     slow_part = "the effective medium of long lists of diameters"
-    options = {"local_field": Option(_LOCAL_FIELDS[0], partial(choice, options=_LOCAL_FIELDS))}
+    options = {
+        "local_field": Option(
+            _LOCAL_FIELDS[0],
+            partial(choice, options=_LOCAL_FIELDS),
+            "computed, or what the paper prints, which is [wrong](../errata.md), to reproduce its"
+            " curves",
+        )
+    }
     source: str
 
     def __init__(

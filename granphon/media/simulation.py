@@ -789,11 +789,36 @@ class DirectSimulation(Medium[SimulatedState]):
 
     #: what a scene may set: neither diameters nor executor and workers
     options: ClassVar[Mapping[str, Option]] = {
-        "shape": Option(shape, read_cells),
-        "seed": Option(seed, partial(whole, low=0, high=_MOST_SEED)),
-        "samples": Option(samples, partial(whole, low=1, high=10_000)),
-        "geometry": Option(geometry, read_geometry),
-        "boundary": Option(boundary, read_boundary),
+        "shape": Option(
+            shape,
+            read_cells,
+            "cells along each period of the array, by default one of these, by the dimension of the"
+            " lattice",
+            ", ".join(f"`{' '.join(map(str, cells))}`" for cells in DEFAULT_SHAPES.values()),
+        ),
+        "seed": Option(
+            seed,
+            partial(whole, low=0, high=_MOST_SEED),
+            "seed of the diameters of the first sample; each further sample has the next number",
+        ),
+        "samples": Option(
+            samples,
+            partial(whole, low=1, high=10_000),
+            "how many arrays are averaged; two or more have standard errors",
+        ),
+        "geometry": Option(
+            geometry,
+            read_geometry,
+            "`lattice`: contacts keep the directions of the lattice; `exact`: their own, with"
+            " `finite_overlap`; left out: [exact where it"
+            " matters](../explanation/simulation.md#which-geometry)",
+        ),
+        "boundary": Option(
+            boundary,
+            read_boundary,
+            "`isotropic`: the cell keeps its shape; `stress`: it may shear, and its whole stress is"
+            " [hydrostatic](../explanation/rest.md#two-flags); not with `friction_history`",
+        ),
         **HISTORY_OPTIONS,
     }
 

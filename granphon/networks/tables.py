@@ -17,7 +17,7 @@ import numpy as np
 
 from granphon.balls.contact_model import ContactModel
 from granphon.balls.motions import ALL, allowed_motions
-from granphon.balls.on_site import find_unit, name_springs
+from granphon.balls.on_site import find_quantity, name_springs
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import LENGTH, LOADS, STIFFNESS, TURN_STIFFNESS, Quantity
@@ -61,10 +61,7 @@ BALLS: Mapping[str, Quantity | None] = {
     "mass": Quantity("mass", "kg", "2 g", "kg, g, mg"),
     "inertia": Quantity("moment of inertia", "kg*m^2", "1 g*mm^2", "kg*m^2, g*mm^2"),
     "kind": None,
-    **{
-        column: STIFFNESS if find_unit(name) == "N/m" else TURN_STIFFNESS
-        for name, column in _ON_SITE.items()
-    },
+    **{column: find_quantity(name) for name, column in _ON_SITE.items()},
 }
 CONTACTS: Mapping[str, Quantity | None] = {
     "i": None,

@@ -24,7 +24,7 @@ from granphon.base.arrays import Array
 from granphon.base.errors import InputError, MechanismError
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
-from granphon.dynamics.damping import Losses, find_tsuji
+from granphon.dynamics.damping import GivenLosses, Losses, find_tsuji
 from granphon.figures.style import colour_kinds
 from granphon.media.choice import MediumChoice, find_medium
 from granphon.media.state import NetworkState
@@ -235,7 +235,7 @@ def _describe_losses_of_network(
     alike = _describe_losses(losses)
     if losses is None or alike is None:
         return None
-    of_contacts = Losses.of(network, **losses.losses)
+    of_contacts = Losses.of(network, GivenLosses(**losses.losses))
     return alike | {
         "factors": of_contacts.factors[:, network.in_lattice].tolist(),
         "damping": of_contacts.times[:, network.in_lattice].tolist(),

@@ -40,7 +40,7 @@ from granphon.dynamics.bloch_waves import (
 )
 from granphon.dynamics.compatibility import MOST_BYTES
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.dynamics.damping import DampedModes, Losses, damp_evenly, damp_unevenly
+from granphon.dynamics.damping import DampedModes, GivenLosses, Losses, damp_evenly, damp_unevenly
 from granphon.dynamics.half_space import HalfSpace
 from granphon.dynamics.sensitivities import (
     FrequencySensitivities,
@@ -453,7 +453,8 @@ class Phonons:
         network = given_network(self.state)
         self._require_state_cell()
         q = self.lattice.wavevectors(points)
-        losses = Losses.of(network, damping, loss_factor, drag, dashpot, restitution)
+        given = GivenLosses(damping, loss_factor, drag, dashpot, restitution)
+        losses = Losses.of(network, given)
         undamped = self.lattice.frequencies(q)
         angular_unit = self.scales.angular_frequency
         even = losses.find_even()
@@ -693,7 +694,8 @@ class Phonons:
         self._require_state_cell(with_stiffness=True)
         hertz = frequency_array("frequencies", frequencies, "above zero", in_order=False)
         half_space = HalfSpace(network, axis)
-        losses = Losses.of(half_space.cut, damping, loss_factor, drag, dashpot, restitution)
+        given = GivenLosses(damping, loss_factor, drag, dashpot, restitution)
+        losses = Losses.of(half_space.cut, given)
         wavevector = half_space.read_wavevector(q)
         if losses.is_none:
             require_bloch_memory(hertz.size, half_space.size)

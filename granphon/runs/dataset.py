@@ -54,8 +54,8 @@ from granphon.dynamics.elasticity import voigt_names
 from granphon.media.choice import is_exact_label
 from granphon.observables.catalogue import CATALOGUE, WAVE_COSTS, entry_of
 from granphon.runs.execution import solve_all
+from granphon.runs.finished_tasks import Store, TaskResult
 from granphon.runs.notes import CaseNotes, tell_notes
-from granphon.runs.store import Store, TaskResult
 from granphon.runs.tasks import (
     INCOMPLETE,
     SWEEP_SCHEMA,

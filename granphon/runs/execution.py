@@ -25,7 +25,7 @@ from granphon.base.errors import GranphonError, OutputError
 from granphon.base.progress import Progress, Step, silent
 from granphon.base.registry import list_added
 from granphon.base.threads import LOST_WORKER, naming_lost_workers
-from granphon.runs.store import Store, TaskResult, decode, encode
+from granphon.runs.finished_tasks import Store, TaskResult, decode, encode
 from granphon.runs.workers import (
     InProcess,
     count_calls,

@@ -46,8 +46,8 @@ from granphon.runs.dataset import (
     load_sweep,
     write_sweep,
 )
+from granphon.runs.finished_tasks import Store, open_store
 from granphon.runs.notes import CaseNotes, tell_notes
-from granphon.runs.store import Store, open_store
 from granphon.runs.tasks import INCOMPLETE, Case, Grid, find_analysis, to_json
 from granphon.waves.settings import (
     MOMENTS,
@@ -663,6 +663,8 @@ class Plan:
         machine now, or more than 10,000 days on one processor.
         """
         told_parts = [(path, mend, cost) for path, mend, cost in self.parts if cost.tells]
+        if not told_parts:
+            return None
         total = sum((cost for _, _, cost in told_parts), Cost())
         free_memory = memory.available_memory()  # bytes
         most_seconds = costs.MOST_SECONDS
@@ -674,7 +676,7 @@ class Plan:
             limit = f"no run may take more than {duration} on one processor"
             sizes = [cost.seconds for _, _, cost in told_parts]
         else:
-            return total if told_parts else None
+            return total
         # the error stands at the key of the largest part
         path, mend, _ = told_parts[sizes.index(max(sizes))]
         with self.places.at(*path):
@@ -986,7 +988,7 @@ def _estimate_response(serving: ServingMedium, settings: ResponseSettings) -> Co
     Raises :class:`~granphon.base.errors.ConvergenceError` for a response that would be refused.
     """
     # imported here: other scenes do not need it
-    from granphon.dynamics.damping import Losses
+    from granphon.dynamics.damping import GivenLosses, Losses
     from granphon.runs.wave_records import find_typical_state
     from granphon.waves.operator import make_operator
     from granphon.waves.response import ResponseWork
@@ -1000,7 +1002,7 @@ def _estimate_response(serving: ServingMedium, settings: ResponseSettings) -> Co
         return None
     whole_network = state.network if array is None else state.network.repeat(array.cells)
     network = settings.shape(whole_network)
-    losses = Losses.of(network, **settings.losses)
+    losses = Losses.of(network, GivenLosses(**settings.losses))
     omega = 2.0 * math.pi * np.array(settings.frequencies)  # rad/s
     work = ResponseWork(make_operator(network), losses, omega)
     is_factorised, seconds = work.choose(None)

@@ -31,8 +31,8 @@ from granphon.phonons.paths import BandPath
 from granphon.runs.dataset import (
     Dataset,
 )
+from granphon.runs.finished_tasks import Store
 from granphon.runs.plan import Plan
-from granphon.runs.store import Store
 from granphon.runs.tasks import Grid, Request, require_arrays
 from granphon.waves.settings import (
     NETWORK_BLOCKS,

@@ -51,7 +51,7 @@ from granphon.observables.catalogue import Analysis, find_all, warn_of_missing_e
 from granphon.observables.velocities import warn_of_free_branches
 from granphon.phonons.paths import interpolate_path, special_points
 from granphon.runs.execution import Task
-from granphon.runs.store import TaskResult
+from granphon.runs.finished_tasks import TaskResult
 from granphon.runs.workers import packages
 from granphon.waves.settings import (
     BandsSettings,

@@ -23,7 +23,7 @@ from granphon.media import cost as costs
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.observables.parameters import read_number
 from granphon.runs.execution import Task
-from granphon.runs.store import TaskResult
+from granphon.runs.finished_tasks import TaskResult
 from granphon.runs.tasks import Case, to_json
 from granphon.runs.workers import packages
 from granphon.scene.design_settings import DesignSettings, find_unit_of_variable, varies_parameters

@@ -18,11 +18,7 @@ from granphon.balls.packing import LOSSES, PARAMETERS, find_unit
 from granphon.base.errors import Refused
 from granphon.base.quantities import (
     FREQUENCY,
-    INERTIA,
     LOADS,
-    MASS,
-    STIFFNESS,
-    TURN_STIFFNESS,
     find_load_unit,
     load_quantities,
 )
@@ -49,20 +45,13 @@ from granphon.base.validation import (
     real_number,
     truth,
 )
-from granphon.inverse.variables import PER, RESTARTS, SEED, STEPS, UNITS, VARIED
+from granphon.inverse.variables import PER, QUANTITIES, RESTARTS, SEED, STEPS, UNITS, VARIED
 from granphon.media.network_file import NetworkMedium
-from granphon.scene.rules import find_kind, refusing
+from granphon.scene.file_keys import find_kind, refusing
 from granphon.waves.settings import DIRECTION, NetworkSettings, ResponseSettings, find_place
 
 #: the kinds of the numbers of a network
-_NUMBERS = {
-    "mass": with_unit(MASS),
-    "inertia": with_unit(INERTIA),
-    **dict.fromkeys(
-        ("stiffness", "normal_stiffness", "shear_stiffness", "on_site"), with_unit(STIFFNESS)
-    ),
-    **dict.fromkeys(("torsion", "bending"), with_unit(TURN_STIFFNESS)),
-}
+_NUMBERS = {name: with_unit(quantity) for name, quantity in QUANTITIES.items()}
 #: blocks whose names may stand before a parameter of theirs, as in load.force
 _PREFIXES = ("load.", "material.", "packing.")
 #: most points of the mesh of a gap along each period

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 from granphon.balls.lattices import TRIANGULAR, Lattice, find_lattice
 from granphon.balls.loads import Load
 from granphon.balls.material import Material
-from granphon.balls.packing import Packing
+from granphon.balls.packing import MOST_ROLLING, Packing
 from granphon.base.errors import (
     ConvergenceError,
     GranphonError,
@@ -43,14 +43,14 @@ from granphon.base.quantities import (
 from granphon.base.scales import write_quantity
 from granphon.base.settings import NEEDED, Block, Setting, list_settings
 from granphon.base.text import Document, parse_yaml, plain_yaml, read_text, show
-from granphon.base.validation import block, read_inside, refuse_unknown_key
+from granphon.base.validation import Rule, block, read_inside, refuse_unknown_key
 from granphon.media.medium import CRYSTAL, NETWORK
 from granphon.media.network_file import NetworkFiles
 from granphon.phonons.paths import BandPath
 from granphon.runs.plan import Places
-from granphon.scene import rules
+from granphon.scene import file_keys
 from granphon.scene.design_settings import DesignSettings, named_tables_of_goal
-from granphon.scene.rules import (
+from granphon.scene.file_keys import (
     PARTS,
     Context,
     choose_lattice,
@@ -82,20 +82,20 @@ SETTINGS: dict[str, type[Block]] = {**WAVE_BLOCKS, DesignSettings.block: DesignS
 #: the keys of each block, as they are declared; a value at the top level stands alone under an
 #: empty key
 BLOCKS: dict[str, Mapping[str, Setting]] = {
-    "schema": {"": rules.SCHEMA},
+    "schema": {"": file_keys.SCHEMA},
     "material": list_settings(Material),
-    "packing": rules.PACKING,
-    "balls": {"": rules.BALLS},
-    "crystal": rules.CRYSTAL,
+    "packing": file_keys.PACKING,
+    "balls": {"": file_keys.BALLS},
+    "crystal": file_keys.CRYSTAL,
     "network": list_settings(NetworkFiles),
-    "load": rules.LOAD,
-    "medium": {"": rules.MEDIUM},
-    "sweep": {"": rules.SWEEP},
-    "correlations": {"": rules.CORRELATIONS},
-    "observe": {"": rules.OBSERVE},
-    "direction": {"": rules.DIRECTION},
+    "load": file_keys.LOAD,
+    "medium": {"": file_keys.MEDIUM},
+    "sweep": {"": file_keys.SWEEP},
+    "correlations": {"": file_keys.CORRELATIONS},
+    "observe": {"": file_keys.OBSERVE},
+    "direction": {"": file_keys.DIRECTION},
     **{name: list_settings(settings) for name, settings in SETTINGS.items()},
-    "phonopy": rules.PHONOPY,
+    "phonopy": file_keys.PHONOPY,
 }
 #: the attribute of a scene that has the values of a block, or the value of a key, where it has not
 #: the name of the block, or of the key in it
@@ -112,8 +112,8 @@ _ATTRIBUTES = {
     "packing.finite_overlap": "finite_overlap",
     "crystal.kinds": "packing.order",
     "crystal.finite_overlap": "finite_overlap",
+    **{f"phonopy.{key}": key for key in file_keys.PHONOPY},
     "phonopy.band_labels": "band.labels",
-    **{f"phonopy.{key}": key for key in ("dim", "band", "band_points", "mesh")},
     # each key writes what it holds of the load
     **{f"load.{key}": "load" for key in (*LOAD_KINDS, "times")},
 }
@@ -256,8 +256,7 @@ def read_blocks(document: Document, folder: Path) -> dict[str, Any]:
         if isinstance(data, Mapping) and set(_CRYSTAL_BLOCKS) & set(data):
             return _read_crystal_scene(document, folder)
         context = Context(_find_lattice(data), folder=folder)
-        readers = {name: partial(_read_block, name, context=context) for name in BLOCKS}
-        return block(data, readers, _NEEDED_BLOCKS)
+        return block(data, _make_readers(context), _NEEDED_BLOCKS)
     except Refused as refused:
         with suppress(LookupError, TypeError, Refused, AttributeError):
             refused = _convert_percent(refused, data)
@@ -301,7 +300,7 @@ def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
     crystal_context = Context(folder=folder)
     crystal_values = block(
         {name: data[name] for name in _CRYSTAL_BLOCKS if name in data},
-        {name: partial(_read_block, name, context=crystal_context) for name in _CRYSTAL_BLOCKS},
+        {name: _make_readers(crystal_context)[name] for name in _CRYSTAL_BLOCKS},
         _CRYSTAL_BLOCKS,
     )
     settings: dict[str, Any] = dict(crystal_values["crystal"])
@@ -313,9 +312,7 @@ def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
     context = Context(arrangement.structure, parameters=arrangement.parameters, folder=folder)
     # spectrum and pulse are of arrays, which packings have
     unused = (*_CRYSTAL_BLOCKS, *_NEEDED_BLOCKS[:2], "spectrum", "pulse")
-    readers = {
-        name: partial(_read_block, name, context=context) for name in BLOCKS if name not in unused
-    }
+    readers = _make_readers(context, unused)
     blocks = {name: value for name, value in data.items() if name not in _CRYSTAL_BLOCKS}
     return block(blocks, readers, ("load",)) | {"packing": packing}
 
@@ -331,17 +328,14 @@ def _read_files_scene(document: Document, folder: Path) -> dict[str, Any]:
         if name in data:
             allowed = "network alone, as files have their balls, their contacts and their forces"
             raise Refused(f"{name} beside network", allowed, "Remove it.", (name,))
-    values = read_inside(
-        "network", partial(_read_block, "network", context=Context(folder=folder)), data["network"]
-    )
+    rule = _make_readers(Context(folder=folder))["network"]
+    values = read_inside("network", rule, data["network"])
     try:
         arrangement = NetworkFiles(**values)
     except GranphonError as error:
         raise document.error(("network",), str(error)) from None
     context = Context(arrangement.structure, folder=folder)
-    readers = {
-        name: partial(_read_block, name, context=context) for name in BLOCKS if name not in unused
-    }
+    readers = _make_readers(context, unused)
     blocks = {name: value for name, value in data.items() if name not in _FILES_BLOCKS}
     packing = {"arrangement": arrangement, "finite_overlap": arrangement.network.prestress}
     return block(blocks, readers, ()) | {"packing": packing}
@@ -388,6 +382,13 @@ def _find_failing_step(
             make(**earlier)
             failing = (step,)
     return failing
+
+
+def _make_readers(context: Context, unused: Sequence[str] = ()) -> dict[str, Rule]:
+    """Return the rule that reads each block, by name, but for the ``unused``."""
+    return {
+        name: partial(_read_block, name, context=context) for name in BLOCKS if name not in unused
+    }
 
 
 def _read_block(name: str, value: Any, context: Context) -> Any:
@@ -495,7 +496,7 @@ def _find_lattice(data: Any) -> Lattice:
     depend: that of the packing, triangular by default, or of a sweep over lattices of another
     dimension the first. Refused for a value that is no lattice.
     """
-    readers = {"packing": PARTS["lattice"].rule(Context()), "sweep": rules.read_lattices}
+    readers = {"packing": PARTS["lattice"].rule(Context()), "sweep": file_keys.read_lattices}
     lattices = {}
     for name, rule in readers.items():
         values = data.get(name) if isinstance(data, Mapping) else None
@@ -503,7 +504,7 @@ def _find_lattice(data: Any) -> Lattice:
             read = partial(read_inside, "lattice", rule)
             lattices[name] = read_inside(name, read, values["lattice"])
     packing_lattice = find_lattice(lattices.get("packing", TRIANGULAR))
-    return rules.choose_lattice(packing_lattice, lattices.get("sweep", ()))
+    return file_keys.choose_lattice(packing_lattice, lattices.get("sweep", ()))
 
 
 # -- the file of a scene ---------------------------------------------------------------------------
@@ -512,8 +513,10 @@ def _find_lattice(data: Any) -> Lattice:
 #: what is allowed of the motions of balls, and of the stiffnesses that resist some of them
 _ALLOWED_OF_MOTIONS = {
     "motions": "motions of this lattice",
-    "torsion": "up to 1e6, and 0 where no motion is resisted by it",
-    "bending": "up to 1e6, and 0 where no motion is resisted by it",
+    **dict.fromkeys(
+        ("torsion", "bending"),
+        f"up to {MOST_ROLLING:g}, and 0 where no motion is resisted by it",
+    ),
 }
 #: ordinary values of the quantities of which the scales of a ball are made, Pa, kg/m^3 and m
 _ORDINARY = {"young_modulus": 1e10, "density": 1e3, "diameter": 1e-2}
@@ -575,7 +578,7 @@ def _find_uncertain(data: Any) -> dict[tuple[Any, ...], Any]:
                 entries[path] = entry
         elif isinstance(entry, list):
             items = enumerate(entry)
-        elif isinstance(entry, Mapping) and rules.FIT in entry and path:
+        elif isinstance(entry, Mapping) and file_keys.FIT in entry and path:
             entries[path] = entry
         elif isinstance(entry, Mapping):
             items = entry.items()

@@ -46,8 +46,8 @@ from granphon.observables.validity import Validity
 from granphon.observables.velocities import Moduli, SoundVelocities
 from granphon.runs.dataset import list_finite_overlap
 from granphon.runs.execution import Means
+from granphon.runs.finished_tasks import Store, open_store
 from granphon.runs.plan import Plan, keep_incomplete
-from granphon.runs.store import Store, open_store
 from granphon.runs.tasks import Grid, Request, Written
 from granphon.runs.workers import packages
 from granphon.scene.file import SceneSource

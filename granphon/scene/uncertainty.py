@@ -26,9 +26,9 @@ from granphon.base.quantities import NUMBER, PERCENT, find_factor, find_written_
 from granphon.base.text import Document, list_names, show
 from granphon.base.validation import require
 from granphon.runs.tasks import to_json
-from granphon.scene import rules
+from granphon.scene import file_keys
 from granphon.scene.file import SceneSource, write_blocks
-from granphon.scene.rules import Context
+from granphon.scene.file_keys import Context
 from granphon.scene.written_errors import Keys, name_keys
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def settle_correlations(scene: Any) -> tuple[tuple[str, str, float], ...]:
     or of several; for a pair that is given twice, or of one parameter; and for correlations that no
     errors can have, whose matrix is not positive semidefinite.
     """
-    rule = rules.CORRELATIONS.kind.rule(Context())
+    rule = file_keys.CORRELATIONS.kind.rule(Context())
     correlations_given = require("correlations", rule, scene.correlations)
     names = [name_keys(keys) for keys, _ in scene.errors]
     settled: dict[frozenset[str], tuple[str, str, float]] = {}

@@ -14,7 +14,7 @@ from granphon.balls.neighbours import touch_once_at_most
 from granphon.balls.on_site import HOLDING_PARAMETERS
 from granphon.balls.packing import Axis, Packing, change_packing, find_unit
 from granphon.base.errors import InputError, Refused
-from granphon.base.quantities import LENGTH, find_load_unit
+from granphon.base.quantities import ACCELERATION, LENGTH, find_load_unit
 from granphon.base.settings import describe_settings
 from granphon.base.tables import Heading, table_text
 from granphon.base.text import MOST_SCENE_BYTES, dump_yaml, spell
@@ -27,10 +27,10 @@ from granphon.media.choice import (
 from granphon.phonons.paths import MESHES, BandPath, read_paths
 from granphon.runs.plan import list_parameters_of_branches
 from granphon.runs.tasks import require_arrays
-from granphon.scene import rules
+from granphon.scene import file_keys
 from granphon.scene.design_settings import DesignSettings, require_variables
 from granphon.scene.file import SETTINGS, SceneSource, write_blocks
-from granphon.scene.rules import Context
+from granphon.scene.file_keys import Context
 from granphon.waves.settings import BLOCKS as WAVE_BLOCKS
 from granphon.waves.settings import (
     NETWORK_BLOCKS,
@@ -56,11 +56,11 @@ if TYPE_CHECKING:
 _SPECTRUM = SpectrumSettings()
 #: the keys in a file by whose rules attributes of a scene are checked
 _CHECKED = {
-    "media": rules.MEDIUM,
-    "finite_overlap": rules.PACKING["finite_overlap"],
-    "observe": rules.OBSERVE,
-    **{name: rules.PHONOPY[name] for name in ("band_points", "mesh", "dim")},
-    "direction": rules.DIRECTION,
+    "media": file_keys.MEDIUM,
+    "finite_overlap": file_keys.PACKING["finite_overlap"],
+    "observe": file_keys.OBSERVE,
+    **{name: file_keys.PHONOPY[name] for name in ("band_points", "mesh", "dim")},
+    "direction": file_keys.DIRECTION,
 }
 #: what a sweep may vary of losses and of walls
 _ALLOWED_IN_SWEEP = "a parameter of what is observed, which no block gives"
@@ -91,7 +91,7 @@ class Conflict(NamedTuple):
 class SceneValues:
     """The values of a :class:`~granphon.scene.scene.Scene`, which describes each of them."""
 
-    schema: ClassVar[int] = rules.SCENE_SCHEMA
+    schema: ClassVar[int] = file_keys.SCENE_SCHEMA
 
     packing: Packing | Arrangement | NetworkFiles
     load: Load
@@ -131,7 +131,7 @@ class SceneValues:
         axes = tuple(Axis.of(name, values) for name, values in dict(self.parameters).items())
         assign("parameters", tuple((axis.name, axis.values) for axis in axes))
         lattices = dict(self.parameters).get("lattice", ())
-        lattice = rules.choose_lattice(self.packing.structure, lattices)
+        lattice = file_keys.choose_lattice(self.packing.structure, lattices)
         if lattice != self.packing.structure:
             assign("packing", change_packing(self.packing, {"lattice": lattices[0]}))
         if not self.mesh:
@@ -150,7 +150,8 @@ class SceneValues:
             assign("finite_overlap", True)
         # a scene without bands in space does not ask ASE, which knows the path there
         has_path = lattice.periods == 2 or bool({"bands", "spectrum"} & set(self.observe))
-        if self.band is None and has_path:
+        given_path = self.band
+        if given_path is None and has_path:
             assign("band", BandPath.default(lattice))
         if self.load.array.ndim > 1:
             problem = f"the load has the shape {self.load.shape}"
@@ -158,7 +159,7 @@ class SceneValues:
         for settings in map(self.observed_settings, SETTINGS):
             if isinstance(settings, EdgeSettings) and settings.kinds_of_walls:
                 assign(settings.block, self._find_materials(settings))
-        self._require_consistency()
+        self._require_consistency(given_path)
         if self.errors or self.correlations:
             # imported here: few scenes have errors
             from granphon.scene.uncertainty import settle_correlations, settle_errors
@@ -271,7 +272,7 @@ class SceneValues:
             (load.kind.replace("_", " "), load.array, load_unit),
             ("components", load.tensor, "of that"),
             ("balls per side", load.balls_per_side, ""),
-            ("gravity", load.gravity, "m/s^2"),
+            ("gravity", load.gravity, ACCELERATION.unit),
             ("medium", media, ""),
             *sweeps,
             ("finite overlap", self.finite_overlap, ""),
@@ -305,7 +306,7 @@ class SceneValues:
         file; else None.
         """
         spread: Any = self.packing.spread
-        if not rules.is_long(spread):
+        if not file_keys.is_long(spread):
             return None
         rows = ([diameter] for diameter in spread.diameters)
         return table_text([Heading("diameter", LENGTH.unit)], rows)
@@ -357,7 +358,7 @@ class SceneValues:
                 f"{', '.join(NETWORK_BLOCKS)} of these",
                 f"Waves of this kind need a period: write observe: [{first_block}].",
             )
-            for name in rules.OBSERVABLES
+            for name in file_keys.OBSERVABLES
             if name not in ("spectrum", "pulse", *NETWORK_BLOCKS, "design")
         ]
         pulse = Conflict(
@@ -471,7 +472,7 @@ class SceneValues:
             return
         kinds = "one state, or of arrays" if waves == ["dos"] else "arrays"
         allowed = f"{', '.join(waves)} of {kinds} that a medium: simulation makes"
-        with rules.refusing(waves[0], allowed, "observe"):
+        with file_keys.refusing(waves[0], allowed, "observe"):
             require_arrays(self.media, dict(self.parameters), waves)
 
     def _list_conflicts_of_design(self) -> list[Conflict]:
@@ -524,17 +525,17 @@ class SceneValues:
             {name: ball for name, ball in kinds.items() if name not in of_crystal}
         )
 
-    def _require_consistency(self) -> None:
+    def _require_consistency(self, given_path: BandPath | None) -> None:
         """Raise :class:`~granphon.base.errors.Refused` if values that are allowed one by one
-        exclude each other.
+        exclude each other; ``given_path`` is the path of the bands, unless it is the lattice's own.
         """
         structure = self.packing.structure
         self._require_supercell()
         if self.finite_overlap:
-            with rules.refusing(True, "false, with a simulation", "packing", "finite_overlap"):
+            with file_keys.refusing(True, "false, with a simulation", "packing", "finite_overlap"):
                 require_finite_overlap(self.media)
         for choice in self.media:
-            with rules.refusing(choice.label, "a medium of these balls", "medium"):
+            with file_keys.refusing(choice.label, "a medium of these balls", "medium"):
                 choice.require_for(self.packing)
         self._require_arrays()
         if self.parameters:
@@ -542,7 +543,7 @@ class SceneValues:
 
             observed = [*map(self.observed_settings, WAVE_BLOCKS)]
             for name, _values in self.parameters:
-                with rules.refusing(name, _ALLOWED_IN_SWEEP, "sweep"):
+                with file_keys.refusing(name, _ALLOWED_IN_SWEEP, "sweep"):
                     require_losses([name], observed)
                     require_walls([name], observed, find_kinds(self.packing))
         for conflict in self._list_conflicts():
@@ -554,14 +555,14 @@ class SceneValues:
         surface = self.observed_settings("surface")
         if surface is not None:
             allowed = "an axis across which the balls repeat"
-            with rules.refusing(surface.axis, allowed, "surface", "axis"):
+            with file_keys.refusing(surface.axis, allowed, "surface", "axis"):
                 Layers.across(surface.axis, structure.vectors)
         if "pulse" in self.observe and len(self.directions) > 1:
             raise Refused("several directions with a pulse", "one direction", path=("direction",))
-        if self.band is not None:
+        if given_path is not None:
             # a path of another dimension is refused, with its key in the block
             rule = partial(read_paths, periods=structure.periods)
-            read_inside("phonopy", partial(read_inside, "band", rule), str(self.band))
+            read_inside("phonopy", partial(read_inside, "band", rule), str(given_path))
         if self.load.kind == "side_force" and structure != TRIANGULAR:
             allowed = "on the triangular lattice only, whose frame is a hexagon"
             raise Refused("a side_force", allowed, path=("load", "side_force"))
@@ -576,5 +577,5 @@ class SceneValues:
             return
         supercells = ((n_cells,) * structure.periods for n_cells in range(1, _MOST_CELLS))
         smallest = next(supercell for supercell in supercells if touch_once(supercell))
-        allowed = f"{rules.write_grid(smallest)} or more"
-        raise Refused(rules.write_grid(self.dim), allowed, path=("phonopy", "dim"))
+        allowed = f"{file_keys.write_grid(smallest)} or more"
+        raise Refused(file_keys.write_grid(self.dim), allowed, path=("phonopy", "dim"))

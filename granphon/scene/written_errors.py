@@ -21,7 +21,7 @@ from granphon.balls.packing import SECOND_LOSSES
 from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import NUMBER, split_error
 from granphon.base.text import list_names, read_yaml, show
-from granphon.scene.rules import FIT
+from granphon.scene.file_keys import FIT
 
 #: the keys that lead to a value of a scene
 Keys = tuple[str | int, ...]

@@ -58,7 +58,7 @@ from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState, ideal_lattice
 from granphon.observables.velocities import local_exponent, sound_velocities
 from granphon.runs.execution import Task, solve_all
-from granphon.runs.store import Store, TaskResult
+from granphon.runs.finished_tasks import Store, TaskResult
 from granphon.runs.tasks import to_json
 from granphon.runs.workers import packages
 

@@ -19,7 +19,7 @@ from granphon.array.sparse_matrices import estimate_factors
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
 from granphon.base.validation import frequency_array, one_of, whole_number
-from granphon.dynamics.damping import Losses
+from granphon.dynamics.damping import GivenLosses, Losses
 from granphon.dynamics.lowest_modes import size_block
 from granphon.media.cost import Cost, Units, time_once
 from granphon.waves.branches import read_wavevectors
@@ -173,16 +173,14 @@ class WaveEstimate:
         return self._make_factors("modes below frequencies", float(np.size(frequencies)))
 
     def _find_response(
-        self, frequencies: Any, _source: Any = None, _receiver: Any = None,
-        damping: Any = 0.0, loss_factor: Any = 0.0, *, drag: Any = 0.0, dashpot: Any = 0.0,
-        restitution: Any = 1.0, method: str | None = None, tolerance: float = TOLERANCE,
-        **_places: Any,
+        self, frequencies: Any, _source: Any = None, _receiver: Any = None, *losses: Any,
+        method: str | None = None, tolerance: float = TOLERANCE, **options: Any,
     ) -> Cost:  # fmt: skip
         """Return the cost of a response."""
         operator = self.operator
         hertz = frequency_array("frequencies", frequencies)
-        losses = Losses.of(operator.network, damping, loss_factor, drag, dashpot, restitution)
-        work = ResponseWork(operator, losses, 2.0 * math.pi * hertz, tolerance)
+        losses_of_network = Losses.of(operator.network, GivenLosses.take(options, *losses))
+        work = ResponseWork(operator, losses_of_network, 2.0 * math.pi * hertz, tolerance)
         by_factors, seconds = work.choose(method)
         n_factors = int(np.count_nonzero(by_factors))
         words = f"response at {counted(hertz.size, 'frequency', 'frequencies')}"
@@ -197,6 +195,10 @@ class WaveEstimate:
         polarisation: Any = "longitudinal", **options: Any,
     ) -> Cost:  # fmt: skip
         """Return the cost of a pulse."""
-        request = PulseSource(frequency, direction, distance, cycles, polarisation, **options)
+        tangential = options.pop("tangential_damping", None)
+        losses = GivenLosses.take(options).with_tangential(tangential)
+        request = PulseSource(
+            frequency, direction, distance, cycles, polarisation, losses=losses, **options
+        )
         products = count_products(self.operator, request)
         return self._make(f"pulse of {write_quantity(frequency, 'Hz')}", products)

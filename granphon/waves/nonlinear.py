@@ -69,7 +69,7 @@ from granphon.contacts.laws import ContactLaws
 from granphon.contacts.motion import MetPairs, MovingContacts, measure_along
 from granphon.contacts.motion_laws import PairLaws, Powers
 from granphon.contacts.motion_loops import Moment, Rules, drift, gather, kick, spread
-from granphon.dynamics.damping import Losses
+from granphon.dynamics.damping import GivenLosses, Losses
 from granphon.media.cost import motion_memory
 from granphon.media.crystal import Crystal, CrystalState
 from granphon.media.limits import check_limit
@@ -219,9 +219,8 @@ class NonlinearWaves:
         self.mu = (
             mu if mu == math.inf else not_negative("friction_coefficient", friction_coefficient)
         )
-        self.losses = Losses.of(
-            network, damping, drag=drag, dashpot=dashpot, restitution=restitution
-        )
+        given = GivenLosses(damping, drag=drag, dashpot=dashpot, restitution=restitution)
+        self.losses = Losses.of(network, given)
         self.rules = Rules(
             turns=geometry == "exact",
             mu=self.mu,

@@ -42,7 +42,7 @@ from granphon.base.validation import (
     positive,
     real_array,
 )
-from granphon.dynamics.damping import Losses
+from granphon.dynamics.damping import NO_LOSSES, GivenLosses, Losses
 from granphon.dynamics.linalg import lanczos_converges
 from granphon.networks.network import ContactNetwork, number_pieces
 from granphon.waves.modes import find_fall, find_falls, is_stable, require_stable
@@ -1078,7 +1078,7 @@ def _require_alike(pulse: Pulse, first: Pulse, count: int) -> None:
 @dataclass(frozen=True, eq=False)
 class PulseSource:
     """A pulse to be sent: its fields are the arguments of
-    :meth:`~granphon.waves.waves.Waves.transmit`, see there.
+    :meth:`~granphon.waves.waves.Waves.transmit`, see there, whose losses are one field.
     """
 
     frequency: float
@@ -1089,28 +1089,10 @@ class PulseSource:
     _: KW_ONLY
     source: str | int | Sequence[int] = "plane"
     ends: str = "free"
-    damping: Any = 0.0
-    tangential_damping: float | None = None
-    drag: Any = 0.0
-    dashpot: Any = 0.0
-    restitution: Any = 1.0
+    losses: GivenLosses = NO_LOSSES
     duration: float | None = None
     planes: ArrayLike = ()
     frames: ArrayLike = ()
-
-    def find_losses(self, network: ContactNetwork) -> Losses:
-        """Return the losses of a network in which the pulse travels."""
-        damping = self.damping
-        if self.tangential_damping is not None:
-            normal = damping[0] if isinstance(damping, tuple) else damping
-            damping = (normal, self.tangential_damping)
-        return Losses.of(
-            network,
-            damping,
-            drag=self.drag,
-            dashpot=self.dashpot,
-            restitution=self.restitution,
-        )
 
     @classmethod
     def of(
@@ -1141,7 +1123,7 @@ class PulseSource:
             settings.polarisation,
             source=settings.source,
             ends=settings.ends,
-            **settings.losses,
+            losses=GivenLosses(**settings.losses),
         )
 
 
@@ -1430,7 +1412,7 @@ def transmit(
         if not course.at_rest:
             require_stable(operator)
     _require_reached(operator, burst.frequency)
-    losses = request.find_losses(course.network)
+    losses = Losses.of(course.network, request.losses)
     _require_short(operator, route.last, losses)
     _require_frames_memory(len(route.frames), network.n_balls, operator.size)
     motions = _propagate(route, operator, losses)
@@ -1473,7 +1455,7 @@ def count_products(operator: WaveOperator, request: PulseSource) -> float:
     Raises :class:`~granphon.base.errors.InputError` for a pulse that cannot be sent.
     """
     route = Route.of(operator.network, request)
-    losses = request.find_losses(route.course.network)
+    losses = Losses.of(route.course.network, request.losses)
     _require_short(operator, route.last, losses)
     even = losses.find_even()
     if even is None:

@@ -68,7 +68,7 @@ from granphon.base.scales import write_quantity
 from granphon.base.text import counted
 from granphon.base.threads import single_products
 from granphon.base.validation import index_array, one_of, positive
-from granphon.dynamics.damping import Losses
+from granphon.dynamics.damping import GivenLosses, Losses
 from granphon.dynamics.factors import Elimination
 from granphon.networks.network import ContactNetwork
 from granphon.waves.operator import WaveOperator
@@ -863,7 +863,7 @@ class ResponseWork:
         from granphon.media.cost import write_duration
 
         for eta in _ADVISED_LOSSES:
-            losses = Losses.of(self.operator.network, loss_factor=eta)
+            losses = Losses.of(self.operator.network, GivenLosses(loss_factor=eta))
             damped_work = replace(self, losses=losses)
             if damped_work.even_losses is None:
                 continue

@@ -26,7 +26,7 @@ from granphon.dynamics.bloch_waves import (
     find_bloch_waves,
     require_bloch_memory,
 )
-from granphon.dynamics.damping import Losses
+from granphon.dynamics.damping import GivenLosses, Losses
 from granphon.dynamics.factors import factorise
 from granphon.dynamics.half_space import HalfSpace
 from granphon.networks.network import ContactNetwork, given_network
@@ -146,7 +146,8 @@ def transmission(
         middle = last.space.network.cut(axis, last.space.reach + 1)
     strip = given_network(middle)
     operator = WaveOperator(strip)
-    losses = Losses.of(strip, damping, loss_factor, drag, dashpot, restitution)
+    given = GivenLosses(damping, loss_factor, drag, dashpot, restitution)
+    losses = Losses.of(strip, given)
     _require_strip(operator, leads)
     ends = [first.map_to_block(operator, lower=True), last.map_to_block(operator, lower=False)]
     omega = 2.0 * np.pi * hertz

@@ -18,7 +18,13 @@ import numpy as np
 from granphon.balls.ball import Ball, Wall, find_material, name_walls
 from granphon.balls.layers import read_axis, read_edge, read_edges
 from granphon.balls.material import Material
-from granphon.balls.packing import LOSS_PARAMETERS, LOSSES, SECOND_LOSSES, WALL_PARAMETERS
+from granphon.balls.packing import (
+    LOSS_PARAMETERS,
+    LOSS_QUANTITIES,
+    LOSSES,
+    SECOND_LOSSES,
+    WALL_PARAMETERS,
+)
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import (
@@ -26,11 +32,9 @@ from granphon.base.quantities import (
     LENGTH,
     NUMBER,
     PUSH,
-    RATE,
     SINCE,
     TIME,
     VELOCITY,
-    VISCOSITY,
     WAY,
     Quantity,
 )
@@ -48,6 +52,7 @@ from granphon.base.settings import (
     setting,
     whole_from,
     with_unit,
+    with_unit_unless_zero,
     word_of,
     write_block,
     write_values,
@@ -111,18 +116,22 @@ COULOMB_LIMITS = ("elastic", "total")
 # -- kinds of values -------------------------------------------------------------------------------
 
 
-def _loss_kind(name: str, quantity: Quantity) -> Kind:
+def _loss_kind(name: str, quantity: Quantity | None) -> Kind:
     """Return the kind of the loss of this ``name``, zero or above; zero may be without a unit."""
+    if name == "restitution":
+        return Kind.plain(partial(number, low=LEAST_RESTITUTION, high=1.0))
+    if quantity is None:
+        return Kind.plain(partial(read_loss, name, rule=zero_or_above))
+
+    number_kind = with_unit_unless_zero(quantity)
 
     def read(value: Any, context: ValueContext) -> Any:
-        is_zero = isinstance(value, int | float) and not isinstance(value, bool) and value == 0
-        rule = with_unit(quantity).rule(context)
-        return read_loss(name, value, (lambda _: 0.0) if is_zero else rule)
+        return read_loss(name, value, number_kind.rule(context))
 
     def write(value: Any, context: ValueContext) -> Any:
-        return quantity.write(value) if value else value
+        return number_kind.write(value, context) if value else value
 
-    return Kind(read, write, quantity.unit)
+    return number_kind._replace(read=read, write=write)
 
 
 def _of_both_motions(kind: Kind, parts: str = "of normal motion, and of all other") -> Kind:
@@ -144,13 +153,7 @@ def _of_both_motions(kind: Kind, parts: str = "of normal motion, and of all othe
 
 
 #: the kind of each loss of all motions; zero is written without its unit
-LOSS_KINDS = {
-    "damping": _loss_kind("damping", SINCE),
-    "loss_factor": Kind.plain(partial(read_loss, "loss_factor", rule=zero_or_above)),
-    "drag": _loss_kind("drag", RATE),
-    "dashpot": _loss_kind("dashpot", VISCOSITY),
-    "restitution": Kind.plain(partial(number, low=LEAST_RESTITUTION, high=1.0)),
-}
+LOSS_KINDS = {name: _loss_kind(name, quantity) for name, quantity in LOSS_QUANTITIES.items()}
 
 
 def _read_frequencies(value: Any, context: ValueContext) -> tuple[float, ...]:
@@ -543,7 +546,7 @@ class SpectrumSettings(Block):
         with_unit(FREQUENCY),
         "standard deviation of the kernel at frequency zero",
         default=None,
-        absent="1/256 of a bound of the frequencies, about",
+        absent=f"1/{MOMENTS} of a bound of the frequencies, about",
     )
     points: int = setting(
         _POINTS,

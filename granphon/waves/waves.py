@@ -17,7 +17,7 @@ from granphon.base.arrays import Array
 from granphon.base.progress import Progress, silent
 from granphon.base.text import counted
 from granphon.base.validation import finite_array, frequency_array, is_one_of, whole_number
-from granphon.dynamics.damping import DampedModes, Losses
+from granphon.dynamics.damping import DampedModes, GivenLosses, Losses
 from granphon.media.cost import Cost
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.observables.validity import network_warnings
@@ -373,7 +373,8 @@ class Waves:
         operator = self._stable_operator
         hertz = frequency_array("frequencies", frequencies)
         options = ResponseOptions.read(quantity, method, tolerance)
-        losses = Losses.of(self.network, damping, loss_factor, drag, dashpot, restitution)
+        given = GivenLosses(damping, loss_factor, drag, dashpot, restitution)
+        losses = Losses.of(self.network, given)
         places = Places(self.network, direction, polarisation, distance)
         return find_response(operator, hertz, source, receiver, options, losses, places)
 
@@ -415,7 +416,8 @@ class Waves:
         than springs; :class:`~granphon.base.errors.ConvergenceError` if the iteration does not end;
         and what :meth:`modes` raises.
         """
-        losses = Losses.of(self.network, damping, loss_factor, drag, dashpot, restitution)
+        given = GivenLosses(damping, loss_factor, drag, dashpot, restitution)
+        losses = Losses.of(self.network, given)
         return find_damped(self._stable_operator, count, nearest, losses)
 
     def nearest_wavevectors(self, q: ArrayLike) -> Array:
@@ -499,6 +501,7 @@ class Waves:
 
         Where the pulse has no time of flight, it is nan, and the warnings of the result say why.
         """
+        losses = GivenLosses(damping, drag=drag, dashpot=dashpot, restitution=restitution)
         request = PulseSource(
             frequency,
             direction,
@@ -507,11 +510,7 @@ class Waves:
             polarisation,
             source=source,
             ends=ends,
-            damping=damping,
-            tangential_damping=tangential_damping,
-            drag=drag,
-            dashpot=dashpot,
-            restitution=restitution,
+            losses=losses.with_tangential(tangential_damping),
             duration=duration,
             planes=planes,
             frames=frames,

@@ -43,10 +43,10 @@ from granphon.base.text import (
     read_sealed,
     seal,
 )
-from granphon.cli.commands import main
+from granphon.cli.main import main
 from granphon.fits.measurements import Measurements
 from granphon.runs import dataset
-from granphon.runs.store import Store, _seal, encode
+from granphon.runs.finished_tasks import Store, _seal, encode
 from tests.conftest import one_error
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
@@ -873,9 +873,7 @@ def test_a_crash_inside_hdf5_is_not_ours(written, tmp_path, start, said, seconds
     raw = bytearray((written / "sweep.nc").read_bytes()[:-101])
     raw[start : start + 900] = bytes(900)
     (tmp_path / "sweep.nc").write_bytes(raw)
-    command = (
-        "import sys; from granphon.cli.commands import main; from granphon.runs import dataset; "
-    )
+    command = "import sys; from granphon.cli.main import main; from granphon.runs import dataset; "
     command += f"dataset.TRIAL_SECONDS = {seconds}; sys.exit(main(sys.argv[1:]))"
     done = subprocess.run(
         [sys.executable, "-c", command, "plot", str(tmp_path)],

@@ -308,7 +308,7 @@ def command(repeats: int) -> list[Row]:
             own=process(
                 sys.executable,
                 "-c",
-                "import granphon.cli.commands, granphon.scene.scene, yaml, xarray, h5netcdf",
+                "import granphon.cli.main, granphon.scene.scene, yaml, xarray, h5netcdf",
             ),
         )
     what = "`granphon run examples/steel_hexagon.yaml`, a process"

@@ -21,7 +21,7 @@ from side_by_side import Part, Row
 
 import granphon as gp
 from granphon.runs.execution import solve_all
-from granphon.runs.store import Store
+from granphon.runs.finished_tasks import Store
 from granphon.runs.workers import open_executor
 
 #: seconds of a task, number of tasks, least efficiency

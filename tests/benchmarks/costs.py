@@ -150,7 +150,7 @@ def follow(scene: str, out: str, *options: str, command: str = "run") -> None:
         finally:
             sys.setprofile(watch)
 
-    from granphon.cli.commands import main
+    from granphon.cli.main import main
 
     builtins.__import__ = load_unwatched
     sys.setprofile(watch)
@@ -259,7 +259,7 @@ def times(repeats: int, kinds: Sequence[str]) -> dict[str, float]:
                 *options,
             ]
             return lambda: python(
-                f"from granphon.cli.commands import main\nassert main({arguments!r}) == 0"
+                f"from granphon.cli.main import main\nassert main({arguments!r}) == 0"
             )
 
         calls = {kind: scene(kind) for kind in kinds}

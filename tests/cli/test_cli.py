@@ -15,7 +15,7 @@ from granphon.base import text as files
 from granphon.base.errors import FileExistsInRunError
 from granphon.base.progress import Silent, Terminal, on_stderr, silent
 from granphon.base.staging import LIST
-from granphon.cli.commands import main
+from granphon.cli.main import main
 from granphon.scene.outputs import expected_files
 from granphon.scene.scene import Scene
 from tests.conftest import one_error
@@ -464,7 +464,7 @@ def test_help_says_each_command_in_one_whole_line_and_no_types(capsys):
 
 def test_help_loads_no_library_of_the_computation():
     code = (
-        "import sys\nfrom granphon.cli.commands import main\nmain(['run', '--help'])\n"
+        "import sys\nfrom granphon.cli.main import main\nmain(['run', '--help'])\n"
         "assert not {'numpy', 'scipy', 'ase', 'phonopy', 'pint', 'yaml', 'matplotlib', 'rich'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)

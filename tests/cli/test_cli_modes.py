@@ -8,7 +8,7 @@ import granphon as gp
 from granphon.balls.lattices import LATTICES
 from granphon.base.errors import Refused
 from granphon.base.staging import LIST
-from granphon.cli.commands import main
+from granphon.cli.main import main
 from granphon.figures.modes import mode_figure
 from granphon.figures.style import save_figure
 from granphon.phonons.paths import read_point, special_points

@@ -16,7 +16,7 @@ from packaging.requirements import Requirement
 
 from granphon.cli import doctor
 from granphon.cli.app import GROUPS
-from granphon.cli.commands import main
+from granphon.cli.main import main
 
 PYPROJECT = Path(__file__).parents[2] / "pyproject.toml"
 
@@ -72,7 +72,7 @@ def test_doctor_lists_what_the_project_depends_on():
 
 def test_doctor_loads_no_library():
     code = (
-        "import sys\nfrom granphon.cli.commands import main\n"
+        "import sys\nfrom granphon.cli.main import main\n"
         "assert main(['doctor']) == 0\nprint('loaded', *sys.modules)"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -14,7 +14,7 @@ from numpy.testing import assert_array_equal
 
 import granphon as gp
 from granphon.base.errors import InputError
-from granphon.cli import main
+from granphon.cli.main import main
 from granphon.figures.choices import arrange, choose_held, choose_states, read_wishes
 from granphon.figures.curves import comparison_figure, sweep_figure
 from granphon.runs.dataset import write_sweep

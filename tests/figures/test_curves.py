@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
 from granphon.base.errors import InputError, MissingFileError
-from granphon.cli.commands import main
+from granphon.cli.main import main
 from granphon.figures.curves import (
     MOST_LOOKS,
     Curve,

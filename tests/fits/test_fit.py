@@ -1034,7 +1034,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def command(*words):
-    from granphon.cli.commands import main
+    from granphon.cli.main import main
 
     return main(["fit", *words])
 

@@ -15,7 +15,7 @@ from scipy.signal import lfilter
 
 import granphon as gp
 from granphon.base.errors import InputError
-from granphon.cli.commands import main
+from granphon.cli.main import main
 
 VELOCITY = 500.0
 STEP = 1e-6

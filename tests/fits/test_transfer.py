@@ -614,7 +614,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def command(*words):
-    from granphon.cli.commands import main
+    from granphon.cli.main import main
 
     return main(["fit", "scene.yaml", "data.csv", "--column", "magnitude=H", *words])
 
@@ -665,7 +665,7 @@ def test_the_command_refuses(folder, capsys, words, change, said):
 @pytest.mark.parametrize("observed", [True, False])
 def test_a_table_without_magnitudes_is_told_so(folder, capsys, observed):
     """Not that the scene has balls of several kinds, which a transfer function may have."""
-    from granphon.cli.commands import main
+    from granphon.cli.main import main
 
     (folder / "scene.yaml").write_text(
         SCENE if observed else SCENE[: SCENE.index("observe")], encoding="utf-8"

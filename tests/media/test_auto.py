@@ -22,7 +22,7 @@ from granphon.balls.lattices import find_lattice
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError, SceneError
 from granphon.base.scales import write_quantity
-from granphon.cli.commands import main
+from granphon.cli.main import main
 from granphon.media.accuracy import find_error, find_rows
 from granphon.media.choice import SIDES, MediumChoice, even_shape, list_candidates
 from granphon.media.left_out import expect_shear_deficit

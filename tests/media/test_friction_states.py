@@ -28,7 +28,7 @@ from granphon.dynamics.elasticity import symmetrise
 from granphon.figures.bands import bands_figure
 from granphon.figures.curves import describe_lines, sweep_figure
 from granphon.media.choice import MediumChoice
-from granphon.runs.store import Store
+from granphon.runs.finished_tasks import Store
 from granphon.runs.tasks import SampleRecord
 from granphon.scene.redraw import read_run, redraw
 

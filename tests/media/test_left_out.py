@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
 from granphon.balls.loads import Load
-from granphon.cli.commands import main
+from granphon.cli.main import main
 from granphon.media.choice import MediumChoice
 from granphon.media.left_out import (
     EXACT,

@@ -22,7 +22,7 @@ from granphon.balls.lattices import LATTICES
 from granphon.balls.loads import Load
 from granphon.balls.motions import allowed_motions
 from granphon.base.errors import GranphonError, InputError, InstabilityError, MechanismError
-from granphon.cli.commands import main
+from granphon.cli.main import main
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.figures.style import KIND_COLOURS
 from granphon.media.choice import MediumChoice

@@ -81,7 +81,7 @@ def test_a_load_is_told_as_the_user_wrote_it():
 
 
 def test_the_check_of_a_scene_tells_the_same(tmp_path, capsys):
-    from granphon.cli import main
+    from granphon.cli.main import main
 
     (tmp_path / "scene.yaml").write_text(SCENE, encoding="utf-8")
     assert main(["check", str(tmp_path / "scene.yaml")]) == 0

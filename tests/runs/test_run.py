@@ -25,10 +25,10 @@ from numpy.testing import assert_array_equal
 import granphon as gp
 from granphon.base.errors import FileExistsInRunError, InputError
 from granphon.base.staging import LIST, LOCK, ResultFiles
-from granphon.cli.commands import main
+from granphon.cli.main import main
 from granphon.cli.terminal import warn, write_uncertain
 from granphon.runs.dataset import load_sweep
-from granphon.runs.store import read_entries
+from granphon.runs.finished_tasks import read_entries
 from granphon.runs.sweep import sweep
 from granphon.runs.workers import Workers
 from granphon.scene.outputs import every_file, expected_files
@@ -904,7 +904,7 @@ def solve(self, begun=None):
 
 tasks.MediumTask.solve = solve
 if __name__ == "__main__":
-    from granphon.cli.commands import main
+    from granphon.cli.main import main
     sys.exit(main(sys.argv[1:]))
 """
 
@@ -986,7 +986,7 @@ sys.exit(main())
 @pytest.mark.parametrize(
     ("moment", "which", "code", "told"),
     [
-        ("granphon.cli.commands", "SIGINT", 130, "interrupted"),
+        ("granphon.cli.main", "SIGINT", 130, "interrupted"),
         ("typer", "SIGTERM", 130, "interrupted"),
         pytest.param("granphon.scene.scene", "SIGINT", 130, "interrupted", marks=pytest.mark.slow),
         pytest.param("end", "SIGTERM", 2, None, marks=pytest.mark.slow),
@@ -1004,7 +1004,7 @@ def test_an_interruption_at_the_ends_of_the_process(work, moment, which, code, t
     "moment",
     [
         "granphon.base.staging._finish",
-        pytest.param("granphon.runs.store.Store.clear", marks=pytest.mark.slow),
+        pytest.param("granphon.runs.finished_tasks.Store.clear", marks=pytest.mark.slow),
         pytest.param("granphon.cli.scenes.say_table", marks=pytest.mark.slow),
     ],
 )
@@ -1013,9 +1013,9 @@ def test_an_interruption_after_the_exchange_says_that_the_result_is_there(
 ):
     from granphon.base import staging
     from granphon.cli import scenes
-    from granphon.runs import store
+    from granphon.runs import finished_tasks
 
-    places = {"_finish": staging, "clear": store.Store, "say_table": scenes}
+    places = {"_finish": staging, "clear": finished_tasks.Store, "say_table": scenes}
     name = moment.rpartition(".")[2]
     before = getattr(places[name], name)
 

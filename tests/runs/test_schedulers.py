@@ -28,10 +28,10 @@ from granphon.base.errors import (
     OutputError,
     SceneError,
 )
-from granphon.cli.commands import main
+from granphon.cli.main import main
 from granphon.runs import execution, workers
 from granphon.runs.execution import solve_all
-from granphon.runs.store import Store, read_entries
+from granphon.runs.finished_tasks import Store, read_entries
 from granphon.runs.sweep import sweep
 from granphon.runs.workers import Workers, open_executor, packages
 

@@ -10,7 +10,7 @@ import pytest
 import granphon as gp
 from granphon.media.state import ideal_lattice
 from granphon.runs.dataset import load_sweep
-from granphon.runs.store import read_entries
+from granphon.runs.finished_tasks import read_entries
 from granphon.scene.outputs import expected_files
 from granphon.scene.redraw import redraw
 from granphon.scene.scene import WORK_FILE

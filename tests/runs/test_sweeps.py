@@ -36,10 +36,10 @@ from granphon.base.errors import FileExistsInRunError, InputError, OutputError, 
 from granphon.base.results import restore
 from granphon.media.choice import MediumChoice
 from granphon.phonons.phonons import Phonons
-from granphon.runs import store as stores
+from granphon.runs import finished_tasks
 from granphon.runs.dataset import load_sweep
 from granphon.runs.execution import solve_all
-from granphon.runs.store import Store, decode, encode, read_entries
+from granphon.runs.finished_tasks import Store, decode, encode, read_entries
 from granphon.runs.sweep import sweep
 from granphon.runs.workers import packages
 from tests.conftest import only, without_rights
@@ -1374,7 +1374,7 @@ def test_a_store_does_not_grow_by_what_it_replaces(tmp_path):
 @pytest.mark.parametrize("most", [100, 1056])
 def test_a_result_of_any_size_is_kept(tmp_path, monkeypatch, most):
     """Beyond what a value of SQLite may hold."""
-    monkeypatch.setattr(stores, "_PIECE", most)
+    monkeypatch.setattr(finished_tasks, "_PIECE", most)
     store = Store(tmp_path / "parts")
     for length in (1000, 7):
         store.append("a", encode("a", {"x": np.arange(float(length)), "y": np.array(["text"])}))
@@ -1391,7 +1391,7 @@ KEPT = """
 import sys
 from pathlib import Path
 import numpy as np
-from granphon.runs.store import Store, encode
+from granphon.runs.finished_tasks import Store, encode
 store = Store(Path(sys.argv[1]))
 store.claim({"of": "this"})
 for n in range(100_000):
@@ -1527,7 +1527,7 @@ def test_parts_of_another_packing_or_version_are_not_discarded_unless_told(
 @pytest.mark.parametrize(
     "change",
     [
-        lambda entry: stores._seal("", b"[" * 100_000),
+        lambda entry: finished_tasks._seal("", b"[" * 100_000),
         pytest.param(lambda entry: b"", marks=pytest.mark.slow),
         pytest.param(_flip(0.5), marks=pytest.mark.slow),
     ],

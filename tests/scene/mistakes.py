@@ -711,14 +711,14 @@ MISTAKES: dict[str, tuple[str, ...]] = {
         pack("lattice: chain, torsion: 0.1"),
         "2: packing.torsion",
         "0.1",
-        "1e6",
+        "1e+06",
         "'longitudinal'",
     ),
     "torsion where contacts do not twist": (
         pack("lattice: kagome, torsion: mindlin"),
         "2: packing.torsion",
         "mindlin",
-        "1e6",
+        "1e+06",
         "out_of_plane",
     ),
     "swept motions that twist no contact": (

@@ -23,7 +23,7 @@ from granphon.base.errors import (
     UnverifiedFileWarning,
 )
 from granphon.base.text import parse_yaml
-from granphon.cli.commands import main
+from granphon.cli.main import main
 from granphon.cli.scenes import PRESETS
 from granphon.cli.terminal import describe_result, describe_scene
 from granphon.figures.curves import sweep_figure

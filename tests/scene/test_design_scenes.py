@@ -11,7 +11,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon.cli import main
+from granphon.cli.main import main
 from granphon.inverse.search import Problem
 from granphon.scene.report import read_report
 

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import InputError
-from granphon.cli import main
+from granphon.cli.main import main
 from granphon.figures.gaps import (
     cutoffs_figure,
     modes_figure,

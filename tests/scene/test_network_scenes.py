@@ -7,7 +7,7 @@ import pytest
 
 import granphon as gp
 from granphon.base.errors import InputError, SceneError
-from granphon.cli.commands import main
+from granphon.cli.main import main
 from granphon.scene.scene import is_complete
 from granphon.waves.settings import RESPONSES
 from tests import packings

@@ -9,7 +9,7 @@ import pytest
 
 import granphon as gp
 from granphon.base.errors import InputError
-from granphon.cli import main
+from granphon.cli.main import main
 from granphon.page.document import Picture, Rows
 from granphon.scene import report
 from granphon.scene.report import PAPER, read_report

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon.cli.commands import main
+from granphon.cli.main import main
 from granphon.runs.dataset import load_sweep
 from granphon.scene.redraw import redraw
 from granphon.waves.peaks import find_peaks

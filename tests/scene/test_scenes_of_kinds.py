@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import granphon as gp
 from granphon.base.errors import GranphonError, InputError, SceneError
-from granphon.cli.commands import main
+from granphon.cli.main import main
 from granphon.media.arrangement import Arrangement, CrystalMedium
 from granphon.observables.catalogue import entry_of
 from granphon.runs.dataset import load_sweep

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import InputError
-from granphon.cli import main
+from granphon.cli.main import main
 from granphon.figures.sensitivities import sensitivities_figure
 from granphon.scene.report import read_report
 

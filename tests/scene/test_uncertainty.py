@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 import granphon as gp
 from granphon.base.errors import GranphonError
 from granphon.base.text import read_yaml
-from granphon.cli import main
+from granphon.cli.main import main
 from granphon.figures.motions import motions_figure
 from granphon.fits.measurements import Measurements
 from granphon.scene.report import read_report

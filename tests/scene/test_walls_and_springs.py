@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import SceneError
-from granphon.cli.commands import main
+from granphon.cli.main import main
 from tests.scene.mistakes import BALLS, HELD, ROW, WALL
 
 STEEL = gp.Material(193e9, 0.30, 8000.0)

@@ -23,10 +23,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 import granphon as gp
 from granphon.balls.loads import Load
 from granphon.base.errors import FileExistsInRunError, GranphonError, InputError
-from granphon.cli.commands import main
+from granphon.cli.main import main
 from granphon.cli.terminal import describe_tradeoff
 from granphon.figures.work_precision import tradeoff_figure
-from granphon.runs.store import encode, open_store
+from granphon.runs.finished_tasks import encode, open_store
 from granphon.tradeoffs import measure as tradeoffs
 from granphon.tradeoffs.measure import (
     BETTER,
@@ -889,7 +889,7 @@ def test_an_interruption_leaves_nothing(work, which):
     # it says when it begins to measure, and only then is it interrupted
     code = (
         "import sys\n"
-        "from granphon.cli.commands import main\n"
+        "from granphon.cli.main import main\n"
         "from granphon.tradeoffs import measure\n"
         "carry_out = measure.carry_out\n"
         "def tell(*arguments): print('measuring', flush=True); return carry_out(*arguments)\n"

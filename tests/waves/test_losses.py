@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import InputError
-from granphon.dynamics.damping import Losses
+from granphon.dynamics.damping import GivenLosses, Losses
 from granphon.waves.propagation import ToneBurst
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
@@ -129,7 +129,7 @@ def test_a_pulse_and_a_motion_lose_what_modes_and_the_response_lose(losses, grou
     hertz = spectrum[::40]
     response = waves.response(hertz, (1, "x"), (1, "x"), **losses).values[:, 0]
     w = 2.0 * math.pi * hertz
-    viscous = waves.operator.resist(Losses.of(network, **losses)).toarray()
+    viscous = waves.operator.resist(Losses.of(network, GivenLosses(**losses))).toarray()
     stiff = waves.operator.matrix.toarray()
     inverse = [np.linalg.inv(stiff + 1j * x * viscous - x * x * np.eye(6))[0, 0] for x in w]
     assert_allclose(response, np.array(inverse) / network.masses[1], rtol=1e-9)
@@ -146,7 +146,7 @@ def resist_by_contacts(network, losses):
     translations = list(network.ball_motions.translations)
     rotations = list(network.ball_motions.rotations)
     m = len(translations) + len(rotations)
-    resisted = Losses.of(network, **losses)
+    resisted = Losses.of(network, GivenLosses(**losses))
     matrix = np.zeros((network.n_balls, m, network.n_balls, m))
     for c in range(network.n_contacts):
         ends = (network.i[c], network.j[c])
@@ -263,7 +263,7 @@ def test_modes_of_a_larger_flake_with_other_drag_of_rotations_are_modes():
     waves = gp.Waves(flake)
     modes = waves.damped_modes(4, **losses)
     operator = waves.operator
-    viscous = operator.resist(Losses.of(flake, **losses))
+    viscous = operator.resist(Losses.of(flake, GivenLosses(**losses)))
     for frequency, shape in zip(modes.frequencies, modes.vectors, strict=True):
         omega = 2.0 * math.pi * frequency
         x = shape.ravel()

@@ -15,6 +15,7 @@ from scipy.special import jv
 import granphon as gp
 from granphon.balls.motions import allowed_motions
 from granphon.base.errors import InputError, InstabilityError, UnreachableFrequencyError
+from granphon.dynamics.damping import GivenLosses
 from granphon.waves.modes import is_stable
 from granphon.waves.operator import WaveOperator, make_operator
 from granphon.waves.propagation import Propagation, ToneBurst
@@ -1112,9 +1113,12 @@ def test_pulse_runs_forward_from_the_first_plane_of_a_sample(ends, seed):
 
 def test_transmit_takes_the_arguments_of_a_sending():
     """The signature that help and editors show has the names and the defaults of the class."""
-    given = inspect.signature(PulseSource).parameters
+    given = dict(inspect.signature(PulseSource).parameters)
+    losses = dict(inspect.signature(GivenLosses).parameters)
     own = inspect.signature(gp.Waves.transmit)
-    assert list(own.parameters) == ["self", *given]
-    assert all(own.parameters[name].default == one.default for name, one in given.items())
+    del given["losses"], losses["loss_factor"]
+    assert {*own.parameters} == {"self", *given, *losses, "tangential_damping"}
+    for name, one in (given | losses).items():
+        assert own.parameters[name].default == one.default, name
     assert own.parameters["source"].kind is inspect.Parameter.KEYWORD_ONLY
     assert own.return_annotation == "Pulse"

@@ -1,4 +1,4 @@
-"""How values of a scene file are read and written, one
+"""The keys of a scene file: how the values of each are read and written, one
 :class:`~granphon.base.settings.Kind` for each sort of value.
 
 A reader takes a value of the file and the :class:`Context` of the scene.
@@ -17,7 +17,7 @@ import numpy as np
 
 from granphon.balls.ball import Ball
 from granphon.balls.contact_laws import LAWS, TabulatedLaw
-from granphon.balls.diameters import Discrete, Measured, Normal, Uniform
+from granphon.balls.diameters import CUTOFFS, Discrete, Measured, Normal, Uniform
 from granphon.balls.lattices import (
     LATTICES,
     STRUCTURES,
@@ -30,7 +30,14 @@ from granphon.balls.lattices import (
 from granphon.balls.loads import balls_on_side
 from granphon.balls.material import Material
 from granphon.balls.motions import allowed_motions, default_motions
-from granphon.balls.on_site import DISPLACEMENTS, ROTATION, ROTATIONS, SPRING_PARAMETERS
+from granphon.balls.on_site import (
+    DISPLACEMENTS,
+    ON_SITE,
+    ROTATION,
+    ROTATIONS,
+    SPRING_PARAMETERS,
+    find_quantity,
+)
 from granphon.balls.packing import (
     LOSS_PARAMETERS,
     MINDLIN,
@@ -46,9 +53,7 @@ from granphon.base.quantities import (
     LENGTH,
     LOADS,
     MASS,
-    STIFFNESS,
     TENSORS,
-    TURN_STIFFNESS,
     WAY,
     WIDTH,
     Quantity,
@@ -68,6 +73,7 @@ from granphon.base.settings import (
     read_values,
     whole_from,
     with_unit,
+    with_unit_unless_zero,
     word_of,
     write_values,
 )
@@ -90,9 +96,10 @@ from granphon.base.validation import (
     whole,
     zero_or_above,
 )
+from granphon.dynamics.elasticity import voigt_pairs
 from granphon.media.choice import MEDIA, MediumChoice, read_medium
 from granphon.observables.catalogue import CATALOGUE
-from granphon.phonons.paths import BandPath, read_labels
+from granphon.phonons.paths import MESHES, BandPath, read_labels
 from granphon.scene.outputs import DIAMETERS_FILE
 from granphon.waves.settings import CUT, LOSS_KINDS, NETWORK_BLOCKS, REPEAT, is_of_wall
 
@@ -190,7 +197,7 @@ def _read_measured(value: Any, context: Context) -> Measured:
 
 _FRACTIONS = listed(Kind.plain(partial(number, low=0.0, high=1.0)), "fractions")
 _NORMAL = block_of(
-    {"std": with_unit(WIDTH), "cutoff": Kind.plain(partial(number, low=1e-3, high=10.0))}, ("std",)
+    {"std": with_unit(WIDTH), "cutoff": Kind.plain(partial(number, **CUTOFFS))}, ("std",)
 )
 _DISCRETE = block_of({"diameters": _DIAMETERS, "fractions": _FRACTIONS}, ("diameters", "fractions"))
 _MEASURED = block_of({"diameters": _DIAMETERS})
@@ -366,9 +373,7 @@ def _write_motions(motions: str, context: Context) -> str | None:
 
 #: the keys of the block "packing"
 PACKING: dict[str, Setting] = {
-    "lattice": Setting(
-        PARTS["lattice"], "how the balls are arranged, see [lattices](#lattices)", "`triangular`"
-    ),
+    "lattice": Setting(PARTS["lattice"], "how the balls are arranged, see [lattices](#lattices)"),
     "diameter": Setting(PARTS["diameter"], "diameter of a ball; the mean, if they differ", NEEDED),
     "spread": Setting(
         Kind(_read_spread, _write_own_spread),
@@ -378,13 +383,11 @@ PACKING: dict[str, Setting] = {
     "friction": Setting(
         PARTS["friction"],
         "whether contacts resist shear; without friction, torsion and bending balls do not rotate",
-        "`true`",
     ),
     "finite_overlap": Setting(
         PARTS["finite_overlap"],
         "keep the [terms of relative order"
         " overlap/diameter](../explanation/model.md#finite-overlap)",
-        "`false`",
     ),
     "motions": Setting(
         Kind(_read_motions, _write_motions),
@@ -395,12 +398,10 @@ PACKING: dict[str, Setting] = {
         _unless_zero(PARTS["torsion"]),
         "stiffness of a contact against twist, over k d²; `mindlin`: that of Hertz contacts"
         " without slip",
-        "`0`",
     ),
     "bending": Setting(
         _unless_zero(PARTS["bending"]),
         "stiffness of a contact against rolling, over k d²",
-        "`0`",
     ),
 }
 
@@ -663,6 +664,14 @@ def write_grid(numbers: Sequence[int]) -> str:
     return " ".join(map(str, (*numbers, 1, 1)[:3]))
 
 
+def _by_periods(texts: Sequence[str]) -> str:
+    """Return the words for values that depend on the lattice, from the ``texts`` of those of one,
+    two and three periods.
+    """
+    on_line, in_plane, in_space = texts
+    return f"`{in_plane}`; `{on_line}` on a chain; `{in_space}` in space"
+
+
 def read_directions(value: Any, lattice: Lattice) -> tuple[Any, ...]:
     """Read the direction of sound on a lattice, Cartesian: the numbers of one direction, or a tuple
     of such numbers for many directions.
@@ -718,12 +727,14 @@ DIRECTION = Setting(
     "direction of sound, Cartesian, or a list of directions, see [direction](#direction)",
     "x",
 )
+#: examples of a supercell of one, two and three periods
+_SUPERCELLS = tuple(write_grid((3,) * periods) for periods in (1, 2, 3))
 #: the keys of the block "phonopy"
 PHONOPY: dict[str, Setting] = {
     "dim": Setting(
-        _grid_kind(("3 1 1", "3 3 1", "3 3 3"), 2, 100, 2),
-        "cells of the supercell for force constants, along each period; `3 1 1` on a chain,"
-        " `3 3 3` in space",
+        _grid_kind(_SUPERCELLS, 2, 100, 2),
+        "cells of the supercell for force constants, along each period;"
+        f" `{_SUPERCELLS[0]}` on a chain, `{_SUPERCELLS[2]}` in space",
         "the smallest that is large enough",
     ),
     "band": Setting(
@@ -741,10 +752,9 @@ PHONOPY: dict[str, Setting] = {
     "band_points": Setting(whole_from(2, 100_000), "points on each segment, both ends counted"),
     "mesh": Setting(
         # in space a 1 would be the mesh of a plane
-        _grid_kind(("1024 1 1", "64 64 1", "32 32 32"), 1, 4096, 2),
-        "wave vectors for the density of states, along each period; `1024 1 1` on a chain,"
-        " `32 32 32` in space",
-        "`64 64 1`; `1024 1 1` on a chain; `32 32 32` in space",
+        _grid_kind(tuple(map(write_grid, MESHES)), 1, 4096, 2),
+        "wave vectors for the density of states, along each period",
+        _by_periods(tuple(map(write_grid, MESHES))),
     ),
 }
 
@@ -841,21 +851,6 @@ def _read_structure(value: Any) -> Any:
         raise Refused(refused.found, allowed, refused.mend, refused.path) from None
 
 
-def _read_vectors(value: Any) -> tuple[tuple[float, ...], ...]:
-    """Return the vectors of a list of vectors, each a list of lengths, in m; no vectors of an empty
-    list.
-    """
-
-    def read_length(component: Any) -> float:
-        if is_whole(component) and component == 0:
-            return 0.0  # zero needs no unit
-        return WAY.read(component)
-
-    if value == []:
-        return ()
-    return each(value, partial(each, rule=read_length, what="lengths"), "vectors")
-
-
 def _read_removed(value: Any) -> tuple[int, ...]:
     """Return the numbers of the balls that are removed, of a list; Refused if one stands there
     twice.
@@ -943,9 +938,8 @@ def _write_structure(structure: Any) -> Any:
     return write_lattice(structure)
 
 
-_VECTOR = Kind.plain(
-    lambda vector: _read_vectors([vector])[0], lambda vector: [WAY.write(x) for x in vector]
-)
+_VECTOR = listed(with_unit_unless_zero(WAY), "lengths")
+_VECTORS = listed(_VECTOR, "vectors")
 _SITE = block_of({"kind": Kind.plain(label), "at": _VECTOR}, ("kind", "at"))
 _SITES = listed(_SITE.made(lambda site: (site["at"], site["kind"])), "sites")
 _ALL_MOTIONS = tuple(
@@ -953,11 +947,10 @@ _ALL_MOTIONS = tuple(
 )
 #: the spring to the ground of each motion, by name, and of all displacements
 _SPRING_KINDS = {
-    name: with_unit(TURN_STIFFNESS if name.startswith(ROTATION) else STIFFNESS)
-    for name in (*DISPLACEMENTS, ROTATION, *ROTATIONS)
+    name: with_unit(find_quantity(name)) for name in (*DISPLACEMENTS, ROTATION, *ROTATIONS)
 }
 _SPRINGS = block_of(_SPRING_KINDS)
-_SPRING = with_unit(STIFFNESS)
+_SPRING = with_unit(find_quantity(ON_SITE))
 
 
 def _read_on_site(value: Any, context: Context) -> Any:
@@ -1000,8 +993,10 @@ CRYSTAL: dict[str, Setting] = {
         "all kinds in turn",
     ),
     "cell": Setting(
-        Kind.plain(
-            _read_vectors, lambda rows: [[WAY.write(x) for x in row] for row in rows] or None
+        Kind(
+            # a crystal that repeats nowhere has no vectors
+            lambda value, context: () if value == [] else _VECTORS.read(value, context),
+            lambda rows, context: _VECTORS.write(rows, context) or None,
         ),
         "vectors along which the crystal repeats, each a list of lengths",
         "`lattice`",
@@ -1031,21 +1026,19 @@ CRYSTAL: dict[str, Setting] = {
     "seed": Setting(
         whole_from(0),
         "of the diameters, where kinds have a spread: `repeat` is then a sample",
-        "`0`",
     ),
     "law": Setting(
         Kind.plain(_read_law, _write_law),
         "the law of contacts, or a block of pairs of kinds with a law for each",
         "`hertz`",
     ),
-    "friction": Setting(PARTS["friction"], "whether contacts resist shear", "`true`"),
+    "friction": Setting(PARTS["friction"], "whether contacts resist shear"),
     "motions": Setting(
         word_of(*_ALL_MOTIONS),
         "how each ball moves, see [lattices](#lattices)",
         "as in `packing`",
     ),
-    "torsion": Setting(_unless_zero(PARTS["torsion"]), "as in `packing`", "`0`"),
-    "bending": Setting(_unless_zero(PARTS["bending"]), "as in `packing`", "`0`"),
+    **{name: PACKING[name]._replace(meaning="as in `packing`") for name in ("torsion", "bending")},
     "on_site": Setting(
         Kind(_read_on_site, _write_on_site),
         "springs to the ground: one stiffness of displacements, or a block of `x`, `y`, `z`,"
@@ -1055,15 +1048,7 @@ CRYSTAL: dict[str, Setting] = {
     "finite_overlap": Setting(
         PARTS["finite_overlap"],
         "the true geometry: contacts turn, the cell deforms, and static forces enter the response",
-        "`false`",
     ),
-}
-
-
-#: axes of the components of a symmetric tensor of 2 and 3 periods in Voigt order
-_VOIGT_PAIRS = {
-    2: ((0, 0), (1, 1), (0, 1)),
-    3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)),
 }
 
 
@@ -1073,7 +1058,11 @@ def _tensor_kind(name: str) -> Kind:
     """
 
     def read(value: Any, context: Context) -> tuple[float, ...]:
-        return _read_tensor(value, name, context.lattice.periods)
+        periods = context.lattice.periods
+        component = Kind.plain(partial(number, low=-1e300, high=1e300))
+        if name == "stress":
+            component = with_unit_unless_zero(tensor_quantities(periods)[name])
+        return _read_tensor(value, name, periods, component.rule(context))
 
     def write(load: Any, context: Context) -> Any:
         """Return the components of the tensor of a ``load``, with units; None for a load of another
@@ -1090,22 +1079,12 @@ def _tensor_kind(name: str) -> Kind:
     return Kind(read, write)
 
 
-def _read_tensor(value: Any, name: str, periods: int) -> tuple[float, ...]:
+def _read_tensor(value: Any, name: str, periods: int, read_component: Rule) -> tuple[float, ...]:
     """Return the components of a "stress", N, N/m or Pa, or of a "strain", in Voigt order along the
     ``periods``. The ``value`` is a list in this order or a symmetric matrix; Refused for a tensor
     of zeros.
     """
-    unit = tensor_quantities(periods)[name]
-
-    def read_component(component: Any) -> float:
-        """Return one component in the SI unit of the tensor."""
-        if name == "strain":
-            return number(component, -1e300, 1e300)
-        if is_whole(component) and component == 0:
-            return 0.0  # zero needs no unit
-        return unit.read(component)
-
-    n_components = {1: 1, 2: 3, 3: 6}.get(periods, 0)
+    n_components = len(voigt_pairs(periods)) if periods else 0
     rows = list(value) if isinstance(value, list | tuple) else [value]
     are_rows = all(isinstance(row, list | tuple) and len(row) == periods for row in rows)
     if periods > 1 and len(rows) == periods and are_rows:
@@ -1136,7 +1115,7 @@ def _read_matrix(value: Sequence[Any], name: str, read_component: Rule) -> tuple
     # in Voigt order a shear strain is that of the angle, xy + yx
     shear = 2.0 if name == "strain" else 1.0
     return tuple(
-        float(matrix[a, b]) * (shear if a != b else 1.0) for a, b in _VOIGT_PAIRS[len(matrix)]
+        float(matrix[a, b]) * (shear if a != b else 1.0) for a, b in voigt_pairs(len(matrix))
     )
 
 
