@@ -1,8 +1,11 @@
-"""Loops over the contacts of an assembly, compiled: what contacts measure, and what they exert.
+"""Loops over contacts, compiled: what contacts measure, and what they exert.
 
-Bodies have the displacements (bodies, 3), the cell has a strain (3, 3), and vectors at touch are
-(n_c, 3): see :mod:`granphon.contacts.assembly`. On axes that there are not, all is zero: loops of
-three turns take half of the time of loops whose length is not known.
+Of an assembly bodies have the displacements (bodies, 3), the cell has a strain (3, 3), and vectors
+at touch are (n_c, 3): see :mod:`granphon.contacts.assembly`. On axes that there are not, all is
+zero: loops of three turns take half of the time of loops whose length is not known.
+
+Of balls whose places are given contacts have the vectors (n_c, d) between centres, and the
+distances l (n_c,) from which their losses of overlap are counted.
 """
 
 from __future__ import annotations
@@ -75,6 +78,105 @@ def measure_turned(
             product += (begin + end) * apart
         distance[contact] = math.sqrt(grown)
         loss[contact] = product / (math.sqrt(touching) + distance[contact])
+
+
+@compiled
+def measure_distances(vector: Array, length: Array, normal: Array, loss: Array) -> None:
+    """Set the ``normal`` of contacts (n_c, d) to the direction of their ``vector`` r (n_c, d), and
+    the ``loss`` |r| - l of overlaps (n_c,).
+    """
+    d = vector.shape[1]
+    for contact in range(len(vector)):
+        square = 0.0
+        for axis in range(d):
+            square += vector[contact, axis] * vector[contact, axis]
+        distance = math.sqrt(square)
+        for axis in range(d):
+            normal[contact, axis] = vector[contact, axis] / distance
+        loss[contact] = distance - length[contact]
+
+
+@compiled
+def measure_along(vector: Array, length: Array, normal: Array, loss: Array) -> None:
+    """Set the ``loss`` n.r - l of overlaps (n_c,) along normals (n_c, d) that do not turn with the
+    ``vector`` r (n_c, d).
+    """
+    for contact in range(len(vector)):
+        along = 0.0
+        for axis in range(vector.shape[1]):
+            along += normal[contact, axis] * vector[contact, axis]
+        loss[contact] = along - length[contact]
+
+
+@compiled
+def add_row(
+    i: NDArray[np.int64],
+    j: NDArray[np.int64],
+    axes: NDArray[np.int64],
+    head: Array,
+    tail: Array,
+    stiffness: Array,
+    apart: Array,
+    turns: Array,
+    pull: Array,
+    torque: Array,
+) -> float:
+    """Add the forces of springs against one row of deformations, and return their energy.
+
+    Parameters
+    ----------
+    axes : (t,) axes of displacements.
+    head, tail : (t + r, n_c) coefficients of the motions of ball j and of ball i; those of
+        displacements are the same, but of a spring to the ground, which has them in ``tail``.
+    stiffness : (n_c,)
+    apart : (n_c, d) displacement of ball j against ball i.
+    turns : (bodies, r) rotations.
+    pull : (n_c, d) forces on balls j.
+    torque : (bodies, r) torques on all balls.
+    """
+    t = len(axes)
+    energy = 0.0
+    for contact in range(len(i)):
+        first = i[contact]
+        second = j[contact]
+        change = 0.0
+        for line in range(t):
+            change += tail[line, contact] * apart[contact, axes[line]]
+        for line in range(t, len(head)):
+            change += head[line, contact] * turns[second, line - t]
+            change -= tail[line, contact] * turns[first, line - t]
+        tension = stiffness[contact] * change
+        energy += 0.5 * tension * change
+        for line in range(t):
+            pull[contact, axes[line]] -= tension * tail[line, contact]
+        for line in range(t, len(head)):
+            torque[first, line - t] += tension * tail[line, contact]
+            torque[second, line - t] -= tension * head[line, contact]
+    return energy
+
+
+@compiled
+def add_pulls(
+    i: NDArray[np.int64],
+    j: NDArray[np.int64],
+    vector: Array,
+    pull: Array,
+    on_bodies: Array,
+    virial: Array,
+) -> None:
+    """Add the forces ``pull`` (n_c, d) on balls j, and the opposite ones on balls i, to those on
+    bodies (bodies, 3), and the products of pull and ``vector`` (n_c, d) to the ``virial`` (3, 3).
+    """
+    d = pull.shape[1]
+    for contact in range(len(i)):
+        first = i[contact]
+        second = j[contact]
+        for axis in range(d):
+            component = pull[contact, axis]
+            on_bodies[first, axis] -= component
+            on_bodies[second, axis] += component
+            for period in range(d):
+                virial[axis, period] += component * vector[contact, period]
 
 
 @compiled
