@@ -19,7 +19,7 @@ import itertools
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -210,6 +210,20 @@ class Problem:
         ends = (assembly.i, assembly.j, assembly.vector)
         measure_losses(*ends, along, displacement, whole, loss)
         return loss
+
+    def make_losses(self) -> Any:
+        """Return the sparse matrix (n_c, size) that takes unknowns to what contacts lose of their
+        overlaps along their normals at touch.
+        """
+        from scipy.sparse import coo_array, hstack  # averages do not need it
+
+        assembly = self.assembly
+        of_bodies = assembly.make_losses().tocsc()
+        n = self.n_ball_unknowns
+        lines = self.wall_lines
+        of_walls = coo_array(of_bodies[:, n : n + len(lines)] @ lines)
+        of_strains = coo_array(self.find_unit_losses(assembly.normal))
+        return hstack([of_bodies[:, :n], of_walls, of_strains], format="csr")
 
     def collect_forces(self, normal: Array, force: Array) -> Array:
         """Return what forces (n_c,) along normals (n_c, 3) make on the unknowns (size,)."""

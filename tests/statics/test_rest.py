@@ -82,6 +82,20 @@ def test_forces_left_are_derivatives_of_the_energy_and_the_tangent_theirs(geomet
     assert n == 2 * assembly.n_balls
 
 
+def test_losses_and_forces_are_products_of_one_matrix():
+    """The matrix, which linear programs take, against the loops over contacts."""
+    assembly = make_slab()._assembly
+    problem = Problem(assembly, press(assembly, 1e3), "lattice", "stress")
+    losses = problem.make_losses()
+    rng = np.random.default_rng(0)
+    motion = rng.normal(size=problem.size)
+    loss = problem.measure_losses(motion)
+    assert_allclose(losses @ motion, loss, rtol=0.0, atol=1e-14 * np.max(np.abs(loss)))
+    force = rng.normal(size=assembly.n_contacts)
+    on_unknowns = problem.collect_forces(assembly.normal, force)
+    assert_allclose(losses.T @ force, on_unknowns, rtol=0.0, atol=1e-13)
+
+
 def test_products_without_a_matrix_are_those_of_the_matrix():
     assembly = make_slab()._assembly
     problem = Problem(assembly, press(assembly, 1e3), "lattice", "stress")
