@@ -268,3 +268,19 @@ class GridAssembly(Assembly):
     def free_axes(self) -> list[int]:
         """The axes along which nothing hinders all balls together: all."""
         return list(range(self.dimension))
+
+    def spell_out(self) -> Assembly:
+        """Return the same contacts as a list that is no grid."""
+        return Assembly(
+            n_balls=self.n_balls,
+            i=self.i,
+            j=self.j,
+            vector=self.vector,
+            is_flat=self.is_flat,
+            offset=self.offset,
+            laws=self.laws,
+            cell=self.cell,
+            dimension=self.dimension,
+            directions=self.directions,
+            wall_balls=self.wall_balls,
+        )

@@ -131,6 +131,14 @@ def test_factors_and_iterations_come_to_the_same_rest(lattice, shape, pressure):
     assert np.any(forces[0] == 0.0)
 
 
+@pytest.mark.parametrize("finite_overlap", [False, True])
+def test_balls_that_differ_come_to_rest_in_a_cell_that_is_not_strained(finite_overlap):
+    sample = make_sample().remove([3])
+    state = sample.at_strain(np.zeros((2, 2)), finite_overlap=finite_overlap)
+    assert state.network.imbalance[2] < 1e-10
+    assert np.any(state.normal_force > 0.0)
+
+
 @pytest.mark.parametrize("geometry", ["lattice", "exact"])
 def test_a_cell_that_keeps_its_shape_takes_the_pressure(geometry):
     assembly = make_sample()._assembly
