@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -93,23 +93,12 @@ def list_in_true_directions(
     leaning : (n_c, L1, ..., Lp) whether they hold balls that go aside.
     shears : (contacts, 3) tangential forces along the axes of space; None without friction.
     """
-    geometry = place.geometry
-    lattice = geometry.stencils.lattice
-    shape = geometry.stencils.shape
+    lattice = place.stencils.lattice
+    shape = place.stencils.shape
     p = lattice.periods
     cells = math.prod(shape)
     grid = find_grid(shape, lattice)
-    axes = geometry.axes()
-
-    def turn(components: tuple[Any, ...]) -> Array:
-        """Return (contacts, 3) vectors along x, y, z, of components in the frames of the
-        lattice.
-        """
-        parts = [np.broadcast_to(part, forces.shape) for part in components[:p]]
-        frames = np.stack(parts, axis=-1).reshape(len(axes), cells, p)
-        return _pad((frames @ axes).reshape(-1, p))
-
-    eps = geometry.ratio
+    eps = place.ratio
     normal, shear, torsion, bending = (np.ravel(stiffness) for stiffness in springs)
     none = np.zeros((0, 3))
     tangential = none
@@ -120,10 +109,10 @@ def list_in_true_directions(
         motions=motions,
         i=grid.i,
         j=grid.j,
-        vector=turn(place.vector),
-        normal=turn(place.normal),
-        arm_i=np.ravel(0.5 * place.size - geometry.uneven),
-        arm_j=np.ravel(0.5 * place.size + geometry.uneven),
+        vector=place.vector,
+        normal=place.normal,
+        arm_i=np.ravel(0.5 * place.size - place.uneven),
+        arm_j=np.ravel(0.5 * place.size + place.uneven),
         normal_stiffness=normal,
         shear_stiffness=shear,
         torsion_stiffness=torsion,

@@ -109,6 +109,63 @@ def measure_along(vector: Array, length: Array, normal: Array, loss: Array) -> N
 
 
 @compiled
+def measure_resistance(
+    normal: Array, moved: Array, stiffness: Array, side_stiffness: Array, push: Array
+) -> None:
+    """Set ``push`` (n_c, 3) to the forces k (n.w) n + k' (w - (n.w) n) of contacts against small
+    displacements w of balls j against balls i, ``moved`` (n_c, 3).
+    """
+    for contact in range(len(moved)):
+        loss = 0.0
+        for axis in range(3):
+            loss += normal[contact, axis] * moved[contact, axis]
+        side = side_stiffness[contact]
+        along = (stiffness[contact] - side) * loss
+        for axis in range(3):
+            push[contact, axis] = along * normal[contact, axis] + side * moved[contact, axis]
+
+
+@compiled
+def measure_bends(
+    normal: Array,
+    over_distance: Array,
+    moved: Array,
+    force: Array,
+    stiffness: Array,
+    slope: Array,
+    bend: Array,
+    push: Array,
+) -> None:
+    """Set ``bend`` (n_c,) and ``push`` (n_c, 3) to the second derivatives of the overlap h and of
+    the force f(h) n of contacts whose balls j move straight on against balls i.
+
+    With the rate w of that motion, ``moved`` (n_c, 3), and its part across the normal, w', they are
+
+        h'' = -w'w'/r,    (f n)'' = (k' (n.w)^2 + k h'' - f w'w'/r^2) n - 2 (k + f/r) (n.w) w'/r
+
+    for the distance r of the balls, of which ``over_distance`` (n_c,) is 1/r, zero of contacts that
+    do not turn, and f, its derivative k and that of k, ``force``, ``stiffness`` and ``slope``
+    (n_c,).
+    """
+    for contact in range(len(moved)):
+        loss = 0.0
+        for axis in range(3):
+            loss += normal[contact, axis] * moved[contact, axis]
+        square = 0.0
+        for axis in range(3):
+            across = moved[contact, axis] - loss * normal[contact, axis]
+            square += across * across
+        over = over_distance[contact]
+        bend[contact] = -square * over
+        along = slope[contact] * loss * loss + stiffness[contact] * bend[contact]
+        along -= force[contact] * square * over * over
+        aside = -2.0 * (stiffness[contact] + force[contact] * over) * loss * over
+        for axis in range(3):
+            across = moved[contact, axis] - loss * normal[contact, axis]
+            push[contact, axis] = along * normal[contact, axis] + aside * across
+
+
+@compiled
 def add_row(
     i: NDArray[np.int64],
     j: NDArray[np.int64],
