@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.geometry import ExactPlace
-from granphon.array.stencils import number_cells
 from granphon.balls.lattices import Lattice
 from granphon.balls.motions import Motions, default_motions, select_motions
 from granphon.base.arrays import Array
 from granphon.contacts.contact_list import ContactList
+from granphon.contacts.grid import find_lattice_grid
 
 #: balls of an array, at most, whose ends and directions are kept: 200 bytes a contact
 _KEPT_BALLS = 2**13
@@ -154,26 +154,15 @@ def _keep_grid(shape: tuple[int, ...], lattice: Lattice) -> _Grid:
     the same arguments share them.
     """
     table = lattice.contacts
-    p = lattice.periods
-    cells = math.prod(shape)
-    shifts = [tuple(steps) for steps in table.shift.tolist()]
-    i = cells * table.i[:, None] + np.arange(cells)
-    j = cells * table.j[:, None] + number_cells(shape, shifts)
+    kinds = find_lattice_grid(shape, lattice)
+    cells = kinds.n_cells
     grid = _Grid(
-        np.ravel(i).astype(np.int64),
-        np.ravel(j).astype(np.int64),
-        _pad(np.repeat(table.vector[:, :p], cells, axis=0)),
-        _pad(np.repeat(table.normal[:, :p], cells, axis=0)),
+        *kinds.ends,
+        np.repeat(kinds.vector, cells, axis=0),
+        np.repeat(kinds.normal, cells, axis=0),
         np.repeat(table.arm_i, cells),
         np.repeat(table.arm_j, cells),
     )
     for values in grid:
         values.flags.writeable = False
     return grid
-
-
-def _pad(vectors: Array) -> Array:
-    """Return vectors (n, 3) of those (n, p) along the first axes."""
-    padded = np.zeros((len(vectors), 3))
-    padded[:, : vectors.shape[1]] = vectors
-    return padded

@@ -282,11 +282,15 @@ class HarmonicContacts(ContactCalculator):
         lattice = self.state.contact_lattice()
         table = lattice.contacts
         network = self.state.network
-        sizes = network.normal_force[network.in_lattice, None] / self.state.scales.force
-        forces = sizes * table.normal[: len(sizes)]
+        sizes = network.normal_force[network.in_lattice] / self.state.scales.force
+        # springs to the ground come behind the contacts, and bear none
+        rows = slice(len(sizes))
+        vectors = np.ascontiguousarray(_in_space(table.vector[rows]))
+        ends = (table.i[rows], table.j[rows])
+        contacts = ContactForces(*ends, vectors, lattice.n_balls + 1, lattice.motions)
+        contacts.press(sizes, _in_space(table.normal[rows]))
         # compressive forces are above zero, and make a stress below zero
-        vectors = table.vector[: len(sizes)]  # springs to the ground bear none
-        return np.asarray(-_in_space(vectors).T @ _in_space(forces))
+        return -contacts.collect()[1].T
 
     def get_torques(self, atoms: Atoms) -> Array:
         """Return the torque on each ball, -dE/dphi, in units of k d^2: (N, 3)."""

@@ -186,11 +186,15 @@ class Problem:
 
     def find_unit_losses(self, normal: Array) -> Array:
         """Return what contacts lose of their overlaps by the unit strains, (n_c, s)."""
-        losses = np.empty((self.assembly.n_contacts, len(self.unit_strains)))
-        for strain, unit_strain in enumerate(self.unit_strains):
-            strained = self.assembly.vector @ unit_strain
-            losses[:, strain] = np.einsum("ca,ca->c", normal, strained)
-        return losses
+        from granphon.contacts.deformation import measure_losses  # averages need no Numba
+
+        assembly = self.assembly
+        losses = np.empty((len(self.unit_strains), assembly.n_contacts))
+        still = np.zeros((assembly.n_bodies, 3))
+        ends = (assembly.i, assembly.j, assembly.vector)
+        for unit_strain, loss in zip(self.unit_strains, losses, strict=True):
+            measure_losses(*ends, normal, still, unit_strain, loss)
+        return losses.T
 
     def measure_losses(
         self, x: Array, normal: Array | None = None, strain: Array | None = None
