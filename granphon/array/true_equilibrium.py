@@ -29,6 +29,7 @@ from granphon.array.options import ReducedLoad
 from granphon.base.arrays import Array
 from granphon.base.results import result_class
 from granphon.contacts.contact_list import ContactList
+from granphon.contacts.placed import collect_pulls
 from granphon.contacts.tangent import fill_blocks
 from granphon.statics.response import LinearResponse
 
@@ -192,13 +193,10 @@ class SmallMotions:
         """Return the forces (n, p) on balls by forces (contacts, 3) on balls j, and the opposite
         ones on balls i; and the sum (p, p) of forces times directions on the lattice.
         """
-        from granphon.contacts.deformation import add_pulls  # averages need no Numba
-
         contacts = self._contacts
         p = contacts.dimension
-        forces = np.zeros((contacts.n_balls, 3))
-        sums = np.zeros((3, 3))
-        add_pulls(contacts.i, contacts.j, self._directions, push, forces, sums)
+        ends = (contacts.i, contacts.j)
+        forces, sums = collect_pulls(ends, self._directions, push, contacts.n_balls)
         return np.ascontiguousarray(forces[:, :p]), sums[:p, :p]
 
     def find(self, forces: Array) -> Array:

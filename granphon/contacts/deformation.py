@@ -213,30 +213,6 @@ def add_row(
 
 
 @compiled
-def add_pulls(
-    i: NDArray[np.int64],
-    j: NDArray[np.int64],
-    vector: Array,
-    pull: Array,
-    on_bodies: Array,
-    virial: Array,
-) -> None:
-    """Add the forces ``pull`` (n_c, d) on balls j, and the opposite ones on balls i, to those on
-    bodies (bodies, 3), and the products of pull and ``vector`` (n_c, d) to the ``virial`` (3, 3).
-    """
-    d = pull.shape[1]
-    for contact in range(len(i)):
-        first = i[contact]
-        second = j[contact]
-        for axis in range(d):
-            component = pull[contact, axis]
-            on_bodies[first, axis] -= component
-            on_bodies[second, axis] += component
-            for period in range(d):
-                virial[axis, period] += component * vector[contact, period]
-
-
-@compiled
 def add_forces(
     i: NDArray[np.int64],
     j: NDArray[np.int64],

@@ -105,9 +105,30 @@ class ContactForces:
         """Return the forces (count, 3) on balls, and the sum (3, 3) over contacts of the force on
         ball j times the vector.
         """
-        from granphon.contacts.deformation import add_pulls  # averages need no Numba
+        return collect_pulls(self._ends, self._vector, self.pull, len(self.torque))
 
-        forces = np.zeros((len(self.torque), 3))
-        virial = np.zeros((3, 3))
-        add_pulls(*self._ends, self._vector, self.pull, forces, virial)
-        return forces, virial
+
+def collect_pulls(
+    ends: tuple[Index, Index], vector: Array, pull: Array, count: int
+) -> tuple[Array, Array]:
+    """Return the forces (count, 3) on balls by forces ``pull`` (n_c, d) of any direction on balls
+    j, and the opposite ones on balls i; and the sum (3, 3) of pull times ``vector`` (n_c, d).
+
+    ``ends`` are the numbers (n_c,) of balls i and of balls j.
+    """
+    from granphon.contacts.deformation import add_forces  # averages need no Numba
+
+    forces = np.zeros((count, 3))
+    virial = np.zeros((3, 3))
+    unit = np.ones(len(pull))
+    add_forces(*ends, _put_in_space(vector), _put_in_space(pull), unit, forces, virial)
+    return forces, virial
+
+
+def _put_in_space(vectors: Array) -> Array:
+    """Return vectors (n, d) as (n, 3)."""
+    if vectors.shape[1] == 3:
+        return vectors
+    in_space = np.zeros((len(vectors), 3))
+    in_space[:, : vectors.shape[1]] = vectors
+    return in_space
