@@ -3,7 +3,7 @@ be.
 
 A :class:`Case` measures the worst relative error over its range against a closed form or a
 reference at many digits that owes nothing to the package; where there is none, against another
-algorithm, of :mod:`tests.references` or :mod:`granphon.array.sparse`. ``test_extremes.py`` runs
+algorithm, of :mod:`tests.references` or :mod:`tests.sparse_array`. ``test_extremes.py`` runs
 them, ``extreme_refusals.py`` puts what they find on a page.
 """
 
@@ -22,10 +22,10 @@ import numpy as np
 from mpmath import mpf
 
 import granphon as gp
-from granphon.array.sparse import SparseArray
 from granphon.dynamics.local_field import local_field
 from tests.conftest import Twin
 from tests.references import count_modes, integrate_curve, integrate_local_field
+from tests.sparse_array import SparseArray
 
 DIAMETERS = (1e-9, 8e-3, 1e3)
 MODULI = (1.0, 211.65e9, 1e13)

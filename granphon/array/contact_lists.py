@@ -9,17 +9,17 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.geometry import ExactPlace
-from granphon.array.stencils import number_cells
 from granphon.balls.lattices import Lattice
 from granphon.balls.motions import Motions, default_motions, select_motions
 from granphon.base.arrays import Array
 from granphon.contacts.contact_list import ContactList
+from granphon.contacts.grid import find_lattice_grid
 
 #: balls of an array, at most, whose ends and directions are kept: 200 bytes a contact
 _KEPT_BALLS = 2**13
@@ -93,23 +93,12 @@ def list_in_true_directions(
     leaning : (n_c, L1, ..., Lp) whether they hold balls that go aside.
     shears : (contacts, 3) tangential forces along the axes of space; None without friction.
     """
-    geometry = place.geometry
-    lattice = geometry.stencils.lattice
-    shape = geometry.stencils.shape
+    lattice = place.stencils.lattice
+    shape = place.stencils.shape
     p = lattice.periods
     cells = math.prod(shape)
     grid = find_grid(shape, lattice)
-    axes = geometry.axes()
-
-    def turn(components: tuple[Any, ...]) -> Array:
-        """Return (contacts, 3) vectors along x, y, z, of components in the frames of the
-        lattice.
-        """
-        parts = [np.broadcast_to(part, forces.shape) for part in components[:p]]
-        frames = np.stack(parts, axis=-1).reshape(len(axes), cells, p)
-        return _pad((frames @ axes).reshape(-1, p))
-
-    eps = geometry.ratio
+    eps = place.ratio
     normal, shear, torsion, bending = (np.ravel(stiffness) for stiffness in springs)
     none = np.zeros((0, 3))
     tangential = none
@@ -120,10 +109,10 @@ def list_in_true_directions(
         motions=motions,
         i=grid.i,
         j=grid.j,
-        vector=turn(place.vector),
-        normal=turn(place.normal),
-        arm_i=np.ravel(0.5 * place.size - geometry.uneven),
-        arm_j=np.ravel(0.5 * place.size + geometry.uneven),
+        vector=place.vector,
+        normal=place.normal,
+        arm_i=np.ravel(0.5 * place.size - place.uneven),
+        arm_j=np.ravel(0.5 * place.size + place.uneven),
         normal_stiffness=normal,
         shear_stiffness=shear,
         torsion_stiffness=torsion,
@@ -165,26 +154,15 @@ def _keep_grid(shape: tuple[int, ...], lattice: Lattice) -> _Grid:
     the same arguments share them.
     """
     table = lattice.contacts
-    p = lattice.periods
-    cells = math.prod(shape)
-    shifts = [tuple(steps) for steps in table.shift.tolist()]
-    i = cells * table.i[:, None] + np.arange(cells)
-    j = cells * table.j[:, None] + number_cells(shape, shifts)
+    kinds = find_lattice_grid(shape, lattice)
+    cells = kinds.n_cells
     grid = _Grid(
-        np.ravel(i).astype(np.int64),
-        np.ravel(j).astype(np.int64),
-        _pad(np.repeat(table.vector[:, :p], cells, axis=0)),
-        _pad(np.repeat(table.normal[:, :p], cells, axis=0)),
+        *kinds.ends,
+        np.repeat(kinds.vector, cells, axis=0),
+        np.repeat(kinds.normal, cells, axis=0),
         np.repeat(table.arm_i, cells),
         np.repeat(table.arm_j, cells),
     )
     for values in grid:
         values.flags.writeable = False
     return grid
-
-
-def _pad(vectors: Array) -> Array:
-    """Return vectors (n, 3) of those (n, p) along the first axes."""
-    padded = np.zeros((len(vectors), 3))
-    padded[:, : vectors.shape[1]] = vectors
-    return padded

@@ -25,11 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.array.contact_lists import Springs, list_on_lattice, select_resisted
-from granphon.array.geometry import (
-    ExactGeometry,
-    ExactPlace,
-    find_boundary_force,
-)
+from granphon.array.geometry import ExactPlace, find_boundary_force
 from granphon.array.linear_response import find_linear_response, find_tensor_on_grid
 from granphon.array.stencils import Stencils, dot
 from granphon.balls import hertz
@@ -133,8 +129,8 @@ class Equilibrium(Result):
     @cached_property
     def place(self) -> ExactPlace:
         """Configuration of the balls in the true geometry."""
-        geometry = ExactGeometry(self.stencils, self.deviations, self.ratio, self.strain)
-        return geometry.place(self.balls, self.overlap)
+        array = (self.stencils, self.deviations, self.ratio)
+        return ExactPlace(*array, self.balls, self.overlap, self.strain)
 
     @property
     def differences(self) -> Array:

@@ -6,7 +6,7 @@ which the ratio W/d tells. The search is that of :func:`~granphon.statics.find_r
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from granphon.contacts.grid import find_lattice_grid
 from granphon.statics.configuration import AppliedLoad
 from granphon.statics.find_rest import find_rest
 from granphon.statics.options import RestOptions
+from granphon.statics.response import find_elastic_tensor
 from granphon.statics.rest import Rest
 
 #: part of the tolerance of forces to which a load is met in the directions of the lattice: the load
@@ -158,6 +159,36 @@ def _rest_on_lattice(
         lattice=stencils.lattice,
     )
     return state.share(deviations, stencils)  # keeps what the stencils have found
+
+
+def equilibrate_by_factors(state: Equilibrium) -> Equilibrium:
+    """Return the equilibrium in the directions of the lattice of the balls of a ``state`` that
+    rests there, at its overlap, found from the sites by another way: contacts are a list that is
+    no grid, and each step of Newton's method factorises its matrix.
+
+    Raises :class:`~granphon.base.errors.GranphonError` if the search does not come to rest.
+    """
+    stencils = state.stencils
+    assembly = assemble(state.deviations, stencils, 1.0).spell_out()
+    load = apply_load(assembly, ReducedLoad(overlap=state.overlap), 1.0, _LOAD_PART)
+    never = dict.fromkeys((1, 2, 3), assembly.n_balls + 1)
+    options = RestOptions(fewest_iterated=never)
+    rest = find_rest(assembly, load, "lattice", "isotropic", None, options)
+    found = replace(
+        state,
+        balls=gather_balls(rest, stencils),
+        residual=find_residual(rest),
+        newton=rest.steps,
+        conjugate=rest.iterations,
+    )
+    return found.share(found.deviations, stencils)
+
+
+def find_tensor_by_factors(state: Equilibrium, shear: float) -> Array:
+    """Return the elastic tensor of :meth:`~granphon.array.equilibrium.Equilibrium.find_elasticity`,
+    with springs against slip, found by factors of a list that is no grid.
+    """
+    return find_elastic_tensor(replace(state._list_contacts(shear), grid=()))
 
 
 def _rest_in_true_directions(

@@ -17,7 +17,6 @@ from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.balls.contact_model import ContactModel
 from granphon.balls.hertz import COUNTED_FORCE
 from granphon.balls.lattices import BALL, Lattice
-from granphon.balls.neighbours import contact_frames
 from granphon.balls.packing import MINDLIN, Packing
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, brief, needing
@@ -298,10 +297,10 @@ class Sample(Result):
         d = packing.diameter
         if self.is_exact:
             exact = self.equilibrium.place
-            normal = turn_frames(packing, exact.normal, self.contact_forces.shape[:-1])
-            reach = [0.5 * exact.size + sign * exact.geometry.uneven for sign in (-1.0, 1.0)]
+            by_kind = exact.normal.reshape(len(table), -1, 3)
+            reach = [0.5 * exact.size + sign * exact.uneven for sign in (-1.0, 1.0)]
             arm_i, arm_j = (d * np.moveaxis(arm, 0, -1).reshape(shape) for arm in reach)
-            return normal.reshape(*shape, 3), arm_i, arm_j
+            return np.ascontiguousarray(by_kind.swapaxes(0, 1)), arm_i, arm_j
         normal = np.zeros((*shape, 3))
         normal[..., : packing.structure.dimension] = table.normal
         arm_i, arm_j = (np.broadcast_to(d * arm, shape) for arm in (table.arm_i, table.arm_j))
@@ -395,17 +394,6 @@ class Sample(Result):
         )
         balls.info["relative_overlap"] = self.overlap / d
         return balls
-
-
-def turn_frames(packing: Packing, vectors: tuple[Any, Any, Any], shape: tuple[int, ...]) -> Array:
-    """Return vectors of contacts in space, (L1, ..., Lp, n_c, 3).
-
-    They are given by their components along each contact's direction on the lattice and its two
-    tangents there, each a number or (n_c, L1, ..., Lp).
-    """
-    frames = np.array(contact_frames(packing.structure.contacts.normal))  # (3, 3, n_c)
-    parts = np.array([np.broadcast_to(part, (frames.shape[2], *shape)) for part in vectors])
-    return np.asarray(np.einsum("kc...,kxc->...cx", parts, frames))
 
 
 def find_density(values: Array, bins: int, least: float, largest: float) -> tuple[Array, Array]:

@@ -25,7 +25,7 @@ from granphon.array.contact_operator import ContactHessian, ContactOperator
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.balls.motions import default_motions, select_motions
 from granphon.base.arrays import Array
-from granphon.dynamics.deformation_rows import Row, contact_rows, strain_rows
+from granphon.dynamics.deformation_rows import contact_rows, strain_rows
 from granphon.dynamics.linalg import invert_hermitian
 
 #: number of elements of one array that are worked on at a time, so that they stay in the
@@ -106,19 +106,6 @@ class Stencils:
         self._vector = table.vector[:, :p]
         #: Green's function in the precisions that it was needed in
         self._found: dict[Any, Array] = {}
-
-    def observe(self, kinds: Sequence[Row]) -> Stencils:
-        """Return stencils of the same motions that have these kinds of deformation instead of their
-        own.
-        """
-        observer = object.__new__(Stencils)
-        left_out = ("coefficients", "operator", "_green", "_groups")
-        vars(observer).update(
-            {name: value for name, value in vars(self).items() if name not in left_out}
-        )
-        observer._found = {}
-        observer._kinds = list(kinds)
-        return observer
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Green's function is not pickled: it is large, and quickly computed again

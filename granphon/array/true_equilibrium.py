@@ -11,7 +11,6 @@ which then carries a force of the order f W/d. The array is an assembly
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -25,12 +24,13 @@ from granphon.array.contact_lists import (
     select_resisted,
 )
 from granphon.array.equilibrium import CARRIED_FORCE, Equilibrium, list_shears
-from granphon.array.geometry import ActingForces
+from granphon.array.geometry import list_displacements
 from granphon.array.options import ReducedLoad
-from granphon.array.stencils import Motion
 from granphon.base.arrays import Array
 from granphon.base.results import result_class
 from granphon.contacts.contact_list import ContactList
+from granphon.contacts.placed import collect_pulls
+from granphon.contacts.tangent import fill_blocks
 from granphon.statics.response import LinearResponse
 
 #: force that holds a ball which moves aside, over W/d times the force that pushes it there, at
@@ -47,21 +47,21 @@ class TrueEquilibrium(Equilibrium):
     normal force.
     """
 
-    def _act(self) -> ActingForces:
-        """Return the contacts that carry load, without friction.
+    def _act(self) -> Array:
+        """Return the forces (n_c, L1, ..., Lp) of contacts that carry load, without friction; below
+        zero where they hold balls against going aside, and do not push them there.
 
         Balls that light contacts push aside lean on others with about W/d of their force. Where
         that cannot be told from the residual, the light contacts hold instead, with W/d of their
         force.
         """
-        stiffness = self.stiffnesses
         least_force = CARRIED_FORCE * self.residual * self.force
         holds_aside = _ASIDE * self.ratio * self.forces > least_force
         acting = np.where(holds_aside, self.forces, -self.forces)
-        return ActingForces(stiffness, acting * (stiffness > 0.0))
+        return np.asarray(acting * (self.stiffnesses > 0.0))
 
-    def _act_at_rest(self, shear: Array | None = None) -> ActingForces:
-        """Return the contacts that carry load where the energy is known to be least.
+    def _act_at_rest(self, shear: Array | None = None) -> Array:
+        """Return the forces of :meth:`_act` where the energy is known to be least.
 
         A ball nearly in line with two others may lean on a third with less than can be told from
         the residual. It is at rest all the same: what pushes it aside then holds it. Contacts that
@@ -69,61 +69,39 @@ class TrueEquilibrium(Equilibrium):
         not.
         """
         acting = self._act()
-        stencils = self.stencils
-        stiffness = self.stiffnesses
+        ratio = np.asarray(0.0 if shear is None else shear)
         if shear is not None:
-            acting = acting._replace(forces=np.abs(acting.forces))
-            pushing = self.ratio * acting.forces / self.place.size
-            if np.all(shear * stiffness >= pushing):
+            acting = np.abs(acting)
+            pushing = self.ratio * acting / self.place.size
+            if np.all(shear * self.stiffnesses >= pushing):
                 return acting
-        axes = self.place.geometry.axes()
-        table = self.place.tabulate_stiffness(stiffness, acting.forces)
-        if shear is not None:
-            normal = np.array(self.place.normal[: len(table)])
-            table -= shear * stiffness * normal[:, None] * normal
-            for axis in range(len(table)):
-                table[axis, axis] += shear * stiffness
-        blocks = [
-            [stencils.around(values) for values in row]
-            for row in np.einsum("nka,kln...,nlb->abn...", axes, table, axes)
-        ]
-        aside = np.linalg.eigvalsh(np.moveaxis(np.array(blocks), (0, 1), (-2, -1)))[..., 0] < 0.0
-        leans = stencils.average_pairs(aside.astype(float)) > 0.0
-        return acting._replace(forces=np.where(leans, -np.abs(acting.forces), acting.forces))
+        contacts = list_exact_contacts(self, acting, ratio, 0.0, 0.0, False)
+        alone = fill_blocks(contacts.columns, contacts.axes, np.zeros((0, 3, 3)), contacts.n_balls)
+        blocks = np.moveaxis(alone.diagonal, -1, 0)
+        aside = np.linalg.eigvalsh(blocks)[:, 0] < 0.0
+        leans = (aside[contacts.i] | aside[contacts.j]).reshape(acting.shape)
+        return np.where(leans, -np.abs(acting), acting)
 
-    def _follow(self) -> tuple[Callable[[Array], Array], Any]:
-        """Return a function from forces to small motions of the balls, and the relative
-        displacements of contacts by a unit of y.
+    def _follow(self) -> tuple[SmallMotions, Array]:
+        """Return the small motions of the balls, and the relative displacements (contacts, 3) of
+        contacts by a unit of y in a cell that keeps its shape.
         """
-        find = self._prepare_response()
+        motions = SmallMotions(self)
         if "_along" not in vars(self):
-            vars(self)["_along"] = self._find_along(find)
-        return find, self.place.geometry.split(Motion(self._along, 1.0))
+            vars(self)["_along"] = self._find_along(motions)
+        along = list_displacements(self.stencils, self._along)
+        return motions, motions.even + motions.separate(along)
 
     @cached_property
     def _along(self) -> Array:
         """(n p, L1, ..., Lp) derivatives of ``balls`` with respect to y in a cell that keeps its
         shape.
         """
-        return self._find_along(self._prepare_response())
+        return self._find_along(SmallMotions(self))
 
-    def _find_along(self, find: Callable[[Array], Array]) -> Array:
+    def _find_along(self, motions: SmallMotions) -> Array:
         """Return what :attr:`_along` holds."""
-        still = np.zeros_like(self.balls)
-        pull, _ = self.place.respond(Motion(still, 1.0), self._act_at_rest())
-        return find(-pull)
-
-    def _prepare_response(self) -> Callable[[Array], Array]:
-        """Return what finds small motions of the balls under forces."""
-        stencils = self.stencils
-        response = LinearResponse(self._list_contacts())
-
-        def find(forces: Array) -> Array:
-            """Return the small motions under ``forces`` (fields, L1, ..., Lp)."""
-            motions = response.find_motions(stencils.list_forces(forces)[..., None])
-            return stencils.gather_motions(motions[..., 0])
-
-        return find
+        return self.stencils.gather_motions(motions.relax(motions.even))
 
     def approach(self, load: ReducedLoad) -> TrueEquilibrium:
         """Return the balls where they come to rest under a near ``load``, but for the square of the
@@ -152,21 +130,20 @@ class TrueEquilibrium(Equilibrium):
         if self.strain is not None:
             return self._shear_along().find_derivatives()
         place = self.place
-        find, moved = self._follow()
+        motions, moved = self._follow()
         loss = place.lose(moved)
         stiffness = self.stiffnesses
         # the second derivatives: of the overlaps along the motion itself, and by the motion that
         # balances those of forces
         bend, push = place.curve(moved, self.forces, stiffness, self.stiffness_slopes)
-        balancing = Motion(find(place.geometry.join(push)), 0.0)
-        overlap_curvature = bend - place.lose(place.geometry.split(balancing))
+        balancing = motions.separate(motions.find(motions.collect(push)[0]))
+        overlap_curvature = bend - place.lose(balancing)
         curvature = self.stiffness_slopes * loss**2 + stiffness * overlap_curvature
         return float(np.mean(-stiffness * loss)), float(np.mean(curvature))
 
     def _shear_along(self) -> HydrostaticCourse:
         """Return how the cell and the balls move as the pressure rises."""
-        find, moved = self._follow()
-        return HydrostaticCourse(self, self._act_at_rest(), find, moved)
+        return HydrostaticCourse(self, *self._follow())
 
     def _list_contacts(
         self, shear: ArrayLike = 0.0, torsion: ArrayLike = 0.0, bending: float = 0.0
@@ -180,8 +157,73 @@ class TrueEquilibrium(Equilibrium):
             # only shear turns balls that are strained: without it twist and roll store nothing
             torsion = 0.0
             bending = 0.0
-        forces = self._act_at_rest(ratio if turns else None).forces
+        forces = self._act_at_rest(ratio if turns else None)
         return list_exact_contacts(self, forces, ratio, torsion, bending, turns)
+
+
+class SmallMotions:
+    """The small motions of balls at rest in the true geometry, without friction, and what contacts
+    do in them; displacements are in W.
+
+    Attributes
+    ----------
+    even : (contacts, 3) displacements of balls j against balls i by a unit of y, which balls follow
+        that stay where they are in the cell.
+    """
+
+    def __init__(self, state: TrueEquilibrium) -> None:
+        self._contacts = state._list_contacts()
+        self._directions = state.place.direction
+        self._response = LinearResponse(self._contacts, np.zeros((0, 3, 3)))
+        self.even = -self._directions
+
+    def resist(self, moved: Array) -> Array:
+        """Return the forces (contacts, 3) of contacts against small displacements (contacts, 3) of
+        balls j against balls i.
+        """
+        from granphon.contacts.deformation import measure_resistance  # averages need no Numba
+
+        contacts = self._contacts
+        push = np.empty_like(moved)
+        springs = (contacts.normal_stiffness, contacts.side_stiffness)
+        measure_resistance(contacts.normal, moved, *springs, push)
+        return push
+
+    def collect(self, push: Array) -> tuple[Array, Array]:
+        """Return the forces (n, p) on balls by forces (contacts, 3) on balls j, and the opposite
+        ones on balls i; and the sum (p, p) of forces times directions on the lattice.
+        """
+        contacts = self._contacts
+        p = contacts.dimension
+        ends = (contacts.i, contacts.j)
+        forces, sums = collect_pulls(ends, self._directions, push, contacts.n_balls)
+        return np.ascontiguousarray(forces[:, :p]), sums[:p, :p]
+
+    def find(self, forces: Array) -> Array:
+        """Return the motions (n, p) of balls under small forces (n, p)."""
+        return self._response.find_motions(forces[..., None])[..., 0]
+
+    def relax(self, affine: Array) -> Array:
+        """Return the motions (n, p) with which balls come into balance again, once displacements
+        (contacts, 3) of balls j against balls i are made.
+        """
+        return self.find(-self.collect(self.resist(affine))[0])
+
+    def separate(self, motions: Array) -> Array:
+        """Return the displacements (contacts, 3) of balls j against balls i by motions (n, p)."""
+        contacts = self._contacts
+        apart = np.zeros((contacts.n_contacts, 3))
+        apart[:, : contacts.dimension] = motions[contacts.j] - motions[contacts.i]
+        return apart
+
+    def strain(self, strain: Array) -> Array:
+        """Return the displacements (contacts, 3) of balls j against balls i once balls have
+        followed a ``strain`` (p, p) of the cell, in W/d.
+        """
+        affine = np.zeros_like(self._directions)
+        p = len(strain)
+        affine[:, :p] = self._directions[:, :p] @ strain.T
+        return affine + self.separate(self.relax(affine))
 
 
 class HydrostaticCourse:
@@ -192,38 +234,31 @@ class HydrostaticCourse:
 
     Parameters
     ----------
-    state, acting : balls at rest, and the contacts that carry load.
-    find : what finds the motions of balls under small forces.
-    even : relative displacements of contacts where the cell shrinks and does not shear.
+    state : balls at rest.
+    motions : their small motions.
+    even : (contacts, 3) relative displacements of contacts where the cell shrinks and does not
+        shear.
     """
 
-    def __init__(
-        self,
-        state: TrueEquilibrium,
-        acting: ActingForces,
-        find: Callable[[Array], Array],
-        even: Any,
-    ) -> None:
+    def __init__(self, state: TrueEquilibrium, motions: SmallMotions, even: Array) -> None:
         self._state = state
         self._place = state.place
-        self._geometry = state.place.geometry
-        self._acting = acting
-        self._find = find
+        self._motions = motions
         p = state.lattice.periods
         self._units = list_shears(p)
         eps = state.ratio
         strain = np.zeros((p, p)) if state.strain is None else state.strain
         self._cell = np.eye(p) - eps * state.overlap * np.eye(p) + eps * strain
-        self._forces = self._multiply([state.forces * n for n in self._place.normal])
-        self._sheared = [self._follow(self._geometry.shear(unit)) for unit in self._units]
+        forces = motions.collect(state.forces.reshape(-1, 1) * state.place.normal)[1]
+        self._sheared = [motions.strain(unit) for unit in self._units]
         turned = [
-            eps * self._forces @ unit + self._resist(moved) @ self._cell
+            eps * forces @ unit + self._resist(moved) @ self._cell
             for unit, moved in zip(self._units, self._sheared, strict=True)
         ]
         self._resistance = self._project(turned).T
-        along = -eps * self._forces + self._resist(even) @ self._cell
+        along = -eps * forces + self._resist(even) @ self._cell
         shears = self._balance(along)
-        #: relative displacements of contacts
+        #: (contacts, 3) relative displacements of contacts
         self.moved = self._add(even, shears)
         #: (p, p) the deformation of the cell
         self._strained = eps * (np.einsum("s,sab->ab", shears, self._units) - np.eye(p))
@@ -244,9 +279,9 @@ class HydrostaticCourse:
         # the second derivative of the motion: forces that the first leaves move balls, and shear
         # the cell so that the stress stays hydrostatic
         bend, push = place.curve(self.moved, state.forces, stiffness, slopes)
-        motion = self._find(self._geometry.join(push))
-        straight = self._geometry.split(Motion(motion, 0.0))
-        forced = (self._multiply(push) + self._resist(straight)) @ self._cell
+        on_balls, on_cell = self._motions.collect(push)
+        straight = self._motions.separate(self._motions.find(on_balls))
+        forced = (on_cell + self._resist(straight)) @ self._cell
         forced += 2.0 * self._resist(self.moved) @ self._strained.T
         shears = self._balance(forced)
         overlap_curvature = bend - place.lose(self._add(straight, shears))
@@ -270,38 +305,17 @@ class HydrostaticCourse:
         shrinking = float(np.trace(inverse @ bent) - np.trace(turned @ turned))
         return first, -shrinking * spacing / (p * eps) - eps * first**2 / spacing
 
-    def _follow(self, affine: Any) -> Any:
-        """Return the relative displacements of contacts once the balls have followed those that a
-        strain makes.
-        """
-        rows = self._geometry.stack(affine)
-        tensions, _ = self._place.resist(rows, self._acting)
-        motion = self._find(-self._geometry.frame.forces(*tensions))
-        moved = self._geometry.split(Motion(motion, 0.0))
-        return tuple(a + b for a, b in zip(affine, moved, strict=True))
-
-    def _add(self, moved: Any, shears: Array) -> Any:
+    def _add(self, moved: Array, shears: Array) -> Array:
         """Return the relative displacements with those of the ``shears`` of the cell."""
         for shear, sheared in zip(shears, self._sheared, strict=True):
-            moved = tuple(a + shear * b for a, b in zip(moved, sheared, strict=True))
+            moved = moved + shear * sheared
         return moved
 
-    def _resist(self, moved: Any) -> Array:
+    def _resist(self, moved: Array) -> Array:
         """Return how the forces of contacts times their directions on the lattice (p, p) change
         with relative displacements.
         """
-        tensions, _ = self._place.resist(self._geometry.stack(moved), self._acting)
-        return -self._multiply(tensions)
-
-    def _multiply(self, push: Any) -> Array:
-        """Return the sum (p, p) of vectors of contacts, given in the frames of the lattice, times
-        their directions on the lattice.
-        """
-        axes = self._geometry.axes()
-        p = axes.shape[1]
-        shape = self._state.forces.shape
-        sums = [np.sum(np.broadcast_to(part, shape).reshape(len(axes), -1), 1) for part in push[:p]]
-        return np.asarray(np.einsum("kc,cka,cb->ab", np.array(sums), axes, axes[:, 0]))
+        return -self._motions.collect(self._motions.resist(moved))[1]
 
     def _project(self, stresses: Any) -> Array:
         """Return the parts (..., s) of stresses (..., p, p) that shear the cell."""

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -140,6 +141,22 @@ class Assembly:
         ends = np.concatenate([self.i[counted], self.j[counted]])
         return np.bincount(ends, minlength=self.n_bodies)[: self.n_balls]
 
+    def make_losses(self) -> Any:
+        """Return the sparse matrix (n_c, n_bodies d), in rows, that takes displacements of bodies
+        to what contacts lose of their overlaps along their normals at touch; its transpose takes
+        forces of contacts to those on bodies.
+        """
+        from scipy.sparse import csr_array  # averages do not need it
+
+        d = self.dimension
+        normal = self.normal[:, :d]
+        ends = np.stack([self.i, self.j], axis=1)
+        columns = d * ends[..., None] + np.arange(d)
+        entries = np.stack([-normal, normal], axis=1)
+        starts = 2 * d * np.arange(self.n_contacts + 1)
+        shape = (self.n_contacts, d * self.n_bodies)
+        return csr_array((entries.ravel(), columns.ravel(), starts), shape=shape)
+
     def cut_out(self, balls: Flags, vector: Array, overlap: Array) -> Assembly:
         """Return the contacts of some of the ``balls`` (n,), while all else is held.
 
@@ -251,3 +268,19 @@ class GridAssembly(Assembly):
     def free_axes(self) -> list[int]:
         """The axes along which nothing hinders all balls together: all."""
         return list(range(self.dimension))
+
+    def spell_out(self) -> Assembly:
+        """Return the same contacts as a list that is no grid."""
+        return Assembly(
+            n_balls=self.n_balls,
+            i=self.i,
+            j=self.j,
+            vector=self.vector,
+            is_flat=self.is_flat,
+            offset=self.offset,
+            laws=self.laws,
+            cell=self.cell,
+            dimension=self.dimension,
+            directions=self.directions,
+            wall_balls=self.wall_balls,
+        )

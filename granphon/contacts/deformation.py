@@ -1,8 +1,11 @@
-"""Loops over the contacts of an assembly, compiled: what contacts measure, and what they exert.
+"""Loops over contacts, compiled: what contacts measure, and what they exert.
 
-Bodies have the displacements (bodies, 3), the cell has a strain (3, 3), and vectors at touch are
-(n_c, 3): see :mod:`granphon.contacts.assembly`. On axes that there are not, all is zero: loops of
-three turns take half of the time of loops whose length is not known.
+Of an assembly bodies have the displacements (bodies, 3), the cell has a strain (3, 3), and vectors
+at touch are (n_c, 3): see :mod:`granphon.contacts.assembly`. On axes that there are not, all is
+zero: loops of three turns take half of the time of loops whose length is not known.
+
+Of balls whose places are given contacts have the vectors (n_c, d) between centres, and the
+distances l (n_c,) from which their losses of overlap are counted.
 """
 
 from __future__ import annotations
@@ -75,6 +78,138 @@ def measure_turned(
             product += (begin + end) * apart
         distance[contact] = math.sqrt(grown)
         loss[contact] = product / (math.sqrt(touching) + distance[contact])
+
+
+@compiled
+def measure_distances(vector: Array, length: Array, normal: Array, loss: Array) -> None:
+    """Set the ``normal`` of contacts (n_c, d) to the direction of their ``vector`` r (n_c, d), and
+    the ``loss`` |r| - l of overlaps (n_c,).
+    """
+    d = vector.shape[1]
+    for contact in range(len(vector)):
+        square = 0.0
+        for axis in range(d):
+            square += vector[contact, axis] * vector[contact, axis]
+        distance = math.sqrt(square)
+        for axis in range(d):
+            normal[contact, axis] = vector[contact, axis] / distance
+        loss[contact] = distance - length[contact]
+
+
+@compiled
+def measure_along(vector: Array, length: Array, normal: Array, loss: Array) -> None:
+    """Set the ``loss`` n.r - l of overlaps (n_c,) along normals (n_c, d) that do not turn with the
+    ``vector`` r (n_c, d).
+    """
+    for contact in range(len(vector)):
+        along = 0.0
+        for axis in range(vector.shape[1]):
+            along += normal[contact, axis] * vector[contact, axis]
+        loss[contact] = along - length[contact]
+
+
+@compiled
+def measure_resistance(
+    normal: Array, moved: Array, stiffness: Array, side_stiffness: Array, push: Array
+) -> None:
+    """Set ``push`` (n_c, 3) to the forces k (n.w) n + k' (w - (n.w) n) of contacts against small
+    displacements w of balls j against balls i, ``moved`` (n_c, 3).
+    """
+    for contact in range(len(moved)):
+        loss = 0.0
+        for axis in range(3):
+            loss += normal[contact, axis] * moved[contact, axis]
+        side = side_stiffness[contact]
+        along = (stiffness[contact] - side) * loss
+        for axis in range(3):
+            push[contact, axis] = along * normal[contact, axis] + side * moved[contact, axis]
+
+
+@compiled
+def measure_bends(
+    normal: Array,
+    over_distance: Array,
+    moved: Array,
+    force: Array,
+    stiffness: Array,
+    slope: Array,
+    bend: Array,
+    push: Array,
+) -> None:
+    """Set ``bend`` (n_c,) and ``push`` (n_c, 3) to the second derivatives of the overlap h and of
+    the force f(h) n of contacts whose balls j move straight on against balls i.
+
+    With the rate w of that motion, ``moved`` (n_c, 3), and its part across the normal, w', they are
+
+        h'' = -w'w'/r,    (f n)'' = (k' (n.w)^2 + k h'' - f w'w'/r^2) n - 2 (k + f/r) (n.w) w'/r
+
+    for the distance r of the balls, of which ``over_distance`` (n_c,) is 1/r, zero of contacts that
+    do not turn, and f, its derivative k and that of k, ``force``, ``stiffness`` and ``slope``
+    (n_c,).
+    """
+    for contact in range(len(moved)):
+        loss = 0.0
+        for axis in range(3):
+            loss += normal[contact, axis] * moved[contact, axis]
+        square = 0.0
+        for axis in range(3):
+            across = moved[contact, axis] - loss * normal[contact, axis]
+            square += across * across
+        over = over_distance[contact]
+        bend[contact] = -square * over
+        along = slope[contact] * loss * loss + stiffness[contact] * bend[contact]
+        along -= force[contact] * square * over * over
+        aside = -2.0 * (stiffness[contact] + force[contact] * over) * loss * over
+        for axis in range(3):
+            across = moved[contact, axis] - loss * normal[contact, axis]
+            push[contact, axis] = along * normal[contact, axis] + aside * across
+
+
+@compiled
+def add_row(
+    i: NDArray[np.int64],
+    j: NDArray[np.int64],
+    axes: NDArray[np.int64],
+    head: Array,
+    tail: Array,
+    stiffness: Array,
+    apart: Array,
+    turns: Array,
+    pull: Array,
+    torque: Array,
+) -> float:
+    """Add the forces of springs against one row of deformations, and return their energy.
+
+    Parameters
+    ----------
+    axes : (t,) axes of displacements.
+    head, tail : (t + r, n_c) coefficients of the motions of ball j and of ball i; those of
+        displacements are the same, but of a spring to the ground, which has them in ``tail``.
+    stiffness : (n_c,)
+    apart : (n_c, d) displacement of ball j against ball i.
+    turns : (bodies, r) rotations.
+    pull : (n_c, d) forces on balls j.
+    torque : (bodies, r) torques on all balls.
+    """
+    t = len(axes)
+    energy = 0.0
+    for contact in range(len(i)):
+        first = i[contact]
+        second = j[contact]
+        change = 0.0
+        for line in range(t):
+            change += tail[line, contact] * apart[contact, axes[line]]
+        for line in range(t, len(head)):
+            change += head[line, contact] * turns[second, line - t]
+            change -= tail[line, contact] * turns[first, line - t]
+        tension = stiffness[contact] * change
+        energy += 0.5 * tension * change
+        for line in range(t):
+            pull[contact, axes[line]] -= tension * tail[line, contact]
+        for line in range(t, len(head)):
+            torque[first, line - t] += tension * tail[line, contact]
+            torque[second, line - t] -= tension * head[line, contact]
+    return energy
 
 
 @compiled

@@ -33,12 +33,14 @@ from granphon.balls.contact_laws import (
 )
 from granphon.balls.contact_model import ContactModel
 from granphon.balls.material import Material
+from granphon.balls.motions import ALL, select_motions
 from granphon.balls.neighbours import find_pairs
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InconsistencyWarning, InputError, brief, warn_caller
 from granphon.base.text import list_names
 from granphon.base.validation import spell_out
 from granphon.contacts.laws import ContactLaws
+from granphon.contacts.placed import ContactForces, find_overlaps
 from granphon.networks.network import ContactNetwork
 from granphon.networks.sources import Completion, CompletionOptions
 from granphon.networks.tables import read_tables
@@ -49,6 +51,8 @@ from granphon.phonons.phonopy_atoms import choose_symbols
 _FARTHEST = 50.0
 #: relative amount by which the reach of balls is enlarged, so that rounding opens no contact
 _ROUNDING = 1e-12
+#: motions of balls whose rotations nothing resists
+_ROLLING_FREELY = select_motions(0.0, among=ALL)
 #: rows and columns of the entries of a (3, 3) matrix in Voigt order: xx, yy, zz, yz, xz, xy
 VOIGT = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
 
@@ -287,17 +291,15 @@ class BallContacts(ContactCalculator):
         balls = self.atoms
         _, radii = self.find_radii(balls)
         i, j, _, vector, laws, _ = self.find_contacts(balls)
-        distance = np.linalg.norm(vector, axis=1)
-        overlap = radii[i] + radii[j] - distance
-        pull = -(laws.force(overlap) / distance)[:, None] * vector  # of ball j on ball i
-        forces = np.zeros((len(balls), 3))
-        np.add.at(forces, i, pull)
-        np.add.at(forces, j, -pull)
+        overlap, normal = find_overlaps(vector, radii[i] + radii[j], 0.0)
+        contacts = ContactForces(i, j, vector, len(balls), _ROLLING_FREELY)
+        contacts.press(laws.force(overlap), normal)
+        forces, virial = contacts.collect()
         energy = math.fsum(laws.energy(overlap))
         volume = abs(float(np.linalg.det(balls.cell.array)))
         self.results = {"energy": energy, "free_energy": energy, "forces": forces}
         if volume > 0.0:
-            stress = vector.T @ pull / volume
+            stress = -virial / volume
             self.results["stress"] = (0.5 * (stress + stress.T))[VOIGT]
         elif "stress" in properties:
             raise InputError(
@@ -314,7 +316,7 @@ class BallContacts(ContactCalculator):
         """
         kinds, radii = self.find_radii(atoms)
         i, j, shift, vector, laws, ratio = self.find_contacts(atoms)
-        overlap = radii[i] + radii[j] - np.linalg.norm(vector, axis=1)
+        overlap, _ = find_overlaps(vector, radii[i] + radii[j], 0.0)
         x, y, z = atoms.positions.T
         masses = [self._find_mass(*sort) for sort in zip(kinds, radii.tolist(), strict=True)]
         balls = {"x": x, "y": y, "z": z, "radius": radii, "mass": masses, "kind": kinds}

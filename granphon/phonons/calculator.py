@@ -47,6 +47,7 @@ from granphon.base.errors import InputError, PrecisionError, brief
 from granphon.base.memory import require_memory
 from granphon.base.scales import Units
 from granphon.base.validation import is_one_of, one_of
+from granphon.contacts.placed import ContactForces, find_overlaps
 from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.deformation_rows import Row, contact_rows
@@ -212,24 +213,26 @@ class HarmonicContacts(ContactCalculator):
         n = len(balls)
         displacement = self._find_moves(balls)
         turned = self._find_turns(balls)
-        energy, pull, torques = _load_springs(lattice, displacement, turned)
-        # the last row is that of bodies that do not move
-        forces = np.zeros((n + 1, 3))
-        np.add.at(forces, table.j, pull)
-        np.add.at(forces, table.i, -pull)
+        vector = _in_space(table.vector) + displacement
+        # a body that does not move comes after the balls
+        contacts = ContactForces(table.i, table.j, vector, n + 1, lattice.motions)
+        for row, stiffness in _list_springs(lattice):
+            contacts.resist(row, stiffness, displacement, turned)
+        forces, virial = contacts.collect()
+        torques = contacts.torque[:n] * lattice.gyration[:, None]
         self._torques: Array = np.zeros((n, 3))
-        self._torques[:, list(lattice.motions.rotations)] = torques[:n] * lattice.gyration[:, None]
+        self._torques[:, list(lattice.motions.rotations)] = torques
         # the work of the static stress, V s:(F - 1)
         static = self._find_static_stress()
         cell = self._reference.cell.array
         strain = np.linalg.solve(cell, balls.cell.array - cell)
-        energy += float(np.sum(static * strain))
+        energy = contacts.energy + float(np.sum(static * strain))
         self.results = {"energy": energy, "free_energy": energy, "forces": forces[:n]}
         if not lattice.is_held:
             p = lattice.periods
-            vector = _in_space(table.vector) + displacement
-            virial = static + strain.T @ static - vector.T @ pull
-            stress = virial / abs(np.linalg.det(balls.cell.array[:p, :p]))
+            stress = (static + strain.T @ static - virial) / abs(
+                np.linalg.det(balls.cell.array[:p, :p])
+            )
             self.results["stress"] = (0.5 * (stress + stress.T))[VOIGT]
         elif "stress" in properties:
             raise InputError(
@@ -285,11 +288,15 @@ class HarmonicContacts(ContactCalculator):
         lattice = self.state.contact_lattice()
         table = lattice.contacts
         network = self.state.network
-        sizes = network.normal_force[network.in_lattice, None] / self.state.scales.force
-        forces = sizes * table.normal[: len(sizes)]
-        # compressive forces are positive, and compressive stress is negative
-        vectors = table.vector[: len(sizes)]  # without springs to the ground, which bear no force
-        return np.asarray(-_in_space(vectors).T @ _in_space(forces))
+        sizes = network.normal_force[network.in_lattice] / self.state.scales.force
+        # springs to the ground come behind the contacts, and bear none
+        rows = slice(len(sizes))
+        vectors = np.ascontiguousarray(_in_space(table.vector[rows]))
+        ends = (table.i[rows], table.j[rows])
+        contacts = ContactForces(*ends, vectors, lattice.n_balls + 1, lattice.motions)
+        contacts.press(sizes, _in_space(table.normal[rows]))
+        # compressive forces are above zero, and make a stress below zero
+        return -contacts.collect()[1].T
 
     def get_torques(self, atoms: Atoms) -> Array:
         """Return the torques (N, 3) on the balls, -dE/dphi, k d^2."""
@@ -478,39 +485,6 @@ class _ContactsAtRest(NamedTuple):
     distance: Array
 
 
-class _Loads(NamedTuple):
-    """Energies, forces and torques of contacts, to which those of each kind of deformation are
-    added in turn.
-
-    Attributes
-    ----------
-    energies : (n_c,) energies, k d^2.
-    pull : (n_c, m) forces on balls j, k d.
-    torque_i, torque_j : (axes, n_c) torques on the two balls, k d^2.
-    """
-
-    energies: Array
-    pull: Array
-    torque_i: Array
-    torque_j: Array
-
-    def add(self, row: Row, stiffness: Array, change: Array) -> None:
-        """Add the energies, forces and torques of springs, in place.
-
-        The springs resist the deformation ``row``, which is ``change`` (n_c,), in diameters, with
-        the ``stiffness`` (n_c,), k.
-        """
-        # the first m coefficients of a row are those of displacements, and the others of rotations
-        m = self.pull.shape[1]
-        tension = stiffness * change
-        self.energies[:] += 0.5 * tension * change
-        for axis in range(m):
-            self.pull[:, axis] -= tension * row.head[:, axis]
-        for axis in range(len(self.torque_i)):
-            self.torque_i[axis] += tension * row.tail[:, m + axis]
-            self.torque_j[axis] -= tension * row.head[:, m + axis]
-
-
 class HertzMindlin(ContactCalculator):
     """ASE calculator of one-sided Hertz-Mindlin contacts, in the reduced units of its state.
 
@@ -664,25 +638,21 @@ class HertzMindlin(ContactCalculator):
             )
         law = self._choose_law(balls)
         contacts = self._find_closed(balls, law)
-        loads = self._load_normally(balls, law, contacts)
+        loads = ContactForces(contacts.i, contacts.j, contacts.vector, len(balls), self._motions)
+        # the law takes overlaps in m
+        d = self.scales.length
+        k = self.scales.stiffness
+        overlap_in_metres = contacts.overlap * d
+        loads.press(law.force(overlap_in_metres) / (k * d), contacts.along)
         if self._motions.rotate:
-            self._load_rows(balls, law, contacts, loads)
-        n = len(balls)
-        i = contacts.i
-        j = contacts.j
-        forces = np.zeros((n, 3))
-        energy = float(loads.energies.sum())
-        for axis, pull in enumerate(loads.pull.T):
-            forces[:, axis] = np.bincount(j, pull, n) - np.bincount(i, pull, n)
-        torques = [
-            np.bincount(i, torque_i, n) + np.bincount(j, torque_j, n)
-            for torque_i, torque_j in zip(loads.torque_i, loads.torque_j, strict=True)
-        ]
-        self._torques: Array = np.asarray(torques[0], float)
-        if self._coordinates == 3:
-            self._torques = np.stack(torques, axis=1)
+            self._resist_slips(balls, law, contacts, loads)
+        energy = float(np.sum(law.energy(overlap_in_metres))) / (k * d * d) + loads.energy
+        forces, virial = loads.collect()
+        self._torques: Array = np.zeros(balls.arrays["rotations"].shape)
+        if self._motions.rotate:
+            self._torques[...] = loads.torque.reshape(self._torques.shape)
         self.results = {"energy": energy, "free_energy": energy, "forces": forces}
-        stress = self._find_stress(balls, contacts, loads)
+        stress = self._find_stress(balls, virial)
         if stress is not None:
             self.results["stress"] = stress
         elif "stress" in properties:
@@ -693,18 +663,17 @@ class HertzMindlin(ContactCalculator):
                 f"Give the cell {vectors[self._periods - 1]}",
             )
 
-    def _find_stress(self, balls: Atoms, contacts: _ClosedContacts, loads: _Loads) -> Array | None:
-        """Return the stress (6,), k/d, in Voigt order, of ``contacts`` with these ``loads``; None
-        if the cell has no length, area or volume.
+    def _find_stress(self, balls: Atoms, virial: Array) -> Array | None:
+        """Return the stress (6,) in Voigt order, k/d, of contacts with a ``virial`` (3, 3), k d^2;
+        None of a cell without a length, area or volume.
         """
         p = self._periods
-        m = self._coordinates
         volume = float(abs(np.linalg.det(np.asarray(balls.cell)[:p, :p])))
         if volume == 0.0:
             return None
-        # stress is dE/d(strain) over the volume; the cell is one diameter thick across the periods
-        stress = np.zeros((3, 3))
-        stress[:m, :m] = -np.einsum("ca,cb->ab", loads.pull, contacts.vector) / volume
+        # stress is dE/d(strain of positions and cell) over the volume, one diameter thick across
+        # the periods
+        stress = -virial / volume
         return np.asarray((0.5 * (stress + stress.T))[VOIGT])
 
     def _find_closed(self, balls: Atoms, law: Law) -> _ClosedContacts:
@@ -715,33 +684,19 @@ class HertzMindlin(ContactCalculator):
         extra = 0.5 * (deviations[i] + deviations[j])
         normal, is_near = self._find_normals(vector, extra)
         if self.finite_overlap:
-            distance = np.linalg.norm(vector, axis=1)
-            along = vector / distance[:, None]
-            overlap = 1.0 + extra - distance
+            overlap, along = find_overlaps(vector, 1.0, extra)
         else:
-            # in the limit of small overlap contacts keep the direction of the lattice
-            along = normal
-            overlap = self._overlap + extra - (np.einsum("ca,ca->c", vector, normal) - 1.0)
+            overlap, along = find_overlaps(vector, 1.0, self._overlap + extra, normal)
         is_closed = is_near & (overlap > law.least_overlap / self.scales.length)
         return _ClosedContacts(*keep_rows(is_closed, i, j, vector, normal, along, overlap))
 
-    def _load_normally(self, balls: Atoms, law: Law, contacts: _ClosedContacts) -> _Loads:
-        """Return the energies and normal forces of ``contacts`` under the ``law``, which takes
-        overlaps in m; torques are zero.
-        """
-        d = self.scales.length
-        k = self.scales.stiffness
-        overlap = contacts.overlap * d
-        energies = law.energy(overlap) / (k * d * d)
-        force = law.force(overlap) / (k * d)
-        pull = force[:, None] * contacts.along
-        n_axes = len(np.atleast_2d(balls.arrays["rotations"].T))
-        torque_i = np.zeros((n_axes, len(contacts.i)))
-        return _Loads(energies, pull, torque_i, np.zeros_like(torque_i))
+    def _resist_slips(
+        self, balls: Atoms, law: Law, contacts: _ClosedContacts, loads: ContactForces
+    ) -> None:
+        """Add to the ``loads`` those of slip, twist and roll since the reference configuration.
 
-    def _load_rows(self, balls: Atoms, law: Law, contacts: _ClosedContacts, loads: _Loads) -> None:
-        """Add to ``loads``, in place, those of slip, twist and roll since the reference
-        configuration, in which the contacts have their stiffnesses.
+        The stiffnesses are those of the reference state: slip, twist and roll add to the energy of
+        that state.
         """
         i = contacts.i
         j = contacts.j
@@ -749,7 +704,7 @@ class HertzMindlin(ContactCalculator):
         axis_at_rest, overlap_at_rest, _ = self._find_rest(balls, i, j, contacts.normal)
         origin = balls.arrays["slip_origin"][:, :m]
         displacement = contacts.vector - self._spacing * contacts.normal - (origin[j] - origin[i])
-        angles = np.atleast_2d(balls.arrays["rotations"].T)  # (axes, N), rad
+        angles = np.atleast_2d(balls.arrays["rotations"].T).T  # (N, axes), rad
         stiffness, torsion = self._find_springs(law, overlap_at_rest)
         deviations = balls.arrays["diameter_deviations"]
         rows = contact_rows(
@@ -763,14 +718,7 @@ class HertzMindlin(ContactCalculator):
             roll=self._bending,
         )
         for row in rows:
-            # coefficients of displacements come first, then those of rotations
-            change = row.head[:, 0] * displacement[:, 0]
-            for axis in range(1, m):
-                change += row.head[:, axis] * displacement[:, axis]
-            for axis, angle in enumerate(angles, start=m):
-                change += row.head[:, axis] * angle[j]
-                change -= row.tail[:, axis] * angle[i]
-            loads.add(row, row.stiffness * stiffness, change)
+            loads.resist(row, row.stiffness * stiffness, displacement, angles)
 
     def get_torques(self, atoms: Atoms) -> Array:
         """Return the torques on the balls, -dE/dphi, k d^2: (N,) if balls turn about z alone, else
@@ -1232,39 +1180,6 @@ def _list_springs(lattice: ContactLattice) -> list[tuple[Row, Array]]:
     """
     springs = [(row, row.stiffness * lattice.stiffness) for row in lattice.rows]
     return springs + lattice.static_rows if lattice.is_prestressed else springs
-
-
-def _load_springs(
-    lattice: ContactLattice, displacement: Array, turned: Array
-) -> tuple[float, Array, Array]:
-    """Return the energy, k d^2, of the springs of all contacts of a ``lattice``, the forces
-    (n_c, 3), k d, on balls j of the contacts, and the torques on the balls over R_g, (n + 1, r),
-    k d.
-
-    ``displacement`` (n_c, 3) is that of ball j of each contact against ball i, and ``turned``
-    (n + 1, r) is w = R_g phi of the balls about the r axes of their motions, both in diameters. The
-    last row is that of bodies that do not move.
-    """
-    i = lattice.contacts.i
-    j = lattice.contacts.j
-    motions = lattice.motions
-    translations = list(motions.translations)
-    energy = 0.0
-    pull = np.zeros((len(i), 3))
-    torques = np.zeros_like(turned)
-    for row, stiffness in _list_springs(lattice):
-        head = row.head[:, motions.turning]
-        tail = row.tail[:, motions.turning]
-        along = row.head[:, motions.translating]
-        by_shift = np.sum(along * displacement[:, translations], axis=1)
-        by_turn = np.sum(head * turned[j] - tail * turned[i], axis=1)
-        deformation = by_shift + by_turn
-        tension = stiffness * deformation
-        energy += 0.5 * float(np.sum(tension * deformation))
-        pull[:, translations] -= tension[:, None] * along
-        np.add.at(torques, i, tension[:, None] * tail)
-        np.add.at(torques, j, -tension[:, None] * head)
-    return energy, pull, torques
 
 
 def _in_space(vectors: Array) -> Array:

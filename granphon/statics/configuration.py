@@ -19,7 +19,7 @@ import itertools
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -186,11 +186,15 @@ class Problem:
 
     def find_unit_losses(self, normal: Array) -> Array:
         """Return what contacts lose of their overlaps by the unit strains, (n_c, s)."""
-        losses = np.empty((self.assembly.n_contacts, len(self.unit_strains)))
-        for strain, unit_strain in enumerate(self.unit_strains):
-            strained = self.assembly.vector @ unit_strain
-            losses[:, strain] = np.einsum("ca,ca->c", normal, strained)
-        return losses
+        from granphon.contacts.deformation import measure_losses  # averages need no Numba
+
+        assembly = self.assembly
+        losses = np.empty((len(self.unit_strains), assembly.n_contacts))
+        still = np.zeros((assembly.n_bodies, 3))
+        ends = (assembly.i, assembly.j, assembly.vector)
+        for unit_strain, loss in zip(self.unit_strains, losses, strict=True):
+            measure_losses(*ends, normal, still, unit_strain, loss)
+        return losses.T
 
     def measure_losses(
         self, x: Array, normal: Array | None = None, strain: Array | None = None
@@ -210,6 +214,20 @@ class Problem:
         ends = (assembly.i, assembly.j, assembly.vector)
         measure_losses(*ends, along, displacement, whole, loss)
         return loss
+
+    def make_losses(self) -> Any:
+        """Return the sparse matrix (n_c, size) that takes unknowns to what contacts lose of their
+        overlaps along their normals at touch.
+        """
+        from scipy.sparse import coo_array, hstack  # averages do not need it
+
+        assembly = self.assembly
+        of_bodies = assembly.make_losses().tocsc()
+        n = self.n_ball_unknowns
+        lines = self.wall_lines
+        of_walls = coo_array(of_bodies[:, n : n + len(lines)] @ lines)
+        of_strains = coo_array(self.find_unit_losses(assembly.normal))
+        return hstack([of_bodies[:, :n], of_walls, of_strains], format="csr")
 
     def collect_forces(self, normal: Array, force: Array) -> Array:
         """Return what forces (n_c,) along normals (n_c, 3) make on the unknowns (size,)."""

@@ -39,28 +39,6 @@ def find_typical_force(problem: Problem) -> float:
     return largest or float(np.max(laws.adhesion))
 
 
-def _find_compatibility(problem: Problem) -> Any:
-    """Return the sparse matrix (n_c, size) of the overlaps that the unknowns make."""
-    from scipy.sparse import coo_array, hstack
-
-    assembly = problem.assembly
-    d = assembly.dimension
-    normal = assembly.normal[:, :d]
-    contacts = np.arange(assembly.n_contacts)
-    shape = (assembly.n_contacts, d * assembly.n_bodies)
-    lines = np.tile(np.repeat(contacts, d), 2)
-    ends = np.concatenate([assembly.i, assembly.j])
-    columns = (d * ends[:, None] + np.arange(d)).ravel()
-    entries = np.concatenate([normal.ravel(), -normal.ravel()])
-    of_bodies = coo_array((entries, (lines, columns)), shape=shape).tocsc()
-    n = problem.n_ball_unknowns
-    k = assembly.n_walls
-    strained = problem.find_unit_losses(assembly.normal)
-    of_walls = of_bodies[:, n : n + k * d] @ problem.wall_lines
-    joined: Any = hstack([of_bodies[:, :n], coo_array(of_walls), coo_array(-strained)])
-    return joined.tocsr()
-
-
 def _find_bearing(problem: Problem) -> tuple[bool, str]:
     """Return whether contacts can bear the load, and if not a sentence on the pressure with which
     they could; empty if there is none.
@@ -69,7 +47,8 @@ def _find_bearing(problem: Problem) -> tuple[bool, str]:
     from scipy.sparse import csr_array, hstack
 
     assembly = problem.assembly
-    press = _find_compatibility(problem).T
+    # what forces of contacts make on the unknowns is to balance the load
+    press = -problem.make_losses().T
     size = float(np.max(np.abs(problem.force), initial=0.0)) or 1.0
     right = problem.force / size
     least = -assembly.laws.tension / size

@@ -59,8 +59,9 @@ def find_rest(
     """
     numbers = options or RestOptions()
     problem = Problem(assembly, load, geometry, boundary)
-    # balls of a grid may be pressed by their cell, under no load
-    is_pressed = load.acts or load.is_given or assembly.grid is not None
+    # balls that differ, and those of a grid, may be pressed by their cell, under no load
+    is_filled = assembly.differs or assembly.grid is not None
+    is_pressed = load.acts or load.is_given or is_filled
     if not (is_pressed or find_typical_force(problem)):
         return _rest_without_load(problem)
     descent = _choose_descent(problem, numbers)

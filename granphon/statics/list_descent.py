@@ -116,13 +116,14 @@ class LatticeDescent(ListDescent):
 
     def begin(self, start: Rest | None) -> Configuration:
         """Return the configuration from which the search begins: that of ``start``, of a given
-        strain, or of linear springs.
+        strain, of balls that press each other on their sites, or of linear springs.
         """
         problem = self.problem
         if start is not None:
             return problem.start_at(find_unknowns(problem, start), start.overlap.copy())
         untouched = problem.start_at(np.zeros(problem.size))
-        if problem.load.is_given:
+        presses_on_sites = not problem.load.acts and untouched.mean > 0.0
+        if problem.load.is_given or presses_on_sites:
             return untouched
         return self._relax_springs(untouched)
 

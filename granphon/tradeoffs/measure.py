@@ -82,7 +82,7 @@ _SIDES = {2: (8, 16, 32, 64, 128), 3: (4, 6, 10, 16, 24)}
 _REFERENCE_SIDES = {2: 64, 3: 14}
 #: the same if they are loaded with friction, which takes many times longer
 _LOADED_SIDES = {2: 32, 3: 8}
-#: sides, in diameters, of the sample that a sparse LU solves as well, as a check
+#: sides, in diameters, of the sample that factors of a list solve as well, as a check
 _CHECKED_SIDES = {2: 24, 3: 6}
 #: number of samples between two checks whether the reference is good enough
 _SAMPLES_BETWEEN_LOOKS = 8
@@ -567,8 +567,8 @@ class MediaStudy:
         another method too, and the largest relative differences (n_loads,).
 
         A sample that is loaded with friction is loaded once more, in shorter steps. For a sample at
-        rest, equilibrium and response are found by another algorithm, a sparse LU; both have the
-        directions of the lattice, the only ones that the other algorithm knows.
+        rest, equilibrium and response are found by another algorithm, factors of a list of
+        contacts; both have the directions of the lattice.
         """
         structure = self.packing.structure
         shape = even_shape(structure, _CHECKED_SIDES[structure.periods])
@@ -576,7 +576,7 @@ class MediaStudy:
             words = "velocities in steps of a tenth of the tolerance"
             differences = self._compare_steps(shape)
         else:
-            words = "equilibrium and response by sparse LU"
+            words = "equilibrium and response by factors"
             differences = self._compare_factors(shape, deadline)
         return f"of one of {_write_shape(shape)}, {words} differ", differences
 
@@ -590,10 +590,10 @@ class MediaStudy:
         return np.asarray(np.max(np.abs(ratio - 1.0), axis=-1))
 
     def _compare_factors(self, shape: tuple[int, ...], deadline: Deadline) -> Array:
-        """Return the relative differences (n_loads,) of a sample at rest that is solved by a sparse
-        LU as well: the larger of those of the mean force and of velocities.
+        """Return the relative differences (n_loads,) of a sample at rest that is solved by factors
+        of a list of its contacts as well: the larger of those of the mean force and of velocities.
         """
-        from granphon.array.sparse import SparseArray
+        from granphon.array.rest import equilibrate_by_factors, find_tensor_by_factors
 
         eta = self.packing.mindlin_ratio
         simulation = DirectSimulation(self.packing, shape, _REFERENCE_SEED, geometry=LATTICE)
@@ -601,11 +601,11 @@ class MediaStudy:
         differences = np.empty(self.load.size)
         for load_number, sample in enumerate(state.samples):
             equilibrium = sample.equilibrium
-            by_factors = SparseArray(equilibrium.deviations, equilibrium.lattice)
-            forces = by_factors.forces(equilibrium.overlap, check=deadline.check)
-            tensor = by_factors.elastic_tensor(forces, eta)
+            deadline.check()
+            by_factors = equilibrate_by_factors(equilibrium)
+            tensor = find_tensor_by_factors(by_factors, eta)
             expected_tensor = equilibrium.find_elasticity(eta)
-            force_difference = abs(np.mean(forces) / equilibrium.force - 1.0)
+            force_difference = abs(by_factors.force / equilibrium.force - 1.0)
             largest_modulus = np.max(expected_tensor)
             tensor_difference = np.max(np.abs(tensor - expected_tensor)) / largest_modulus
             velocity_difference = 0.5 * tensor_difference  # velocities are roots of moduli

@@ -1,5 +1,5 @@
 """The array by sparse matrices against the simulation's own method, dense matrices, and closed
-forms.
+forms; the same array as a list of contacts, by factors.
 """
 
 from __future__ import annotations
@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from granphon.array.options import ReducedLoad
-from granphon.array.rest import equilibrate
-from granphon.array.sparse import SparseArray
+from granphon.array.rest import equilibrate, equilibrate_by_factors, find_tensor_by_factors
 from granphon.balls.lattices import TRIANGULAR
 from granphon.base.errors import ConvergenceError
 from tests.array.test_equilibrium import at_rest, balls, close_forces
 from tests.array.test_response import dense_tensor
 from tests.array.test_stencils import every_eta
+from tests.sparse_array import SparseArray
 
 SLOW = [(16, 16), (24, 17)]
 every_shape = pytest.mark.parametrize(
@@ -33,6 +33,9 @@ def test_forces_are_those_of_the_simulation(shape, spacing):
     found = SparseArray(balls(shape, 1)).forces(spacing - 0.5)
     assert found.shape == (3, *shape)
     close_forces(found, state.forces, 1e-9)
+    listed = equilibrate_by_factors(state)
+    assert listed.conjugate == 0
+    close_forces(listed.forces, state.forces, 1e-9)
 
 
 @pytest.mark.claim("moduli-linear-response")
@@ -41,9 +44,12 @@ def test_forces_are_those_of_the_simulation(shape, spacing):
 @pytest.mark.parametrize("spacing", [1.0, 0.5])
 def test_tensor_is_that_of_the_simulation(shape, spacing, eta):
     array = SparseArray(balls(shape, 1))
-    expected = at_rest(shape, 1, spacing).find_elasticity(eta)
+    state = at_rest(shape, 1, spacing)
+    expected = state.find_elasticity(eta)
     found = array.elastic_tensor(array.forces(spacing - 0.5), eta)
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9 * expected.max())
+    listed = find_tensor_by_factors(state, eta)
+    np.testing.assert_allclose(listed, expected, rtol=0.0, atol=1e-9 * expected.max())
 
 
 @every_eta

@@ -16,7 +16,7 @@ import yaml
 from scipy.integrate import simpson
 
 import granphon as gp
-from granphon.array.geometry import ActingForces, ExactGeometry
+from granphon.array.geometry import ExactPlace, list_displacements
 from granphon.array.history import LoadingHistory
 from granphon.array.load_step import BALANCE_TOLERANCE
 from granphon.array.options import ReducedLoad
@@ -25,11 +25,12 @@ from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.rest import assemble, equilibrate
 from granphon.array.sheared_equilibrium import equilibrate_sheared
 from granphon.array.stencils import Motion, Stencils
-from granphon.array.true_equilibrium import TrueEquilibrium
+from granphon.array.true_equilibrium import SmallMotions, TrueEquilibrium, list_exact_contacts
 from granphon.balls.lattices import FCC, HCP, TRIANGULAR, find_lattice
 from granphon.balls.neighbours import contact_frames
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.contacts.friction import Tangent
+from granphon.contacts.tangent import find_tangent
 from granphon.dynamics.elasticity import bulk_and_shear, voigt_pairs
 from granphon.media.left_out import estimate_shear_deficit
 from granphon.media.loading import find_equilibria, find_equilibrium
@@ -239,7 +240,7 @@ def test_in_the_limit_of_no_width_the_geometry_is_that_of_the_lattice(lattice, s
         assert np.max(np.abs(place.overlaps - overlaps)) > 0.1 * ratio
     smooth = Stencils(shape, lattice=lattice)
     moved = smooth.spread(0.2 * np.random.default_rng(0).normal(size=(smooth.n_fields, *shape)))
-    alone = ExactGeometry(smooth, deviations, ratio).place(moved, 0.3)
+    alone = ExactPlace(smooth, deviations, ratio, moved, 0.3)
     np.testing.assert_allclose(alone.differences, alone.overlaps - 0.3, rtol=0.0, atol=1e-15)
 
 
@@ -300,22 +301,54 @@ def test_the_linear_operator_is_the_derivative(lattice, shape):
         push = product.resist(way.balls.astype(precision), way.compression, pull)
         np.testing.assert_allclose(-pull, found, rtol=0.0, atol=close * np.max(np.abs(found)))
         assert push == pytest.approx(-np.sum(weakened), abs=close * np.sum(np.abs(weakened)))
-    smooth = Stencils(shape, lattice=lattice)
-    alone = ExactGeometry(smooth, balls(shape, lattice=lattice), 0.05)
-    moved = 0.2 * rng.normal(size=(smooth.n_fields, *shape))
+
+
+@LATTICES
+def test_small_motions_without_friction_are_derivatives(lattice, shape):
+    """Losses, forces against motions, and second derivatives along a straight line."""
+    rng = np.random.default_rng(len(shape))
+    stencils = Stencils(shape, lattice=lattice)
+    x = balls(shape, lattice=lattice)
+    moved = 0.2 * rng.normal(size=(stencils.n_fields, *shape))
     way = Motion(rng.normal(size=moved.shape), 0.7)
-    step = 1e-5
-    ahead, here, behind = (
-        alone.place(moved + part * way.balls, 0.3 + part * way.compression)
-        for part in (step, 0.0, -step)
+
+    def place(part):
+        there = moved + part * way.balls
+        return ExactPlace(stencils, x, 0.05, there, 0.3 + part * way.compression)
+
+    step = 1e-4
+    here = place(0.0)
+    state = TrueEquilibrium(
+        deviations=x, overlap=0.3, balls=moved, residual=0.0, lattice=lattice, ratio=0.05
     )
-    loss = -(ahead.overlaps - behind.overlaps) / (2.0 * step)
-    np.testing.assert_allclose(here.lose(alone.split(way)), loss, rtol=0.0, atol=1e-9)
-    acting = ActingForces(np.zeros_like(forces), forces)
-    pull, push = here.respond(way, acting)
-    found = (ahead.pull(forces) - behind.pull(forces)) / (2.0 * step)
-    np.testing.assert_allclose(-pull, found, rtol=0.0, atol=1e-9 * np.max(np.abs(found)))
-    assert push == 0.0
+    motions = SmallMotions(state)
+    along = motions.separate(list_displacements(stencils, way.balls)) + 0.7 * motions.even
+    loss = -differentiate(lambda part: place(part).overlaps - place(-part).overlaps, 1e-2)
+    np.testing.assert_allclose(here.lose(along), loss, rtol=0.0, atol=1e-12)
+
+    def find_forces(part, coefficient, square):
+        """Forces of a law that is a polynomial of the change of the overlap."""
+        there = place(part)
+        change = there.overlaps - here.overlaps
+        forces = np.ravel(state.forces + coefficient * change + square * change**2)
+        return forces[:, None] * there.normal
+
+    stiffness = rng.uniform(size=loss.shape)
+    slope = rng.normal(size=loss.shape)
+    ends = [find_forces(part, stiffness, 0.5 * slope) for part in (step, 0.0, -step)]
+    second = (ends[0] - 2.0 * ends[1] + ends[2]) / step**2
+    bend, push = here.curve(along, state.forces, stiffness, slope)
+    np.testing.assert_allclose(push, second, rtol=0.0, atol=1e-5 * np.max(np.abs(second)))
+    overlaps = [place(part).overlaps for part in (step, 0.0, -step)]
+    bent = (overlaps[0] - 2.0 * overlaps[1] + overlaps[2]) / step**2
+    np.testing.assert_allclose(bend, bent, rtol=0.0, atol=1e-5 * np.max(np.abs(bent)))
+    carried = state.stiffnesses
+    forces = [find_forces(part, carried, 0.0) for part in (step, -step)]
+    change = (forces[0] - forces[1]) / (2.0 * step)
+    acting = np.ravel(carried > 0.0)  # others exert no force
+    found = -motions.resist(along)
+    limit = 1e-6 * np.max(np.abs(change[acting]))
+    np.testing.assert_allclose(found[acting], change[acting], rtol=0.0, atol=limit)
 
 
 @LATTICES
@@ -479,9 +512,8 @@ def test_a_ball_between_two_others_in_line_moves_out():
 def hessian(state):
     """Second derivatives of the energy by the motions of balls, of the contacts that carry load."""
     carried = np.where(state.stiffnesses > 0.0, state.forces, 0.0)
-    acting = ActingForces(state.stiffnesses, carried)
-    units = np.eye(state.balls.size).reshape(-1, *state.balls.shape)
-    return np.array([np.ravel(state.place.respond(Motion(one, 0.0), acting)[0]) for one in units])
+    contacts = list_exact_contacts(state, carried, np.zeros(1), 0.0, 0.0, False)
+    return find_tangent(contacts, np.zeros((0, 3, 3))).matrix.toarray()
 
 
 def configure(state):
@@ -586,9 +618,7 @@ def test_a_way_down_is_found_where_a_curvature_is_below_zero(seed):
             assert probed.has_arrived
             continue
         for way in (probed.way_down, below.x - configuration.x):
-            stencils = state.stencils
-            motion = np.ravel(stencils.basis @ way.reshape(-1, len(stencils.shape)).T)
-            assert motion @ matrix @ motion < 0.0
+            assert way @ matrix @ way < 0.0
 
 
 def test_a_state_whose_pivots_are_rounding_has_a_response(steel):
@@ -812,7 +842,7 @@ def test_what_the_geometry_needs():
     stencils = Stencils((3, 3))
     for ratio in (-0.1, 0.21, math.nan):
         with pytest.raises(InputError, match=r"0\.2 diameters"):
-            ExactGeometry(stencils, np.zeros((3, 3)), ratio)
+            ExactPlace(stencils, np.zeros((3, 3)), ratio, np.zeros((2, 3, 3)), 0.0)
     with pytest.raises(InputError, match="carries no load"):
         equilibrate(balls((6, 6)), ReducedLoad(overlap=-0.3), ratio=1e-3)
 

@@ -20,9 +20,9 @@ import granphon as gp
 from granphon.array.equilibrium import REST_TOLERANCE, Equilibrium
 from granphon.array.options import ReducedLoad
 from granphon.array.rest import equilibrate
-from granphon.array.sparse import find_step_length
 from granphon.array.stencils import Stencils
 from granphon.balls.lattices import FCC
+from tests.sparse_array import find_step_length
 
 Array = NDArray[np.float64]
 #: a*, times faster than Newton's method with scipy's conjugate gradients; where few iterations are

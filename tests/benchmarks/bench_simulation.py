@@ -23,11 +23,11 @@ import granphon as gp
 from granphon.array.equilibrium import REST_TOLERANCE, Equilibrium
 from granphon.array.options import ReducedLoad
 from granphon.array.rest import equilibrate
-from granphon.array.sparse import SparseArray
 from granphon.array.stencils import Stencils
 from granphon.balls.lattices import TRIANGULAR
 from granphon.statics.lattice_equations import LatticeEquations
 from granphon.statics.options import RestOptions
+from tests.sparse_array import SparseArray
 
 Array = NDArray[np.float64]
 #: a*, tolerance, seconds of LAMMPS's FIRE on two cores (given numbers: LAMMPS is not run), times

@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 
 from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL
 from granphon.contacts.contact_list import ContactList
+from granphon.contacts.placed import ContactForces, find_overlaps
 from granphon.contacts.tangent import find_tangent, unit_strains
+from granphon.dynamics.deformation_rows import contact_rows
 
 MOTIONS = {1: LONGITUDINAL, 2: IN_PLANE, 3: ALL}
 
@@ -212,3 +214,53 @@ def test_balls_that_touch_themselves_and_each_other_twice_add_up():
     )
     expected = [[3.0, -3.0, 1.0], [-3.0, 3.0, -1.0], [1.0, -1.0, 19.0]]
     np.testing.assert_allclose(assemble(contacts), expected, rtol=0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize("dimension", [1, 2, 3])
+def test_springs_at_places_exert_what_the_tangent_says(dimension):
+    """The rows of deformations, ball by ball, and the tangent write the same springs twice."""
+    contacts = random_list(dimension, 3)
+    motions = contacts.motions
+    moved = np.random.default_rng(1).normal(size=(contacts.n_balls, motions.count))
+    rows = contact_rows(
+        contacts.normal[:, :dimension],
+        contacts.arm_i,
+        contacts.arm_j,
+        motions,
+        elongation=contacts.normal_stiffness,
+        slip=contacts.shear_stiffness,
+        twist=contacts.torsion_stiffness,
+        roll=contacts.bending_stiffness,
+    )
+    vector = contacts.vector[:, :dimension]
+    exerted = ContactForces(contacts.i, contacts.j, vector, contacts.n_balls, motions)
+    shift = np.zeros((contacts.n_balls, 3))
+    shift[:, list(motions.translations)] = moved[:, motions.translating]
+    apart = (shift[contacts.j] - shift[contacts.i])[:, :dimension]
+    turns = np.ascontiguousarray(moved[:, motions.turning])
+    for row in rows:
+        exerted.resist(row, row.stiffness, np.ascontiguousarray(apart), turns)
+    forces, virial = exerted.collect()
+    tangent = find_tangent(contacts, unit_strains(dimension))
+    expected = -(tangent.matrix @ moved.ravel()).reshape(moved.shape)
+    np.testing.assert_allclose(forces[:, :dimension], expected[:, motions.translating], atol=1e-13)
+    np.testing.assert_allclose(exerted.torque, expected[:, motions.turning], atol=1e-13)
+    assert exerted.energy == pytest.approx(-0.5 * np.sum(moved * expected), rel=1e-13)
+    on_strains = -np.einsum("nms,nm->s", tangent.blocks.back, moved)
+    by_strain = np.einsum("sab,ab->s", unit_strains(dimension), virial)
+    np.testing.assert_allclose(by_strain, on_strains, atol=1e-12)
+
+
+@given(st.integers(0, 10_000))
+def test_overlaps_at_places_are_those_of_the_distances(seed):
+    generator = np.random.default_rng(seed)
+    vector = generator.normal(size=(7, 3))
+    length = generator.uniform(0.5, 2.0, 7)
+    overlap, normal = find_overlaps(vector, length, 0.25)
+    distance = np.linalg.norm(vector, axis=1)
+    np.testing.assert_allclose(overlap, 0.25 + length - distance, atol=1e-15)
+    np.testing.assert_allclose(normal * distance[:, None], vector, atol=1e-15)
+    fixed = generator.normal(size=(7, 3))
+    overlap, same = find_overlaps(vector, length, 0.25, fixed)
+    assert same is fixed
+    np.testing.assert_allclose(overlap, 0.25 + length - np.sum(vector * fixed, 1), atol=2e-15)

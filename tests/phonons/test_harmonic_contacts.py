@@ -44,6 +44,13 @@ def strip():
     )
 
 
+def anchored():
+    """Balls in the plane with springs to the ground against each of their motions."""
+    network = square(friction=True).network
+    springs = [[1e6, 2e6, 3.0], [4e6, 5e6, 6.0]]
+    return replace(network, on_site=springs)
+
+
 CASES = {
     "chain": lambda: gp.Crystal.on("chain", [A, B]).at_force(20.0),
     "plane": square,
@@ -57,7 +64,10 @@ CASES = {
     ),
     "turned": lambda: tilted(square().network),
     "held": strip,
+    "springs to the ground": anchored,
 }
+#: cases whose balls are held, so that they have no stress
+HELD = ("held", "springs to the ground")
 
 
 def shaken(case, size=1e-3):
@@ -65,7 +75,7 @@ def shaken(case, size=1e-3):
     strain.
     """
     atoms, rng = gp.atoms(CASES[case]()), np.random.default_rng(5)
-    if case != "held":
+    if case not in HELD:
         strain = np.zeros((3, 3))
         p = int(np.sum(atoms.pbc))
         strain[:p, :p] = size * rng.normal(size=(p, p))
@@ -106,7 +116,7 @@ def test_forces_torques_and_stress_are_slopes_of_the_energy(case):
             assert -slope(atoms, turn) == pytest.approx(torques[ball, axis], abs=1e-10)
     p = int(np.sum(atoms.pbc))
     volume = abs(np.linalg.det(atoms.cell.array[:p, :p]))
-    if case == "held":
+    if case in HELD:
         with pytest.raises(InputError, match="no stress"):
             atoms.get_stress()
         return
@@ -136,6 +146,19 @@ def test_at_rest_there_is_no_force_and_the_stress_is_that_of_the_state(case):
             -pressure * np.eye(p),
             atol=1e-9 * pressure,
         )
+
+
+def test_springs_to_the_ground_pull_balls_that_move_and_turn_together_back():
+    """No contact deforms where all balls move alike: the springs alone act, as in SI."""
+    network = anchored()
+    atoms = gp.atoms(network)
+    scales = atoms.calc.state.scales
+    shift = np.array([1e-4, -2e-4, 0.0])
+    atoms.positions += shift
+    force = -network.on_site[:, :2] / scales.stiffness * shift[:2]
+    assert_allclose(atoms.get_forces()[:, :2], force, rtol=1e-9)
+    energy = -0.5 * np.sum(force * shift[:2])
+    assert atoms.get_potential_energy() == pytest.approx(energy, rel=1e-9)
 
 
 def test_vibrations_of_ase_are_the_modes_of_a_supercell(tmp_path):

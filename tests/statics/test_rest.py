@@ -82,6 +82,20 @@ def test_forces_left_are_derivatives_of_the_energy_and_the_tangent_theirs(geomet
     assert n == 2 * assembly.n_balls
 
 
+def test_losses_and_forces_are_products_of_one_matrix():
+    """The matrix, which linear programs take, against the loops over contacts."""
+    assembly = make_slab()._assembly
+    problem = Problem(assembly, press(assembly, 1e3), "lattice", "stress")
+    losses = problem.make_losses()
+    rng = np.random.default_rng(0)
+    motion = rng.normal(size=problem.size)
+    loss = problem.measure_losses(motion)
+    assert_allclose(losses @ motion, loss, rtol=0.0, atol=1e-14 * np.max(np.abs(loss)))
+    force = rng.normal(size=assembly.n_contacts)
+    on_unknowns = problem.collect_forces(assembly.normal, force)
+    assert_allclose(losses.T @ force, on_unknowns, rtol=0.0, atol=1e-13)
+
+
 def test_products_without_a_matrix_are_those_of_the_matrix():
     assembly = make_slab()._assembly
     problem = Problem(assembly, press(assembly, 1e3), "lattice", "stress")
@@ -115,6 +129,14 @@ def test_factors_and_iterations_come_to_the_same_rest(lattice, shape, pressure):
     assert_allclose(forces[1], forces[0], rtol=0.0, atol=limit)
     assert_allclose(forces[2], forces[0], rtol=0.0, atol=limit)
     assert np.any(forces[0] == 0.0)
+
+
+@pytest.mark.parametrize("finite_overlap", [False, True])
+def test_balls_that_differ_come_to_rest_in_a_cell_that_is_not_strained(finite_overlap):
+    sample = make_sample().remove([3])
+    state = sample.at_strain(np.zeros((2, 2)), finite_overlap=finite_overlap)
+    assert state.network.imbalance[2] < 1e-10
+    assert np.any(state.normal_force > 0.0)
 
 
 @pytest.mark.parametrize("geometry", ["lattice", "exact"])

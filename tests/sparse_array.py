@@ -1,10 +1,9 @@
-"""A disordered array by sparse matrices: the reference for the stencils and conjugate gradients of
-the simulation.
+"""A disordered array by sparse matrices: the reference for the lists and grids of the simulation.
 
 Balls, units and the measure of rest are those of :mod:`granphon.array.equilibrium`. The algorithm
 is another: C is a matrix made from the table of contacts, Newton's method factorises (LU) at each
-step, and one more factorisation gives the linear response with rotations. Stencils, Fourier
-transforms and conjugate gradients are not used.
+step, and one more factorisation gives the linear response with rotations. Loops over contacts,
+stencils, Fourier transforms and conjugate gradients are not used.
 """
 
 from __future__ import annotations

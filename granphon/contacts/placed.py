@@ -1,0 +1,134 @@
+"""Contacts of balls whose places are given, rather than their motions from touch: how far they
+overlap there, and what they exert.
+
+A contact has the vector r from the centre of ball i to that of ball j, and the overlap
+
+    o - (|r| - l)     along r
+    o - (n.r - l)     along a direction n that does not turn
+
+where o is its overlap at the distance l. It pushes along r or n by its law, and resists
+deformations, which are the rows of :mod:`granphon.dynamics.deformation_rows`, as springs do. Units
+are those of whoever asks.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from granphon.balls.motions import Motions
+from granphon.base.arrays import Array, Index
+from granphon.dynamics.deformation_rows import Row
+
+
+def find_overlaps(
+    vector: Array, length: float | Array, at_length: float | Array, normal: Array | None = None
+) -> tuple[Array, Array]:
+    """Return the overlaps (n_c,) of contacts, and the directions (n_c, d) along which they push
+    balls j.
+
+    Parameters
+    ----------
+    vector : (n_c, d) from the centre of ball i to that of ball j.
+    length : distance l, a number or (n_c,).
+    at_length : overlap o at that distance, a number or (n_c,).
+    normal : (n_c, d) directions that do not turn; by default contacts have those of their vectors.
+    """
+    from granphon.contacts.deformation import (  # averages need no Numba
+        measure_along,
+        measure_distances,
+    )
+
+    loss = np.empty(len(vector))
+    lengths = np.ascontiguousarray(np.broadcast_to(length, loss.shape))
+    if normal is not None:
+        measure_along(vector, lengths, normal, loss)
+        return at_length - loss, normal
+    along = np.empty_like(vector)
+    measure_distances(vector, lengths, along, loss)
+    return at_length - loss, along
+
+
+class ContactForces:
+    """What contacts exert on balls.
+
+    Parameters
+    ----------
+    i, j : (n_c,) numbers of the two balls of each contact.
+    vector : (n_c, d) from the centre of ball i to that of ball j.
+    count : number of balls, and bodies that do not move.
+    motions : of each ball, along d axes at most, with r rotations.
+
+    Attributes
+    ----------
+    energy : that of the springs.
+    pull : (n_c, d) forces on balls j.
+    torque : (count, r) torques on balls.
+    """
+
+    def __init__(self, i: Index, j: Index, vector: Array, count: int, motions: Motions) -> None:
+        self._ends = (i, j)
+        self._vector = vector
+        self._motions = motions
+        self._axes = np.array(motions.translations, np.int64)
+        self.energy = 0.0
+        self.pull = np.zeros(vector.shape)
+        self.torque = np.zeros((count, len(motions.rotations)))
+
+    def press(self, force: Array, normal: Array) -> None:
+        """Add forces (n_c,) along normals (n_c, d)."""
+        self.pull += force[:, None] * normal
+
+    def resist(self, row: Row, stiffness: Array, apart: Array, turns: Array) -> None:
+        """Add the energy and the forces of springs of a ``stiffness`` (n_c,) against a ``row``.
+
+        ``apart`` (n_c, d) are displacements of balls j against balls i, and ``turns`` (count, r)
+        rotations of balls, in the coordinates of the row.
+        """
+        from granphon.contacts.deformation import add_row  # averages need no Numba
+
+        i, j = self._ends
+        self.energy += add_row(
+            i,
+            j,
+            self._axes,
+            # of contacts these are views: coefficients of one motion follow each other in memory
+            np.ascontiguousarray(row.head.T),
+            np.ascontiguousarray(row.tail.T),
+            stiffness,
+            apart,
+            turns,
+            self.pull,
+            self.torque,
+        )
+
+    def collect(self) -> tuple[Array, Array]:
+        """Return the forces (count, 3) on balls, and the sum (3, 3) over contacts of the force on
+        ball j times the vector.
+        """
+        return collect_pulls(self._ends, self._vector, self.pull, len(self.torque))
+
+
+def collect_pulls(
+    ends: tuple[Index, Index], vector: Array, pull: Array, count: int
+) -> tuple[Array, Array]:
+    """Return the forces (count, 3) on balls by forces ``pull`` (n_c, d) of any direction on balls
+    j, and the opposite ones on balls i; and the sum (3, 3) of pull times ``vector`` (n_c, d).
+
+    ``ends`` are the numbers (n_c,) of balls i and of balls j.
+    """
+    from granphon.contacts.deformation import add_forces  # averages need no Numba
+
+    forces = np.zeros((count, 3))
+    virial = np.zeros((3, 3))
+    unit = np.ones(len(pull))
+    add_forces(*ends, _put_in_space(vector), _put_in_space(pull), unit, forces, virial)
+    return forces, virial
+
+
+def _put_in_space(vectors: Array) -> Array:
+    """Return vectors (n, d) as (n, 3)."""
+    if vectors.shape[1] == 3:
+        return vectors
+    in_space = np.zeros((len(vectors), 3))
+    in_space[:, : vectors.shape[1]] = vectors
+    return in_space
