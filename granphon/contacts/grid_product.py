@@ -182,7 +182,8 @@ def invert_blocks(blocks: Values, added: float, part: float, inverses: Values) -
             for line in range(m):
                 if line == pivot:
                     continue
-                factor[:] = work[line, pivot]
+                for place in range(_INVERTED):
+                    factor[place] = work[line, pivot, place]
                 work[line, pivot] = 0.0
                 for column in range(m):
                     entries = work[line, column]

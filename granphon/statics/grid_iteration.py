@@ -363,7 +363,9 @@ def _turn(
     change[:] = 0.0
     add_alone(product.diagonal, direction, change)
     add_across(product, direction, change)
-    curvatures[:] = _multiply_columns(direction, change)
+    found = _multiply_columns(direction, change)
+    for k in range(len(found)):
+        curvatures[k] = found[k]
 
 
 @compiled
