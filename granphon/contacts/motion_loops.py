@@ -33,7 +33,7 @@ from granphon.base.arrays import Array
 from granphon.base.compiled import compiled
 
 #: contacts of a chunk, whose rows stay in the processor's first cache
-CHUNK = 64
+CHUNK = np.int64(64)  # no Python int: a loop that is given one is compiled for each value
 #: what stands for zero where it divides zero
 _NONE = hertz.LEAST_NORMAL
 #: the stiffness of Hertz's law, over c h^(1/2)

@@ -30,7 +30,6 @@ from granphon.contacts.grid_product import (
     add_alone,
     invert_blocks,
     leave,
-    move_alone,
 )
 from granphon.contacts.tangent import Tangent, find_tangent
 from granphon.statics.green import multiply_waves
@@ -174,11 +173,13 @@ class GridIteration:
         then all by Green's function under what that leaves, then each ball again.
         """
         single = forces.astype(np.float32)
-        motions = np.empty_like(single)
+        motions = np.zeros_like(single)
         remaining = np.empty_like(single)
-        move_alone(self._alone, self._coarse, single, motions, remaining)
+        add_alone(self._alone, single, motions)
+        leave(self._coarse, single, motions, remaining)
         motions += self._apply_green(remaining)
-        _move_again(self._alone, self._coarse, single, motions, remaining)
+        leave(self._coarse, single, motions, remaining)
+        add_alone(self._alone, remaining, motions)
         return motions
 
     def _apply_green(self, forces: Values) -> Values:
@@ -381,14 +382,3 @@ def _go_on(lengths: Array, way: Array, change: Array, motions: Array, remaining:
             for cell in range(len(along)):
                 moved[cell] += length * along[cell]
                 pull[cell] -= length * pushing[cell]
-
-
-@compiled
-def _move_again(
-    alone: Values, product: GridProduct, forces: Values, motions: Values, remaining: Values
-) -> None:
-    """Add to ``motions`` those of each ball under what they leave of ``forces``; ``remaining`` is
-    overwritten.
-    """
-    leave(product, forces, motions, remaining)
-    add_alone(alone, remaining, motions)
