@@ -73,7 +73,7 @@ class LatticeEquations:
 
         def apply(force: Values) -> Values:
             """Return the motion that the preconditioner makes of a ``force``, both (f, cells)."""
-            motion = np.zeros_like(force)
+            motion = np.zeros(force.shape, force.dtype)
             remaining = np.empty_like(force)
             grid_loops.add_alone(alone, force, motion)
             grid_loops.leave(runs, stiffness, force, motion, remaining)
