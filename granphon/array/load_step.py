@@ -586,7 +586,9 @@ class LinearSteps:
             """Add to ``motion`` what the preconditioner makes of a ``force``, both flat."""
             pull = force.reshape(fields)
             moved = motion.reshape(fields)
-            grid_product.move_alone(alone, product.product, pull, moved, remaining)
+            moved[:] = 0.0
+            grid_product.add_alone(alone, pull, moved)
+            grid_product.leave(product.product, pull, moved, remaining)
             if self._put is not None:
                 self._put(force, motion)
                 grid_product.leave(product.product, pull, moved, remaining)

@@ -27,6 +27,9 @@ from granphon.base.threads import hold_back_signals
 
 _Loop = TypeVar("_Loop", bound=Callable[..., Any])
 
+#: how Numba compiles: with the arithmetic of NumPy, where x/0 is no error; without the wrapper by
+#: which C would call a loop, which takes some hundredths of the time of compilation
+_HOW: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
 _SLOW = "The same takes hundreds of times longer"
 #: the message that says why loops are not compiled; empty where they are
 UNCOMPILED = ""
@@ -48,10 +51,10 @@ def compiled(loop: _Loop) -> _Loop:
     dispatcher: Any  # Numba's object that compiles the loop for each signature, and calls it
     why_no_cache = ""
     try:
-        dispatcher = njit(cache=True, error_model="numpy")(loop)
+        dispatcher = njit(cache=True, **_HOW)(loop)
         _survive_cache_errors(dispatcher._cache)
     except RuntimeError:  # Numba has found no folder for its cache
-        dispatcher = njit(error_model="numpy")(loop)
+        dispatcher = njit(**_HOW)(loop)
         why_no_cache = "There is no folder that can be written"
     compile_for = dispatcher.compile
 

@@ -243,39 +243,6 @@ def leave(
 
 
 @compiled
-def move_alone(
-    runs: Runs,
-    stiffness: Values,
-    alone: Values,
-    forces: Values,
-    motions: Values,
-    remaining: Values,
-) -> None:
-    """Set ``motions`` (f, cells) to those of each ball under ``forces``, others held, and
-    ``remaining`` to the forces that they leave.
-    """
-    motions[:] = 0.0
-    add_alone(alone, forces, motions)
-    leave(runs, stiffness, forces, motions, remaining)
-
-
-@compiled
-def move_again(
-    runs: Runs,
-    stiffness: Values,
-    alone: Values,
-    forces: Values,
-    motions: Values,
-    remaining: Values,
-) -> None:
-    """Add to ``motions`` those of each ball under what they leave of ``forces``; ``remaining`` is
-    overwritten.
-    """
-    leave(runs, stiffness, forces, motions, remaining)
-    add_alone(alone, remaining, motions)
-
-
-@compiled
 def multiply(first: Values, second: Values) -> float:
     """Return the sum of the products of the numbers of two vectors (n,)."""
     sums = np.zeros(_LANES)

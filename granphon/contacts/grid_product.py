@@ -63,18 +63,6 @@ class GridProduct(NamedTuple):
 
 
 @compiled
-def move_alone(
-    alone: Values, product: GridProduct, forces: Values, motions: Values, remaining: Values
-) -> None:
-    """Set ``motions`` (f, k, cells) to those of each ball under ``forces``, others held, and
-    ``remaining`` to the forces that they leave.
-    """
-    motions[:] = 0.0
-    add_alone(alone, forces, motions)
-    leave(product, forces, motions, remaining)
-
-
-@compiled
 def leave(product: GridProduct, forces: Values, motions: Values, remaining: Values) -> None:
     """Set ``remaining`` to the ``forces`` that ``motions`` leave."""
     remaining[:] = 0.0
@@ -182,7 +170,8 @@ def invert_blocks(blocks: Values, added: float, part: float, inverses: Values) -
             for line in range(m):
                 if line == pivot:
                     continue
-                factor[:] = work[line, pivot]
+                for place in range(_INVERTED):
+                    factor[place] = work[line, pivot, place]
                 work[line, pivot] = 0.0
                 for column in range(m):
                     entries = work[line, column]

@@ -33,7 +33,7 @@ from granphon.base.arrays import Array
 from granphon.base.compiled import compiled
 
 #: contacts of a chunk, whose rows stay in the processor's first cache
-CHUNK = 64
+CHUNK = np.int64(64)  # no Python int: a loop that is given one is compiled for each value
 #: what stands for zero where it divides zero
 _NONE = hertz.LEAST_NORMAL
 #: the stiffness of Hertz's law, over c h^(1/2)
@@ -843,7 +843,14 @@ def follow(
             _sum(rows, n, _LOSS, loss)
         _act(rows, n, rules.turns, rolls)
         _scatter(rows, ends, forces, axes, first, n)
-    return np.sum(work), np.sum(loss), np.max(stiffest)
+    total_work = 0.0
+    total_loss = 0.0
+    greatest = 0.0
+    for c in range(CHUNK):
+        total_work += work[c]
+        total_loss += loss[c]
+        greatest = max(greatest, stiffest[c])
+    return total_work, total_loss, greatest
 
 
 # -- all balls -------------------------------------------------------------------------------------

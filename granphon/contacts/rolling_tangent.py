@@ -27,6 +27,19 @@ _CHUNK = 64
 
 
 @compiled
+def _write_rows(rows: Array, blocks: NDArray[Any], start: int, stop: int) -> None:
+    """Set the ``blocks`` (m, m, n_c) of the contacts of a chunk to its ``rows``: each entry of all
+    contacts goes through memory in order.
+    """
+    for line in range(len(rows)):
+        for motion in range(len(rows)):
+            row = rows[line, motion]
+            block = blocks[line, motion, start:stop]
+            for place in range(stop - start):
+                block[place] = row[place]
+
+
+@compiled
 def _fill_plane(
     contacts: RollingContacts,
     at: Configuration,
@@ -117,11 +130,8 @@ def _fill_plane(
             diagonal[2, 2, j] += arm_j * arm_j * spring
             forward_rows[2, 2, place] = arm_i * arm_j * spring
             backward_rows[2, 2, place] = arm_i * arm_j * spring
-        # each entry of all contacts of the chunk goes through memory in order
-        for line in range(3):
-            for motion in range(3):
-                forward[line, motion, start:stop] = forward_rows[line, motion, : stop - start]
-                backward[line, motion, start:stop] = backward_rows[line, motion, : stop - start]
+        _write_rows(forward_rows, forward, start, stop)
+        _write_rows(backward_rows, backward, start, stop)
     return corner
 
 
@@ -324,15 +334,11 @@ def _fill_space(
                         else:
                             diagonal[3 + line, 3 + motion, i] -= arm_i * wrench
                             backward_rows[3 + motion, 3 + line, place] = -arm_j * wrench
-        # each entry of all contacts of the chunk goes through memory in order
-        for line in range(6):
-            for motion in range(6):
-                forward[line, motion, start:stop] = forward_rows[line, motion, : stop - start]
-                backward[line, motion, start:stop] = backward_rows[line, motion, : stop - start]
+        _write_rows(forward_rows, forward, start, stop)
+        _write_rows(backward_rows, backward, start, stop)
     return corner
 
 
-@compiled
 def fill_tangent(
     contacts: RollingContacts,
     at: Configuration,

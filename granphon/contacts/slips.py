@@ -219,7 +219,6 @@ def _find_angle(sine: float, cosine: float, eps: float) -> float:
     return math.atan2(eps * sine, cosine) / eps
 
 
-@compiled
 def measure_slips(
     contacts: RollingContacts, before: Configuration, after: Configuration, slips: Array
 ) -> None:

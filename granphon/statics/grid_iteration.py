@@ -30,7 +30,6 @@ from granphon.contacts.grid_product import (
     add_alone,
     invert_blocks,
     leave,
-    move_alone,
 )
 from granphon.contacts.tangent import Tangent, find_tangent
 from granphon.statics.green import multiply_waves
@@ -136,23 +135,22 @@ class GridIteration:
         for count in range(most + 1):
             better = self._approach(remaining)
             last = products
-            products = _multiply_columns(remaining, better)
-            if np.any(products < 0.0):
+            products, least_product, total = _multiply_columns(remaining, better)
+            if least_product < 0.0:
                 # blocks of single balls are not positive: some ball falls by itself
                 way_down = self._find_falling_ball()
                 break
-            total = float(np.sum(products))
             aim = reduction**2 * total if count == 0 else aim
             arrived = total <= max(aim, least)
             if arrived or count == most:
                 break
             change = np.empty_like(way)
-            _turn(self._product, _divide(products, last), better, way, change, curvatures)
-            if np.any(curvatures < 0.0):
+            ends = _turn(self._product, products, last, better, way, change, curvatures)
+            if ends:
                 lowest = int(np.argmin(curvatures))
                 way_down = self._list(way)[..., lowest]
                 break
-            _go_on(_divide(products, curvatures), way, change, motions, remaining)
+            _go_on(products, curvatures, way, change, motions, remaining)
             del change  # the preconditioner needs the memory
         solution = (self._list(motions), self._list(remaining), arrived)
         return GridSolution(*solution, way_down, count)
@@ -174,11 +172,13 @@ class GridIteration:
         then all by Green's function under what that leaves, then each ball again.
         """
         single = forces.astype(np.float32)
-        motions = np.empty_like(single)
+        motions = np.zeros(single.shape, np.float32)
         remaining = np.empty_like(single)
-        move_alone(self._alone, self._coarse, single, motions, remaining)
+        add_alone(self._alone, single, motions)
+        leave(self._coarse, single, motions, remaining)
         motions += self._apply_green(remaining)
-        _move_again(self._alone, self._coarse, single, motions, remaining)
+        leave(self._coarse, single, motions, remaining)
+        add_alone(self._alone, remaining, motions)
         return motions
 
     def _apply_green(self, forces: Values) -> Values:
@@ -320,14 +320,11 @@ def _find_equal_green(
     return table
 
 
-def _divide(above: Array, below: Array) -> Array:
-    """Return quotients (k,), zero where the divisor is."""
-    return np.divide(above, below, out=np.zeros_like(above), where=below > 0.0)
-
-
 @compiled
-def _multiply_columns(one: Array, another: Values) -> Array:
-    """Return the sums (k,) of products of the entries of each right side."""
+def _multiply_columns(one: Array, another: Values) -> tuple[Array, float, float]:
+    """Return the sums (k,) of products of the entries of each right side, the least of these sums,
+    and their sum.
+    """
     sums = np.zeros(one.shape[1])
     for field in range(len(one)):
         for k in range(one.shape[1]):
@@ -337,25 +334,33 @@ def _multiply_columns(one: Array, another: Values) -> Array:
             for cell in range(len(first)):
                 total += first[cell] * second[cell]
             sums[k] += total
-    return sums
+    least = np.inf
+    whole = 0.0
+    for k in range(len(sums)):
+        least = min(least, sums[k])
+        whole += sums[k]
+    return sums, least, whole
 
 
 @compiled
 def _turn(
     product: GridProduct,
-    factors: Array,
+    products: Array,
+    last: Array,
     preconditioned: Values,
     direction: Array,
     change: Array,
     curvatures: Array,
-) -> None:
-    """Set the search ``direction`` (f, k, cells) to ``factors`` (k,) times itself and the
-    ``preconditioned`` residual, ``change`` to the forces against the direction, and ``curvatures``
-    (k,) to their work on it.
+) -> bool:
+    """Set the search ``direction`` (f, k, cells) to ``products`` (k,) over the ``last`` ones times
+    itself and the ``preconditioned`` residual, ``change`` to the forces against the direction, and
+    ``curvatures`` (k,) to their work on it; return whether there is one below zero.
+
+    Where a last product is zero the search begins.
     """
     for field in range(len(direction)):
         for k in range(direction.shape[1]):
-            factor = factors[k]
+            factor = products[k] / last[k] if last[k] > 0.0 else 0.0
             along = direction[field, k]
             added = preconditioned[field, k]
             for cell in range(len(along)):
@@ -363,15 +368,22 @@ def _turn(
     change[:] = 0.0
     add_alone(product.diagonal, direction, change)
     add_across(product, direction, change)
-    curvatures[:] = _multiply_columns(direction, change)
+    found, least, _ = _multiply_columns(direction, change)
+    for k in range(len(found)):
+        curvatures[k] = found[k]
+    return least < 0.0
 
 
 @compiled
-def _go_on(lengths: Array, way: Array, change: Array, motions: Array, remaining: Array) -> None:
-    """Go ``lengths`` (k,) along the ``way`` (f, k, cells)."""
+def _go_on(
+    products: Array, curvatures: Array, way: Array, change: Array, motions: Array, remaining: Array
+) -> None:
+    """Go along the ``way`` (f, k, cells) as far as the energy falls, ``products`` over
+    ``curvatures`` (k,); not at all where there is no curvature.
+    """
     for field in range(len(way)):
         for k in range(way.shape[1]):
-            length = lengths[k]
+            length = products[k] / curvatures[k] if curvatures[k] > 0.0 else 0.0
             along = way[field, k]
             pushing = change[field, k]
             moved = motions[field, k]
@@ -379,14 +391,3 @@ def _go_on(lengths: Array, way: Array, change: Array, motions: Array, remaining:
             for cell in range(len(along)):
                 moved[cell] += length * along[cell]
                 pull[cell] -= length * pushing[cell]
-
-
-@compiled
-def _move_again(
-    alone: Values, product: GridProduct, forces: Values, motions: Values, remaining: Values
-) -> None:
-    """Add to ``motions`` those of each ball under what they leave of ``forces``; ``remaining`` is
-    overwritten.
-    """
-    leave(product, forces, motions, remaining)
-    add_alone(alone, remaining, motions)

@@ -73,11 +73,13 @@ class LatticeEquations:
 
         def apply(force: Values) -> Values:
             """Return the motion that the preconditioner makes of a ``force``, both (f, cells)."""
-            motion = np.empty_like(force)
+            motion = np.zeros(force.shape, force.dtype)
             remaining = np.empty_like(force)
-            grid_loops.move_alone(runs, stiffness, alone, force, motion, remaining)
+            grid_loops.add_alone(alone, force, motion)
+            grid_loops.leave(runs, stiffness, force, motion, remaining)
             motion += green.apply(remaining, softness)
-            grid_loops.move_again(runs, stiffness, alone, force, motion, remaining)
+            grid_loops.leave(runs, stiffness, force, motion, remaining)
+            grid_loops.add_alone(alone, remaining, motion)
             return motion
 
         return apply
