@@ -542,7 +542,7 @@ def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
     if "tensor" in variables:
         voigt = list(voigt_names(packing.structure.periods))
         frame = frame.assign_coords(dict.fromkeys(CATALOGUE["tensor"].dims, voigt))
-    if grid.request.sensitivities:
+    if "sensitivities" in grid.request.observe:
         frame = _label_sensitivities(frame, grid, variables)
     along_path = dict(frame.data_vars)  # assigned last, to stand after the variables along it
     return (
@@ -559,7 +559,8 @@ def _label_sensitivities(frame: Dataset, grid: Grid, variables: dict[str, Any]) 
     """
     from granphon.runs.sensitivities import NAME, list_axes
 
-    names = list_axes(grid.cases[0].packing, grid.load, has_cutoffs=grid.request.cutoffs)
+    has_cutoffs = "cutoffs" in grid.request.observe
+    names = list_axes(grid.cases[0].packing, grid.load, has_cutoffs=has_cutoffs)
     dims, values, attributes = variables[NAME]
     for axis, labels in zip((-2, -1), names, strict=True):
         other_axes = tuple(number for number in range(values.ndim) if number != values.ndim + axis)

@@ -742,7 +742,7 @@ class Plan:
         zero without them.
         """
         total = Cost()
-        if self.grid.request.sensitivities:
+        if "sensitivities" in self.observe:
             from granphon.observables.parameters import list_parameters  # other runs do not need it
 
             works = [
@@ -759,13 +759,12 @@ class Plan:
         """Return the part of the work that finds derivatives by parameters of states that are no
         arrays; empty without them.
         """
-        request = self.grid.request
-        if not request.sensitivities:
+        if "sensitivities" not in self.observe:
             return []
         from granphon.runs.sensitivities import estimate_derivatives  # other runs do not need it
 
         works = [
-            estimate_derivatives(serving, has_cutoffs=request.cutoffs)
+            estimate_derivatives(serving, has_cutoffs="cutoffs" in self.observe)
             for case in self.checked_cases
             for serving in case.serving_media
             if not serving.arrays
@@ -866,8 +865,8 @@ class Plan:
         """Return the part of the work that finds the edges of the bands in the whole zone; empty if
         the scene observes none.
         """
-        request = self.grid.request
-        if not (request.gaps or request.cutoffs or request.onsets):
+        of_zone = self.grid.request.of_zone
+        if not of_zone:
             return []
         from granphon.phonons.paths import choose_gap_mesh  # other runs do not need it
 
@@ -881,11 +880,8 @@ class Plan:
             self._n_branches,
             of_network=self.grid.packing.is_network,
         )
-        # each result has a search of its own; that of onsets is for the lowest edge alone
-        searches = [estimate(of_all=True)] if request.cutoffs else []
-        if request.gaps or not searches:
-            searches.append(estimate(of_all=False))
-        total = sum(searches, Cost())
+        # the edges of gaps are among the cut-offs; onsets seek the lowest edge alone
+        total = estimate(of_all="cutoffs" in of_zone)
         mend = "Take fewer loads or values, or leave the edges of bands out"
         return [(("observe",), mend, replace(total, parts=total.parts[:1]))]
 
