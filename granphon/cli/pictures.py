@@ -256,7 +256,7 @@ def _make_crystal_page(scene: Scene, options: dict[str, Any]) -> str:
     from granphon.page.page import make_page
 
     remarks: list[str] = []
-    if not scene.is_single:
+    if scene.swept:
         remarks.append("The scene has several states; this page is that of the first.")
     case = scene.plan.cases[0].case
     medium = case.medium.of(case.packing)

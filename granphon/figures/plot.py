@@ -197,17 +197,16 @@ def _choose_of_dataset(result: Any, dataset: Any) -> tuple[Picture, dict[str, An
             "Keep all loads, or choose by a list: isel(load=[0])",
         )
     if dataset is not result:
-        spectra = {name: getattr(result, name, None) for name in ("bands", "dos")}
+        spectra = {name: result[name] for name in ("bands", "dos")}
         if any(spectrum is not None for spectrum in spectra.values()):
             errors = dataset.get("frequencies_error")
             return PICTURES["phonons.bands.Bands"], spectra | {"errors": errors}
-        motion = getattr(getattr(result, "waves", None), "motion", None)
-        for drawn in (getattr(result, "surface", None), motion):
-            if drawn is not None:
-                return _choose_of_object(drawn)
-    is_single = dataset["valid"].size == 1
-    of_states = (one for one in OF_DATASETS.values() if is_single and one.of_state in dataset)
-    picture = next(of_states, OF_DATASETS["sweep"])
+        for name in ("surface", "balls_in_motion"):
+            if result[name] is not None:
+                return _choose_of_object(result[name])
+    drawn_states = [picture for picture in OF_DATASETS.values() if picture.of_state in dataset]
+    has_curves = dataset["valid"].size > 1 or not drawn_states
+    picture = OF_DATASETS["sweep"] if has_curves else drawn_states[0]
     return picture, {picture.keyword: dataset}
 
 

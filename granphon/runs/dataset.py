@@ -182,13 +182,12 @@ class SweepRun:
         store: Store | None = None,
     ) -> list[TaskResult]:
         """Do all tasks, and return their results in the order of the cases and of the tasks of
-        each. The ``store`` keeps the results, but that of a single state which is known.
+        each. The ``store`` keeps the results, but that of a state which is known.
         """
         tasks = [task for case in self.grid.cases for task in case.tasks]
         is_known = tasks[0].known_state is not None
         if store is not None:
-            identity = None if is_known else collect_identity(self.frame)
-            store.claim(identity, lambda: [task.name for task in tasks])
+            store.claim(collect_identity(self.frame), lambda: [task.name for task in tasks])
         if is_known:
             has_networks = tasks[0].request.waves is not None
             with progress.step("networks") if has_networks else nullcontext():

@@ -4,8 +4,8 @@ A case is one medium on one packing at many loads. Each of its tasks is one medi
 it serves, or one sample of a simulation, load by load.
 
 Tasks are plain data, see :mod:`granphon.runs.execution`. Of each sample only the few numbers that
-are averaged are kept, and of a single state its balls too, for files and figures of them. The
-averages equal those of one simulation of all samples, to the last bit.
+are averaged are kept; the one state of a sweep without axes is kept with its balls, for files and
+figures. The averages equal those of one simulation of all samples, to the last bit.
 
 A sample that is loaded with friction may not reach all loads of its path. Its task is then done as
 far as it goes: the result has the loads that were reached, and as marks the indices of the others
@@ -18,7 +18,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import islice
@@ -146,8 +146,9 @@ class Request:
     observe : the names of the observables, as in a scene; a registered observable among them must
         be found, and derivatives by parameters are those of cut-off frequencies too if these are
         among them.
-    whole : whether there is only one state, which is kept for its files and figures: the state
-        with the balls of its samples, and the results of the solvers of waves.
+    kept : whether states are kept whole, for files and figures of them: with the balls of their
+        samples, and the results of the solvers of waves. A :class:`Grid` keeps the state of a sweep
+        without axes.
     """
 
     finite_overlap: bool = False
@@ -158,7 +159,7 @@ class Request:
     bands: BandsSettings | None = None
     exponents: bool = True
     sound: bool = True
-    whole: bool = False
+    kept: bool = False
     observe: tuple[str, ...] = ("velocities",)
 
     @property
@@ -294,8 +295,8 @@ class Case:
             state = None
             if not serving.arrays:
                 request = lattice_request
-                # a single state has been found by the check of the scene
-                state = self.state if request.whole else None
+                # a state that is kept has been found by the check of its case
+                state = self.state if request.kept else None
             tasks.append(MediumTask(self.name(serving), serving, request, state))
         return tasks
 
@@ -307,11 +308,11 @@ class Case:
     def join(self, results: Sequence[TaskResult]) -> TaskResult:
         """Return the result of the case, arrays (loads, ...) by name, from the ``results`` of the
         :attr:`tasks`; variables that only some of several media have, chosen automatically, are
-        left out, and those that one medium has in one geometry alone are nan in the other. A
-        single simulated state is kept, and its variables are found from it.
+        left out, and those that one medium has in one geometry alone are nan in the other. Where
+        states are kept, the variables of a simulated state are found from the state itself.
         """
         media = self.media
-        if self.request.whole and media[0].known_state is None:
+        if self.request.kept and media[0].known_state is None:
             vars(self)["state"] = self._restore(results)
             return replace(media[0], known_state=self.state).solve()
         remaining = iter(results)
@@ -367,6 +368,11 @@ class Grid:
     written: Written = Written()
 
     @cached_property
+    def swept(self) -> dict[str, int]:
+        """The axes along which states lie, see :func:`list_swept`."""
+        return list_swept(self.load, self.media, [(axis.name, axis.values) for axis in self.axes])
+
+    @cached_property
     def cases(self) -> tuple[Case, ...]:
         """The cases, the media running fastest; :class:`~granphon.base.errors.InputError` for an
         impossible packing.
@@ -383,12 +389,26 @@ class Grid:
         walls = {name: value for name, value in values.items() if is_of_wall(name)}
         of_balls = {name: x for name, x in values.items() if name not in losses | walls}
         packing = change_packing(self.packing, of_balls)
-        request = self.request.with_losses(losses) if losses else self.request
+        request = replace(self.request, kept=not self.swept)
+        if losses:
+            request = request.with_losses(losses)
         if walls:
             from granphon.media.arrangement import find_kinds  # other sweeps have no kinds
 
             request = request.with_walls(walls, find_kinds(packing))
         return packing, request
+
+
+def list_swept(
+    load: Load, media: Sequence[Any], parameters: Iterable[tuple[str, Sequence[Any]]]
+) -> dict[str, int]:
+    """Return the axes along which the states of a sweep lie, each with the number of its values:
+    "load" and "medium" where there are several, and each of the swept ``parameters``. One state has
+    no axes.
+    """
+    counts = {"load": load.size, "medium": len(media)}
+    several = {name: count for name, count in counts.items() if count > 1}
+    return several | {name: len(values) for name, values in parameters}
 
 
 def require_arrays(
@@ -638,7 +658,7 @@ class MediumTask(Task):
 
     def list_records(self, state: ContactState) -> Sequence[Any]:
         """Return a record of the waves of each sample of a state at each load, or of its network;
-        that of a single state has the results of the solvers too. An error about a network knows
+        where states are kept, with the results of the solvers too. An error about a network knows
         its load.
         """
         if state.n_samples:
@@ -650,8 +670,8 @@ class MediumTask(Task):
         request = self.request
         for index, single in enumerate(_split_loads(state)):
             try:
-                # kept, as the data set and the files of a single state need the same
-                waves = single.cached(record_waves, request.waves, request.whole)
+                # kept, as the data set and the files of a state need the same
+                waves = single.cached(record_waves, request.waves, request.kept)
                 records.append(SampleRecord(of_waves=waves))
             except GranphonError as error:
                 error.load_index = index
@@ -978,11 +998,11 @@ class SampleTask(MediumTask):
         """
         request = self.request
         records = [
-            SampleRecord.of(sample, request.waves, request.exponents, request.whole)
+            SampleRecord.of(sample, request.waves, request.exponents, request.kept)
             for sample in samples
         ]
         result = SampleRecord.to_result(records)
-        if not request.whole:
+        if not request.kept:
             return result
         balls = self.simulation.list_balls(samples[0])
         # a request that keeps balls has one load, whose axis comes first
