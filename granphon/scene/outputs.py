@@ -31,7 +31,7 @@ from granphon.media.network_file import TABLES
 from granphon.observables.catalogue import CATALOGUE, WAVE_COSTS, find_all, is_free
 from granphon.runs.plan import CostPart
 from granphon.runs.workers import packages
-from granphon.waves.settings import POLARISATIONS, RESPONSES
+from granphon.waves.settings import RESPONSES
 
 if TYPE_CHECKING:
     from granphon.runs.dataset import Dataset
@@ -42,28 +42,6 @@ SUMMARY_SCHEMA = 1
 DIAMETERS_FILE = "diameters.csv"
 #: most variables of a design that the summary lists
 _MOST_VARIABLES = 20
-#: variables of which the summary of several states lists the least and the greatest value
-_EXTENTS = (
-    "force",
-    "overlap",
-    "longitudinal",
-    "transverse",
-    "transverse_slow",
-    "transverse_fast",
-    "pulse_velocity",
-    "time_of_flight",
-    "coherent_fraction",
-    "surface_velocity",
-    "peak_frequency",
-    "peak_quality",
-    "front_velocity",
-    "peak_velocity",
-    "greatest_force",
-    "energy_lost",
-    "top_frequency",
-    "onset_gap",
-    *(f"ioffe_regel_{name}" for name in POLARISATIONS),
-)
 #: the packages that make force constants, bands and densities of states
 _OF_PHONONS = ("ase", "phonopy", "spglib")
 #: ending of the files that hold figures
@@ -445,9 +423,9 @@ def _summarise_state(run: Any) -> dict[str, Any]:
 
 def _summarise_states(run: Any) -> dict[str, Any]:
     """Return the numbers of the states of a sweep: the sizes of the dimensions, the number of
-    states, the media, the least and the greatest of each variable of :data:`_EXTENTS` that is
-    known, with standard errors, and whether all states are valid; with the direction of sound, if
-    it was given or velocities depend on it.
+    states, the media, the least and the greatest of each variable that the catalogue tells, with
+    standard errors, and whether all states are valid; with the direction of sound, if it was given
+    or velocities depend on it.
     """
     from granphon.runs.dataset import list_finite_overlap
 
@@ -467,14 +445,14 @@ def _summarise_states(run: Any) -> dict[str, Any]:
     elif "tensor" in data:  # some lattice is not isotropic, and its velocities are along x
         is_plane = data.sizes["voigt_row"] == 3
         numbers["direction"] = [1.0, 0.0] if is_plane else [1.0, 0.0, 0.0]
-    for name in _EXTENTS:
-        is_known = name in data and data[name].notnull().any()
-        if is_known:
+    told = [name for name, entry in CATALOGUE.items() if entry.told and name in data]
+    for name in told:
+        if data[name].notnull().any():
             numbers[name] = [float(data[name].min()), float(data[name].max())]
     if run.scene.errors:
         from granphon.scene.uncertainty import collect_errors
 
-        numbers |= collect_errors(data, _EXTENTS)
+        numbers |= collect_errors(data, told)
     return numbers | {"valid": bool(data["valid"].all())}
 
 
