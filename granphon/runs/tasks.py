@@ -785,10 +785,7 @@ def _find_in_zone(phonons: Phonons, request: Request) -> dict[str, Array]:
     from granphon.phonons.phonons import find_gaps_between
 
     found = dict[str, Array]()
-    cutoffs = None
-    if "cutoffs" in request.observe:
-        cutoffs = phonons.cutoffs()
-        found["cutoff_lower"], found["cutoff_upper"] = cutoffs.T
+    cutoffs = phonons.cutoffs() if "cutoffs" in request.observe else None
     if "gaps" in request.observe:
         edges = np.full((2, phonons.lattice.n_branches), np.nan)
         branches, gaps = phonons.find_gaps() if cutoffs is None else find_gaps_between(cutoffs)
@@ -796,6 +793,8 @@ def _find_in_zone(phonons: Phonons, request: Request) -> dict[str, Array]:
         found["gap_lower"], found["gap_upper"] = edges
         top = phonons.lattice.top_frequency * phonons.scales.frequency
         found["top_frequency"] = np.array(top)
+    if cutoffs is not None:
+        found["cutoff_lower"], found["cutoff_upper"] = cutoffs.T
     if "onsets" in request.observe:
         onset = phonons.onset(request.direction)
         found["onset_frequency"] = onset.frequencies

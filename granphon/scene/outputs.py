@@ -1010,7 +1010,6 @@ for _row in (
         observed="motion",
         states="one",
         find=_find_motion,
-        packages=("ase",),
         write=_write_motion,
         read=partial(_read_by, "Motion", "read"),
         words="balls at all times, network, forces of contacts; of each contact arrival and"
@@ -1152,7 +1151,6 @@ for _row in (
         states="one",
         when=_has_own_density,
         find=partial(_find_kept, "dos", "SpectralDensity"),
-        packages=("ase",),
         write=partial(_write_fields, "sample_dos", _DENSITY_COLUMNS),
         read=partial(_read_json, "SpectralDensity"),
         draw=partial(_plot, "sample_dos"),
@@ -1180,7 +1178,6 @@ for _row in (
         observed="pulse",
         states="one",
         of_arrays=True,
-        packages=("ase",),
         find=_find_pulse,
         summarise=lambda run: {"pulse_distance": run["pulse"].distance},
         write=partial(_write_fields, "pulse", _PULSE_COLUMNS),
