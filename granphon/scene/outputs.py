@@ -88,8 +88,6 @@ class Export:
     marks : patterns, of which one is in such a value's file also where the file was renamed.
     rank : place among the figures of a folder of which one is drawn by default: the least comes
         first; 0 of a figure that comes last.
-    of_states : whether the figure has a panel or curve for each state, so that the curves over the
-        load come before it where there are several states.
     command : the command of granphon that writes the files.
     label : the name in words, of the work that finds the output.
     occasion, words : which runs have the output, and what its files hold, for the reference; by
@@ -116,7 +114,6 @@ class Export:
     joined: str = ""
     marks: tuple[bytes, ...] = ()
     rank: int = 0
-    of_states: bool = False
     command: str = "run"
     label: str = ""
     occasion: str = ""
@@ -882,7 +879,6 @@ for _row in (
         write=partial(_write_table, "response.csv", ("response_frequency", "receiver")),
         draw=partial(_draw_dataset, "response"),
         rank=5,
-        of_states=True,
         words="magnitude and phase for each state, frequency and receiver",
         caption="Response of the network",
     ),
@@ -893,7 +889,6 @@ for _row in (
         write=partial(_write_table, "motion.csv", ("motion_time",)),
         draw=_draw_motion,
         rank=3,
-        of_states=True,
         words="energies and the greatest force for each state and time",
         caption="Motion of the balls",
     ),
