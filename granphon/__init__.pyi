@@ -121,7 +121,6 @@ from .runs.dataset import SweepAccessor as SweepAccessor
 from .runs.dataset import load_sweep as load_sweep
 from .runs.finished_tasks import Store as Store
 from .runs.sweep import sweep as sweep
-from .runs.wave_records import SampleWaves as SampleWaves
 from .scene.design_settings import DesignSettings as DesignSettings
 from .scene.outputs import Export as Export
 from .scene.outputs import Results as Results

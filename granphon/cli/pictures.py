@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -57,19 +57,18 @@ Along = Annotated[
 ]
 
 
+def _make_out(words: str) -> Any:
+    """Return the option of the file that a command writes, of whose name ``words`` say what its
+    ending is.
+    """
+    return typer.Option("--out", "-o", metavar="FILE", help=f"The file to write; {words}.")
+
+
 @command("mode", rich_help_panel=PICTURES)
 def draw_mode(
     scene_file: SceneFile,
     point: Point,
-    out: Annotated[
-        str,
-        typer.Option(
-            "--out",
-            "-o",
-            metavar="FILE",
-            help="The file to write; its ending is the format (.png, .pdf, .svg).",
-        ),
-    ],
+    out: Annotated[str, _make_out("its ending is the format (.png, .pdf, .svg)")],
     branch: Branch = 0,
     cells: Cells = None,
     direction: Along = None,
@@ -95,29 +94,15 @@ def draw_mode(
 
         save_figure(mode_figure(*mode, **options), file)
 
-    _write_picture(
-        scene_file,
-        out,
-        draw,
-        point=point,
-        branch=branch,
-        cells=cells,
-        direction=direction,
-        endings=(".png", ".pdf", ".svg"),
-        force=force,
-    )
+    choice = ModeChoice(point, branch, cells, direction)
+    _write_picture(scene_file, out, (".png", ".pdf", ".svg"), draw, choice, force=force)
 
 
 @command("animate", rich_help_panel=PICTURES)
 def animate_scene(
     scene_file: SceneFile,
     point: Point,
-    out: Annotated[
-        str,
-        typer.Option(
-            "--out", "-o", metavar="FILE", help="The file to write; its name ends in .gif."
-        ),
-    ],
+    out: Annotated[str, _make_out("its name ends in .gif")],
     branch: Branch = 0,
     cells: Cells = None,
     direction: Along = None,
@@ -148,74 +133,75 @@ def animate_scene(
 
         save_animation(animate_mode(*mode, **options, frames=frames), file)
 
-    _write_picture(
-        scene_file,
-        out,
-        draw,
-        point=point,
-        branch=branch,
-        cells=cells,
-        direction=direction,
-        endings=(".gif",),
-        force=force,
-    )
+    choice = ModeChoice(point, branch, cells, direction)
+    _write_picture(scene_file, out, (".gif",), draw, choice, force=force)
+
+
+class ModeChoice(NamedTuple):
+    """The mode that a picture shows, and how, as the options of the same names give them."""
+
+    point: str
+    branch: int
+    cells: str | None
+    direction: str | None
+
+    def read(self, scene: Scene) -> tuple[Any, dict[str, Any]]:
+        """Return the wave vector (3,) in fractions of the reciprocal cell, and the keywords
+        ``direction`` and ``cells`` of the functions that draw modes.
+
+        Raises :class:`~granphon.base.errors.InputError` for an option that the lattice of the
+        ``scene`` does not allow.
+        """
+        from granphon.base.validation import lengths, require
+        from granphon.phonons.paths import read_point
+        from granphon.scene.file_keys import read_directions
+
+        lattice = scene.packing.structure
+        q = require("--at", partial(read_point, structure=lattice), self.point)
+        x_axis = (1.0, 0.0, 0.0)[: lattice.periods]
+        options: dict[str, Any] = {"direction": next(iter(scene.directions), x_axis)}
+        if self.direction is not None:
+            read_direction = partial(read_directions, lattice=lattice)
+            options["direction"] = require("--direction", read_direction, self.direction)
+        if self.cells is not None:
+            read_cells = partial(lengths, low=1, high=_MOST_CELLS, periods=lattice.periods)
+            options["cells"] = require("--cells", read_cells, self.cells)
+        n_branches = scene.plan.n_branches
+        if self.branch >= n_branches:  # refused here too, before a state is solved
+            mend = f"Count from 0 to {n_branches - 1}"
+            raise InputError(f"there is no branch {self.branch}", mend=mend)
+        return q, options
 
 
 def _write_picture(
     scene_file: str,
     out: str,
-    draw: Callable[..., None],
-    *,
-    point: str,
-    branch: int,
-    cells: str | None,
-    direction: str | None,
     endings: Sequence[str],
+    draw: Callable[..., None],
+    choice: ModeChoice,
+    *,
     force: bool,
 ) -> None:
-    """Read the scene and the mode, and have ``draw`` draw the mode into the file ``out``, whose
-    name has one of the ``endings``, and which arrives whole or not at all.
+    """Read the scene, and have ``draw`` draw the mode of the ``choice`` into the file ``out``,
+    whose name has one of the ``endings``, and which arrives whole or not at all.
 
-    The other arguments are the options of the same names. ``draw`` takes the path of a file, the
-    phonons, the wave vector (3,) in fractions of the reciprocal cell, the branch, and the keywords
-    ``direction`` and ``cells``.
+    ``draw`` takes the path of a file, the phonons, the wave vector (3,) in fractions of the
+    reciprocal cell, the branch, and the keywords ``direction`` and ``cells``.
     """
-    from granphon.base.validation import lengths, require
-    from granphon.phonons.paths import read_point
-    from granphon.scene.file_keys import read_directions
-
     why = "A mode is drawn of one state"
     with write_of_scene(scene_file, out, endings, force, why) as (scene, staged_file):
-        lattice = scene.packing.structure
-        q = require("--at", partial(read_point, structure=lattice), point)
-        x_axis = (1.0, 0.0, 0.0)[: lattice.periods]
-        options: dict[str, Any] = {"direction": next(iter(scene.directions), x_axis)}
-        if direction is not None:
-            read_direction = partial(read_directions, lattice=lattice)
-            options["direction"] = require("--direction", read_direction, direction)
-        if cells is not None:
-            read_cells = partial(lengths, low=1, high=_MOST_CELLS, periods=lattice.periods)
-            options["cells"] = require("--cells", read_cells, cells)
-        n_branches = lattice.n_balls * scene.packing.ball_motions.count
-        if branch >= n_branches:  # refused here too, before a state is solved
-            mend = f"Count from 0 to {n_branches - 1}"
-            raise InputError(f"there is no branch {branch}", mend=mend)
+        q, options = choice.read(scene)
         # imported after all that can be refused, as phonopy takes long to load
         from granphon.phonons.phonons import Phonons
 
         with scene.origin.where_it_buckles():
-            draw(staged_file, Phonons(scene.state()), q, branch, **options)
+            draw(staged_file, Phonons(scene.state()), q, choice.branch, **options)
 
 
 @command("page", rich_help_panel=PICTURES)
 def make_scene_page(
     scene_file: SceneFile,
-    out: Annotated[
-        str,
-        typer.Option(
-            "--out", "-o", metavar="FILE", help="The file to write; its name ends in .html."
-        ),
-    ],
+    out: Annotated[str, _make_out("its name ends in .html")],
     force: Force = False,
 ) -> None:
     """Make an interactive page of a scene for a browser.
@@ -256,7 +242,7 @@ def _make_crystal_page(scene: Scene, options: dict[str, Any]) -> str:
     from granphon.page.page import make_page
 
     remarks: list[str] = []
-    if not scene.is_single:
+    if scene.swept:
         remarks.append("The scene has several states; this page is that of the first.")
     case = scene.plan.cases[0].case
     medium = case.medium.of(case.packing)
@@ -290,12 +276,7 @@ def _make_packing_page(scene: Scene, options: dict[str, Any]) -> str:
 @command("export", rich_help_panel=PICTURES)
 def export_scene(
     scene_file: SceneFile,
-    out: Annotated[
-        str,
-        typer.Option(
-            "--out", "-o", metavar="FILE", help="The file to write; its name ends in .json."
-        ),
-    ],
+    out: Annotated[str, _make_out("its name ends in .json")],
     format: Annotated[
         str,
         typer.Option(

@@ -95,9 +95,10 @@ def write_preset(
 def check_scene(scene_file: SceneFile, values: Values = None) -> None:
     """Check a scene, and show its values.
 
-    Shows the values in readable units, the files that a run would write, the time and memory of a
-    long run, and at which loads a limit of the model is passed. Writes nothing and simulates no
-    load; long checks are left to the run.
+    Shows the values in readable units, force, overlap and stiffness of the contacts, the media that
+    an automatic medium chooses, the files that a run would write, the time and memory of a long
+    run, and at which loads a limit of the model is passed. Writes nothing and simulates no load;
+    long checks are left to the run.
 
     \b
     Examples:

@@ -31,6 +31,8 @@ _OF_CONTACTS = (
     ("normal_stiffness", "N/m"),
     ("shear_stiffness", "N/m"),
 )
+#: most media that an automatic medium has chosen which are named, with the states of each
+_MOST_CHOICES = 4
 #: end of the message of an interruption that comes before a result is written
 NOTHING_WRITTEN = "no result was written."
 #: addition to that message if tasks have been finished
@@ -113,7 +115,7 @@ def write_of_scene(
     scene = Scene.from_yaml(scene_file)
     files = ResultFiles(target.parent, [target.name], force, inputs=scene.origin.inputs)
     with files.open() as locked:
-        if why_single and not scene.is_single:
+        if why_single and scene.swept:
             mend = "Keep one load, one medium, and no block 'sweep'"
             raise InputError(f"{scene_file} has many states", why_single, mend)
         with locked.staging() as stage:
@@ -162,10 +164,10 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
     rows = [(name, _write(value, unit)) for name, value, unit in scene.describe()]
     if scene.errors:
         rows += _describe_errors(scene)
-    if scene.is_single:
-        rows += _describe_state(scene)
-    else:
+    if scene.swept:
         rows.append(("sweep", _count_states(scene)))
+    rows += _describe_choices(scene)
+    rows += _describe_contacts(scene)
     if "design" in scene.observe:
         rows += [(name, _write(value, unit)) for name, value, unit in scene.posed_design.describe()]
     cost = scene.cost()
@@ -196,35 +198,52 @@ def _describe_errors(scene: Scene) -> list[tuple[str, str]]:
     return rows
 
 
-def _describe_state(scene: Scene) -> list[tuple[str, str]]:
-    """Return the rows on the only state of a scene: the medium that was chosen automatically, and
-    the force, overlap and stiffnesses of its contacts if they are quick to find.
+def _describe_choices(scene: Scene) -> list[tuple[str, str]]:
+    """Return the row on the media that automatic media of a scene have chosen: the states that each
+    serves, and the least and the greatest expected error; none if no medium is automatic.
     """
-    rows = list[tuple[str, str]]()
-    serving = scene.serving
-    if serving.chosen_automatically:
-        error = float(serving.errors[0])
-        words = "exact for equal balls"
-        if error:
-            words = f"expected error {error:.2g} against {serving.truth}"
-        rows.append(("chosen", f"{serving.medium.label}, {words}"))
-    if serving.is_quick:
-        rows += _describe_contacts(scene)
-    return rows
+    choices = [
+        serving
+        for planned in scene.plan.checked_cases
+        for serving in planned.serving_media
+        if serving.chosen_automatically
+    ]
+    if not choices:
+        return []
+    counts: dict[str, int] = {}
+    for serving in choices:
+        label = serving.medium.label
+        counts[label] = counts.get(label, 0) + len(serving.loads)
+    names = [*counts]
+    if len(counts) > 1:
+        names = [f"{label} at {counted(count, 'state')}" for label, count in counts.items()]
+        n_others = sum([*counts.values()][_MOST_CHOICES:])
+        if n_others:
+            names[_MOST_CHOICES:] = [f"others at {counted(n_others, 'state')}"]
+    errors = [error for serving in choices for error in serving.errors.tolist()]
+    words = "exact for equal balls"
+    if max(errors):
+        ends = dict.fromkeys(f"{error:.2g}" for error in (min(errors), max(errors)))
+        truths = dict.fromkeys(str(serving.truth) for serving in choices)
+        words = f"expected error {' to '.join(ends)} against {' and '.join(truths)}"
+    return [("chosen", f"{', '.join(names)}, {words}")]
 
 
 def _describe_contacts(scene: Scene) -> list[tuple[str, str]]:
-    """Return the rows on the contacts of the only state of a scene, with standard errors and their
-    sources if the scene has errors.
+    """Return the rows on the contacts of the states of a scene, of several the least and the
+    greatest numbers, with standard errors and their sources if the scene has errors; none if some
+    states are not quick to find.
     """
-    state = scene.state()
+    numbers = scene.plan.collect([name for name, _ in _OF_CONTACTS])
+    if not numbers:
+        return []
     errors: dict[str, Any] = {"errors_from": {}}
     if scene.errors:
         from granphon.scene.uncertainty import find_state_errors
 
-        errors = find_state_errors(scene, state, [name for name, _ in _OF_CONTACTS])
+        errors = find_state_errors(scene, numbers)
     texts = {
-        name: _write_number(getattr(state, name), errors.get(f"{name}_error"), unit, 5)
+        name: _write_number(numbers[name], errors.get(f"{name}_error"), unit, 5)
         for name, unit in _OF_CONTACTS
     }
     sources = {spell(name): parameter for name, parameter in errors["errors_from"].items()}

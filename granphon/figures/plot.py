@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from inspect import signature
@@ -27,8 +27,9 @@ class Picture:
     keyword : the keyword under which the function takes the result.
     height : where the function draws on an Axes, the height of a figure of the Axes, inches; else
         0.
-    of_state : the variable of data sets of a single state, which have no curves over the load, that
-        are drawn so; empty for none.
+    of_state : where the figure has a panel or a curve for each state, the variable of data sets
+        that has the values: a data set of one state, which has no curves over the load, is drawn
+        so. Empty for other figures.
     """
 
     figure: str
@@ -80,6 +81,8 @@ OF_DATASETS = {
     "modes": Picture("gaps.modes_figure"),
     "sensitivities": Picture("sensitivities.sensitivities_figure"),
 }
+#: the names of those whose figure draws each state by itself
+OF_STATES = tuple(name for name, picture in OF_DATASETS.items() if picture.of_state)
 #: cells along each period in the picture of a small network, for one, two and three periods
 _CELLS = (8, 4, 2)
 #: greatest number of balls of a network that counts as small
@@ -197,18 +200,24 @@ def _choose_of_dataset(result: Any, dataset: Any) -> tuple[Picture, dict[str, An
             "Keep all loads, or choose by a list: isel(load=[0])",
         )
     if dataset is not result:
-        spectra = {name: getattr(result, name, None) for name in ("bands", "dos")}
+        spectra = {name: result[name] for name in ("bands", "dos")}
         if any(spectrum is not None for spectrum in spectra.values()):
             errors = dataset.get("frequencies_error")
             return PICTURES["phonons.bands.Bands"], spectra | {"errors": errors}
-        motion = getattr(getattr(result, "waves", None), "motion", None)
-        for drawn in (getattr(result, "surface", None), motion):
-            if drawn is not None:
-                return _choose_of_object(drawn)
-    is_single = dataset["valid"].size == 1
-    of_states = (one for one in OF_DATASETS.values() if is_single and one.of_state in dataset)
-    picture = next(of_states, OF_DATASETS["sweep"])
+        for name in ("surface", "balls_in_motion"):
+            if result[name] is not None:
+                return _choose_of_object(result[name])
+    name = choose_figure(dataset, OF_STATES)
+    picture = OF_DATASETS[name]
     return picture, {picture.keyword: dataset}
+
+
+def choose_figure(dataset: Any, names: Iterable[str]) -> str:
+    """Return the first of the ``names`` of outputs whose figure draws each state of a data set by
+    itself; "sweep", the curves over the load, if there is none, or if there are several states.
+    """
+    drawn = [name for name in names if name in OF_STATES and OF_DATASETS[name].of_state in dataset]
+    return "sweep" if dataset["valid"].size > 1 or not drawn else drawn[0]
 
 
 def _show(figure: Any) -> Figure:

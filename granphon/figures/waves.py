@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from granphon.figures.scales import (
     MOTION,
@@ -881,31 +881,23 @@ def responses_figure(dataset: Dataset) -> Figure:
     if dataset.sizes["load"] >= _LOADS_OF_MAP:
         return _map_figure(dataset, name)
     receivers = dataset["receiver"].values.astype(str).tolist()
-    is_single = len(states) == 1
-    drawn_receivers = pick_evenly(len(receivers), _FEW if is_single else _PANELS)
-    groups = [drawn_receivers] if is_single else [[number] for number in drawn_receivers]
-    with styled_figure(3.6 * len(groups)) as figure:
-        ratios = [1.6, 1.0] * len(groups)
-        panels = figure.subplots(2 * len(groups), 1, squeeze=False, height_ratios=ratios)[:, 0]
-        for number_of_group, group in enumerate(groups):
-            above, below = panels[2 * number_of_group : 2 * number_of_group + 2]
+    panels = _share_out_responses(states, receivers)
+    with styled_figure(3.6 * len(panels)) as figure:
+        ratios = [1.6, 1.0] * len(panels)
+        axes = figure.subplots(2 * len(panels), 1, squeeze=False, height_ratios=ratios)[:, 0]
+        for panel, above, below in zip(panels, axes[::2], axes[1::2], strict=True):
             above.sharex(below)
             above.tick_params(labelbottom=False)
-            if is_single:
-                _colour, read_variable = states[0]
-                colours = zip(group, COLOURS, strict=False)
-                curves = [(read_variable, receiver, colour) for receiver, colour in colours]
-            else:
-                (receiver,) = group
-                curves = [(read_variable, receiver, colour) for colour, read_variable in states]
-            _draw_states(above, below, dataset, name, curves)
-            if not is_single and len(receivers) > 1:
-                above.set_title(receivers[group[0]])
-        if is_single:
+            _draw_states(above, below, dataset, name, panel.curves)
+            if panel.title:
+                above.set_title(panel.title)
+        if len(states) == 1:  # its curves differ in the receiver
+            (panel,) = panels
             handles = [
                 Line2D([], [], color=colour, label=receivers[number])
-                for colour, number in zip(COLOURS, drawn_receivers, strict=False)
+                for _read, number, colour in panel.curves
             ]
+        drawn_receivers = {number for panel in panels for _read, number, _colour in panel.curves}
         if len(drawn_receivers) < len(receivers):
             words = f"{len(drawn_receivers)} of {len(receivers)} receivers are drawn"
             handles.append(Line2D([], [], linestyle="none", label=words))
@@ -914,6 +906,36 @@ def responses_figure(dataset: Dataset) -> Figure:
         if len(handles) > 1:
             add_legend(figure, handles, room=1)
     return figure
+
+
+class _ResponsePanel(NamedTuple):
+    """A pair of axes of responses: its ``title``, empty for none, and its ``curves``, see
+    :func:`_draw_states`.
+    """
+
+    title: str
+    curves: list[tuple[Callable[..., Array], int, Any]]
+
+
+def _share_out_responses(
+    states: Sequence[tuple[Any, Callable[..., Array]]], receivers: Sequence[str]
+) -> list[_ResponsePanel]:
+    """Return the panels of the responses of ``states``, each a colour and the function that returns
+    the values of a variable: of one state a panel with a curve for each of the ``receivers``, of
+    several a panel for each receiver with a curve for each state. Receivers are taken evenly.
+    """
+    if len(states) == 1:
+        ((_colour, read_variable),) = states
+        pairs = zip(pick_evenly(len(receivers), _FEW), COLOURS, strict=False)
+        curves = [(read_variable, receiver, colour) for receiver, colour in pairs]
+        return [_ResponsePanel("", curves)]
+    return [
+        _ResponsePanel(
+            receivers[receiver] if len(receivers) > 1 else "",
+            [(read_variable, receiver, colour) for colour, read_variable in states],
+        )
+        for receiver in pick_evenly(len(receivers), _PANELS)
+    ]
 
 
 def _draw_states(

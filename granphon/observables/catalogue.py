@@ -140,7 +140,8 @@ class Observable:
     sampled : whether it is a standard error over samples, which is zero for a medium that does not
         sample.
     per_direction : whether it has a value for each direction of sound, if there are many.
-    told : whether the command line prints it.
+    told : whether the command line prints it, and the summary of several states has its least and
+        its greatest value.
     digits : significant digits with which it is printed.
     per_dimension : "pressure", "effective_density" or "modulus", by which the unit depends on the
         number of periods.
@@ -559,9 +560,15 @@ _OBSERVABLES = (
         cost="pulse",
         swept=False,
     ),
-    Observable("time_of_flight", "s", "time of flight of a pulse by its envelope", cost="pulse"),
     Observable(
-        "coherent_fraction", "1", "part of the energy of a pulse that is coherent", cost="pulse"
+        "time_of_flight", "s", "time of flight of a pulse by its envelope", cost="pulse", told=True
+    ),
+    Observable(
+        "coherent_fraction",
+        "1",
+        "part of the energy of a pulse that is coherent",
+        cost="pulse",
+        told=True,
     ),
     Observable(
         "path_corners",
@@ -841,7 +848,8 @@ def register_observable(
     label : its name on axes and in the terminal; by default the name in words.
     cost : what ``find`` asks for: only the "state", the "velocities" or moduli, or an "exponent".
         It decides which runs have it: all, or those that find these.
-    told : whether the command line prints it.
+    told : whether the command line prints it, and the summary of several states has its least and
+        its greatest value.
 
     Returns
     -------

@@ -1116,6 +1116,18 @@ class _Gaps(NamedTuple):
     points: Array
 
 
+def find_gaps_between(cutoffs: Array) -> tuple[Index, Array]:
+    """Return the number of branches below each gap, (n,), and the gaps, (n, 2) Hz, as
+    :meth:`Phonons.find_gaps` does, from the ``cutoffs`` (n_branches, 2), Hz, of all branches; no
+    zone is searched.
+    """
+    bottoms, tops = cutoffs.T
+    # the highest frequency of all branches below each branch
+    floors = np.concatenate([[0.0], np.maximum.accumulate(tops)[:-1]])
+    is_gap = bottoms - floors > _NO_GAP * tops[-1]
+    return np.flatnonzero(is_gap), np.stack([floors, bottoms], axis=1)[is_gap]
+
+
 def find_phonons(state: State, dim: tuple[int, ...] | None = None) -> Phonons:
     """Return the phonons of a ``state`` at one load, with ``dim`` of :class:`Phonons`.
 

@@ -182,13 +182,12 @@ class SweepRun:
         store: Store | None = None,
     ) -> list[TaskResult]:
         """Do all tasks, and return their results in the order of the cases and of the tasks of
-        each. The ``store`` keeps the results, but that of a single state which is known.
+        each. The ``store`` keeps the results, but that of a state which is known.
         """
         tasks = [task for case in self.grid.cases for task in case.tasks]
         is_known = tasks[0].known_state is not None
         if store is not None:
-            identity = None if is_known else collect_identity(self.frame)
-            store.claim(identity, lambda: [task.name for task in tasks])
+            store.claim(collect_identity(self.frame), lambda: [task.name for task in tasks])
         if is_known:
             has_networks = tasks[0].request.waves is not None
             with progress.step("networks") if has_networks else nullcontext():
@@ -542,7 +541,7 @@ def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
     if "tensor" in variables:
         voigt = list(voigt_names(packing.structure.periods))
         frame = frame.assign_coords(dict.fromkeys(CATALOGUE["tensor"].dims, voigt))
-    if grid.request.sensitivities:
+    if "sensitivities" in grid.request.observe:
         frame = _label_sensitivities(frame, grid, variables)
     along_path = dict(frame.data_vars)  # assigned last, to stand after the variables along it
     return (
@@ -559,7 +558,8 @@ def _label_sensitivities(frame: Dataset, grid: Grid, variables: dict[str, Any]) 
     """
     from granphon.runs.sensitivities import NAME, list_axes
 
-    names = list_axes(grid.cases[0].packing, grid.load, has_cutoffs=grid.request.cutoffs)
+    has_cutoffs = "cutoffs" in grid.request.observe
+    names = list_axes(grid.cases[0].packing, grid.load, has_cutoffs=has_cutoffs)
     dims, values, attributes = variables[NAME]
     for axis, labels in zip((-2, -1), names, strict=True):
         other_axes = tuple(number for number in range(values.ndim) if number != values.ndim + axis)

@@ -139,10 +139,9 @@ class Store:
         self._is_unsynced = False
 
     def claim(
-        self, identity: Mapping[str, Any] | None, names: Callable[[], Iterable[str]] = tuple
+        self, identity: Mapping[str, Any], names: Callable[[], Iterable[str]] = tuple
     ) -> None:
-        """Claim the store for the work that ``identity``, plain data, describes; None claims it for
-        no work.
+        """Claim the store for the work that ``identity``, plain data, describes.
 
         Results that the store holds are used. Another work may have left them if all of them are
         among ``names``, the names of this work's tasks. They belong to this work once it keeps a
@@ -162,7 +161,7 @@ class Store:
         plain_identity = json.loads(text)
         kept_names = set(self.names)
         kept_identity = self._read_identity()
-        is_same_work = identity is not None and kept_identity == plain_identity
+        is_same_work = kept_identity == plain_identity
         if not is_same_work and kept_names - set(names()):
             if not self.force:
                 raise self._explain_other_work(kept_identity, plain_identity)
@@ -170,8 +169,8 @@ class Store:
         is_to_grow = bool(kept_names) and self.path.exists()
         if is_to_grow and not os.access(self.path, os.W_OK):
             raise self._explain(PermissionError(errno.EACCES, os.strerror(errno.EACCES)))
-        is_written = bool(kept_names) and kept_identity == plain_identity
-        self._pending = None if identity is None or is_written else text
+        is_written = bool(kept_names) and is_same_work
+        self._pending = None if is_written else text
 
     def _read_identity(self) -> Any:
         """Return the identity, plain data, of the work that the store holds; None if the file does
@@ -470,8 +469,6 @@ def _explain_difference(kept: Any, claimed: Any) -> str:
     ``kept``, of the work whose results are in a store, and ``claimed``, of the work that claims the
     store.
     """
-    if claimed is None:
-        return "This work has no parts that are kept, and its result would stand beside it"
     if not kept:
         return "The file does not say which work it belongs to"
     differences = list(_find_differences(kept, claimed, ""))

@@ -173,6 +173,12 @@ class PlannedCase:
             yield serving, state
 
     @cached_property
+    def quick_states(self) -> list[tuple[ServingMedium, ContactState]]:
+        """Those of the :meth:`states` that are quick to find, once for all who ask."""
+        _ = self.is_possible
+        return list(self.states(quick=True))
+
+    @cached_property
     def is_possible(self) -> bool:
         """True; raises GranphonError if the packing is not rigid, has no such medium, or cannot
         carry the least or greatest of the loads.
@@ -219,10 +225,9 @@ class PlannedCase:
 
 def _note_limits(planned: PlannedCase) -> CaseNotes:
     """Return the limits that the states of a case pass, of those that are quick to find."""
-    _ = planned.is_possible
     checks: dict[Any, Check] = {}
     loads = []
-    for serving, state in planned.states(quick=True):
+    for serving, state in planned.quick_states:
         loads.append(serving.loads)
         for check in validity(state).checks:
             key = (check.name, check.reason)
@@ -240,15 +245,11 @@ class Plan:
     grid : the cases, and what is requested of their states.
     places : where errors stand in what the user wrote.
     written : the kind of load that the user gives; by default that of the grid.
-    mesh : wave vectors of the density of states of a single state; None for none.
-    dim : supercell of its force constants; None for the smallest that suffices.
     """
 
     grid: Grid
     places: Places = NOWHERE
     written: str = ""
-    mesh: tuple[int, ...] | None = None
-    dim: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
         if not self.written:
@@ -263,11 +264,6 @@ class Plan:
     def waves(self) -> WaveSettings | None:
         """The waves that are observed in arrays and in networks; None for none."""
         return self.grid.request.waves
-
-    @property
-    def is_single(self) -> bool:
-        """Whether there is one state alone, which is kept for its files and figures."""
-        return self.grid.request.whole
 
     @contextmanager
     def place_errors(self) -> Iterator[None]:
@@ -316,7 +312,7 @@ class Plan:
         """The only case of a scene of one state; :class:`~granphon.base.errors.InputError` if the
         scene is a sweep.
         """
-        if not self.is_single:
+        if self.grid.swept:
             mend = "Use states(), or the dataset of its run"
             raise InputError("the scene is a sweep", "It has many states", mend)
         return self.cases[0]
@@ -336,7 +332,7 @@ class Plan:
         """Whether the work is cut into tasks, which can be done elsewhere, and are kept when they
         are finished: a sweep, or the samples of one state.
         """
-        return not self.is_single or bool(self.serving.arrays)
+        return bool(self.grid.swept) or bool(self.serving.arrays)
 
     @cached_property
     def checked_cases(self) -> tuple[PlannedCase, ...]:
@@ -411,7 +407,7 @@ class Plan:
                 except MechanismError as error:
                     raise MechanismError(str(error), mend=self._mend_mechanism()) from None
         # where a medium is solved anew for each packing, the processes of a sweep solve it
-        is_solved_later = not self.is_single and medium.is_solved_anew
+        is_solved_later = bool(self.grid.swept) and medium.is_solved_anew
         if not is_solved_later:
             with self.places.at_medium(case.medium.label, allowed_medium):
                 medium.prepare()
@@ -523,6 +519,42 @@ class Plan:
             for serving, state in planned.states(quick):
                 yield planned.case.name(serving), state
 
+    @property
+    def is_surveyed_whole(self) -> bool:
+        """Whether a survey looks at all states, and not only at the ends of axes and loads."""
+        return self.n_cases <= MOST_CASES and self.n_states <= MOST_STATES
+
+    @cached_property
+    def surveyed_cases(self) -> tuple[PlannedCase, ...]:
+        """The cases of a survey: all, or those at the least and the greatest load and value of each
+        numeric parameter.
+        """
+        if self.is_surveyed_whole:
+            return self.cases
+        loads = self.grid.load
+        ends = [*dict.fromkeys((int(np.argmin(loads.array)), int(np.argmax(loads.array))))]
+        written = self.grid.written
+        grid = replace(
+            self.grid,
+            axes=[axis.ends for axis in self.axes],
+            load=loads[ends],
+            written=replace(written, load=None if written.load is None else written.load[ends]),
+        )
+        return self._plan_cases(grid)
+
+    def collect(self, names: Sequence[str]) -> dict[str, Any]:
+        """Return numbers of all states of the :attr:`surveyed_cases`, attributes of states in SI
+        units, arrays (n,) by their ``names``; empty if some states are not quick to find.
+        """
+        cases = self.surveyed_cases
+        if not all(serving.is_quick for planned in cases for serving in planned.serving_media):
+            return {}
+        states = [state for planned in cases for _serving, state in planned.quick_states]
+        return {
+            name: np.concatenate([np.ravel(getattr(state, name)) for state in states])
+            for name in names
+        }
+
     def survey(self) -> tuple[Iterator[CaseNotes], str]:
         """Return the notes on the cases whose states are quick to find, the limits that their
         states pass, and words for the states that are left out; an empty text for none.
@@ -532,19 +564,8 @@ class Plan:
         least and the greatest load and value of each numeric parameter.
         """
         left_out = list[str]()
-        if self.n_cases <= MOST_CASES and self.n_states <= MOST_STATES:
-            cases = self.cases
-        else:
-            loads = self.grid.load
-            ends = [*dict.fromkeys((int(np.argmin(loads.array)), int(np.argmax(loads.array))))]
-            written = self.grid.written
-            grid = replace(
-                self.grid,
-                axes=[axis.ends for axis in self.axes],
-                load=loads[ends],
-                written=replace(written, load=None if written.load is None else written.load[ends]),
-            )
-            cases = self._plan_cases(grid)
+        cases = self.surveyed_cases
+        if not self.is_surveyed_whole:
             left_out.append(f"all but the ends of {self.n_states:,} states")
         slow_names = {
             serving.medium.name
@@ -655,14 +676,14 @@ class Plan:
 
     # -- cost --------------------------------------------------------------------------------------
 
-    def cost(self) -> Cost | None:
-        """Memory and time that the scene will take, its parts done one after the other; None if
+    def add_costs(self, parts: Iterable[CostPart]) -> Cost | None:
+        """Return memory and time that ``parts`` of the work take, done one after the other; None if
         both are negligible.
 
         :class:`~granphon.base.errors.InputError` if more memory is needed than is available on this
         machine now, or more than 10,000 days on one processor.
         """
-        told_parts = [(path, mend, cost) for path, mend, cost in self.parts if cost.tells]
+        told_parts = [(path, mend, cost) for path, mend, cost in parts if cost.tells]
         if not told_parts:
             return None
         total = sum((cost for _, _, cost in told_parts), Cost())
@@ -684,27 +705,21 @@ class Plan:
 
     @cached_property
     def parts(self) -> list[CostPart]:
-        """The parts of the work that may take much memory or time, each with its place in the scene
-        file.
+        """The parts of the work on states that may take much memory or time, each with its place in
+        the scene file.
         """
         simulations = self._cost_simulations()
         sensitivities = self._cost_sensitivities()
         waves = self._cost_waves()
         networks = self._cost_networks()
         derivatives = self._cost_derivatives()
-        if not self.is_single:
-            states = self._cost_states()
-            edges = self._cost_edges()
-            return [simulations, sensitivities, *networks, waves, *edges, states, *derivatives]
-        spectra = self._cost_spectra()
         return [
             simulations,
             sensitivities,
             *networks,
-            *spectra,
-            *self._cost_edges(),
             waves,
-            *self._cost_force_constants(),
+            *self._cost_edges(),
+            *self._cost_states(),
             *derivatives,
         ]
 
@@ -744,7 +759,7 @@ class Plan:
         zero without them.
         """
         total = Cost()
-        if self.grid.request.sensitivities:
+        if "sensitivities" in self.observe:
             from granphon.observables.parameters import list_parameters  # other runs do not need it
 
             works = [
@@ -761,13 +776,12 @@ class Plan:
         """Return the part of the work that finds derivatives by parameters of states that are no
         arrays; empty without them.
         """
-        request = self.grid.request
-        if not request.sensitivities:
+        if "sensitivities" not in self.observe:
             return []
         from granphon.runs.sensitivities import estimate_derivatives  # other runs do not need it
 
         works = [
-            estimate_derivatives(serving, has_cutoffs=request.cutoffs)
+            estimate_derivatives(serving, has_cutoffs="cutoffs" in self.observe)
             for case in self.checked_cases
             for serving in case.serving_media
             if not serving.arrays
@@ -825,51 +839,41 @@ class Plan:
         return next((settings for settings in networks if settings.block == block), None)
 
     @property
-    def _n_branches(self) -> int:
+    def n_branches(self) -> int:
         """Number of branches of the lattice."""
         packing = self.grid.packing
         return packing.structure.n_balls * packing.ball_motions.count
 
     @property
-    def _n_path_points(self) -> int:
+    def n_path_points(self) -> int:
         """Number of wave vectors along the path of the bands; 0 without bands."""
         if self.grid.request.path is None:
             return 0
         pieces, n_points, _labels = self.grid.request.path
         return n_points * sum(len(piece) - 1 for piece in pieces)
 
-    def _cost_states(self) -> CostPart:
-        """Return the part of the work of a sweep that finds its states, with their bands."""
+    def _cost_states(self) -> list[CostPart]:
+        """Return the part of the work that finds the states of a sweep, with their bands; empty for
+        one state, whose numbers are few beside its bands.
+        """
+        if not self.grid.swept:
+            return []
         path: tuple[str, ...] = ("sweep",) if self.axes else ("load", self.written)
         mend = "Take fewer loads or values"
-        n_points = self._n_path_points
+        n_points = self.n_path_points
         if n_points:
             path = ("phonopy", "band_points")
             mend += ", or points of the bands (phonopy.band_points)"
-        n_frequencies = n_points * self._n_branches
-        return path, mend, costs.sweep_states(self.n_cases, self.grid.load.size, n_frequencies)
-
-    def _cost_spectra(self) -> list[CostPart]:
-        """Return the parts of the work that find the bands and the density of states of a single
-        state, if the scene observes them.
-        """
-        parts: list[CostPart] = []
-        if "bands" in self.observe:
-            cost = costs.bands(self._n_path_points, self._n_branches)
-            parts.append((("phonopy", "band_points"), "Take fewer points", cost))
-        # that of a packing in files is of its own network
-        is_of_lattice = not self.grid.packing.is_network
-        if "dos" in self.observe and self.mesh is not None and is_of_lattice:
-            cost = costs.density_of_states(self.mesh, self._n_branches)
-            parts.append((("phonopy", "mesh"), "Take a coarser mesh", cost))
-        return parts
+        n_frequencies = n_points * self.n_branches
+        cost = costs.sweep_states(self.n_cases, self.grid.load.size, n_frequencies)
+        return [(path, mend, cost)]
 
     def _cost_edges(self) -> list[CostPart]:
         """Return the part of the work that finds the edges of the bands in the whole zone; empty if
         the scene observes none.
         """
-        request = self.grid.request
-        if not (request.gaps or request.cutoffs or request.onsets):
+        of_zone = self.grid.request.of_zone
+        if not of_zone:
             return []
         from granphon.phonons.paths import choose_gap_mesh  # other runs do not need it
 
@@ -880,26 +884,13 @@ class Plan:
             costs.band_edges,
             n_states,
             points,
-            self._n_branches,
+            self.n_branches,
             of_network=self.grid.packing.is_network,
         )
-        # each result has a search of its own; that of onsets is for the lowest edge alone
-        searches = [estimate(of_all=True)] if request.cutoffs else []
-        if request.gaps or not searches:
-            searches.append(estimate(of_all=False))
-        total = sum(searches, Cost())
+        # the edges of gaps are among the cut-offs; onsets seek the lowest edge alone
+        total = estimate(of_all="cutoffs" in of_zone)
         mend = "Take fewer loads or values, or leave the edges of bands out"
         return [(("observe",), mend, replace(total, parts=total.parts[:1]))]
-
-    def _cost_force_constants(self) -> list[CostPart]:
-        """Return the part of the work that finds the force constants of a single state in a given
-        supercell; empty without bands and density of states.
-        """
-        if self.dim is None or not {"bands", "dos"} & set(self.observe):
-            return []
-        mend = "Take a smaller supercell: bands and densities of states do not depend on it"
-        cost = costs.force_constants(self.dim, self.grid.packing.structure.n_balls)
-        return [(("phonopy", "dim"), mend, cost)]
 
 
 def _estimate_waves(medium: DirectSimulation, load: Load, settings: WaveSettings) -> Iterator[Cost]:

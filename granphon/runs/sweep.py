@@ -33,7 +33,7 @@ from granphon.runs.dataset import (
 )
 from granphon.runs.finished_tasks import Store
 from granphon.runs.plan import Plan
-from granphon.runs.tasks import Grid, Request, require_arrays
+from granphon.runs.tasks import OF_ZONE, Grid, Request, require_arrays
 from granphon.waves.settings import (
     NETWORK_BLOCKS,
     ModesSettings,
@@ -209,14 +209,10 @@ def sweep(
     require_losses(parameters, settings_with_losses)
     require_walls(parameters, settings_with_losses, find_kinds(packing))
     path_of_bands = None if bands is None else (bands, npoints, labels)
-    # what is found of the whole zone of wave vectors, and whether it is asked for
-    zone_flags = {
-        "bands": bands is not None,
-        "gaps": require("gaps", truth, gaps),
-        "cutoffs": require("cutoffs", truth, cutoffs),
-        "onsets": require("onsets", truth, onsets),
-    }
-    names_of_zone = [name for name, is_requested in zone_flags.items() if is_requested]
+    flags = {"gaps": gaps, "cutoffs": cutoffs, "onsets": onsets}
+    names_of_zone = [name for name in OF_ZONE if require(name, truth, flags[name])]
+    if path_of_bands is not None:
+        names_of_zone.insert(0, "bands")
     names_of_arrays: Sequence[str] = () if waves is None else waves.names
     names_of_networks = [name for name, settings in networks.items() if settings is not None]
     observe = ["velocities", *names_of_zone, *names_of_arrays, *names_of_networks]
@@ -227,9 +223,6 @@ def sweep(
         path=path_of_bands,
         direction=directions,
         waves=waves,
-        gaps=zone_flags["gaps"],
-        cutoffs=zone_flags["cutoffs"],
-        onsets=zone_flags["onsets"],
         sound=packing.repeats and not is_held and observe == ["velocities", *names_of_arrays],
         observe=tuple(observe),
     )

@@ -4,8 +4,8 @@ A case is one medium on one packing at many loads. Each of its tasks is one medi
 it serves, or one sample of a simulation, load by load.
 
 Tasks are plain data, see :mod:`granphon.runs.execution`. Of each sample only the few numbers that
-are averaged are kept, and of a single state its balls too, for files and figures of them. The
-averages equal those of one simulation of all samples, to the last bit.
+are averaged are kept; the one state of a sweep without axes is kept with its balls, for files and
+figures. The averages equal those of one simulation of all samples, to the last bit.
 
 A sample that is loaded with friction may not reach all loads of its path. Its task is then done as
 far as it goes: the result has the loads that were reached, and as marks the indices of the others
@@ -18,7 +18,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import islice
@@ -76,6 +76,8 @@ LATTICE_BANDS = (
     " sweep_dos and sweep_spectra: "
     "observe [dos, spectrum]"
 )
+#: the observables that are sought in the whole zone of wave vectors
+OF_ZONE = ("gaps", "cutoffs", "onsets")
 #: marks of a result: indices of the loads that were not reached
 _MISSED = "path.missed"
 #: why the path ended
@@ -136,20 +138,17 @@ class Request:
     direction : direction of sound, Cartesian, one or many; None for x.
     waves : settings of the waves in each sample of a simulation; None without waves.
     surface : the edge whose waves are requested; None for none.
-    gaps : whether the edges of the gaps, and the top frequency, are requested.
-    cutoffs : whether the cut-off frequencies of the branches are requested.
-    onsets : whether the frequencies and curvatures of the branches at Gamma are requested.
-    sensitivities : whether the derivatives of velocities, moduli and, if requested, cut-off
-        frequencies by the parameters are requested.
     bands : how contacts damp the bands; None for bands without loss alone.
     exponents : whether the exponents of the velocities are requested, for which a simulation solves
         two more equilibria at each load.
     sound : whether a lattice without velocities, a mechanism, is an error; otherwise velocities are
         left out.
     observe : the names of the observables, as in a scene; a registered observable among them must
-        be found.
-    whole : whether there is only one state, which is kept for its files and figures: the state
-        with the balls of its samples, and the results of the solvers of waves.
+        be found, and derivatives by parameters are those of cut-off frequencies too if these are
+        among them.
+    kept : whether states are kept whole, for files and figures of them: with the balls of their
+        samples, and the results of the solvers of waves. A :class:`Grid` keeps the state of a sweep
+        without axes.
     """
 
     finite_overlap: bool = False
@@ -157,15 +156,16 @@ class Request:
     direction: tuple[Any, ...] | None = None
     waves: WaveSettings | None = None
     surface: SurfaceSettings | None = None
-    gaps: bool = False
-    cutoffs: bool = False
-    onsets: bool = False
-    sensitivities: bool = False
     bands: BandsSettings | None = None
     exponents: bool = True
     sound: bool = True
-    whole: bool = False
+    kept: bool = False
     observe: tuple[str, ...] = ("velocities",)
+
+    @property
+    def of_zone(self) -> tuple[str, ...]:
+        """The names of the observables that are sought in the whole zone of wave vectors."""
+        return tuple(name for name in OF_ZONE if name in self.observe)
 
     def with_losses(self, losses: Mapping[str, float]) -> Request:
         """Return the request with other ``losses``, by name, in all settings that have them."""
@@ -295,8 +295,8 @@ class Case:
             state = None
             if not serving.arrays:
                 request = lattice_request
-                # a single state has been found by the check of the scene
-                state = self.state if request.whole else None
+                # a state that is kept has been found by the check of its case
+                state = self.state if request.kept else None
             tasks.append(MediumTask(self.name(serving), serving, request, state))
         return tasks
 
@@ -308,11 +308,11 @@ class Case:
     def join(self, results: Sequence[TaskResult]) -> TaskResult:
         """Return the result of the case, arrays (loads, ...) by name, from the ``results`` of the
         :attr:`tasks`; variables that only some of several media have, chosen automatically, are
-        left out, and those that one medium has in one geometry alone are nan in the other. A
-        single simulated state is kept, and its variables are found from it.
+        left out, and those that one medium has in one geometry alone are nan in the other. Where
+        states are kept, the variables of a simulated state are found from the state itself.
         """
         media = self.media
-        if self.request.whole and media[0].known_state is None:
+        if self.request.kept and media[0].known_state is None:
             vars(self)["state"] = self._restore(results)
             return replace(media[0], known_state=self.state).solve()
         remaining = iter(results)
@@ -368,6 +368,11 @@ class Grid:
     written: Written = Written()
 
     @cached_property
+    def swept(self) -> dict[str, int]:
+        """The axes along which states lie, see :func:`list_swept`."""
+        return list_swept(self.load, self.media, [(axis.name, axis.values) for axis in self.axes])
+
+    @cached_property
     def cases(self) -> tuple[Case, ...]:
         """The cases, the media running fastest; :class:`~granphon.base.errors.InputError` for an
         impossible packing.
@@ -384,12 +389,26 @@ class Grid:
         walls = {name: value for name, value in values.items() if is_of_wall(name)}
         of_balls = {name: x for name, x in values.items() if name not in losses | walls}
         packing = change_packing(self.packing, of_balls)
-        request = self.request.with_losses(losses) if losses else self.request
+        request = replace(self.request, kept=not self.swept)
+        if losses:
+            request = request.with_losses(losses)
         if walls:
             from granphon.media.arrangement import find_kinds  # other sweeps have no kinds
 
             request = request.with_walls(walls, find_kinds(packing))
         return packing, request
+
+
+def list_swept(
+    load: Load, media: Sequence[Any], parameters: Iterable[tuple[str, Sequence[Any]]]
+) -> dict[str, int]:
+    """Return the axes along which the states of a sweep lie, each with the number of its values:
+    "load" and "medium" where there are several, and each of the swept ``parameters``. One state has
+    no axes.
+    """
+    counts = {"load": load.size, "medium": len(media)}
+    several = {name: count for name, count in counts.items() if count > 1}
+    return several | {name: len(values) for name, values in parameters}
 
 
 def require_arrays(
@@ -496,7 +515,6 @@ class MediumTask(Task):
             path=None,
             direction=None,
             surface=None,
-            sensitivities=False,
             observe=(),
         )
         tasks: list[MediumTask] = []
@@ -551,7 +569,7 @@ class MediumTask(Task):
         """
         variables = self.observe(state)
         request = self.request
-        if request.sensitivities:
+        if "sensitivities" in request.observe:
             # imported here: other runs do not need derivatives
             from granphon.runs.sensitivities import NAME, observe_sensitivities
 
@@ -560,7 +578,7 @@ class MediumTask(Task):
                 load,
                 request.direction,
                 finite_overlap=request.finite_overlap,
-                has_cutoffs=request.cutoffs,
+                has_cutoffs="cutoffs" in request.observe,
             )
         return self._add_waves(variables, state, load)
 
@@ -598,16 +616,10 @@ class MediumTask(Task):
             notes.append("waves of an edge are left out: those of a simulated array are not known")
         elif request.surface is not None:
             variables |= _observe_edge(state, request.surface)
-        if request.gaps:
-            variables |= _observe_gaps(state)
-        if request.cutoffs:
-            cutoffs = _find_in_zone(state, lambda phonons: phonons.cutoffs())
-            lower, upper = np.moveaxis(cutoffs, -1, 0)
-            variables |= {"cutoff_lower": lower, "cutoff_upper": upper}
-        if request.onsets:
-            variables |= _observe_onsets(state, request.direction)
-        if state.n_samples and (request.gaps or request.cutoffs or request.onsets):
-            notes.append(LATTICE_BANDS)
+        if request.of_zone:
+            variables |= _observe_zone(state, request)
+            if state.n_samples:
+                notes.append(LATTICE_BANDS)
         path = request.find_path(self.serving.packing.structure)
         if path is not None:
             qpoints, _labels = path
@@ -646,7 +658,7 @@ class MediumTask(Task):
 
     def list_records(self, state: ContactState) -> Sequence[Any]:
         """Return a record of the waves of each sample of a state at each load, or of its network;
-        that of a single state has the results of the solvers too. An error about a network knows
+        where states are kept, with the results of the solvers too. An error about a network knows
         its load.
         """
         if state.n_samples:
@@ -658,8 +670,8 @@ class MediumTask(Task):
         request = self.request
         for index, single in enumerate(_split_loads(state)):
             try:
-                # kept, as the data set and the files of a single state need the same
-                waves = single.cached(record_waves, request.waves, request.whole)
+                # kept, as the data set and the files of a state need the same
+                waves = single.cached(record_waves, request.waves, request.kept)
                 records.append(SampleRecord(of_waves=waves))
             except GranphonError as error:
                 error.load_index = index
@@ -738,59 +750,57 @@ def _observe_edge(state: ContactState, settings: SurfaceSettings) -> TaskResult:
     return observe_surface(states, distinct_states, settings.axis, settings.edge, settings.points)
 
 
-def _observe_gaps(state: ContactState) -> TaskResult:
-    """Return the variables of the gaps at each load: the lower and the upper edges (loads, b), Hz,
-    by the number of branches below the gap, of b branches, nan where there is no gap; and the top
-    frequency (loads,), Hz.
-    """
-
-    def find_edges(phonons: Phonons) -> Array:
-        edges = np.full((2, phonons.lattice.n_branches), np.nan)
-        branches, gaps = phonons.find_gaps()
-        edges[:, branches] = gaps.T
-        return edges
-
-    lower, upper = np.moveaxis(_find_in_zone(state, find_edges), 1, 0)
-    tops = _find_in_zone(
-        state, lambda phonons: phonons.lattice.top_frequency * phonons.scales.frequency
-    )
-    return {"gap_lower": lower, "gap_upper": upper, "top_frequency": tops}
-
-
-def _observe_onsets(state: ContactState, direction: tuple[Any, ...] | None) -> TaskResult:
-    """Return the variables of the branches at Gamma at each load: frequencies (loads, b), Hz,
-    curvatures (loads, b) along a ``direction``, m^2/s, and the gap below all branches (loads,), Hz.
-    """
-
-    def find_onset(phonons: Phonons) -> Array:
-        onset = phonons.onset(direction)
-        return np.concatenate([onset.frequencies, onset.curvatures, [onset.gap]])
-
-    # curvatures scale as frequencies do, as lattices that serve all loads have one length
-    onsets = _find_in_zone(state, find_onset)
-    frequencies, curvatures = np.split(onsets[:, :-1], 2, axis=1)
-    return {
-        "onset_frequency": frequencies,
-        "onset_curvature": curvatures,
-        "onset_gap": onsets[:, -1],
-    }
-
-
-def _find_in_zone(state: ContactState, find: Callable[[Phonons], Any]) -> Array:
-    """Return the frequencies, Hz, that ``find`` returns of the phonons at each load (loads, ...);
-    where one lattice serves all loads, they are found once.
+def _observe_zone(state: ContactState, request: Request) -> TaskResult:
+    """Return the variables at each load (loads, ...) of what is sought in the whole zone, as
+    :func:`_find_in_zone` names them; where one lattice serves all loads, the zone is searched once.
     """
     # imported here: other runs do not need phonons
     from granphon.phonons.phonons import find_phonons
 
     states = _split_loads(state)
     distinct_states = _find_distinct(state, states)
-    frequencies = np.array([find(find_phonons(distinct)) for distinct in distinct_states])
-    # from the frequencies of the distinct states to those of all states
+    found = [_find_in_zone(find_phonons(distinct), request) for distinct in distinct_states]
+    # from the frequencies of the distinct states to those of all states; curvatures go as
+    # frequencies do, as lattices that serve all loads have one length
     scales = np.array([single.scales.frequency for single in states])
     ratios = scales / [distinct.scales.frequency for distinct in distinct_states]
-    axes = (1,) * (frequencies.ndim - 1)
-    return np.asarray(ratios.reshape(-1, *axes) * frequencies)
+    variables: TaskResult = {}
+    for name in found[0]:
+        values = np.array([of_state[name] for of_state in found])
+        axes = (1,) * (values.ndim - 1)
+        variables[name] = np.asarray(ratios.reshape(-1, *axes) * values)
+    return variables
+
+
+def _find_in_zone(phonons: Phonons, request: Request) -> dict[str, Array]:
+    """Return the variables of one state that are sought in the whole zone, of b branches.
+
+    Of gaps these are the lower and the upper edges (b,), Hz, by the number of branches below the
+    gap, nan where there is no gap, and the top frequency, Hz; of cut-offs the lowest and the
+    highest frequencies (b,), Hz, among which the edges of gaps then are; of onsets the frequencies
+    (b,), Hz, at Gamma, curvatures (b,) along the direction, m^2/s, and the gap below all branches,
+    Hz.
+    """
+    # imported here: other runs do not need phonons
+    from granphon.phonons.phonons import find_gaps_between
+
+    found = dict[str, Array]()
+    cutoffs = phonons.cutoffs() if "cutoffs" in request.observe else None
+    if "gaps" in request.observe:
+        edges = np.full((2, phonons.lattice.n_branches), np.nan)
+        branches, gaps = phonons.find_gaps() if cutoffs is None else find_gaps_between(cutoffs)
+        edges[:, branches] = gaps.T
+        found["gap_lower"], found["gap_upper"] = edges
+        top = phonons.lattice.top_frequency * phonons.scales.frequency
+        found["top_frequency"] = np.array(top)
+    if cutoffs is not None:
+        found["cutoff_lower"], found["cutoff_upper"] = cutoffs.T
+    if "onsets" in request.observe:
+        onset = phonons.onset(request.direction)
+        found["onset_frequency"] = onset.frequencies
+        found["onset_curvature"] = onset.curvatures
+        found["onset_gap"] = np.array(onset.gap)
+    return found
 
 
 def _observe_bands(
@@ -987,11 +997,11 @@ class SampleTask(MediumTask):
         """
         request = self.request
         records = [
-            SampleRecord.of(sample, request.waves, request.exponents, request.whole)
+            SampleRecord.of(sample, request.waves, request.exponents, request.kept)
             for sample in samples
         ]
         result = SampleRecord.to_result(records)
-        if not request.whole:
+        if not request.kept:
             return result
         balls = self.simulation.list_balls(samples[0])
         # a request that keeps balls has one load, whose axis comes first

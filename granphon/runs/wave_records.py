@@ -24,7 +24,7 @@ import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
@@ -56,7 +56,6 @@ from granphon.media.medium import AveragedLattice
 from granphon.media.state import ContactState, NetworkState, ideal_lattice
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.waves.chebyshev import Kernel
-from granphon.waves.dos import SpectralDensity
 from granphon.waves.modes import require_motions
 from granphon.waves.motion import Motion, fit_velocity
 from granphon.waves.operator import WaveOperator
@@ -255,7 +254,8 @@ def record_waves(x: Any, settings: WaveSettings, whole: bool = False) -> dict[st
     """Find the waves of the ``settings`` in ``x``, a sample or a state, and return the numbers that
     :func:`average_waves` averages, arrays in SI units by name.
 
-    With ``whole`` the results of the solvers are kept too, as JSON, for :class:`SampleWaves`.
+    With ``whole`` the results of the solvers are kept too, as JSON, for the functions that restore
+    them.
     """
     numbers = dict[str, Array]()
     for name in settings.names:
@@ -802,35 +802,6 @@ RECORDS: dict[
     "motion": (record_motion, average_motions),
     "modes": (_record_modes, _average_modes),
 }
-
-
-@dataclass(frozen=True)
-class SampleWaves:
-    """Waves in the samples of a single state; a result that was not requested is None.
-
-    Attributes
-    ----------
-    dos : density of states of the first sample.
-    spectra : spectral functions of the first sample along the path.
-    pulse : mean of the pulses through all samples that carry one.
-    motion : that of the first sample, or of the state if it has none.
-    """
-
-    dos: SpectralDensity | None = None
-    spectra: PathSpectra | None = None
-    pulse: Pulse | None = None
-    motion: Motion | None = None
-
-    @property
-    def results(self) -> dict[str, Any]:
-        """Results that exist, by the names of their files; each has :attr:`units`."""
-        results = {
-            "sample_dos": self.dos,
-            "spectrum": self.spectra,
-            "pulse": self.pulse,
-            "motion": self.motion,
-        }
-        return {name: result for name, result in results.items() if result is not None}
 
 
 def restore_result(record: Record, name: str, kind: type[Result]) -> Any:

@@ -4,8 +4,8 @@ functions that find, write, read and draw it.
 Whatever lists, writes, checks, resumes, draws again or documents files of results reads this table.
 An output of granphon is one row here and its functions; others come by :func:`register_output`. The
 functions take the results of a run, which give the value of any output by its name,
-``results["bands"]``, and the data set of all states, ``results.dataset``. A single state is a data
-set too: its rows differ from those of many states by when a run has them.
+``results["bands"]``, and the data set of all states, ``results.dataset``. One state is a data set
+too, without axes of a sweep: what a run writes of one state alone, or of many, its row says.
 """
 
 from __future__ import annotations
@@ -25,8 +25,11 @@ from granphon.base.errors import GranphonError, InputError, brief, one_line
 from granphon.base.registry import Registry
 from granphon.base.tables import Heading, table_text
 from granphon.base.text import dump_yaml, parse_yaml, read_yaml, require_schema
+from granphon.media import cost as costs
+from granphon.media.cost import Cost
 from granphon.media.network_file import TABLES
-from granphon.observables.catalogue import CATALOGUE, is_free
+from granphon.observables.catalogue import CATALOGUE, WAVE_COSTS, find_all, is_free
+from granphon.runs.plan import CostPart
 from granphon.runs.workers import packages
 from granphon.waves.settings import RESPONSES
 
@@ -39,6 +42,8 @@ SUMMARY_SCHEMA = 1
 DIAMETERS_FILE = "diameters.csv"
 #: most variables of a design that the summary lists
 _MOST_VARIABLES = 20
+#: the packages that make force constants, bands and densities of states
+_OF_PHONONS = ("ase", "phonopy", "spglib")
 #: ending of the files that hold figures
 _FIGURE = ".png"
 #: the number of states of a run in words, for the reference
@@ -61,12 +66,18 @@ class Export:
     name : its name in the table.
     files : names of its files. The figure, one at most, ends in .png; the other files hold numbers.
     observed : the word with which a scene observes the output; empty where no word decides.
-    states : whether runs of "one" state, of "many" or of "any" number have the output.
+    states : whether runs of "one" state, which has no axes of a sweep, of "many" or of "any" number
+        have the output.
+    of_arrays : whether only media that simulate arrays have the output.
     when : function of a scene that says whether its run has the output, beside these two.
     find : function of the results of a run that returns the value of the output, None where there
         is nothing to write; without a function the output is a view of other values.
-    summarise : function of the results of a single state that returns numbers of the output for
+    summarise : function of the results of a run that returns numbers of the output for
         summary.yaml, plain data by name.
+    cost : function of a scene that estimates the work that finds and writes the output: the path of
+        the key that asks for it, how the user can make it smaller, and the cost. None where it is
+        part of the work on states, or takes little.
+    packages : names of the packages that make the value, besides those of every run.
     write : function that writes the files of numbers of the results into a folder.
     read : function that returns the value from the path of the file ``source``.
     draw : function that returns the figure of the results.
@@ -77,8 +88,6 @@ class Export:
     marks : patterns, of which one is in such a value's file also where the file was renamed.
     rank : place among the figures of a folder of which one is drawn by default: the least comes
         first; 0 of a figure that comes last.
-    of_states : whether the figure has a panel or curve for each state, so that the curves over the
-        load come before it where there are several states.
     command : the command of granphon that writes the files.
     label : the name in words, of the work that finds the output.
     occasion, words : which runs have the output, and what its files hold, for the reference; by
@@ -92,9 +101,12 @@ class Export:
     files: tuple[str, ...]
     observed: str = ""
     states: Literal["any", "one", "many"] = "any"
+    of_arrays: bool = False
     when: Callable[[Any], Any] | None = None
     find: Callable[[Any], Any] | None = None
     summarise: Callable[[Any], dict[str, Any]] | None = None
+    cost: Callable[[Any], CostPart] | None = None
+    packages: tuple[str, ...] = ()
     write: Callable[[Any, Path], None] | None = None
     read: Callable[[Path], Any] | None = None
     draw: Callable[..., Any] | None = None
@@ -102,7 +114,6 @@ class Export:
     joined: str = ""
     marks: tuple[bytes, ...] = ()
     rank: int = 0
-    of_states: bool = False
     command: str = "run"
     label: str = ""
     occasion: str = ""
@@ -143,8 +154,8 @@ class Export:
         """Whether no standard errors are propagated from the parameters to the numbers of the
         output.
 
-        So it is for outputs of a single state, which have files of their own and are not in
-        sweep.nc, and for densities of states, whose frequencies move with the parameters.
+        So it is for outputs of one state, which have files of their own and are not in sweep.nc,
+        and for densities of states, whose frequencies move with the parameters.
         """
         return self.write is not None and (self.states == "one" or self.observed == "dos")
 
@@ -152,17 +163,28 @@ class Export:
         """Whether a run of a ``scene`` has the output."""
         if self.command != "run" or (self.observed and self.observed not in scene.observe):
             return False
-        if self.states != "any" and (self.states == "one") != scene.is_single:
+        if self.states != "any" and not self.is_of_number(scene.swept):
             return False
         return self.when is None or bool(self._call(self.when, scene))
+
+    def is_of_number(self, swept: Collection[str]) -> bool:
+        """Whether runs whose states lie along the axes ``swept`` may have the output."""
+        return self.states in ("any", "many" if swept else "one")
+
+    def estimate_cost(self, scene: Any) -> CostPart:
+        """Return the part of the work of a ``scene`` that finds and writes the output, which has a
+        ``cost``.
+        """
+        assert self.cost is not None
+        return self._call(self.cost, scene)  # type: ignore[no-any-return]
 
     def find_value(self, run: Any) -> Any:
         """Return the value of the output of a run; None for a view of other values."""
         return None if self.find is None else self._call(self.find, run)
 
     def collect_numbers(self, run: Any) -> dict[str, Any]:
-        """Return the numbers of the output of a single state for summary.yaml, by name; empty if
-        the output has no value, or no such numbers.
+        """Return the numbers of the output for summary.yaml, by name; empty if the output has no
+        value, or no such numbers.
         """
         if self.summarise is None or (self.find is not None and run[self.name] is None):
             return {}
@@ -299,8 +321,8 @@ def _find_bands(run: Any) -> Any:
 
 
 def _find_gaps(results: Any) -> Any:
-    """Return the gaps (n, 2), Hz, of the only state of a data set; None if it has none, or many
-    states.
+    """Return the gaps (n, 2), Hz, of the only state of a data set; None if gaps are not in it, or
+    many states are.
     """
     data = results["states"]
     if data is None or "gap_lower" not in data or data["valid"].size > 1:
@@ -346,6 +368,89 @@ def _find_motion(run: Any) -> Any:
     from granphon.runs.wave_records import restore_motion
 
     return restore_motion(run.records[0])
+
+
+def _list_limits(run: Any) -> dict[str, Any]:
+    """Return the conditions under which the model holds at the only state, as plain data."""
+    validity = run.validity
+    checks = [
+        {
+            "name": check.name,
+            "meaning": check.meaning,
+            "value": check.value,
+            "limit": check.limit,
+            "ok": bool(check.ok),
+        }
+        for check in validity.checks
+    ]
+    return {"ok": bool(validity.ok), "validity": checks}
+
+
+def _summarise_state(run: Any) -> dict[str, Any]:
+    """Return the numbers of the only state: its medium, also that which was chosen automatically,
+    and the observables of the catalogue that are plain numbers or tensors.
+    """
+    scene = run.scene
+    analysis = run.analysis
+    data = run.dataset
+    numbers: dict[str, Any] = {
+        "finite_overlap": bool(analysis.state.finite_overlap),
+        "medium": scene.media[0].label,
+    }
+    if "choice" in data:
+        numbers |= {name: data[name].item() for name in ("choice", "expected_error")}
+        numbers["truth"] = str(scene.serving.truth)
+    numbers |= find_all(analysis, ("state",))
+    if "exponent" in data:
+        numbers |= find_all(analysis, ("exponent",))
+    numbers |= find_all(analysis, ("packing",))
+    local_field = run.local_field
+    if local_field is not None:
+        names = ("alpha", "beta", "xi")
+        numbers["local_field"] = {name: getattr(local_field, name) for name in names}
+    if "velocities" in scene.observe:
+        numbers |= find_all(analysis, ("velocities",))
+    for name, entry in CATALOGUE.items():
+        if entry.cost in WAVE_COSTS and not entry.dims and name in data:
+            value = data[name].item()
+            if np.isfinite(value):
+                numbers[name] = value
+    return numbers
+
+
+def _summarise_states(run: Any) -> dict[str, Any]:
+    """Return the numbers of the states of a sweep: the sizes of the dimensions, the number of
+    states, the media, the least and the greatest of each variable that the catalogue tells, with
+    standard errors, and whether all states are valid; with the direction of sound, if it was given
+    or velocities depend on it.
+    """
+    from granphon.runs.dataset import list_finite_overlap
+
+    data = run.dataset
+    of_media = list_finite_overlap(data)
+    dims = [*data["valid"].dims]
+    if "direction" in data.dims:
+        dims.append("direction")
+    numbers: dict[str, Any] = {
+        "finite_overlap": of_media if len(set(of_media)) > 1 else of_media[0],
+        "sizes": {str(name): data.sizes[name] for name in dims},
+        "states": data["valid"].size,
+        "medium": data["medium"].values,
+    }
+    if "direction" in data.coords:
+        numbers["direction"] = json.loads(data["direction"].attrs["values"])
+    elif "tensor" in data:  # some lattice is not isotropic, and its velocities are along x
+        is_plane = data.sizes["voigt_row"] == 3
+        numbers["direction"] = [1.0, 0.0] if is_plane else [1.0, 0.0, 0.0]
+    told = [name for name, entry in CATALOGUE.items() if entry.told and name in data]
+    for name in told:
+        if data[name].notnull().any():
+            numbers[name] = [float(data[name].min()), float(data[name].max())]
+    if run.scene.errors:
+        from granphon.scene.uncertainty import collect_errors
+
+        numbers |= collect_errors(data, told)
+    return numbers | {"valid": bool(data["valid"].all())}
 
 
 def _list_onsets(run: Any) -> dict[str, Any]:
@@ -400,6 +505,33 @@ def _list_strongest(run: Any) -> dict[str, Any]:
     sizes = np.nan_to_num(np.abs(data["sensitivity"].values)).reshape(len(quantities), -1)
     strongest = [parameters[number] for number in np.argmax(sizes, axis=1).tolist()]
     return {"matters_most": dict(zip(quantities, strongest, strict=True))}
+
+
+# -- what it costs ---------------------------------------------------------------------------------
+
+
+def _cost_bands(scene: Any) -> CostPart:
+    plan = scene.plan
+    cost = costs.bands(plan.n_path_points, plan.n_branches)
+    return ("phonopy", "band_points"), "Take fewer points", cost
+
+
+def _cost_force_constants(scene: Any) -> CostPart:
+    """Return the cost of force constants in a given supercell; nothing for the smallest."""
+    mend = "Take a smaller supercell: bands and densities of states do not depend on it"
+    cost = Cost()
+    if scene.dim is not None:
+        cost = costs.force_constants(scene.dim, scene.packing.structure.n_balls)
+    return ("phonopy", "dim"), mend, cost
+
+
+def _cost_dos(scene: Any) -> CostPart:
+    cost = costs.density_of_states(scene.mesh, scene.plan.n_branches)
+    return ("phonopy", "mesh"), "Take a coarser mesh", cost
+
+
+def _cost_design(scene: Any) -> CostPart:
+    return ("design",), "Take fewer starts or steps", scene.posed_design.cost
 
 
 # -- how it is written -----------------------------------------------------------------------------
@@ -705,6 +837,11 @@ for _row in (
         ("summary.yaml",),
         words="[the numbers](#quantities-of-a-state)",
     ),
+    Export("numbers", (), states="one", summarise=_summarise_state),
+    Export("peaks", (), observed="response", states="one", summarise=_list_peaks),
+    Export("onsets_of_state", (), observed="onsets", states="one", summarise=_list_onsets),
+    Export("strongest", (), observed="sensitivities", states="one", summarise=_list_strongest),
+    Export("limits", (), states="one", find=_list_limits),
     Export(
         "errors",
         (),
@@ -739,11 +876,9 @@ for _row in (
         "response",
         ("response.csv", "response.png"),
         observed="response",
-        summarise=_list_peaks,
         write=partial(_write_table, "response.csv", ("response_frequency", "receiver")),
         draw=partial(_draw_dataset, "response"),
         rank=5,
-        of_states=True,
         words="magnitude and phase for each state, frequency and receiver",
         caption="Response of the network",
     ),
@@ -754,7 +889,6 @@ for _row in (
         write=partial(_write_table, "motion.csv", ("motion_time",)),
         draw=_draw_motion,
         rank=3,
-        of_states=True,
         words="energies and the greatest force for each state and time",
         caption="Motion of the balls",
     ),
@@ -773,6 +907,7 @@ for _row in (
         "sweep",
         ("sweep.png",),
         states="many",
+        summarise=_summarise_states,
         draw=_draw_curves,
         source="sweep.nc",
         rank=6,
@@ -784,6 +919,7 @@ for _row in (
         ("sweep_dos.csv", "sweep_dos.png"),
         observed="dos",
         states="many",
+        of_arrays=True,
         write=partial(_write_table, "sweep_dos.csv", ("node",)),
         draw=partial(_draw_dataset, "sweep_dos"),
         words="densities of states of the arrays",
@@ -794,6 +930,7 @@ for _row in (
         ("sweep_spectra.csv", "sweep_spectra.png"),
         observed="spectrum",
         states="many",
+        of_arrays=True,
         write=partial(_write_table, "sweep_spectra.csv", ("polarisation", "wavevector")),
         draw=partial(_draw_dataset, "sweep_spectra"),
         words="[lines of plane waves](#waves-in-arrays)",
@@ -823,7 +960,6 @@ for _row in (
         "onsets",
         ("onsets.csv", "onsets.png"),
         observed="onsets",
-        summarise=_list_onsets,
         write=partial(_write_table, "onsets.csv", ("branch",), numbered=True),
         draw=partial(_draw_dataset, "onsets"),
         words="cut-off frequency and curvature of each branch at Gamma; the frequencies over the"
@@ -834,7 +970,6 @@ for _row in (
         "sensitivities",
         ("sensitivities.csv", "sensitivities.png"),
         observed="sensitivities",
-        summarise=_list_strongest,
         write=partial(_write_table, "sensitivities.csv", ("sensitivity_of", "sensitivity_to")),
         draw=_draw_sensitivities,
         words="logarithmic derivatives of velocities, moduli and, if observed, cut-off frequencies"
@@ -894,6 +1029,7 @@ for _row in (
         observed="design",
         states="one",
         find=_find_design,
+        cost=_cost_design,
         summarise=_summarise_design,
         write=_write_design,
         read=partial(_read_json, "Design"),
@@ -910,6 +1046,8 @@ for _row in (
         observed="bands",
         states="one",
         find=_find_bands,
+        cost=_cost_bands,
+        packages=_OF_PHONONS,
         summarise=lambda run: {"top_frequency": float(run.bands.frequencies.max())},
         write=partial(_write_value, "bands", "band.yaml", "write"),
         read=partial(_read_by, "Bands", "read"),
@@ -927,6 +1065,8 @@ for _row in (
         observed="bands",
         states="one",
         find=_find_force_constants,
+        cost=_cost_force_constants,
+        packages=_OF_PHONONS,
         write=partial(_write_value, "force_constants", "phonopy_params.yaml", "save"),
         words="[force constants](#phonopy_paramsyaml) for phonopy and Euphonic",
     ),
@@ -937,6 +1077,8 @@ for _row in (
         states="one",
         when=lambda scene: not scene.packing.is_network,
         find=lambda run: run.phonons.dos(mesh=run.scene.mesh),
+        cost=_cost_dos,
+        packages=_OF_PHONONS,
         write=partial(_write_value, "dos", "dos.csv", "write_csv"),
         read=partial(_read_by, "DensityOfStates", "read_csv"),
         joined="dos",
@@ -963,6 +1105,7 @@ for _row in (
         observed="gaps",
         states="one",
         find=_find_gaps,
+        packages=_OF_PHONONS,
         summarise=lambda run: {"gaps": run.gaps.tolist()},
     ),
     Export(
@@ -970,6 +1113,7 @@ for _row in (
         ("sample.extxyz", "forces.png"),
         states="one",
         when=_has_sample,
+        packages=("ase",),
         write=_write_sample,
         draw=_plot_sample,
         source="",
@@ -1014,6 +1158,8 @@ for _row in (
         ("spectrum.json", "spectrum.csv", "spectrum.png"),
         observed="spectrum",
         states="one",
+        of_arrays=True,
+        packages=("ase",),
         find=_find_spectra,
         write=partial(_write_with_table, "spectrum"),
         read=partial(_read_json, "PathSpectra"),
@@ -1026,6 +1172,7 @@ for _row in (
         ("pulse.json", "pulse.csv", "pulse.png"),
         observed="pulse",
         states="one",
+        of_arrays=True,
         find=_find_pulse,
         summarise=lambda run: {"pulse_distance": run["pulse"].distance},
         write=partial(_write_fields, "pulse", _PULSE_COLUMNS),
@@ -1181,6 +1328,14 @@ def _require_files(row: Export) -> None:
 def list_outputs(scene: Any) -> list[Export]:
     """Return the rows of the outputs that a run of a ``scene`` has."""
     return [row for _name, row in OUTPUTS.items() if row.is_of(scene)]
+
+
+def is_of_arrays_alone(name: str, swept: Collection[str]) -> bool:
+    """Whether no runs whose states lie along the axes ``swept`` have an output of the observable
+    ``name``, but those of media that simulate arrays.
+    """
+    rows = [row for _name, row in OUTPUTS.items() if row.observed == name]
+    return all(row.of_arrays for row in rows if row.is_of_number(swept))
 
 
 def list_figures(folder: Path) -> list[Export]:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from granphon.base.errors import InputError, MissingFileError
 from granphon.base.staging import ResultFiles, read_written_files
 from granphon.base.text import read_bytes, read_yaml
+from granphon.figures.plot import OF_STATES, choose_figure
 from granphon.scene.outputs import OUTPUTS, Export, Results, Tell, list_figures, read_summary
 
 if TYPE_CHECKING:
@@ -148,8 +149,8 @@ def _choose_output(source: Path, stem: str | None, *, asks_for_sweep: bool) -> E
     if curves and asks_for_sweep:
         return curves[0]
     first_row = min(rows, key=lambda row: row.rank or math.inf)
-    if curves and first_row.of_states and Results(source).dataset["valid"].size > 1:
-        return curves[0]
+    if curves and first_row.name in OF_STATES:
+        return OUTPUTS[choose_figure(Results(source).dataset, [first_row.name])]
     return first_row
 
 

@@ -21,8 +21,6 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-import numpy as np
-
 from granphon.balls.packing import Axis
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.progress import Progress, silent
@@ -36,18 +34,15 @@ from granphon.media.cost import Cost
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import (
     CATALOGUE,
-    WAVE_COSTS,
     Analysis,
     Observable,
     entry_of,
-    find_all,
 )
 from granphon.observables.validity import Validity
 from granphon.observables.velocities import Moduli, SoundVelocities
-from granphon.runs.dataset import list_finite_overlap
 from granphon.runs.execution import Means
 from granphon.runs.finished_tasks import Store, open_store
-from granphon.runs.plan import Plan, keep_incomplete
+from granphon.runs.plan import CostPart, Plan, keep_incomplete
 from granphon.runs.tasks import Grid, Request, Written
 from granphon.runs.workers import packages
 from granphon.scene.file import SceneSource
@@ -62,7 +57,7 @@ from granphon.scene.outputs import (
     list_outputs,
 )
 from granphon.scene.values import SceneValues
-from granphon.waves.settings import NETWORK_BLOCKS, POLARISATIONS
+from granphon.waves.settings import NETWORK_BLOCKS
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -74,35 +69,12 @@ if TYPE_CHECKING:
     from granphon.phonons.phonons import Phonons
     from granphon.phonons.surfaces import SurfaceSpectrum
     from granphon.runs.dataset import Dataset
-    from granphon.runs.wave_records import SampleWaves
     from granphon.scene.design import PosedDesign
 
 
 #: the file, in the folder of the result, in which finished tasks are kept until the result has been
 #: written
 WORK_FILE = ".granphon-sweep"
-#: variables of which the summary of several states lists the least and the greatest value
-_EXTENTS = (
-    "force",
-    "overlap",
-    "longitudinal",
-    "transverse",
-    "transverse_slow",
-    "transverse_fast",
-    "pulse_velocity",
-    "time_of_flight",
-    "coherent_fraction",
-    "surface_velocity",
-    "peak_frequency",
-    "peak_quality",
-    "front_velocity",
-    "peak_velocity",
-    "greatest_force",
-    "energy_lost",
-    "top_frequency",
-    "onset_gap",
-    *(f"ioffe_regel_{name}" for name in POLARISATIONS),
-)
 
 
 @dataclass(frozen=True)
@@ -251,9 +223,9 @@ class Scene(SceneValues):
             with friction ends early, the loads before it are in sweep_incomplete.nc and
             sweep_incomplete.csv, and ``reached`` of the error is their data set.
         """
-        self.cost()  # raises if there is too little memory
-        target = Path(folder)
         rows = list_outputs(self)
+        self._add_costs(rows)  # raises if there is too little memory
+        target = Path(folder)
         names = list_files(rows, figures=figures)
         if resume and not force and is_complete(self, target):
             files = tuple(target / name for name in names if (target / name).exists())
@@ -299,7 +271,8 @@ class Scene(SceneValues):
         result = RunResult(target, self, tuple(rows), values={"states": dataset}, means=means)
         with self.origin.where_it_buckles():
             for row in rows:
-                if row.find is not None:
+                # an output without files is found when it is asked for
+                if row.find is not None and row.files:
                     with progress.step(row.label):
                         result.values[row.name] = row.find_value(result)
         if self.errors:
@@ -314,8 +287,6 @@ class Scene(SceneValues):
         """
         from granphon.scene.uncertainty import Spread, warn_of_lacking
 
-        # the folder may have the errors of an earlier run, which would count as errors of sampling
-        result.values["errors"] = {}
         shifted = []
         with progress.step("standard errors", len(self.errors)) as step:
             for lower, upper in self.shifted:
@@ -328,7 +299,7 @@ class Scene(SceneValues):
         datasets = [(lower.dataset, upper.dataset) for lower, upper in shifted]
         spreads = [Spread.of(self, datasets)]
         dataset = spreads[0].add_to(result.dataset)
-        if self.is_single:
+        if OUTPUTS["errors"] in result.rows:
             summaries = [(lower.summary(), upper.summary()) for lower, upper in shifted]
             spreads.append(Spread.of(self, summaries))
             result.values["errors"] = spreads[1].summarise(result.summary())
@@ -365,20 +336,15 @@ class Scene(SceneValues):
             waves=self.waves,
             exponents=has_velocities,
             surface=self.observed_settings("surface"),
-            gaps="gaps" in self.observe,
-            cutoffs="cutoffs" in self.observe,
-            onsets="onsets" in self.observe,
-            sensitivities="sensitivities" in self.observe,
             bands=self.observed_settings("bands"),
             observe=self.observe,
             sound=has_velocities or of_mechanisms.isdisjoint(self.observe),
-            whole=self.is_single,
         )
         axes = tuple(Axis(*axis) for axis in self.parameters)
         written_load = None if self.load.balls_per_side is None else self.load.flat
         written = Written(self.origin.written_units, written_load)
         grid = Grid(self.packing, axes, self.media, self.load.applied.flat, request, written)
-        return Plan(grid, self.origin, self.load.kind, self.mesh, self.dim)
+        return Plan(grid, self.origin, self.load.kind)
 
     @property
     def n_states(self) -> int:
@@ -437,6 +403,17 @@ class Scene(SceneValues):
         """
         return self.plan.sweep(progress, executor, **options)
 
+    @property
+    def parts(self) -> list[CostPart]:
+        """The parts of the work that may take much memory or time, on states and on outputs, each
+        with its place in the file, how the user can make it smaller, and its cost.
+        """
+        return self._list_parts(list_outputs(self))
+
+    def _list_parts(self, rows: Sequence[Export]) -> list[CostPart]:
+        """Return the :attr:`parts` of the work, of which those on outputs are of the ``rows``."""
+        return [*self.plan.parts, *(row.estimate_cost(self) for row in rows if row.cost)]
+
     def cost(self) -> Cost | None:
         """Memory and time that the scene will take, its parts done one after the other; None if
         both are negligible.
@@ -444,11 +421,11 @@ class Scene(SceneValues):
         :class:`~granphon.base.errors.InputError` if more memory is needed than is available on this
         machine now, or more than 10,000 days on one processor.
         """
-        cost = self.plan.cost()
-        if "design" in self.observe:
-            of_design = self.posed_design.cost
-            if of_design.tells:
-                cost = of_design if cost is None else cost + of_design
+        return self._add_costs(list_outputs(self))
+
+    def _add_costs(self, rows: Sequence[Export]) -> Cost | None:
+        """Return the :meth:`cost` of the scene, whose outputs are the ``rows``."""
+        cost = self.plan.add_costs(self._list_parts(rows))
         count = 1.0 + 2.0 * len(self.errors)
         return cost if cost is None or not self.errors else cost.times(count)
 
@@ -464,7 +441,9 @@ def _write_result(
     without. Return the result with the paths of the files that are written: outputs without a value
     have none, nor have figures that cannot be drawn, which are in ``failures``.
     """
-    written_rows = [row for row in rows if row.find is None or result[row.name] is not None]
+    written_rows = [
+        row for row in rows if row.files and (row.find is None or result[row.name] is not None)
+    ]
     names = list_files(written_rows, figures=figures)
     figure_files = [row.figure for row in written_rows if figures and row.figure]
     # each row has written its numbers, or says which are missing
@@ -518,40 +497,49 @@ class RunResult(Results):
     remarks: tuple[str, ...] = ()
     means: Means = field(default=Means(), repr=False)
 
+    def __getitem__(self, name: str) -> Any:
+        """Return the value of the output ``name``; None if the scene does not have the output. An
+        output of a run that is not read from its folder is found, as the folder may hold that of an
+        earlier run.
+        """
+        if name in self.values:
+            return self.values[name]
+        row = OUTPUTS[name]
+        is_of_run = row in self.rows if self.rows else row.is_of(self.scene)
+        if not is_of_run and row.command == "run":
+            return None
+        if is_of_run and self.rows:
+            self.values[name] = row.find_value(self)
+        return super().__getitem__(name)
+
     @property
     def bands(self) -> Bands | None:
         """Of a single state, frequencies along the path, Hz; None if they were not asked for."""
-        return self._value("bands")  # type: ignore[no-any-return]
+        return self["bands"]  # type: ignore[no-any-return]
 
     @property
     def dos(self) -> DensityOfStates | None:
         """Of a single state, the density of states, 1/Hz; None if it was not asked for."""
-        return self._value("dos")  # type: ignore[no-any-return]
+        return self["dos"]  # type: ignore[no-any-return]
 
     @property
     def gaps(self) -> Any:
         """Of a single state, intervals without a branch, (n, 2) Hz; None if they were not asked
         for.
         """
-        return self._value("gaps")
+        return self["gaps"]
 
     @property
     def design(self) -> Design | None:
         """Of a single state, the best network that was met; None if it was not asked for."""
-        return self._value("design")  # type: ignore[no-any-return]
+        return self["design"]  # type: ignore[no-any-return]
 
     @property
     def surface(self) -> SurfaceSpectrum | None:
         """Of a single state, the spectrum of the outer layer at the edge, with its waves; None if
         it was not asked for.
         """
-        return self._value("surface")  # type: ignore[no-any-return]
-
-    def _value(self, name: str) -> Any:
-        """Return the value of an output; None if the scene does not ask for it."""
-        if name in self.values:
-            return self.values[name]
-        return self[name] if OUTPUTS[name].is_of(self.scene) else None
+        return self["surface"]  # type: ignore[no-any-return]
 
     @cached_property
     def phonons(self) -> Phonons | None:
@@ -564,38 +552,20 @@ class RunResult(Results):
 
         return find_phonons(self.state, self.scene.dim)
 
-    @cached_property
-    def waves(self) -> SampleWaves | None:
-        """The waves in the samples of a single state, or in its network; None without samples and
-        networks.
-        """
-        scene = self.scene
-        has_networks = scene.waves is not None and bool(scene.waves.of_networks)
-        if not (scene.is_single and (has_networks or scene.serving.arrays)):
-            return None
-        from granphon.runs.wave_records import SampleWaves
-
-        return SampleWaves(
-            dos=self._value("sample_dos"),
-            spectra=self._value("spectrum"),
-            pulse=self._value("pulse"),
-            motion=self._value("balls_in_motion"),
-        )
-
-    # -- a single state ----------------------------------------------------------------------------
+    # -- of one state ------------------------------------------------------------------------------
 
     @property
     def state(self) -> ContactState:
         """The only state; :class:`~granphon.base.errors.InputError` if there are several."""
-        return self._analysis.state
+        return self.analysis.state
 
     @property
     def validity(self) -> Validity:
         """The conditions under which the model holds, of the only state."""
-        return self._analysis.validity
+        return self.analysis.validity
 
     @cached_property
-    def _analysis(self) -> Analysis:
+    def analysis(self) -> Analysis:
         """The analysis of the only state, which is solved again after reading the result from its
         folder; InputError if there are several states.
         """
@@ -611,14 +581,14 @@ class RunResult(Results):
     @property
     def velocities(self) -> SoundVelocities | None:
         """Sound velocities of the only state, m/s; None if they were not asked for."""
-        return self._analysis.velocities if "velocities" in self.scene.observe else None
+        return self.analysis.velocities if "velocities" in self.scene.observe else None
 
     @property
     def moduli(self) -> Moduli | None:
         """Elastic constants of the only state, Pa; None if the scene does not observe velocities,
         or the state has none.
         """
-        return self._analysis.moduli if "velocities" in self.scene.observe else None
+        return self.analysis.moduli if "velocities" in self.scene.observe else None
 
     @property
     def local_field(self) -> LocalField | None:
@@ -640,88 +610,24 @@ class RunResult(Results):
                 sentences += found.warnings
         return tuple(dict.fromkeys((*sentences, *self.failures)))
 
-    @property
-    def finite_overlap(self) -> bool | list[bool]:
-        """Whether the numbers have the terms of relative order delta/d; a list in the order of the
-        media if they differ.
-        """
-        if self.scene.is_single:
-            return bool(self.state.finite_overlap)
-        of_media = list_finite_overlap(self.dataset)
-        return of_media if len(set(of_media)) > 1 else of_media[0]
-
     def entry(self, name: str) -> Observable | None:
         """Return the entry of the catalogue for a number of the summary; None if it has none."""
         return entry_of(name, self.scene.packing) if name in CATALOGUE else None
 
     def summary(self) -> dict[str, Any]:
         """Return the numbers as plain data in SI units, under the names of the library's
-        attributes.
+        attributes: those of the outputs of the scene.
 
         Of several states these are the sizes of the dimensions, the number of states, the media,
-        the least and the greatest of each variable of ``_EXTENTS`` that is known (forces, overlaps,
-        velocities, and numbers of waves), and whether all states are valid; with the direction of
-        sound, if it was given or velocities depend on it.
+        the least and the greatest of the numbers of states and waves that are known, and whether
+        all states are valid; with the direction of sound, if it was given or velocities depend on
+        it.
         """
-        if not self.scene.is_single:
-            return self._summarise_states()
-        observed = self.scene.observe
-        analysis = self._analysis
-        serving = self.scene.serving
-        numbers: dict[str, Any] = {"medium": self.scene.media[0].label}
-        if serving.chosen_automatically:
-            numbers |= {
-                "choice": serving.medium.label,
-                "expected_error": float(serving.errors[0]),
-                "truth": str(serving.truth),
-            }
-        numbers |= find_all(analysis, ("state",))
-        if "exponent" in self.dataset:
-            numbers |= find_all(analysis, ("exponent",))
-        numbers |= find_all(analysis, ("packing",))
-        local_field = self.local_field
-        if local_field is not None:
-            numbers["local_field"] = {
-                name: getattr(local_field, name) for name in ("alpha", "beta", "xi")
-            }
-        if "velocities" in observed:
-            numbers |= find_all(analysis, ("velocities",))
+        numbers: dict[str, Any] = {}
         for row in self.rows or list_outputs(self.scene):
-            numbers |= row.collect_numbers(self)
-        data = self.dataset
-        for name, entry in CATALOGUE.items():
-            if entry.cost in WAVE_COSTS and not entry.dims and name in data:
-                value = data[name].item()
-                if np.isfinite(value):
-                    numbers.setdefault(name, value)
+            if row.summarise is not None:
+                numbers |= row.collect_numbers(self)
         return numbers
-
-    def _summarise_states(self) -> dict[str, Any]:
-        """Return the numbers of several states, see :meth:`summary`."""
-        data = self.dataset
-        dims = [*data["valid"].dims]
-        if "direction" in data.dims:
-            dims.append("direction")
-        sizes = {str(name): data.sizes[name] for name in dims}
-        numbers: dict[str, Any] = {
-            "sizes": sizes,
-            "states": data["valid"].size,
-            "medium": data["medium"].values,
-        }
-        if "direction" in data.coords:
-            numbers["direction"] = json.loads(data["direction"].attrs["values"])
-        elif "tensor" in data:  # some lattice is not isotropic, and its velocities are along x
-            is_plane = data.sizes["voigt_row"] == 3
-            numbers["direction"] = [1.0, 0.0] if is_plane else [1.0, 0.0, 0.0]
-        for name in _EXTENTS:
-            is_known = name in data and data[name].notnull().any()
-            if is_known:
-                numbers[name] = [float(data[name].min()), float(data[name].max())]
-        if self.scene.errors:
-            from granphon.scene.uncertainty import collect_errors
-
-            numbers |= collect_errors(data, _EXTENTS)
-        return numbers | {"valid": bool(data["valid"].all())}
 
     def _repr_html_(self) -> str:
         """Return a table of the numbers of :meth:`summary` with their units."""
@@ -735,11 +641,8 @@ class RunResult(Results):
     @cached_property
     def package_versions(self) -> dict[str, str]:
         """The installed versions of the packages of which the results are made, by name."""
-        libraries: tuple[str, ...] = ()
-        if self.phonons is not None:
-            libraries = ("ase", "phonopy", "spglib")
-        elif self.waves is not None:
-            libraries = ("ase",)
+        rows = self.rows or list_outputs(self.scene)
+        libraries = sorted({name for row in rows for name in row.packages})
         return versions("numpy", "scipy", "xarray", "h5netcdf", *libraries)
 
     def figure(self, name: str, tell: Callable[[str], object] | None = None) -> Any:
@@ -773,7 +676,9 @@ def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
 
 def _find_unit(result: RunResult, name: str) -> str:
     """Return the SI unit of a number of the summary, or of its standard error; "" for none."""
-    entry = result.entry(name) or result.entry(name.removesuffix("_error"))
+    entry = result.entry(name)
+    if entry is None and name.endswith("_error"):
+        entry = result.entry(name.removesuffix("_error"))
     return entry.unit if entry else ""
 
 
@@ -783,7 +688,6 @@ def _write_summary(result: RunResult, package_versions: Mapping[str, str]) -> st
     """
     scene = result.scene
     numbers = result.summary()
-    limits = _describe_limits(result.validity) if scene.is_single else {}
     units = {name: unit for name in numbers if (unit := _find_unit(result, name))}
     return dump_yaml(
         {
@@ -791,26 +695,10 @@ def _write_summary(result: RunResult, package_versions: Mapping[str, str]) -> st
             "versions": package_versions,
             "source": None if scene.source is None else scene.source.name,
             "observe": scene.observe,
-            "finite_overlap": result.finite_overlap,
             **numbers,
-            **limits,
+            **(result["limits"] or {}),
             "warnings": result.warnings,
             "files": [path.name for path in result.files],
             "units": units,
         }
     )
-
-
-def _describe_limits(validity: Validity) -> dict[str, Any]:
-    """Return the conditions under which the model holds as plain data."""
-    checks = [
-        {
-            "name": check.name,
-            "meaning": check.meaning,
-            "value": check.value,
-            "limit": check.limit,
-            "ok": bool(check.ok),
-        }
-        for check in validity.checks
-    ]
-    return {"ok": bool(validity.ok), "validity": checks}

@@ -152,17 +152,15 @@ def list_parameters(scene: Any) -> list[tuple[str, float, float, str]]:
     return parameters
 
 
-def find_state_errors(scene: Any, state: Any, names: Sequence[str]) -> dict[str, Any]:
-    """Return the standard errors of the numbers ``names`` of the one state of a scene, as
-    :meth:`Spread.summarise` does.
+def find_state_errors(scene: Any, numbers: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the standard errors of ``numbers`` of the states of a scene, by name as
+    :meth:`granphon.runs.plan.Plan.collect` returns them, as :meth:`Spread.summarise` does.
     """
-
-    def collect(end: Any) -> dict[str, Any]:
-        """Return the numbers of a state."""
-        return {name: getattr(end, name) for name in names}
-
-    pairs = [(collect(lower.state()), collect(upper.state())) for lower, upper in scene.shifted]
-    return Spread.of(scene, pairs).summarise(collect(state))
+    names = [*numbers]
+    pairs = [
+        (lower.plan.collect(names), upper.plan.collect(names)) for lower, upper in scene.shifted
+    ]
+    return Spread.of(scene, pairs).summarise(numbers)
 
 
 def write_errors(scene: Any, blocks: dict[str, Any]) -> None:

@@ -26,11 +26,12 @@ from granphon.media.choice import (
 )
 from granphon.phonons.paths import MESHES, BandPath, read_paths
 from granphon.runs.plan import list_parameters_of_branches
-from granphon.runs.tasks import require_arrays
+from granphon.runs.tasks import list_swept, require_arrays
 from granphon.scene import file_keys
 from granphon.scene.design_settings import DesignSettings, require_variables
 from granphon.scene.file import SETTINGS, SceneSource, write_blocks
 from granphon.scene.file_keys import Context
+from granphon.scene.outputs import is_of_arrays_alone
 from granphon.waves.settings import BLOCKS as WAVE_BLOCKS
 from granphon.waves.settings import (
     NETWORK_BLOCKS,
@@ -212,9 +213,11 @@ class SceneValues:
         )
 
     @cached_property
-    def is_single(self) -> bool:
-        """Whether the scene has one state alone: one load, one medium, and no swept parameter."""
-        return len(self.load.values) == len(self.media) == 1 and not self.parameters
+    def swept(self) -> dict[str, int]:
+        """The axes along which the states of the scene lie, each with the number of its values:
+        "load" and "medium" where there are several, and each swept parameter. One state has none.
+        """
+        return list_swept(self.load, self.media, self.parameters)
 
     def to_yaml(self) -> str:
         """Return the text of the scene, in which defaults are written out as by
@@ -462,10 +465,7 @@ class SceneValues:
         medium makes no array.
         """
         waves = [name for name in WAVES if name in self.observe]
-        # the density of states of one state is that of its lattice; a simulation adds the density
-        # of states of the array
-        if self.is_single:
-            waves = [name for name in waves if name != "dos"]
+        waves = [name for name in waves if is_of_arrays_alone(name, self.swept)]
         if self.packing.is_network:  # its own network carries a pulse
             waves = [name for name in waves if name != "pulse"]
         if not waves:
@@ -486,7 +486,7 @@ class SceneValues:
                 "Add a block such as design: {goal: widest_gap, vary: {mass: [10 g, 40 g]}}.",
             ),
             design(
-                not self.is_single,
+                self.swept,
                 "of several states",
                 "design of one state",
                 "Keep one load, one medium, and no block 'sweep'.",

@@ -929,7 +929,7 @@ def carry_out(
     progress_of_tasks = silent if is_in_process else progress
     task = _StudyTask(study, f"study-{digest(identity)}", budget, runs, progress_of_study)
     if store is not None:
-        store.claim(identity, lambda: [task.name])
+        store.claim(identity or {}, lambda: [task.name])
     (result,) = solve_all("trade-off", [task], executor, progress_of_tasks, store)
     points = [MeasuredPoint.from_dict(json.loads(text)) for text in result["points"].tolist()]
     reference = result["made"].item() if result["made"].size else ""

@@ -361,6 +361,25 @@ def test_check_tells_what_will_be_done(work, capsys):
     assert tree(work) == {"scene.yaml"}
 
 
+def test_check_tells_the_ranges_of_a_sweep_and_what_is_chosen(work, capsys):
+    """The overlap goes as the force to 2/3, and the stiffness to 1/3: of eight times the force
+    four times, and twice.
+    """
+    text = SPECTRA.replace("18.446 N", "[147.568 N, 18.446 N]").replace(", dos", "")
+    (work / "scene.yaml").write_text(text, encoding="utf-8")
+    assert main(["check", "scene.yaml"]) == 0
+    out = capsys.readouterr().out
+    assert "force 18.446 N to 147.57 N" in out
+    for word, unit, ratio in (("overlap", "um", 4.0), ("normal", "MN/m", 2.0)):
+        (ends,) = re.findall(rf"{word} ([\d.]+) {unit} to ([\d.]+) {unit}", out)
+        assert float(ends[1]) == pytest.approx(ratio * float(ends[0]), rel=1e-4)
+    assert "chosen" not in out
+    text = re.sub("medium: .*", "medium: [ala, auto]", text)
+    (work / "scene.yaml").write_text(text, encoding="utf-8")
+    assert main(["check", "scene.yaml"]) == 0
+    assert re.search("chosen +ala, exact", capsys.readouterr().out)
+
+
 # -- the command itself ---------------------------------------------------------------------------------------------
 
 

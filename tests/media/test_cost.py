@@ -368,7 +368,7 @@ def test_memory_of_spectra_and_sweeps_is_what_their_arrays_take(
     tmp_path, lattice, friction, load, observe, phonopy
 ):
     scene = gp.Scene.from_text(SCENE.format(lattice, friction, load, observe, phonopy))
-    guess = sum((part for _, _, part in scene.plan.parts), cost.Cost())
+    guess = sum((part for _, _, part in scene.parts), cost.Cost())
     small = SCENE.format(
         lattice,
         friction,
@@ -425,7 +425,7 @@ print(re.search(r"VmHWM:\s*(\d+) kB", open("/proc/self/status").read())[1])
 )
 def test_memory_of_motions_and_responses_is_what_their_process_takes(tmp_path, lattice, asked):
     text = f"{HEAD}packing: {{lattice: {lattice}, diameter: 8 mm}}\n{asked}"
-    guess = sum((part for _, _, part in gp.Scene.from_text(text).plan.parts), cost.Cost())
+    guess = sum((part for _, _, part in gp.Scene.from_text(text).parts), cost.Cost())
     command = [sys.executable, "-c", RUN, text, str(tmp_path / "out")]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     assert 1.0 / 1.5 < 1024.0 * float(done.stdout) / guess.memory < 1.5

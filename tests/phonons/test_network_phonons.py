@@ -14,6 +14,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import InputError
+from granphon.phonons.phonons import find_gaps_between
 from tests.dynamics.test_network_lattice import (
     CASES,
     hold,
@@ -367,6 +368,26 @@ def test_cells_too_large_are_refused_with_an_estimate():
 
 
 @pytest.mark.claim("cutoffs")
+@pytest.mark.parametrize("crystal", ["chain of two masses", "kagome", "chain that is held"])
+def test_cutoffs_have_the_gaps_among_them(crystal):
+    """One search serves both: also the gap below balls that are held, and where the lowest branch
+    above a gap overlaps with others.
+    """
+    if crystal == "kagome":
+        balls = [gp.Ball(STEEL, 6e-3, mass=mass) for mass in (0.4e-3, 0.6e-3, 9e-3)]
+        network = gp.Crystal.on("kagome", balls).at_force(1.0)
+    else:
+        network = diatomic_chain()
+    if crystal == "chain that is held":
+        network = hold(network.repeat((2,)), [0])
+    phonons = gp.Phonons(network)
+    below, gaps = phonons.find_gaps()
+    assert len(gaps)
+    among, between = find_gaps_between(phonons.cutoffs())
+    assert among.tolist() == below.tolist()
+    assert_allclose(between, gaps, rtol=1e-9, atol=1e-12 * gaps.max())
+
+
 @pytest.mark.parametrize(
     ("lattice", "points"),
     [

@@ -1662,3 +1662,15 @@ def test_the_path_is_that_of_phonons_on_every_lattice(rough, lattice, path):
     assert_allclose(
         ds["frequencies"][0, 0], bands.frequencies, rtol=1e-12, atol=1e-12 * bands.frequencies.max()
     )
+
+
+def test_the_only_state_of_a_sweep_is_that_of_a_sweep_of_more(rough):
+    """The state of a sweep without axes is kept with its balls, and its variables are found from
+    it; those of more states are found from averages.
+    """
+    media = {"simulation": {"shape": (4, 4), "samples": 2}}
+    one = sweep(rough, force=18.446, media=media)
+    more = sweep(rough, force=[18.446, 5.0], media=media)
+    assert set(one.data_vars) == set(more.data_vars)
+    for name, values in one.data_vars.items():
+        np.testing.assert_array_equal(values.values[0], more[name].values[0], str(name))

@@ -164,7 +164,7 @@ def test_a_single_state_has_its_balls_and_tables(tmp_path):
     velocities = np.zeros((network.n_balls, 3))
     velocities[2, 1] = 0.2
     waves = gp.NonlinearWaves(network, friction_coefficient=0.3, damping=1e-6)
-    assert result.waves.motion == waves.run(4e-5, velocities=velocities, frames=21)
+    assert result["balls_in_motion"] == waves.run(4e-5, velocities=velocities, frames=21)
     table = np.genfromtxt(tmp_path / "motion.csv", delimiter=",", names=True)
     energies = [table[f"motion_{name}_J"] for name in ("translation", "rotation", "stored", "lost")]
     assert_allclose(np.sum(energies, axis=0), table["motion_supplied_J"], rtol=2e-3)
@@ -216,7 +216,7 @@ def test_balls_that_may_go_anywhere_by_steps_that_keep_the_energy(tmp_path):
         coulomb="total",
         geometry="exact",
     )
-    assert result.waves.motion == waves.run(
+    assert result["balls_in_motion"] == waves.run(
         4e-6, velocities=velocities, frames=3, scheme="midpoint"
     )
     numbers = result.summary()
@@ -302,7 +302,7 @@ def test_a_shaken_floor_moves_the_balls(tmp_path):
         DRIVE="{balls: lower, shaker: {amplitude: 20 nm, frequency: 50 kHz, ramp: 1}, direction: 0"
         " 1}",
     )
-    motion = floor.run(tmp_path / "floor", figures=False).waves.motion
+    motion = floor.run(tmp_path / "floor", figures=False)["balls_in_motion"]
     # the floor comes after the balls
     assert_allclose(np.abs(motion.displacements[:, 20, 1]).max(), 2e-8, rtol=0.05)
     assert motion.work[-1] > 0.0
@@ -333,7 +333,7 @@ def test_crystals_move_by_their_own_law(law, same, layers, tmp_path):
         "layers: 10", f"layers: {layers}"
     )
     one = scene(text, LAW=law)
-    motion = one.run(tmp_path / "run", figures=False).waves.motion
+    motion = one.run(tmp_path / "run", figures=False)["balls_in_motion"]
     crystal = one.packing.crystal
     network = one.state().network.cut(0, layers)
     velocities = np.zeros((2 * layers, 3))
@@ -391,7 +391,7 @@ def test_samples_of_a_simulation_move_and_are_averaged(tmp_path):
     assert numbers["greatest_force_error"] > 0.0
     alone = one.to_yaml().replace("samples: 2", "samples: 1").replace("seed: 0", "seed: 1")
     second = gp.Scene.from_text(alone).sweep()["greatest_force"].item()
-    first = result.waves.motion.forces.max()
+    first = result["balls_in_motion"].forces.max()
     assert first != second
     assert_allclose(numbers["greatest_force"], 0.5 * (first + second), rtol=1e-12)
 

@@ -81,7 +81,7 @@ def test_values_are_those_of_the_files(done):
 
 def test_a_result_that_is_read_has_what_was_written(done):
     read = done.scene.run(done.folder, resume=True)
-    assert (read.surface, read.waves) == (done.surface, None)
+    assert read.surface == done.surface
     assert read.phonons.dim == done.phonons.dim == (4, 3)
     told = read.summary()
     for name, value in done.summary().items():
@@ -118,8 +118,31 @@ def test_several_states_have_the_same_rows_but_those_of_one():
     one = {row.name for row in list_outputs(Scene.from_text(STEEL + "observe: [bands, dos]"))}
     loads = STEEL.replace("5 N", "[5 N, 9 N]")
     many = {row.name for row in list_outputs(Scene.from_text(loads + "observe: [bands]"))}
-    assert one - many == {"bands", "force_constants", "dos"}
+    assert one - many == {"numbers", "limits", "bands", "force_constants", "dos"}
     assert many - one == {"sweep"}
+
+
+@pytest.mark.parametrize("name", OUTPUTS)
+def test_what_is_of_one_state_and_what_of_many_its_row_alone_says(name):
+    row = OUTPUTS[name]
+    assert row.is_of_number({}) == (row.states != "many")
+    assert row.is_of_number({"load": 2}) == (row.states != "one")
+
+
+def test_a_run_draws_nothing_of_an_earlier_run_in_its_folder(tmp_path, monkeypatch):
+    """The density of states of other balls stood beside the bands, if both runs had one folder."""
+    drawn = []
+
+    def draw(bands, dos, **_options):
+        drawn.append((bands, dos))
+        return Figure()
+
+    monkeypatch.setattr("granphon.figures.bands.bands_figure", draw)
+    short = "phonopy: {band_points: 3, mesh: 6 6 1}\n"
+    soft = STEEL.replace("211.65", "2.1165")
+    Scene.from_text(soft + short + "observe: [bands, dos]").run(tmp_path, figures=False)
+    result = Scene.from_text(STEEL + short + "observe: [bands]").run(tmp_path, force=True)
+    assert drawn == [(result.bands, None)]
 
 
 def test_a_sweep_in_python_and_a_scene_refuse_waves_with_the_case(steel):

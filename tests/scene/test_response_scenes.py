@@ -188,7 +188,7 @@ def test_the_floor_is_one_in_response_in_motion_and_in_the_crystal(tmp_path):
         np.linspace(50.0, 11e3, 8), "plane", (9, "x"), damping=1e-6, quantity="transmissibility"
     )
     assert_allclose(result.dataset["transmissibility"].values[0, 0], expected.magnitude, rtol=1e-9)
-    motion = result.waves.motion
+    motion = result["balls_in_motion"]
     is_floor = (motion.network.i == 0) & np.isinf(motion.network.radii[motion.network.j])
     (floor,) = np.flatnonzero(is_floor)[:1]
     change = motion.forces[:, floor] - motion.forces[0, floor]

@@ -44,7 +44,7 @@ def test_defaults():
         False,
         ("velocities",),
     )
-    assert (scene.parameters, scene.is_single, scene.diameters) == ((), True, None)
+    assert (scene.parameters, scene.swept, scene.diameters) == ((), {}, None)
     assert (scene.band_points, scene.mesh, scene.dim, scene.source) == (101, (64, 64), None, None)
     assert scene.path == BandPath.parse("0 0 0 1/3 1/3 0 1/2 0 0 0 0 0", "G K M G")
 
@@ -82,7 +82,7 @@ def test_the_preset_of_a_sweep_and_what_is_commented_out_in_it():
     text = write_preset("steel_spread")
     assert (EXAMPLES / "steel_spread.yaml").read_text() == text
     scene = Scene.from_text(text)
-    assert not scene.is_single
+    assert scene.swept
     assert [len(state.force) for _, state in scene.states()] == [60, 60, 60]
     assert all(gp.validity(state)["contact_radius"].ok.all() for _, state in scene.states())
     normal = Scene.from_text(
@@ -174,7 +174,7 @@ def test_a_simulation_in_a_scene():
         assert scene.media == (
             MediumChoice("simulation", (("shape", (16, 12)), ("seed", 3), ("samples", 2))),
         )
-    assert scene.is_single
+    assert not scene.swept
     state = scene.state()
     assert state == gp.DirectSimulation(scene.packing, (16, 12), seed=3, samples=2).at_force(5.0)
     # what is written names every option, and is the same scene
@@ -354,7 +354,7 @@ def test_many_measured_diameters_go_into_a_table(tmp_path, steel):
 
 def test_lists_and_ranges_of_loads():
     assert with_load("force: [3 N, 1 N, 3 N]").load == Load("force", (3.0, 1.0, 3.0))
-    assert with_load("force: [3 N]").is_single
+    assert not with_load("force: [3 N]").swept
     assert (
         with_load("force: [3 N]")
         == with_load("force: 3 N")
@@ -429,7 +429,7 @@ def test_what_is_swept_decides_what_a_medium_must_average(packing):
     ).balls_differ
     # the load is carried by the packings of the sweep, not by equal balls
     text = MINIMAL.replace("force: 18.446 N", "overlap: -0.1 um")
-    assert not Scene.from_text(text + "sweep: {width: [1 um, 2 um]}\n").is_single
+    assert Scene.from_text(text + "sweep: {width: [1 um, 2 um]}\n").swept == {"width": 2}
 
 
 LISTED = """\

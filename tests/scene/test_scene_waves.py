@@ -40,16 +40,16 @@ def test_files_hold_what_the_library_finds(done):
     for stem in ("sample_dos", "spectrum", "pulse"):
         assert {f"{stem}.json", f"{stem}.csv"} <= names
         assert f"{stem}.png" in expected_files(scene)
-        assert OUTPUTS[stem].read(folder / f"{stem}.json") == result.waves.results[stem]
+        assert OUTPUTS[stem].read(folder / f"{stem}.json") == result[stem]
     waves = gp.Waves(scene.state().sample)
-    assert waves.dos() == result.waves.dos
-    assert waves.transmit(9000.0, (0, 1), 0.045, 1.5, ends="free") == result.waves.pulse
-    spectra = result.waves.spectra
+    assert waves.dos() == result["sample_dos"]
+    assert waves.transmit(9000.0, (0, 1), 0.045, 1.5, ends="free") == result["pulse"]
+    spectra = result["spectrum"]
     assert [one.polarisation for one in spectra.spectra] == ["longitudinal", "rotational"]
     again = waves.spectral_function(spectra.spectra[0].q, resolution=1e3)
     np.testing.assert_array_equal(again.values, spectra.spectra[0].values)
     summary = result.summary()
-    assert summary["pulse_velocity"] == pytest.approx(result.waves.pulse.velocity, rel=1e-13)
+    assert summary["pulse_velocity"] == pytest.approx(result["pulse"].velocity, rel=1e-13)
     text = (folder / "summary.yaml").read_text()
     assert 'pulse_velocity: "m/s"' in text.split("units:")[1]
     assert 'pulse_distance: "m"' in text.split("units:")[1]
@@ -70,16 +70,16 @@ def test_a_scene_at_a_low_load_gives_its_pulse(seed):
 def test_tables_are_those_of_the_results(done):
     _, result, folder = done
     dos = np.loadtxt(folder / "sample_dos.csv", delimiter=",", skiprows=1)
-    np.testing.assert_allclose(dos[:, 1], result.waves.dos.total)
+    np.testing.assert_allclose(dos[:, 1], result["sample_dos"].total)
     pulse = np.loadtxt(folder / "pulse.csv", delimiter=",", skiprows=1)
-    np.testing.assert_allclose(pulse[:, 2], result.waves.pulse.coherent)
+    np.testing.assert_allclose(pulse[:, 2], result["pulse"].coherent)
     rows = (folder / "spectrum.csv").read_text().splitlines()
     assert rows[0].startswith("polarisation,distance (1/m),qx (1/m),qy (1/m),peak (Hz),width (Hz)")
-    assert len(rows) == 1 + 2 * len(result.waves.spectra.distances)
+    assert len(rows) == 1 + 2 * len(result["spectrum"].distances)
     place = rows[0].split(",").index("resolved")
     told = [row.split(",")[place] for row in rows[1:]]
     assert told == [
-        str(int(one)) for spectrum in result.waves.spectra.spectra for one in spectrum.resolved
+        str(int(one)) for spectrum in result["spectrum"].spectra for one in spectrum.resolved
     ]
 
 
@@ -240,5 +240,5 @@ def test_corners_of_a_path_in_numbers_are_labelled_with_their_numbers(tmp_path):
         ARRAY
         + "observe: [spectrum]\nspectrum: {points: 3}\nphonopy: {band: 0 0 0 1/3 1/3 0 1/2 0 0}\n"
     )
-    labels = gp.Scene.from_text(text).run(tmp_path / "out", figures=False).waves.spectra.labels
+    labels = gp.Scene.from_text(text).run(tmp_path / "out", figures=False)["spectrum"].labels
     assert labels == ("0 0 0", "0.3333 0.3333 0", "0.5 0 0")
