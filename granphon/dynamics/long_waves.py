@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -73,6 +73,8 @@ _ISOTROPIC = 1e-10
 MOST_RELAXED_BY_FACTORS = 120_000
 #: numbers of directions up to which their long waves are kept
 _FEW_NUMBERS = 12
+#: most directions whose long waves a lattice keeps
+_MOST_DIRECTIONS = 256
 
 
 class _SoundMass(NamedTuple):
@@ -794,17 +796,26 @@ class LongWaves(Compatibility):
         where = f"a squared sound velocity in direction ({components}) is negative"
         return self.explain_buckling(where, vectors[worst][:, 0])
 
-    @lru_cache(maxsize=256)  # noqa: B019 (lattices are kept by a cache of their own)
     def _waves_along(
         self, shape: tuple[int, ...], numbers: tuple[float, ...]
     ) -> tuple[Array, Array]:
         """Return :meth:`sound_velocities` along a few unit vectors, without prestress, read-only.
 
-        The components ``numbers`` and the ``shape`` of the vectors, (p,) or (n, p), are the key of
-        the cache.
+        The lattice keeps the result by the components ``numbers`` and the ``shape`` of the vectors,
+        (p,) or (n, p). A cache of the method would keep the lattice, with its factors.
         """
-        velocities, polarisations = self._compute_waves(np.reshape(numbers, shape))
-        return read_only(velocities), read_only(polarisations)
+        key = shape, numbers
+        if key not in self._kept_waves:
+            if len(self._kept_waves) == _MOST_DIRECTIONS:
+                self._kept_waves.clear()
+            velocities, polarisations = self._compute_waves(np.reshape(numbers, shape))
+            self._kept_waves[key] = read_only(velocities), read_only(polarisations)
+        return self._kept_waves[key]
+
+    @cached_property
+    def _kept_waves(self) -> dict[Any, tuple[Array, Array]]:
+        """The results of :meth:`_waves_along`, by shapes and numbers."""
+        return {}
 
     def _compute_waves(self, along: Array) -> tuple[Array, Array]:
         """Return velocities (..., b), ascending, and polarisations of sound in the directions
