@@ -9,6 +9,7 @@ their number at most, and has derivatives everywhere (the Kreisselmeier-Steinhau
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
@@ -26,6 +27,7 @@ from granphon.base.validation import (
     whole_number,
 )
 from granphon.dynamics.sensitivities import list_inertias
+from granphon.media import cost as costs
 from granphon.networks.network import ContactNetwork
 from granphon.observables.velocities import sound_velocities
 from granphon.phonons.phonons import Phonons
@@ -183,6 +185,21 @@ class WidestGap:
         is_gap = below == self.branches
         return float(np.sum(np.diff(gaps[is_gap], axis=1)))
 
+    def estimate_memory(self, network: ContactNetwork) -> float:
+        """Return the memory of an evaluation, bytes."""
+        lattice = Phonons(network).lattice
+        n_points = math.prod(self._list_numbers(lattice.periods))
+        frequencies = costs.bands(n_points, lattice.n_branches, eigenvectors=False)
+        vectors = costs.bands(1, lattice.n_branches, file=False)
+        return max(frequencies.working, vectors.working) + frequencies.kept
+
+    def estimate_certificate(self, network: ContactNetwork) -> costs.Cost:
+        """Return the cost of a certificate."""
+        lattice = Phonons(network).lattice
+        numbers = self._list_numbers(lattice.periods)
+        n_points = math.prod(FINER * number for number in numbers)
+        return costs.band_edges(1, n_points, lattice.n_branches, of_all=False, of_network=True)
+
     def judge_history(self, history: Array) -> str:
         """Return a sentence if the gap closes in the ``history`` (h,) of a search, or nothing."""
         was_open = np.maximum.accumulate(history) > 0.0
@@ -267,6 +284,16 @@ class MatchFrequencies:
             fault = f"measured is {brief(self.measured)}"
             why = "The lowest modes of a network ascend"
             raise InputError(fault, why, "Sort them, or give the wave vectors of branches, q")
+
+    def estimate_memory(self, network: ContactNetwork) -> float:
+        """Return the memory of an evaluation, bytes."""
+        measured = np.asarray(self.measured)
+        if self.q is None:
+            cost = Waves(network).estimate("modes", measured.size)
+        else:
+            branches = Phonons(network).lattice.n_branches
+            cost = costs.bands(measured.size, branches, file=False)
+        return cost.working + cost.kept
 
     def find_residuals(self, network: ContactNetwork) -> tuple[Array, dict[str, Any]]:
         """Return the misfits over their errors, (m,), and their derivatives (m, ...)."""
@@ -359,6 +386,11 @@ class LowestVelocity:
     unit = "m/s"
     largest = False
 
+    def estimate_memory(self, network: ContactNetwork) -> float:
+        """Return the memory of an evaluation, bytes."""
+        n_balls = int(np.count_nonzero(network.moving))
+        return costs.relaxation_memory(n_balls, network.ball_motions.count, network.dimension)
+
     def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
         """Return the velocity, m/s, and its derivatives (n_c,), or (n,) of balls."""
         sensitivities = sound_velocities(network, self.direction).sensitivities
@@ -404,6 +436,12 @@ class ResponseAt:
         values = (frequency, source, receiver, largest, options)
         for name, value in zip(self.__dataclass_fields__, values, strict=True):
             object.__setattr__(self, name, value)
+
+    def estimate_memory(self, network: ContactNetwork) -> float:
+        """Return the memory of an evaluation, bytes."""
+        places = (self.source, self.receiver)
+        cost = Waves(network).estimate("response", [self.frequency], *places, **self.options)
+        return cost.working + cost.kept
 
     def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
         """Return the magnitude, in ``unit``, and its derivatives (n_c,), or (n,) of balls."""

@@ -655,14 +655,15 @@ class Plan:
 
     # -- cost --------------------------------------------------------------------------------------
 
-    def cost(self) -> Cost | None:
-        """Memory and time that the scene will take, its parts done one after the other; None if
-        both are negligible.
+    def cost(self, more: Sequence[CostPart] = ()) -> Cost | None:
+        """Memory and time that the scene will take, its parts and ``more`` of them done one after
+        the other; None if both are negligible.
 
         :class:`~granphon.base.errors.InputError` if more memory is needed than is available on this
         machine now, or more than 10,000 days on one processor.
         """
-        told_parts = [(path, mend, cost) for path, mend, cost in self.parts if cost.tells]
+        parts = [*self.parts, *more]
+        told_parts = [(path, mend, cost) for path, mend, cost in parts if cost.tells]
         total = sum((cost for _, _, cost in told_parts), Cost())
         free_memory = memory.available_memory()  # bytes
         most_seconds = costs.MOST_SECONDS

@@ -74,6 +74,7 @@ if TYPE_CHECKING:
     from granphon.phonons.phonons import Phonons
     from granphon.phonons.surfaces import SurfaceSpectrum
     from granphon.runs.dataset import Dataset
+    from granphon.runs.plan import CostPart
     from granphon.runs.wave_records import SampleWaves
     from granphon.scene.design import PosedDesign
 
@@ -444,11 +445,11 @@ class Scene(SceneValues):
         :class:`~granphon.base.errors.InputError` if more memory is needed than is available on this
         machine now, or more than 10,000 days on one processor.
         """
-        cost = self.plan.cost()
+        more: list[CostPart] = []
         if "design" in self.observe:
-            of_design = self.posed_design.cost
-            if of_design.tells:
-                cost = of_design if cost is None else cost + of_design
+            mend = "Take fewer balls, steps or restarts"
+            more = [(("design",), mend, self.posed_design.cost)]
+        cost = self.plan.cost(more)
         count = 1.0 + 2.0 * len(self.errors)
         return cost if cost is None or not self.errors else cost.times(count)
 
