@@ -125,12 +125,17 @@ class WidestGap:
             return [goal]
         bottoms = frequencies.min(axis=0)
         if self.near is not None:
-            n_below = int(np.count_nonzero(np.mean(frequencies, axis=0) < self.near))
+            means = np.mean(frequencies, axis=0)
+            n_below = int(np.count_nonzero(means < self.near))
             if n_below in (0, len(tops)):
+                number = int(np.argmax(bottoms[1:] - tops[:-1]))
+                low, high = sorted((float(tops[number]), float(bottoms[number + 1])))
                 raise InputError(
                     f"no gap can be near {self.near:g} Hz",
-                    f"The branches lie from {bottoms[0]:.6g} to {tops[-1]:.6g} Hz",
-                    "Choose a frequency between two branches",
+                    f"Means of branches over the zone lie from {means[0]:.6g} to {means[-1]:.6g}"
+                    " Hz, and gaps between branches",
+                    f"Give a frequency between two of them, as near={0.5 * (low + high):.4g}, or"
+                    " leave near out",
                 )
             return [replace(goal, branches=n_below)]
         widths = bottoms[1:] - tops[:-1]  # of the gap above each branch, below zero where none is
