@@ -4,12 +4,14 @@ r"""A crystal that stops sound below 20 kHz
 Which crystal of two kinds of balls of real materials stops most of what can be heard? Heavy balls
 of tungsten carbide and light ones of PTFE on the sites of NaCl have a complete gap between their
 branches, rotations included. :func:`granphon.design` finds the diameters and the load for which
-the part of the gap below 20 kHz is widest: the best in the neighbourhood of where the search
-begins, which need not be the best of all. The gap is certified on a mesh with four times as many
-wave vectors along each period as that of the search. The whole contact law in time then shows that
-a slab of eight layers is a filter: below the gap it passes the motion of a shaker on, within the
-gap the far face stays still. (The branches above the gap are so flat that hardly anything passes
-there, too.)
+the part of the gap below 20 kHz is widest. It is the best of five starts, one in the middle of the
+bounds and four at random from a seed: all end at the same width, which speaks for it, but nothing
+proves that no other crystal within the bounds is better. Other crystals are as good: all
+frequencies stay if the load grows as the eighth power of the diameters. The gap is certified on a
+mesh with four times as many wave vectors along each period as that of the search. The whole contact
+law in time then shows that a slab of eight layers is a filter: below the gap it passes the motion
+of a shaker on, within the gap the far face stays still. (The branches above the gap are so flat
+that hardly anything passes there, too.)
 """
 
 import sys
@@ -56,8 +58,14 @@ class StopBand:
 
 # smaller light balls would not keep the heavy ones apart, and larger forces dent PTFE
 bounds = {"diameter": (4e-3, 12e-3), "ratio": (0.42, 1.0), "force": (0.1, 1.0)}
-best = gp.design(press, StopBand(), tuple(bounds), bounds, restarts=0, steps=20)
+best = gp.design(press, StopBand(), tuple(bounds), bounds, restarts=4, seed=1, steps=20)
 diameter, ratio, force = best.variables
+print(
+    f"{best.value:.1f} Hz below 20 kHz are certified, the best of {len(best.starts)} starts,"
+    f" which differ by {np.ptp(best.starts):.2g} Hz; the middle of the bounds has"
+    f" {best.start_value:.1f} Hz"
+)
+assert np.ptp(best.starts) < 1.0
 state = press(diameter, ratio, force)
 gaps = gp.Phonons(state).gaps()
 lower, upper = max(gaps, key=lambda gap: min(gap[1], LIMIT) - gap[0])

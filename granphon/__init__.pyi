@@ -116,6 +116,7 @@ from .phonons.phonons import Phonons as Phonons
 from .phonons.phonopy_bridge import load_phonopy as load_phonopy
 from .phonons.surfaces import Surface as Surface
 from .phonons.surfaces import SurfaceBranches as SurfaceBranches
+from .phonons.surfaces import SurfaceSensitivities as SurfaceSensitivities
 from .phonons.surfaces import SurfaceSpectrum as SurfaceSpectrum
 from .runs.dataset import SweepAccessor as SweepAccessor
 from .runs.dataset import load_sweep as load_sweep

@@ -149,10 +149,12 @@ class HalfSpace:
         self.reach = self._count_reach()
         # three blocks of layers, and more below, so that the lower edge of the cut is out of reach;
         # a clamped layer does not move, and belongs to no block
-        n_layers = 4 * self.reach + 1
+        #: number of layers of the cut
+        self.n_layers = 4 * self.reach + 1
         if edge == "clamped":
-            n_layers += 1
-        cut = network.cut(axis, n_layers, (edge, "free"))
+            self.n_layers += 1
+        cut = network.cut(axis, self.n_layers, (edge, "free"))
+        #: the outer layers, of which the blocks are made
         self.cut = cut
         self.motions = cut.ball_motions
         self.per_layer = int(np.count_nonzero(network.moving))

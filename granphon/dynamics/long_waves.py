@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -73,6 +73,8 @@ _ISOTROPIC = 1e-10
 MOST_RELAXED_BY_FACTORS = 120_000
 #: number of components of directions up to which their long waves are cached
 _FEW_COMPONENTS = 12
+#: largest number of directions whose long waves a lattice caches
+_MOST_DIRECTIONS = 256
 
 
 class _SoundMass(NamedTuple):
@@ -819,7 +821,6 @@ class LongWaves(Compatibility):
         where = f"a squared sound velocity in direction ({components}) is negative"
         return self.explain_buckling(where, vectors[worst][:, 0])
 
-    @lru_cache(maxsize=256)  # noqa: B019 (lattices are kept by a cache of their own)
     def _waves_along(
         self, shape: tuple[int, ...], numbers: tuple[float, ...]
     ) -> tuple[Array, Array]:
@@ -827,10 +828,21 @@ class LongWaves(Compatibility):
         without prestress; the results are cached.
 
         The directions are unit vectors of this ``shape``, (p,) or (n, p), with the components
-        ``numbers``, which are the key of the cache.
+        ``numbers``; both are the key of the cache. The cache is one of the lattice: a cache of the
+        method would keep the lattice, with its factors.
         """
-        velocities, polarisations = self._compute_waves(np.reshape(numbers, shape))
-        return read_only(velocities), read_only(polarisations)
+        key = shape, numbers
+        if key not in self._kept_waves:
+            if len(self._kept_waves) == _MOST_DIRECTIONS:
+                self._kept_waves.clear()
+            velocities, polarisations = self._compute_waves(np.reshape(numbers, shape))
+            self._kept_waves[key] = read_only(velocities), read_only(polarisations)
+        return self._kept_waves[key]
+
+    @cached_property
+    def _kept_waves(self) -> dict[Any, tuple[Array, Array]]:
+        """The results of :meth:`_waves_along`, by the shapes and components of directions."""
+        return {}
 
     def _compute_waves(self, along: Array) -> tuple[Array, Array]:
         """Return the velocities (..., n_u), d (k/M)^1/2, and polarisations (..., n_u, n_u) of sound

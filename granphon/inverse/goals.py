@@ -9,6 +9,7 @@ their number at most, and has derivatives everywhere (the Kreisselmeier-Steinhau
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
@@ -26,6 +27,7 @@ from granphon.base.validation import (
     whole_number,
 )
 from granphon.dynamics.sensitivities import list_inertias
+from granphon.media import cost as costs
 from granphon.networks.network import ContactNetwork
 from granphon.observables.velocities import sound_velocities
 from granphon.phonons.phonons import Phonons
@@ -123,12 +125,17 @@ class WidestGap:
             return [goal]
         bottoms = frequencies.min(axis=0)
         if self.near is not None:
-            n_below = int(np.count_nonzero(np.mean(frequencies, axis=0) < self.near))
+            means = np.mean(frequencies, axis=0)
+            n_below = int(np.count_nonzero(means < self.near))
             if n_below in (0, len(tops)):
+                number = int(np.argmax(bottoms[1:] - tops[:-1]))
+                low, high = sorted((float(tops[number]), float(bottoms[number + 1])))
                 raise InputError(
                     f"no gap can be near {self.near:g} Hz",
-                    f"The branches lie from {bottoms[0]:.6g} to {tops[-1]:.6g} Hz",
-                    "Choose a frequency between two branches",
+                    f"Means of branches over the zone lie from {means[0]:.6g} to {means[-1]:.6g}"
+                    " Hz, and gaps between branches",
+                    f"Give a frequency between two of them, as near={0.5 * (low + high):.4g}, or"
+                    " leave near out",
                 )
             return [replace(goal, branches=n_below)]
         widths = bottoms[1:] - tops[:-1]  # of the gap above each branch, below zero where none is
@@ -182,6 +189,21 @@ class WidestGap:
         below, gaps = phonons.find_gaps([FINER * number for number in numbers])
         is_gap = below == self.branches
         return float(np.sum(np.diff(gaps[is_gap], axis=1)))
+
+    def estimate_memory(self, network: ContactNetwork) -> float:
+        """Return the memory of an evaluation, bytes."""
+        lattice = Phonons(network).lattice
+        n_points = math.prod(self._list_numbers(lattice.periods))
+        frequencies = costs.bands(n_points, lattice.n_branches, eigenvectors=False)
+        vectors = costs.bands(1, lattice.n_branches, file=False)
+        return max(frequencies.working, vectors.working) + frequencies.kept
+
+    def estimate_certificate(self, network: ContactNetwork) -> costs.Cost:
+        """Return the cost of a certificate."""
+        lattice = Phonons(network).lattice
+        numbers = self._list_numbers(lattice.periods)
+        n_points = math.prod(FINER * number for number in numbers)
+        return costs.band_edges(1, n_points, lattice.n_branches, of_all=False, of_network=True)
 
     def judge_history(self, history: Array) -> str:
         """Return a sentence if the gap closes in the ``history`` (h,) of a search, or nothing."""
@@ -267,6 +289,16 @@ class MatchFrequencies:
             fault = f"measured is {brief(self.measured)}"
             why = "The lowest modes of a network ascend"
             raise InputError(fault, why, "Sort them, or give the wave vectors of branches, q")
+
+    def estimate_memory(self, network: ContactNetwork) -> float:
+        """Return the memory of an evaluation, bytes."""
+        measured = np.asarray(self.measured)
+        if self.q is None:
+            cost = Waves(network).estimate("modes", measured.size)
+        else:
+            branches = Phonons(network).lattice.n_branches
+            cost = costs.bands(measured.size, branches, file=False)
+        return cost.working + cost.kept
 
     def find_residuals(self, network: ContactNetwork) -> tuple[Array, dict[str, Any]]:
         """Return the misfits over their errors, (m,), and their derivatives (m, ...)."""
@@ -359,6 +391,11 @@ class LowestVelocity:
     unit = "m/s"
     largest = False
 
+    def estimate_memory(self, network: ContactNetwork) -> float:
+        """Return the memory of an evaluation, bytes."""
+        n_balls = int(np.count_nonzero(network.moving))
+        return costs.relaxation_memory(n_balls, network.ball_motions.count, network.dimension)
+
     def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
         """Return the velocity, m/s, and its derivatives (n_c,), or (n,) of balls."""
         sensitivities = sound_velocities(network, self.direction).sensitivities
@@ -404,6 +441,12 @@ class ResponseAt:
         values = (frequency, source, receiver, largest, options)
         for name, value in zip(self.__dataclass_fields__, values, strict=True):
             object.__setattr__(self, name, value)
+
+    def estimate_memory(self, network: ContactNetwork) -> float:
+        """Return the memory of an evaluation, bytes."""
+        places = (self.source, self.receiver)
+        cost = Waves(network).estimate("response", [self.frequency], *places, **self.options)
+        return cost.working + cost.kept
 
     def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
         """Return the magnitude, in ``unit``, and its derivatives (n_c,), or (n,) of balls."""

@@ -74,15 +74,21 @@ _IMPLICIT_STEP = 8.0
 _RESPONSE_PRODUCTS = 6.0
 #: rows of a contact whose product takes as long as a reading of a ball of a pulse
 _READING_ROWS = 2.0
-#: memory of Python and the libraries that the run of a scene loads, and one with a motion, which
-#: loads Numba, bytes
+#: memory of Python and the libraries that the run of a scene loads, and one with a motion or with
+#: balls at rest, which loads Numba, bytes
 _PYTHON_BYTES = 145e6
-_NUMBA_BYTES = 270e6
+NUMBA_BYTES = 270e6
 #: bytes for each contact of a motion, and copies of what is kept
 _MOTION_CONTACT_BYTES = 1300.0
 _MOTION_COPIES = 3.0
 #: bytes over the square of the number of branches while vectors of one wave vector are found
 _VECTORS_BYTES = 200.0
+#: bytes for each motion of a crystal whose moduli are found, by its dimension, at a thousand balls;
+#: and the power of the number of balls with which these bytes grow, as measured from 200 to 10,000
+#: balls: a state with its factors, and those at rest
+_RELAXED_BYTES = {1: 1e4, 2: 2.2e4, 3: 8e4}
+_RELAXED_POWER = {1: 0.0, 2: 0.0, 3: 0.25}
+_RELAXED_BALLS = 1000
 #: bytes for each contact while its network is made, and then its operator
 _CONTACT_BYTES = 600.0
 #: bytes for each ball that hears a pulse, and each product
@@ -348,6 +354,14 @@ def estimate_sensitivities(simulation: DirectSimulation, load: Load, parameters:
     )
 
 
+def relaxation_memory(balls: int, motions: int, dimension: int) -> float:
+    """Return the memory, bytes, of the moduli and sound velocities of a crystal of so many
+    ``balls`` with ``motions`` each, and of their derivatives: that of the factors of its matrices.
+    """
+    growth = math.pow(max(balls / _RELAXED_BALLS, 1.0), _RELAXED_POWER[dimension])
+    return _RELAXED_BYTES[dimension] * balls * motions * growth
+
+
 def find_typical_force(packing: Packing, load: Load) -> Array:
     """Return the approximate mean contact force (n,), N, at each value of an applied load; no array
     is simulated.
@@ -559,7 +573,7 @@ def motion(
     units = Units(products * balls, measure)
     memory = motion_memory(balls, contacts, frames)
     description = f"motion of {balls:,} balls in {steps:,.0f} steps"
-    return Cost(memory, units=(units,), parts=(description,), libraries=_NUMBA_BYTES)
+    return Cost(memory, units=(units,), parts=(description,), libraries=NUMBA_BYTES)
 
 
 def response(

@@ -74,6 +74,17 @@ def cut_network(
     }
 
 
+def find_sources(network: Any, layers: Layers, count: int, cut: Any) -> Index:
+    """Return the contact of a ``network`` that each contact (m,) of a ``cut`` of ``count`` of its
+    ``layers`` is; -1 of contacts with the walls of the cut, which come last.
+    """
+    stack = _LayerStack.of(network, layers, count)
+    is_between = stack.has_i & stack.has_j
+    between = {name: getattr(stack, name)[is_between] for name in ("i", "j", "row")}
+    rows: Index = _leave_out_still(between, ~cut.moving)["row"]
+    return np.pad(rows, (0, cut.n_contacts - len(rows)), constant_values=-1)
+
+
 def change_wall(network: Any, wall: Wall) -> dict[str, Any]:
     """Return the fields of a network whose only wall becomes ``wall``, which has its name: contacts
     with it are under the same forces.

@@ -31,10 +31,13 @@ from granphon.base.validation import (
     truth,
     whole_number,
 )
+from granphon.dynamics.edge_energies import EdgeEnergies
 from granphon.dynamics.half_space import HalfSpace
+from granphon.dynamics.sensitivities import FrequencySensitivities
 from granphon.dynamics.zak_phase import find_winding, find_zak_phase
 from granphon.media.state import State
-from granphon.networks.network import given_network
+from granphon.networks.network import ContactNetwork, given_network
+from granphon.observables.validity import network_warnings
 from granphon.phonons.paths import default_letters, interpolate_path, special_points
 
 #: memory of a spectrum at one q and frequency over the square of the motions of a block, bytes
@@ -77,6 +80,27 @@ class SurfaceBranches(Result):
     def __getitem__(self, index: int) -> Array:
         """Return the frequencies of all waves at the wave vector of this number, (n,) Hz."""
         return np.asarray(self.frequencies[self.place == range(len(self))[index]])
+
+
+@result_class
+class SurfaceSensitivities(Result):
+    """Derivatives of the frequencies of waves of an edge, one row for each wave.
+
+    A wave of an edge changes with each contact in two ways: with that contact of all layers, as in
+    another crystal, and with that of one layer alone, as at an edge that is softer than the bulk.
+
+    Attributes
+    ----------
+    waves : the waves, as :meth:`Surface.branches` has them.
+    crystal : derivatives by the contacts and balls of :attr:`Surface.network`, each changed in all
+        layers at once, down to the bulk. Contacts with a wall stay.
+    outer : derivatives by the contacts and balls of :attr:`Surface.outer`, each changed in one
+        layer alone, all along the edge; contacts with a wall are among them.
+    """
+
+    waves: SurfaceBranches = held(SurfaceBranches)
+    crystal: FrequencySensitivities = held(FrequencySensitivities)
+    outer: FrequencySensitivities = held(FrequencySensitivities)
 
 
 @result_class
@@ -188,6 +212,11 @@ class Surface:
     def cell(self) -> Array:
         """(p - 1, d) periods of a layer, m."""
         return self.half_space.layers.cell
+
+    @property
+    def outer(self) -> ContactNetwork:
+        """The outer layers with the wall of the edge, from which the half space goes on."""
+        return self.half_space.cut
 
     def _read(self, q: ArrayLike | None) -> tuple[Array, Array]:
         """Return wave vectors as (n_q, p - 1) and as (n_q, 3), in fractions of the reciprocal cell.
@@ -355,6 +384,25 @@ class Surface:
         return SurfaceBranches(
             points, number[order], frequencies.real[order], widths[order], weight[order]
         )
+
+    def sensitivities(self, q: ArrayLike | None = None) -> SurfaceSensitivities:
+        """Return the derivatives of the frequencies of all :meth:`branches` at q (n_q, p - 1) with
+        respect to the stiffnesses and static forces of all contacts, and the masses and moments of
+        inertia of all balls.
+
+        Waves of one frequency, to 1e-8 of it, have the derivative of their mean. Leaky waves, whose
+        frequencies are complex, and motions without energy are not among them. Raises
+        :class:`~granphon.base.errors.InputError` for arrays larger than the memory, and
+        :class:`~granphon.base.errors.PrecisionError` for a wave so near to an edge of a band that
+        it cannot be told from waves of the bulk.
+        """
+        fractions, _ = self._read(q)
+        waves = self.branches(q)
+        squares = (waves.frequencies / self._frequency) ** 2
+        warnings = network_warnings(self.network)
+        energies = EdgeEnergies(self.half_space)
+        found = energies.find_sensitivities(waves.place, fractions, squares, warnings)
+        return SurfaceSensitivities(waves, *found)
 
     def _require_memory(self, points: int, frequencies: int) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if spectra at so many q and frequencies

@@ -136,7 +136,15 @@ def estimate_derivatives(serving: ServingMedium, *, has_cutoffs: bool) -> costs.
     n_networks = serving.load.size * (1 + N_VALUES * n_parameters)
     measure = partial(_measure_long_waves, structure.dimension, structure.n_balls, balls.friction)
     description = f"derivatives by {counted(n_parameters, 'parameter')}"
-    cost = costs.Cost(units=(costs.Units(n_networks, measure),), parts=(description,))
+    memory = costs.relaxation_memory(
+        structure.n_balls, balls.ball_motions.count, structure.dimension
+    )
+    cost = costs.Cost(
+        memory,
+        units=(costs.Units(n_networks, measure),),
+        parts=(description,),
+        libraries=costs.NUMBA_BYTES,
+    )
     if has_cutoffs:
         n_branches = balls.ball_motions.count * structure.n_balls
         frequencies = costs.bands(2 * n_branches, n_branches, eigenvectors=False)

@@ -153,17 +153,29 @@ class PosedDesign:
 
     @property
     def cost(self) -> costs.Cost:
-        """Memory and time of the search, if each start takes all of its steps."""
+        """Memory and time of the search, if each start takes all of its steps, and of the
+        certificates of a gap at the start and at the end.
+        """
         problem = self.problem
         space = problem.space
         goal = problem.goals[0]
         measure = partial(costs.time_once, lambda: space.differentiate(goal.evaluate, space.start))
         units = costs.Units(problem.count * problem.steps, measure)
+        network = space.make_network(space.start)
         words = (
             f"design of {counted(len(space.labels), 'unknown')} from"
             f" {counted(problem.count, 'start')}, at most {problem.steps} steps each"
         )
-        return costs.Cost(units=(units,), parts=(words,))
+        cost = costs.Cost(
+            goal.estimate_memory(network),
+            units=(units,),
+            parts=(words,),
+            libraries=costs.NUMBA_BYTES,
+        )
+        if hasattr(goal, "estimate_certificate"):
+            of_both = goal.estimate_certificate(network).times(2.0)
+            cost += replace(of_both, kept=0.0, working=of_both.kept, parts=())
+        return cost
 
     def describe(self) -> list[tuple[str, Any, str]]:
         """Return names, values and SI units of what is sought."""

@@ -495,7 +495,8 @@ class SceneValues:
                 any(choice.simulates for choice in self.media),
                 "of a simulation",
                 "design of a lattice or crystal",
-                "Take another medium: gp.design takes the network of a sample.",
+                "Take another medium; in Python gp.design(state.samples[0], ...) is the design of a"
+                " sample.",
             ),
             design(
                 self.errors,

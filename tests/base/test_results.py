@@ -322,6 +322,7 @@ def make_spectra(packing, results):
     bands = phonons.bands([[0, 0], [0.5, 0]], npoints=2)
     found = [bands, phonons.dos(mesh=(4, 4), points=12), phonons.modes([[0.1, 0.2]])]
     found += [surface.spectrum([[0.3]], [1e3, 2e3]), surface.branches([[0.3]])]
+    found.append(surface.sensitivities([[0.3]]))
     in_plane = gp.Phonons(surface.network)
     return [*found, in_plane.complex_bands([1e3, 2e3], 1), in_plane.onset()]
 

@@ -4,6 +4,8 @@ numbers.
 
 from __future__ import annotations
 
+import gc
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -385,3 +387,13 @@ def test_the_network_of_a_state_has_the_numbers_of_its_lattice(name, options, fi
         if "longitudinal" in own.wave_names:
             tensor = own.elastic_tensor()
             assert_allclose(found.elastic_tensor(), tensor, rtol=0.0, atol=1e-13 * np.max(tensor))
+
+
+def test_a_network_that_is_gone_leaves_no_lattice_behind():
+    network = CASES["fcc"]()
+    gp.sound_velocities(network, (1.0, 0.0, 0.0))
+    lattice = weakref.ref(gp.ContactLattice.from_network(network))
+    assert lattice() is not None
+    del network
+    gc.collect()
+    assert lattice() is None

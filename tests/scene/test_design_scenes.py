@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import math
 import pickle
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -165,3 +167,54 @@ def test_the_cost_counts_all_steps_of_all_starts():
     cost = gp.Scene.from_text(MASSES).posed_design.cost
     assert cost.units[0].number == 3 * 200
     assert "2 unknowns" in cost.parts[0]
+
+
+#: a crystal whose factors are large
+LARGE = (
+    BALLS
+    + "crystal: {lattice: fcc, kinds: [S], friction: true, repeat: 8 8 8, replace: {12: A}}\n"
+    + "load: {force: 20 N}\n"
+)
+OF_LARGE = LARGE + (
+    "observe: [design]\n"
+    "design:\n"
+    "  goal: {GOAL}\n"
+    "  vary: {mass: [1 g, 100 g]}\n"
+    "  per: kind\n"
+    "  restarts: 0\n"
+    "  steps: 1\n"
+)
+GOALS = {
+    "velocity": "lowest_velocity: {direction: [1, 0, 0]}",
+    "modes": "match_frequencies: {measured: [3 kHz, 3.1 kHz, 3.2 kHz]}",
+    "response": "response_at: {frequency: 5 kHz, source: [0 x], receiver: [300 x]}",
+}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="the peak memory is in kilobytes on Linux")
+@pytest.mark.parametrize("case", ["sensitivities", *GOALS])
+def test_a_run_takes_the_memory_that_check_tells(tmp_path, case):
+    text = LARGE + "observe: [sensitivities]\n"
+    if case in GOALS:
+        text = OF_LARGE.replace("GOAL", GOALS[case])
+    scene = gp.Scene.from_text(text)
+    told = scene.posed_design.cost if case in GOALS else scene.cost()
+    path = tmp_path / "scene.yaml"
+    path.write_text(text)
+    code = (
+        "import resource, sys, granphon as gp\n"
+        "gp.Scene.from_yaml(sys.argv[1]).run(sys.argv[2], figures=False)\n"
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)\n"
+    )
+    command = [sys.executable, "-c", code, str(path), str(tmp_path / "out")]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    peak = 1024.0 * float(done.stdout.split()[-1])
+    assert 0.5 * peak < told.memory < 2.0 * peak
+
+
+def test_the_certificate_of_a_gap_is_in_the_cost():
+    search, *certificates = gp.Scene.from_text(MASSES).posed_design.cost.units
+    # q and -q of a mesh four times finer, and the edges of a gap, at both ends of the search
+    assert certificates[0].number > 2 * 0.5 * 4 * 48
+    assert search.number == 3 * 200

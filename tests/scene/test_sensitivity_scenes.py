@@ -179,6 +179,10 @@ def test_derivatives_of_crystals_are_in_the_cost():
     assert "5 parameters" in cost.parts[0]
     assert cost.units[0].number == 2 * (1 + 4 * 5)
     assert gp.Scene.from_text(text).cost().seconds > cost.units[0].number * 0.01
+    # factors of 3 x 4096 motions, which no small crystal has
+    assert 5e8 < cost.working < 4e9
+    (*_, (_, _, of_few)) = gp.Scene.from_text(text.replace("16, 16, 16", "2, 2, 2")).plan.parts
+    assert of_few.working < 1e-2 * cost.working
     ends = text.replace("[sensitivities]", "[sensitivities, cutoffs]")
     (*_, (_, _, with_ends)) = gp.Scene.from_text(ends).plan.parts
     n_branches = 3 * 16**3
