@@ -424,6 +424,7 @@ _WHOLE_FIELDS = (
     "left_out",
     "adhesive",
     "tangential_law",
+    "slip_levers",
 )
 
 
@@ -587,6 +588,8 @@ def write_tables(
     fields_of_whole: dict[str, Any] = {"cell": fields["cell"].tolist()}
     for name in ("pbc", "dimension", "motions", "prestress", "left_out", "tangential_law"):
         fields_of_whole[name] = fields[name]
+    if fields["slip_levers"] != "arms":
+        fields_of_whole["slip_levers"] = fields["slip_levers"]
     if fields["adhesive"]:
         fields_of_whole["adhesive"] = True
     if fields["contact_model"] is not None:

@@ -189,18 +189,16 @@ def _require_strip(operator: WaveOperator, leads: Sequence[_Lead]) -> None:
     """Raise :class:`~granphon.base.errors.InputError` unless the balls of a strip move as those of
     the leads, and its static forces have a potential.
     """
-    strip = operator.network
     motions = [operator.motions, *(lead.space.motions for lead in leads)]
     if len({(kind.name, kind.letters) for kind in motions}) > 1:
         fault = "the motions of the balls differ between the leads and the strip"
         raise InputError(
             fault, "A wave would have no motion to go on with", "Use the same motions, and friction"
         )
-    tangential_force = strip.tangential_force
-    has_tangential_force = tangential_force is not None and np.any(tangential_force)
-    if strip.prestress and has_tangential_force:
+    if operator.whole is not None:
         raise InputError(
-            "the strip has static tangential forces", "With prestress, they have no potential"
+            "the strip has static tangential forces, or slip by levers that exceed the arms",
+            "With prestress, these have no potential",
         )
 
 
