@@ -723,8 +723,9 @@ class Compatibility:
         )
         # what belongs to the ends is exchanged where the image is straight
         swapped = scalars.copy()
-        for ends in ([0, 1], [4, 5]):
-            swapped[np.ix_(is_straight, ends)] = scalars[np.ix_(is_straight, ends[::-1])]
+        for at_i, at_j in ((0, 1), (4, 5)):
+            swapped[is_straight, at_i] = scalars[is_straight, at_j]
+            swapped[is_straight, at_j] = scalars[is_straight, at_i]
         if np.any(np.abs(swapped[images] - scalars) > _ALIKE * np.abs(scalars)):
             return False
         # a straight image has the same vectors, and any other the opposite ones; centres are

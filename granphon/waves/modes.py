@@ -1286,8 +1286,9 @@ def find_whole(operator: WaveOperator, count: int, nearest: float | None) -> Dam
     shapes[live] = columns
     vectors = np.zeros((count, operator.network.n_balls, operator.motions.count), complex)
     vectors[:, operator.balls] = np.moveaxis(operator.values(shapes), -1, 0)
+    omega: Complex = np.asarray(operator.top * np.sqrt(squares), complex)
     return DampedModes(
-        frequencies=operator.top * np.sqrt(squares) / (2.0 * math.pi),
+        frequencies=omega / (2.0 * math.pi),
         vectors=vectors,
         warnings=network_warnings(operator.network),
     )
