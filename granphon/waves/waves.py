@@ -111,8 +111,11 @@ class Waves:
         Parameters
         ----------
         name : the method that finds it: "dos", "spectral_function", "modes", "branches",
-            "count_modes", "response" or "transmit".
-        arguments, options : those of the method.
+            "count_modes", "response" or "transmit"; or "moduli", of :func:`gp.moduli
+            <granphon.moduli>` and of sound; or "transmission", of :func:`granphon.transmission`
+            through this network.
+        arguments, options : those of the method; none of moduli; of a transmission the two leads,
+            the frequencies, ``axis`` and ``q``.
 
         :attr:`~granphon.media.cost.Cost.text` says it in words; ``memory`` is in bytes, and
         ``seconds`` is the processor's time, within a factor of about three: D is made, and one
