@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from granphon.cli.commands import main
 from granphon.scene.scene import is_complete
 from granphon.waves.settings import RESPONSES
 from tests import packings
+from tests.networks.test_readers import DAMAGES
 from tests.scene.mistakes import NETWORK
 
 
@@ -114,6 +117,24 @@ def test_a_file_that_is_cut_is_told_at_the_block(tmp_path):
     with pytest.raises(SceneError, match=r":2: network: .*cut\.dump .*64 .*56 ") as error:
         gp.Scene.from_text(text)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_the_command_tells_a_damaged_file_in_one_line(damage, tmp_path, capsys):
+    pairs = tmp_path / "pairs.dump"
+    pairs.write_bytes(DAMAGES[damage]((packings.FOLDER / "disks_pairs.dump").read_bytes()))
+    scene = tmp_path / "scene.yaml"
+    text = NETWORK.replace(f"{packings.FOLDER}/disks_pairs.dump", str(pairs))
+    scene.write_text(text)
+    code = main(["check", str(scene)])
+    told = capsys.readouterr()
+    assert code in (0, 2)
+    if code:
+        assert not told.out
+        assert re.fullmatch(
+            r"granphon: error: .*scene\.yaml:\d+: network: .*pairs\.dump.*\n", told.err
+        )
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["pairs.dump", "scene.yaml"]
 
 
 def test_files_have_no_parameters():
