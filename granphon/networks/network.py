@@ -978,7 +978,8 @@ class ContactNetwork(Result):
         Contacts without force whose stiffness follows from it are left out. Files of
         :meth:`write_tables` also give cell, pbc, dimension, motions and prestress, where these are
         not given here; pbc for their own cell only. They have a digest: if one of the two has lost
-        it, there is an :class:`~granphon.base.errors.UnverifiedFileWarning`.
+        it, or a file of another program has no line break at its end, where it may be cut, there is
+        an :class:`~granphon.base.errors.UnverifiedFileWarning`.
 
         Raises
         ------
