@@ -31,6 +31,8 @@ from granphon.dynamics.deformation_rows import (
     anchor_rows,
     carry_rows,
     contact_rows,
+    excess_pairs,
+    excess_rows,
     growth_rows,
     push_rows,
     split_pairs,
@@ -111,11 +113,15 @@ class Compatibility:
     torsion : stiffness of twist over d^2 times that of elongation; a number, or (n_c,).
     bending : stiffness of rolling over d^2 times that of elongation; a number, or (n_c,).
     tangential_force : (n_c, d) static forces across contacts, with which ball i acts on ball j;
-        none by default. D has their effect as
-        :func:`~granphon.dynamics.deformation_rows.carry_rows` gives it, without the part that has
-        no potential.
+        none by default. They act on motions as in
+        :func:`~granphon.dynamics.deformation_rows.carry_rows`, without the part that has no
+        potential.
     tangential_growth : (n_c,) derivative of a tangential force with respect to the overlap, over
         the force, 1/d; 0 by default.
+    lever_excesses : (2, n_c) differences, in d, of the levers of slip from the arms, at balls i and
+        at balls j; 0 by default. They act on motions as in
+        :func:`~granphon.dynamics.deformation_rows.excess_pairs`, without the part that has no
+        potential.
     distance : (n_c,) distance r of the two centres; a tangential force turns with the line between
         them. By default r is the length of the vector of the contact. So ``distance`` must be given
         if tangential forces act and balls touch bodies that do not move.
@@ -146,6 +152,7 @@ class Compatibility:
         bending: ArrayLike = 0.0,
         tangential_force: ArrayLike = 0.0,
         tangential_growth: ArrayLike = 0.0,
+        lever_excesses: ArrayLike = 0.0,
         distance: ArrayLike | None = None,
         motions: Motions = IN_PLANE,
         on_site: Array | None = None,
@@ -176,6 +183,8 @@ class Compatibility:
         self.tangential_force: Array = read_only(np.broadcast_to(across, contacts.normal.shape))
         growth = real_array("tangential_growth", tangential_growth)
         self.tangential_growth: Array = read_only(np.broadcast_to(growth, len(contacts)))
+        excesses = real_array("lever_excesses", lever_excesses)
+        self.lever_excesses: Array = read_only(np.broadcast_to(excesses, (2, len(contacts))))
         distances = np.linalg.norm(contacts.vector, axis=1)
         if distance is not None:
             distances = real_array("distance", distance)
@@ -278,18 +287,29 @@ class Compatibility:
         """Whether static contact forces enter the stiffness, and D may have negative
         eigenvalues.
         """
-        return bool(np.any(self.prestress != 0.0) or self.has_tangential_force)
+        return bool(np.any(self.prestress != 0.0) or self.lacks_potential)
 
     @property
     def slack(self) -> float:
         """Part of the largest squared frequency by which eigenvalues of D may be negative although
         the balls are at rest.
 
-        D lacks the part of static tangential forces that has no potential. Without this part
-        motions that cost nothing, such as the spin of a ball about its two contacts, have negative
-        eigenvalues of second order in the forces.
+        D lacks the part of static tangential forces, and of slip by levers that exceed the arms,
+        that has no potential. Without this part motions that cost nothing, such as the spin of a
+        ball about its two contacts, have negative eigenvalues of second order in the forces and in
+        the excess.
         """
-        return _WITHOUT_POTENTIAL if self.has_tangential_force else 0.0
+        return _WITHOUT_POTENTIAL if self.lacks_potential else 0.0
+
+    @cached_property
+    def lacks_potential(self) -> bool:
+        """Whether D lacks a part of what acts at contacts, which has no potential."""
+        return self.has_tangential_force or self.has_excesses
+
+    @cached_property
+    def has_excesses(self) -> bool:
+        """Whether the levers of slip exceed the arms."""
+        return bool(np.any(self.lever_excesses != 0.0))
 
     @cached_property
     def has_tangential_force(self) -> bool:
@@ -486,6 +506,8 @@ class Compatibility:
         rows = self._make_contact_rows(self.motions, 1.0, 1.0, 1.0)
         if self.is_prestressed:
             rows += push_rows(table.normal, self.motions)
+        if self.has_excesses:
+            rows += excess_rows(*self._of_excesses)
         if self.has_tangential_force and np.any(self.tangential_growth):
             gyration = np.append(self.gyration, 1.0)
             rows += growth_rows(
@@ -512,17 +534,30 @@ class Compatibility:
         shifts[:, np.arange(count), np.arange(count)] = weights[:, None]
         return shifts.reshape(self.n_branches, count)
 
+    @property
+    def _of_excesses(self) -> tuple[Any, ...]:
+        """The arguments of :func:`~granphon.dynamics.deformation_rows.excess_pairs`."""
+        table = self.contacts
+        gyration = np.append(self.gyration, 1.0)  # the last of a body that does not move
+        at_i, at_j = self.lever_excesses
+        radii = (gyration[table.i], gyration[table.j])
+        return table.normal, (table.arm_i, table.arm_j), (at_i, at_j), self.motions, radii
+
     @cached_property
     def static_rows(self) -> list[tuple[Row, Array]]:
         """Rows on which static forces act, each with its stiffness (n_c,), which may be below zero.
 
         Displacements across a contact with the normal force f and the distance a of its centres
         have the stiffness -f/a. A tangential force acts by three products of two rows, and by one
-        more if it grows with the overlap; each product is written as a difference of two squares,
-        that is, by two rows.
+        more if it grows with the overlap; slip by levers that exceed the arms acts by a product for
+        each tangent. Each product is written as a difference of two squares, that is, by two rows.
         """
         table = self.contacts
         pushes = [(row, -self.prestress) for row in push_rows(table.normal, self.motions)]
+        if self.has_excesses:
+            slip_stiffness = self.mindlin_ratio * self.stiffness
+            excesses = split_pairs(excess_pairs(*self._of_excesses))
+            pushes += [(row, sign * slip_stiffness) for row, sign in excesses]
         if not self.has_tangential_force:
             return pushes
         across = _put_in_space(self.tangential_force)
@@ -706,13 +741,16 @@ class Compatibility:
                 table.arm_j,
                 self.stiffness,
                 self.prestress,
+                *self.lever_excesses,
                 self.tangential_growth,
                 *ratios,
             ]
         )
-        # arms are exchanged where the image is straight
+        # what belongs to the ends is exchanged where the image is straight
         swapped = scalars.copy()
-        swapped[is_straight, :2] = scalars[is_straight, 1::-1]
+        for at_i, at_j in ((0, 1), (4, 5)):
+            swapped[is_straight, at_i] = scalars[is_straight, at_j]
+            swapped[is_straight, at_j] = scalars[is_straight, at_i]
         if np.any(np.abs(swapped[images] - scalars) > _ROUNDED_EQUAL * np.abs(scalars)):
             return False
         # a straight image has the same vectors, and any other the opposite ones; centres are

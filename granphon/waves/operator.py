@@ -12,8 +12,10 @@ of a ball. The eigenvalues of D are squared angular frequencies,
 moves, its mass-weighted motions: M^1/2 u and M^1/2 w, w = (I/M)^1/2 phi.
 
 Static tangential forces T add G (:func:`granphon.dynamics.deformation_rows.carry_rows`), which has
-no potential, as the law of discrete elements has none. D has the symmetric part of G. The
-antisymmetric part, which D lacks, changes an eigenvalue by a term of second order in T/(k r). The
+no potential, as the law of discrete elements has none; so does slip by levers that exceed the arms
+(:func:`granphon.dynamics.deformation_rows.excess_pairs`). D has the symmetric part of G. The
+antisymmetric part, which D lacks, changes an eigenvalue by a term of second order in T/(k r), and
+in the overlap over r. The
 change shows where an eigenvalue is zero: a ball with two contacts in space turns freely about the
 line through the contacts, along which its forces are, and the eigenvalue of D is a little less than
 zero. So :attr:`WaveOperator.whole` tells whether the network is stable.
@@ -43,6 +45,7 @@ from granphon.dynamics.damping import ALIKE, Losses
 from granphon.dynamics.deformation_rows import (
     Row,
     carry_rows,
+    excess_pairs,
     find_anchors,
     find_gyration,
     network_rows,
@@ -361,9 +364,7 @@ class WaveOperator(LinearOperator):
 
     @staticmethod
     def _add_carried(springs: csr_array[Any], carried: csr_array[Any] | None) -> csr_array[Any]:
-        """Return the matrix of ``springs`` and the Hermitian part of what static tangential forces
-        add, if these act.
-        """
+        """Return the matrix of ``springs`` and the Hermitian part of G, if there is any."""
         if carried is None:
             return springs
         matrix: csr_array[Any] = (springs + 0.5 * (carried + carried.conj().T)).tocsr()
@@ -441,15 +442,43 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def _pairs(self) -> tuple[tuple[list[Row], list[Array]], ...]:
-        """The two sets of rows, each with its factors, whose product is G of static tangential
-        forces: "pull" and "move"; none if no such forces act.
+        """The two sets of rows, each with its factors, whose product is G: "pull" and "move"; none
+        if no static tangential forces act, and no lever of slip exceeds its arm.
         """
-        network = self.network
-        _, tangential_force = self.network.static_forces
-        if not network.prestress or not np.any(tangential_force):
+        of_forces = self._find_carried_pairs()
+        of_levers = self._find_excess_pairs()
+        pairs = of_forces + of_levers
+        if not pairs:
             return ()
+        ones = np.ones(self.network.n_contacts)
+        pull_factors = [ones for _ in of_forces]
+        pull_factors += [self.network.shear_stiffness for _ in of_levers]
+        pull_rows = [pull for pull, _ in pairs]
+        move_rows = [move for _, move in pairs]
+        return (pull_rows, pull_factors), (move_rows, [ones for _ in pairs])
+
+    def _find_excess_pairs(self) -> list[tuple[Row, Row]]:
+        """Return the pairs of rows of slip by levers that exceed the arms, over its stiffness."""
+        network = self.network
+        if network.lever_excesses is None:
+            return []
         gyration = find_gyration(network)
-        pairs = carry_rows(
+        return excess_pairs(
+            network.normal[:, : network.dimension],
+            (network.arm_i, network.arm_j),
+            network.lever_excesses,
+            self.motions,
+            (gyration[network.i], gyration[network.j]),
+        )
+
+    def _find_carried_pairs(self) -> list[tuple[Row, Row]]:
+        """Return the pairs of rows of static tangential forces, none if none act."""
+        network = self.network
+        _, tangential_force = network.static_forces
+        if not network.prestress or not np.any(tangential_force):
+            return []
+        gyration = find_gyration(network)
+        return carry_rows(
             network.normal,
             tangential_force,
             network.distance,
@@ -460,19 +489,15 @@ class WaveOperator(LinearOperator):
             gyration[network.j],
             network.tangential_growth,
         )
-        factors = [np.ones(network.n_contacts) for _ in pairs]
-        pull_rows = [pull for pull, _ in pairs]
-        move_rows = [move for _, move in pairs]
-        return (pull_rows, factors), (move_rows, factors)
 
     @cached_property
     def _carried(self) -> csr_array[Any] | None:
-        """G, (size, size), (rad/s)^2, of static tangential forces; None if none act."""
+        """G, (size, size), (rad/s)^2; None if all that acts has a potential."""
         return self._carry()
 
     def _carry(self, phase: Any = 1.0) -> csr_array[Any] | None:
         """Return G, (size, size), (rad/s)^2, where balls j of contacts move with a ``phase``
-        (n_c,); None if no static tangential forces act.
+        (n_c,); None if all that acts has a potential.
         """
         if not self._pairs:
             return None
@@ -484,8 +509,8 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def whole(self) -> csr_array[Any] | None:
-        """D and the antisymmetric part of G, (size, size), (rad/s)^2; None if no static tangential
-        forces act.
+        """D and the antisymmetric part of G, (size, size), (rad/s)^2; None if all that acts has a
+        potential.
         """
         if self._carried is None:
             return None
