@@ -889,7 +889,7 @@ class _System:
         # mass-weighted one
         indices = operator.indices
         self._places = np.flatnonzero(indices.ravel() >= 0)
-        _, self._scale = operator.in_balls
+        _, self._scale = operator.flat_indices_and_scale
         self._strokes = [drive.displacement for drive in drives if drive.displacement is not None]
         self._lifts = [drive.force for drive in drives if drive.force is not None]
         pushes = [operator.push(*push, 1.0 / np.sqrt(masses[push[0]])) for push in pushed]
@@ -976,7 +976,7 @@ class _System:
                 "It is held, or is displaced by a drive, whatever acts on it",
                 "Let them be zero",
             )
-        places, scale = operator.in_balls
+        places, scale = operator.flat_indices_and_scale
         return np.asarray(
             np.pad(values, ((0, 0), (3 * turns, 3 - 3 * turns))).ravel()[places] / scale
         )

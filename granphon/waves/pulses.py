@@ -45,7 +45,7 @@ from granphon.base.validation import (
 from granphon.dynamics.damping import Losses
 from granphon.dynamics.linalg import lanczos_converges
 from granphon.networks.network import ContactNetwork, number_pieces
-from granphon.waves.modes import find_fall, find_falls, is_stable, require_stable
+from granphon.waves.modes import find_allowed_fall, find_falling_motions, is_stable, require_stable
 from granphon.waves.operator import WaveOperator, make_operator
 from granphon.waves.propagation import Propagation, ToneBurst, ViscousPropagation
 from granphon.waves.settings import ENDS, READINGS, PulseSettings
@@ -463,7 +463,9 @@ def drop_falling(cut: ContactNetwork, whole: ContactNetwork) -> ContactNetwork:
     if not cut.prestress:
         return cut
     uncut_operator = make_operator(whole)
-    fall = find_fall(uncut_operator)  # the loads of the contacts that are cut are no imbalance
+    fall = find_allowed_fall(
+        uncut_operator
+    )  # the loads of the contacts that are cut are no imbalance
     if is_stable(make_operator(cut), fall):
         return cut
     require_stable(uncut_operator)
@@ -473,7 +475,7 @@ def drop_falling(cut: ContactNetwork, whole: ContactNetwork) -> ContactNetwork:
         operator = make_operator(remaining)
         if is_stable(operator, fall):
             return remaining
-        falls = operator.values(find_falls(operator, fall))  # (n_free, motions, falls)
+        falls = operator.values(find_falling_motions(operator, fall))  # (n_free, motions, falls)
         sizes = np.linalg.norm(falls, axis=1)
         most_moved = np.unique(np.argmax(sizes, axis=0))
         remaining = _detach(remaining, operator.balls[most_moved])

@@ -678,9 +678,9 @@ class ResponseWork:
         """(2, springs) eta and tau, 1 and s, of the rows of A that have a stiffness; tension is a
         stiffness that loses no energy.
         """
-        factors = self.operator.of_rows(self.losses.factors)
-        times = self.operator.of_rows(self.losses.times)
-        has_stiffness = self.operator.of_rows() > 0.0
+        factors = self.operator.row_weights(self.losses.factors)
+        times = self.operator.row_weights(self.losses.times)
+        has_stiffness = self.operator.row_weights() > 0.0
         return np.stack([factors, times])[:, has_stiffness]
 
     @cached_property
