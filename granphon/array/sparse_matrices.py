@@ -14,8 +14,10 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 #: most motions of a matrix that is factorised, for balls on a line, in a plane, in space: they take
-#: 5 GB at most. SuperLU, which stands in for rslab, has ten times as many entries in space
-LARGEST_FACTORS = {1: 1_000_000, 2: 300_000, 3: 120_000 if find_spec("rslab") else 12_000}
+#: 5 GB at most. SuperLU, which stands in for rslab, and factorises matrices that are not symmetric,
+#: has ten times as many entries in space
+LARGEST_UNSYMMETRIC = {1: 1_000_000, 2: 300_000, 3: 12_000}
+LARGEST_FACTORS = LARGEST_UNSYMMETRIC | ({3: 120_000} if find_spec("rslab") else {})
 #: time of these factors, complex ones, s for each of n motions: c n^p
 _FACTORS_TIME = {1: (3.6e-7, 0.0), 2: (1.8e-7, 0.5), 3: (2.1e-8, 1.0)}
 #: their bytes for each of n motions while they are made, c n^p; of lattices that are not the

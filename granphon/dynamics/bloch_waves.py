@@ -19,6 +19,7 @@ import numpy as np
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import PrecisionError
 from granphon.base.memory import require_memory
+from granphon.base.text import counted
 from granphon.dynamics.linalg import NO_ENERGY
 
 #: matrices of a block, twice as wide, that are held for each frequency, and rows of a contact where
@@ -115,13 +116,23 @@ def require_bloch_memory(count: int, size: int, contacts: int = 0) -> None:
     A block has ``size`` motions, and couplings that differ from frequency to frequency have so many
     ``contacts``.
     """
+    mend = (
+        "Take fewer frequencies" if count > 1 else "Take a narrower block: fewer balls in a layer"
+    )
+    require_memory(
+        f"waves of {size:,} motions at {counted(count, 'frequency', 'frequencies')}",
+        count_bloch_bytes(count, size, contacts),
+        mend,
+    )
+
+
+def count_bloch_bytes(count: int, size: int, contacts: int = 0) -> float:
+    """Return the bytes that waves at ``count`` frequencies take, as :func:`require_bloch_memory`
+    counts them.
+    """
     bytes_of_matrices = _MATRICES * 16.0 * (2 * size) ** 2
     bytes_of_rows = _ROWS * 32.0 * size * contacts
-    require_memory(
-        f"waves of {size:,} motions at {count:,} frequencies",
-        count * (bytes_of_matrices + bytes_of_rows),
-        "Take fewer frequencies",
-    )
+    return count * (bytes_of_matrices + bytes_of_rows)
 
 
 def find_bloch_waves(

@@ -30,6 +30,8 @@ from granphon.dynamics.deformation_rows import (
     anchor_rows,
     carry_rows,
     contact_rows,
+    excess_pairs,
+    excess_rows,
     growth_rows,
     push_rows,
     split_pairs,
@@ -112,6 +114,10 @@ class Compatibility:
         potential.
     tangential_growth : (n_c,) relative growth of a tangential force over the overlap, 1/d; 0 by
         default.
+    lever_excesses : (2, n_c) by how much the levers of slip exceed the arms, at balls i and at
+        balls j; 0 by default. They act as in
+        :func:`~granphon.dynamics.deformation_rows.excess_pairs`, but for the part that has no
+        potential.
     distance : (n_c,) distance r of the two centres, by which tangential forces turn with the
         contact; by default the length of the vector of the contact, so it must be given if
         tangential forces act and balls touch bodies that do not move.
@@ -142,6 +148,7 @@ class Compatibility:
         bending: ArrayLike = 0.0,
         tangential_force: ArrayLike = 0.0,
         tangential_growth: ArrayLike = 0.0,
+        lever_excesses: ArrayLike = 0.0,
         distance: ArrayLike | None = None,
         motions: Motions = IN_PLANE,
         on_site: Array | None = None,
@@ -169,6 +176,8 @@ class Compatibility:
         self.tangential_force: Array = read_only(np.broadcast_to(across, contacts.normal.shape))
         growth = real_array("tangential_growth", tangential_growth)
         self.tangential_growth: Array = read_only(np.broadcast_to(growth, len(contacts)))
+        excesses = real_array("lever_excesses", lever_excesses)
+        self.lever_excesses: Array = read_only(np.broadcast_to(excesses, (2, len(contacts))))
         distances = np.linalg.norm(contacts.vector, axis=1)
         if distance is not None:
             distances = real_array("distance", distance)
@@ -267,17 +276,28 @@ class Compatibility:
     @cached_property
     def is_prestressed(self) -> bool:
         """Whether the static contact force itself enters the stiffness; K is then indefinite."""
-        return bool(np.any(self.prestress != 0.0) or self.has_tangential_force)
+        return bool(np.any(self.prestress != 0.0) or self.lacks_potential)
 
     @property
     def slack(self) -> float:
         """Part of the largest squared frequency by which D may be below zero where balls are at
         rest.
 
-        D lacks the part of static tangential forces that has no potential. That lowers what costs
-        nothing, as the spin of a ball about its two contacts, by the second order of the forces.
+        D lacks the part of static tangential forces, and of slip by levers that exceed the arms,
+        that has no potential. That lowers what costs nothing, as the spin of a ball about its two
+        contacts, by the second order of the forces and of the excess.
         """
-        return _WITHOUT_POTENTIAL if self.has_tangential_force else 0.0
+        return _WITHOUT_POTENTIAL if self.lacks_potential else 0.0
+
+    @cached_property
+    def lacks_potential(self) -> bool:
+        """Whether D lacks a part of what acts at contacts, which has no potential."""
+        return self.has_tangential_force or self.has_excesses
+
+    @cached_property
+    def has_excesses(self) -> bool:
+        """Whether the levers of slip exceed the arms."""
+        return bool(np.any(self.lever_excesses != 0.0))
 
     @cached_property
     def has_tangential_force(self) -> bool:
@@ -465,6 +485,8 @@ class Compatibility:
         rows = self._make_contact_rows(self.motions, 1.0, 1.0, 1.0)
         if self.is_prestressed:
             rows += push_rows(table.normal, self.motions)
+        if self.has_excesses:
+            rows += excess_rows(*self._of_excesses)
         if self.has_tangential_force and np.any(self.tangential_growth):
             gyration = np.append(self.gyration, 1.0)
             rows += growth_rows(
@@ -491,16 +513,30 @@ class Compatibility:
         shifts[:, np.arange(count), np.arange(count)] = weights[:, None]
         return shifts.reshape(self.n_branches, count)
 
+    @property
+    def _of_excesses(self) -> tuple[Any, ...]:
+        """The arguments of :func:`~granphon.dynamics.deformation_rows.excess_pairs`."""
+        table = self.contacts
+        gyration = np.append(self.gyration, 1.0)  # the last of a body that does not move
+        at_i, at_j = self.lever_excesses
+        radii = (gyration[table.i], gyration[table.j])
+        return table.normal, (table.arm_i, table.arm_j), (at_i, at_j), self.motions, radii
+
     @cached_property
     def static_rows(self) -> list[tuple[Row, Array]]:
         """Rows on which static forces act, and their stiffness (n_c,): -f/a of displacements across
         contacts.
 
-        Tangential forces T have three pairs of rows, and one more if they grow with the overlap:
-        each pair is the difference of two squares.
+        Tangential forces T have three pairs of rows, and one more if they grow with the overlap;
+        slip by levers that exceed the arms has a pair for each tangent: each pair is the difference
+        of two squares.
         """
         table = self.contacts
         pushes = [(row, -self.prestress) for row in push_rows(table.normal, self.motions)]
+        if self.has_excesses:
+            slip_stiffness = self.mindlin_ratio * self.stiffness
+            excesses = split_pairs(excess_pairs(*self._of_excesses))
+            pushes += [(row, sign * slip_stiffness) for row, sign in excesses]
         if not self.has_tangential_force:
             return pushes
         across = _put_in_space(self.tangential_force)
@@ -680,13 +716,16 @@ class Compatibility:
                 table.arm_j,
                 self.stiffness,
                 self.prestress,
+                *self.lever_excesses,
                 self.tangential_growth,
                 *ratios,
             ]
         )
-        # arms are exchanged where the image is straight
+        # what belongs to the ends is exchanged where the image is straight
         swapped = scalars.copy()
-        swapped[is_straight, :2] = scalars[is_straight, 1::-1]
+        for at_i, at_j in ((0, 1), (4, 5)):
+            swapped[is_straight, at_i] = scalars[is_straight, at_j]
+            swapped[is_straight, at_j] = scalars[is_straight, at_i]
         if np.any(np.abs(swapped[images] - scalars) > _ALIKE * np.abs(scalars)):
             return False
         # a straight image has the same vectors, and any other the opposite ones; centres are

@@ -251,6 +251,10 @@ class ContactLattice(LongWaves):
             tangential_force = forces[kept]
         across = turn_frame(tangential_force)
         across[is_swapped] *= -1.0
+        excesses = np.zeros((2, len(kept)))
+        if network.lever_excesses is not None:
+            excesses[:] = [of_end[kept] for of_end in network.lever_excesses]
+            excesses[:, is_swapped] = excesses[::-1, is_swapped]
         spring = network.normal_stiffness[kept]
         rotational = spring * units.length**2
         motions = allowed_motions(dimension)[network.motions]
@@ -274,6 +278,7 @@ class ContactLattice(LongWaves):
             bending=extend(network.bending_stiffness[kept] / rotational),
             tangential_force=extend(across / units.force),
             tangential_growth=extend(network.tangential_growth[kept] * units.length),
+            lever_excesses=np.array([extend(of_end / units.length) for of_end in excesses]),
             distance=extend(network.distance[kept] / units.length, 1.0),
             motions=motions,
             on_site=springs if len(anchored) else None,

@@ -43,6 +43,8 @@ ANCHOR = "anchor"
 ANCHORED_TURN = "anchored turn"
 #: kind of the rows on which the growth of static tangential forces acts
 GROWTH = "growth"
+#: kind of the rows of slip by levers that exceed the arms
+EXCESS = "excess"
 
 
 class Row(NamedTuple):
@@ -52,8 +54,8 @@ class Row(NamedTuple):
     ----------
     kind : "elongation", "slip", "twist", "roll"; "push", a displacement across the contact; "turn",
         a sum of rotations; "carry" and "growth", what a static tangential force and its growth act
-        on; or "anchor" and "anchored turn", a displacement and a rotation of ball i against a
-        spring to the ground.
+        on; "excess", a part of the slip by levers that exceed the arms; or "anchor" and "anchored
+        turn", a displacement and a rotation of ball i against a spring to the ground.
     stiffness : stiffness over that of elongation: eta for slip, in units of d^2 for twist and roll;
         a number, or one per contact.
     head, tail : (n_c, motions) coefficients of the motions of ball j and of ball i.
@@ -189,8 +191,17 @@ def network_unit_rows(network: ContactNetwork) -> list[Row]:
         return rows
     rows += push_rows(network.normal[:, : network.dimension], network.ball_motions)
     across = network.static_forces[1]
+    gyration = find_gyration(network)
+    excesses = network.lever_excesses
+    if excesses is not None:
+        rows += excess_rows(
+            network.normal[:, : network.dimension],
+            (network.arm_i, network.arm_j),
+            excesses,
+            network.ball_motions,
+            (gyration[network.i], gyration[network.j]),
+        )
     if np.any(network.tangential_growth) and np.any(across):
-        gyration = find_gyration(network)
         rows += growth_rows(
             network.normal,
             across,
@@ -299,6 +310,49 @@ def growth_rows(
     slip = _slip_row(normal, force, arm_i, arm_j, motions, gyration_i, gyration_j)
     pairs = split_pairs([(slip, elongation)])
     return [row._replace(kind=GROWTH, stiffness=sign) for row, sign in pairs]
+
+
+def excess_pairs(
+    normal: Array,
+    arms: tuple[Array, Array],
+    excesses: tuple[Array, Array],
+    motions: Motions,
+    gyration: tuple[Array, Array],
+) -> list[tuple[Row, Row]]:
+    """Return the stiffness, over that of slip, which levers of slip have that exceed the arms, as
+    pairs (pull, move) of rows: the sum of pull^T move.
+
+    Slip has the levers arm + ``excesses``, and its force makes torques with the ``arms``, so that
+    the sum is not symmetric: pull is the slip by the arms, and move what the excesses add to it.
+    ``arms``, ``excesses`` and ``gyration`` are those of balls i and of balls j, each (n_c,);
+    ``normal`` (n_c, d) and ``motions`` are as for :func:`contact_rows`.
+    """
+    _, t, b = contact_frames(normal)
+    none = [np.zeros(len(normal))] * 3
+    levers = [arm / radius for arm, radius in zip(arms, gyration, strict=True)]
+    more = [excess / radius for excess, radius in zip(excesses, gyration, strict=True)]
+    pairs = []
+    # as in contact_rows, (phi x n).t is phi.b, and (phi x n).b is -phi.t
+    for moved, turned, sign in ((t, b, 1.0), (b, t, -1.0)):
+        pull = _make_row("slip", 1.0, moved, turned, -sign * levers[1], sign * levers[0], motions)
+        move = _make_row("turn", 1.0, none, turned, -sign * more[1], sign * more[0], motions)
+        if np.any(move.head) or np.any(move.tail):
+            pairs.append((pull, move))
+    return pairs
+
+
+def excess_rows(
+    normal: Array,
+    arms: tuple[Array, Array],
+    excesses: tuple[Array, Array],
+    motions: Motions,
+    gyration: tuple[Array, Array],
+) -> list[Row]:
+    """Return the rows on whose squares :func:`excess_pairs` act, over the stiffness of slip; the
+    stiffness of a row, 1 or -1, is the sign of its square.
+    """
+    pairs = excess_pairs(normal, arms, excesses, motions, gyration)
+    return [row._replace(kind=EXCESS, stiffness=sign) for row, sign in split_pairs(pairs)]
 
 
 def _slip_row(

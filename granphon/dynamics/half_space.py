@@ -27,6 +27,8 @@ from numpy.typing import ArrayLike
 from granphon.balls.ball import Wall
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import GranphonError, InputError
+from granphon.base.memory import available_memory, require_memory
+from granphon.base.text import counted
 from granphon.base.validation import real_array
 from granphon.dynamics.bloch_waves import Couplings
 from granphon.dynamics.contact_lattice import ContactLattice
@@ -41,6 +43,8 @@ _MOST_DOUBLINGS = 60
 #: entries of blocks that are held in one call, and blocks that are held for each w
 _CHUNK = 2**20
 _MATRICES_HELD = 12
+#: matrices of all contacts that are held together while layers are made
+_COPIES = 2.0
 #: wave numbers across the edge on which the edges of bands are bracketed
 _BAND_SAMPLES = 48
 #: golden sections that refine a bracket
@@ -228,10 +232,11 @@ class HalfSpace:
         stiffnesses = [row.stiffness / units.stiffness for row in rows]
         if not cut.prestress:
             return rows, stiffnesses
-        if cut.tangential_force is not None and np.any(cut.tangential_force):
+        has_tangential_force = cut.tangential_force is not None and np.any(cut.tangential_force)
+        if has_tangential_force or cut.lever_excesses is not None:
             raise InputError(
-                "the network has static tangential forces",
-                "With prestress, they have no potential",
+                "the network has static tangential forces, or slip by levers that exceed the arms",
+                "With prestress, these have no potential",
             )
         push_stiffness = -cut.normal_force / cut.distance / units.stiffness
         for row in push_rows(cut.normal[:, : self.network.dimension], self.motions):
@@ -261,7 +266,9 @@ class HalfSpace:
         tails = cut.i[kept]
         heads = cut.j[kept]
         contacts = np.arange(n_kept)
-        matrix = np.zeros((len(steps), len(rows), n_kept, int(number.max()) + 1, count))
+        shape = (len(steps), len(rows), n_kept, int(number.max()) + 1, count)
+        self._require_memory(shape)
+        matrix = np.zeros(shape)
         for kind, row in enumerate(rows):
             tail = -row.tail[kept] * inverse_root_mass[tails][:, None]
             head = row.head[kept] * inverse_root_mass[heads][:, None]
@@ -270,6 +277,19 @@ class HalfSpace:
         n_balls = 3 * self.size // count  # those of three blocks
         in_blocks = matrix[:, :, :, :n_balls].reshape(len(steps), -1, 3 * self.size)
         return steps[:, : len(self.layers.cell)], in_blocks
+
+    def _require_memory(self, shape: tuple[int, ...]) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` unless matrices of this ``shape`` fit
+        into memory; the message has the number of balls whose matrices would.
+        """
+        needed = _COPIES * 8.0 * math.prod(shape)
+        # contacts and balls both go as the balls of a layer
+        n_fitting = int(self.per_layer * math.sqrt(available_memory() / needed))
+        require_memory(
+            f"layers of {counted(self.per_layer, 'ball')}",
+            needed,
+            f"Take a network of {n_fitting:,} balls or fewer in each layer",
+        )
 
     def blocks(self, q: Array) -> tuple[Complex, Complex, Complex]:
         """Return E_0, E and A, (n_q, size, size), at wave vectors q (n_q, p - 1) in fractions of

@@ -527,7 +527,7 @@ class LongWaves(Compatibility):
         is_across = self._is_across
         # a gradient of displacements across the periods costs the work of the static stress,
         # nothing else
-        if is_across.any() and not self.has_tangential_force:
+        if is_across.any() and not self.lacks_potential:
             stiffness[..., is_across, :, :, :] = 0.0
             stiffness[..., :, :, is_across, :] = 0.0
             for axis in np.flatnonzero(is_across):
@@ -705,7 +705,7 @@ class LongWaves(Compatibility):
             ends -= np.einsum("ca,cag->cg", row.tail, motions[table.i])
             deformations.append(strain_rows(row, vector, self.motions) + ends.reshape(shape))
         stack = np.array(deformations)
-        if self.has_tangential_force:
+        if self.lacks_potential:
             return rows, stack
         # a gradient of a displacement across the periods turns the whole lattice: nothing deforms,
         # and the static stress alone does work

@@ -33,7 +33,7 @@ from granphon.base.arrays import Array, Flags, Index
 from granphon.base.results import Result, held, result_class
 from granphon.base.scales import Units
 from granphon.base.text import counted
-from granphon.dynamics.deformation_rows import GROWTH, Row
+from granphon.dynamics.deformation_rows import EXCESS, GROWTH, Row
 from granphon.networks.network import ContactNetwork
 
 #: the field of :class:`Sensitivities` that holds the derivative by the stiffness against each kind
@@ -45,6 +45,7 @@ STIFFNESSES = {
     "roll": "bending",
     "push": "normal_force",
     GROWTH: "tangential_growth",
+    EXCESS: "excess",
 }
 #: units of what derivatives are taken by
 _UNITS = {
@@ -215,13 +216,19 @@ def list_contact_units(network: ContactNetwork, units: Units) -> dict[str, Any]:
     if network.prestress:
         by_contact["normal_force"] = -units.stiffness * network.distance
         by_contact["tangential_growth"] = 1.0 / units.length
+        by_contact["excess"] = units.stiffness
     return by_contact
 
 
-def add_growth(fields: dict[str, Any], network: ContactNetwork, slopes: Any) -> None:
-    """Add to the ``fields`` normal_stiffness and normal_force what follows from the growth of
-    static tangential forces, by which the derivatives are the ``slopes`` (..., n_c), over 1/m.
+def add_static(fields: dict[str, Any], network: ContactNetwork, slopes: Any, excess: Any) -> None:
+    """Add to the ``fields`` what static forces change beside themselves, (..., n_c).
+
+    To normal_stiffness and normal_force is added what follows from the growth of tangential forces,
+    by which the derivatives are the ``slopes``, over 1/m; to shear_stiffness the ``excess``, over
+    N/m, of slip by levers that exceed the arms.
     """
+    if fields.get("shear_stiffness") is not None:
+        fields["shear_stiffness"] = fields["shear_stiffness"] + excess
     growth = network.tangential_growth
     for name, sign, values in (
         ("normal_stiffness", 1.0, network.normal_stiffness),
@@ -279,7 +286,7 @@ def find_frequency_sensitivities(
         derivatives *= slope[..., None]
         fields[name] = derivatives
     if network.prestress:
-        add_growth(fields, network, fields.pop("tangential_growth"))
+        add_static(fields, network, fields.pop("tangential_growth"), fields.pop("excess"))
     motions = network.ball_motions
     of_balls = np.zeros((*frequencies.shape, network.n_balls, motions.count))
     of_balls[..., place.balls, :] = energies.motions / list_inertias(network)[place.balls]

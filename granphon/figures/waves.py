@@ -110,9 +110,12 @@ def plot_spectrum(
     """
     spectrum = spectra.spectra[number]
     order = np.argsort(spectra.distances, kind="stable")
-    unit = HertzPrefix.for_top(float(spectra.bands.max()))
+    # a packing has no bands
+    has_bands = spectra.bands.size > 0
+    highest = float(spectra.bands.max() if has_bands else spectrum.frequencies.max())
+    unit = HertzPrefix.for_top(highest)
     x = spectra.distances[order]
-    top = _BEYOND_BANDS * float(spectra.bands.max())
+    top = _BEYOND_BANDS * highest if has_bands else highest
     is_below_top = spectrum.frequencies <= top
     frequencies = spectrum.frequencies[is_below_top]
     edges_y, row_values = _group_rows(frequencies, spectrum.values[order][:, is_below_top])
@@ -133,7 +136,7 @@ def plot_spectrum(
         unit,
         gid="spectral-function",
     )
-    if bands:
+    if bands and has_bands:
         _draw_mean_bands(ax, spectra, unit)
     if peaks:
         _draw_peaks(ax, spectra.distances, spectrum, unit)

@@ -42,7 +42,7 @@ from granphon.media.cells import QUICK_BALLS, CrystalCell
 from granphon.media.medium import NETWORK, Medium
 from granphon.media.state import NetworkState
 from granphon.networks.faults import BAD
-from granphon.networks.network import READERS, TANGENTIAL_LAWS, ContactNetwork
+from granphon.networks.network import READERS, SLIP_LEVERS, TANGENTIAL_LAWS, ContactNetwork
 
 #: names of the tables in which a run keeps the packing that it has read
 TABLES = ("balls.csv", "contacts.csv")
@@ -131,7 +131,8 @@ class NetworkFiles(Block, kw_only=True):
     walls, frozen : names of the walls of LAMMPS, and columns with values of balls that are held.
     cell, pbc : lengths of the periods, m, or their vectors; which of them repeat, (3,).
     dimension, motions, friction, prestress : of the network.
-    tangential_law, keep_rattlers, held_by, bad : how forces change, and what is left out.
+    tangential_law, slip_levers : how forces change, and the levers of slip.
+    keep_rattlers, held_by, bad : what is left out.
 
     Raises
     ------
@@ -222,6 +223,12 @@ class NetworkFiles(Block, kw_only=True):
         "how static tangential forces change with the overlap",
         default=None,
         absent="`mindlin/force`",
+    )
+    slip_levers: str | None = setting(
+        word_of(*SLIP_LEVERS),
+        "by which rotations make slip, with static forces",
+        default=None,
+        absent="`radii` of LAMMPS, else `arms`",
     )
     keep_rattlers: bool | None = setting(
         Kind.plain(truth), "whether balls that carry no load stay", default=None, absent="`false`"

@@ -136,6 +136,7 @@ class Source:
     contact_model: ContactModel | None = None
     notes: tuple[str, ...] = ()
     tangential_law: str = "mindlin/force"
+    slip_levers: str = "arms"
 
     def complete(self, completion: Completion) -> tuple[dict[str, Any], tuple[str, ...]]:
         """Return all fields of the network, by name, in SI units, and notes on contacts that are
@@ -184,6 +185,7 @@ class Source:
             "contact_model": self._find_model(material, resists_slip=resists_slip),
             "on_site": self._list_on_site(motions, dimension),
             "tangential_law": source.tangential_law,
+            "slip_levers": source.slip_levers,
         }
         return network_fields, notes
 

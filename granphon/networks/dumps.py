@@ -499,7 +499,8 @@ def _set_box(
         frame.origin, frame.cell = _tilt_box(bounds) if is_tilted else _make_box(bounds)
         if boundaries:
             frame.pbc = np.array([boundary == "pp" for boundary in boundaries])
-        if frame.pbc.shape != (3,) or not np.all(np.isfinite(frame.cell)):
+        has_three_axes = frame.cell.shape == (3, 3) and frame.pbc.shape == (3,)
+        if not has_three_axes or not np.all(np.isfinite(frame.cell)):
             raise ValueError
     except (IndexError, ValueError):
         fault = f"{frame.name}:{place + 1}: the bounds of the box cannot be read"

@@ -7,7 +7,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -151,7 +151,7 @@ def read_dumps(
         balls = add_wall(balls, label, str(wall))
     notes = [note_columns(touching, _NAMES)]
     notes += note_atoms(atoms, names_of_walls, frozen)
-    return make_source(atoms, scales, balls, lists, notes)
+    return replace(make_source(atoms, scales, balls, lists, notes), slip_levers="radii")
 
 
 def make_source(

@@ -79,6 +79,8 @@ TANGENTIAL_LAWS = {
     "yade": 0.0,
     "liggghts": 0.5,
 }
+#: levers by which rotations make slip: to the contact, or to the surface of each ball
+SLIP_LEVERS = ("arms", "radii")
 #: memory to repeat or to cut a network, and to check it, over that of its arrays
 _COPIES = 4.5
 #: the key of what a reader leaves among what a network keeps
@@ -135,6 +137,10 @@ class ContactNetwork(Result):
         grows as the shear stiffness, as delta^(1/2). "mindlin_rescale" and "mindlin_rescale/force":
         the same two, but slip or force shrinks where the overlap does; the response is the mean of
         both directions, as delta^(3/4) and delta^(1/4).
+    slip_levers : "arms", rotations make slip with the distances ``arm_i`` and ``arm_j``, by which
+        forces make torques too; "radii", as in ``pair_style granular`` of LAMMPS, with the radii:
+        more by half of the overlap, so that with ``prestress`` slip has no potential. Static forces
+        act by terms of the same order: without ``prestress`` neither counts.
 
     Raises
     ------
@@ -180,6 +186,7 @@ class ContactNetwork(Result):
     contact_model: ContactModel | None = held(ContactModel, "?", default=None, repr=False)
     on_site: Array | None = held(float, "n m?", within="zero or above", default=None)
     tangential_law: str = held(str, default="mindlin/force")
+    slip_levers: str = held(str, default="arms")
 
     def __post_init__(self) -> None:
         """Check every field, and put it in place as it is kept: arrays are read-only, and flat
@@ -192,6 +199,7 @@ class ContactNetwork(Result):
             "dimension": whole_number("dimension", self.dimension, 1, 3),
             "left_out": whole_number("left_out", self.left_out, 0),
             "tangential_law": one_of("tangential_law", self.tangential_law, TANGENTIAL_LAWS),
+            "slip_levers": one_of("slip_levers", self.slip_levers, SLIP_LEVERS),
         }
         lattice: Any = self.lattice
         if not isinstance(lattice, Lattice | None):
@@ -430,6 +438,23 @@ class ContactNetwork(Result):
         overlap = overlap_from(self.normal_force, self.normal_stiffness)
         growth = np.divide(power, overlap, out=np.zeros(self.n_contacts), where=overlap > 0.0)
         return read_only(growth)
+
+    @cached_property
+    def lever_excesses(self) -> tuple[Array, Array] | None:
+        """(n_c,) of balls i and of balls j: by how much the levers of slip exceed the arms, m; zero
+        of flat walls, and of contacts that resist no slip. None if they exceed none, or if static
+        forces do not act.
+        """
+        if not self.prestress or self.slip_levers == "arms":
+            return None
+        resists_slip = self.shear_stiffness > 0.0
+        excesses = []
+        for ball, arm in ((self.i, self.arm_i), (self.j, self.arm_j)):
+            radii = self.radii[ball]
+            has_lever = np.isfinite(radii) & resists_slip
+            excesses.append(read_only(np.where(has_lever, radii, arm) - arm))
+        at_i, at_j = excesses
+        return (at_i, at_j) if np.any(at_i) or np.any(at_j) else None
 
     @cached_property
     def unbalanced(self) -> tuple[Array, Array]:
@@ -931,8 +956,9 @@ class ContactNetwork(Result):
             not. Contacts that resist slip bear tangential forces of the same order: without these
             there is an :class:`~granphon.base.errors.InconsistencyWarning`; and there is one if the
             static forces on a ball add up to more than 1e-3 of the mean force of a contact.
-        tangential_law : how static tangential forces change with the overlap, see the class; by
-            default as files of :meth:`write_tables` say, or "mindlin/force".
+        tangential_law, slip_levers : how static tangential forces change with the overlap, and the
+            levers of slip, see the class; by default as files of :meth:`write_tables` say, or
+            "mindlin/force" and "arms".
         columns : headings of columns that go by other names: {"radius": "R (mm)"}.
         keep_rattlers : keep balls that carry no load. By default they are left out, and
             ``left_out`` is their number.
@@ -952,7 +978,8 @@ class ContactNetwork(Result):
         Contacts without force whose stiffness follows from it are left out. Files of
         :meth:`write_tables` also give cell, pbc, dimension, motions and prestress, where these are
         not given here; pbc for their own cell only. They have a digest: if one of the two has lost
-        it, there is an :class:`~granphon.base.errors.UnverifiedFileWarning`.
+        it, or a file of another program has no line break at its end, where it may be cut, there is
+        an :class:`~granphon.base.errors.UnverifiedFileWarning`.
 
         Raises
         ------
@@ -1021,12 +1048,12 @@ class ContactNetwork(Result):
         frozen : columns of the dump of atoms, each with a value or values there: such balls do not
             move. {"type": 2}, as of ``fix freeze``; {"id": [1, 2]}. By default all move.
         dimension : 1, 2 or 3; by default 2 where z is the same for all balls, else 3.
-        motions, friction, prestress, tangential_law, keep_rattlers, held_by, bad : see
+        motions, friction, prestress, tangential_law, slip_levers, keep_rattlers, held_by, bad : see
             :meth:`from_table`.
 
-        With ``prestress`` the response is that of the ``tangential_law``, with two differences: the
-        part of the tangential forces without a potential is left out, and LAMMPS computes slip with
-        the radii. Contacts with walls are not in ``compute pair/local``: without ``walls`` they are
+        With ``prestress`` the response is that of the ``tangential_law``, and of slip that LAMMPS
+        computes with the radii (``slip_levers``); the part without a potential is left out.
+        Contacts with walls are not in ``compute pair/local``: without ``walls`` they are
         missing. :attr:`notes` say what has not been read.
 
         Forces that are not those of the overlaps, masses that are not those of the density, rounded
@@ -1100,7 +1127,7 @@ class ContactNetwork(Result):
         rolling_stiffness : N/m, the constant k by which the bending stiffness is k R^2, where R is
             the reduced radius. By default contacts roll freely.
         units, columns, step, normal_stiffness, shear_stiffness, frozen, dimension, motions,
-            friction, prestress, tangential_law, keep_rattlers, held_by, bad : see
+            friction, prestress, tangential_law, slip_levers, keep_rattlers, held_by, bad : see
             :meth:`from_lammps`.
 
         Raises
@@ -1157,8 +1184,8 @@ class ContactNetwork(Result):
         frozen : as {"info": 1}: balls of a file .data that do not move. By default those whose
             contacts stand in ``fstat`` from the other ball alone.
         normal_stiffness, shear_stiffness : N/m, of all contacts of a linear law.
-        dimension, motions, friction, prestress, tangential_law, keep_rattlers, held_by, bad : see
-            :meth:`from_table`.
+        dimension, motions, friction, prestress, tangential_law, slip_levers, keep_rattlers,
+            held_by, bad : see :meth:`from_table`.
 
         Raises
         ------

@@ -142,6 +142,7 @@ class CompletionOptions(TypedDict, total=False):
     motions: str | None
     prestress: bool | None
     tangential_law: str | None
+    slip_levers: str | None
     keep_rattlers: bool
     held_by: int | None
     bad: str
@@ -159,6 +160,7 @@ class Completion:
     motions: str | None = None
     prestress: bool | None = None
     tangential_law: str | None = None
+    slip_levers: str | None = None
     keep_rattlers: bool = False
     held_by: int | None = None
     bad: str = "refuse"
@@ -177,7 +179,7 @@ class Completion:
     @property
     def of_network(self) -> dict[str, Any]:
         """The fields of the network that are given, by name."""
-        names = ("dimension", "motions", "prestress", "tangential_law")
+        names = ("dimension", "motions", "prestress", "tangential_law", "slip_levers")
         values = {name: getattr(self, name) for name in names}
         return {name: value for name, value in values.items() if value is not None}
 

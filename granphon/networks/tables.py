@@ -19,7 +19,13 @@ from granphon.balls.contact_model import ContactModel
 from granphon.balls.motions import ALL, allowed_motions
 from granphon.balls.on_site import find_unit, name_springs
 from granphon.base.arrays import Array, Flags, Index
-from granphon.base.errors import InputError, brief
+from granphon.base.errors import (
+    InputError,
+    UnverifiedFileWarning,
+    brief,
+    message,
+    warn_caller,
+)
 from granphon.base.quantities import LENGTH, LOADS, STIFFNESS, TURN_STIFFNESS, Quantity
 from granphon.base.results import plain, restore
 from granphon.base.staging import write_text
@@ -182,6 +188,12 @@ class _Columns:
         raw = read_bytes(path, MOST_BYTES)
         text = decode(self.name, raw).replace("\r\n", "\n")
         _text, self.sealed = open_seal(self.name, text)
+        if not self.sealed and not text.endswith(("\n", "\r")):
+            fault = f"the last line of {self.name} has no line break at its end"
+            why = "The file may be cut there"
+            warn_caller(
+                message(fault, why, "End it with one if it is whole"), UnverifiedFileWarning
+            )
         remark = re.search(f"^{re.escape(_REMARK)}.*$", text, re.MULTILINE)
         if remark:
             self.remark = self._read_remark(remark[0])
@@ -424,6 +436,7 @@ _WHOLE_FIELDS = (
     "left_out",
     "adhesive",
     "tangential_law",
+    "slip_levers",
 )
 
 
@@ -587,6 +600,8 @@ def write_tables(
     fields_of_whole: dict[str, Any] = {"cell": fields["cell"].tolist()}
     for name in ("pbc", "dimension", "motions", "prestress", "left_out", "tangential_law"):
         fields_of_whole[name] = fields[name]
+    if fields["slip_levers"] != "arms":
+        fields_of_whole["slip_levers"] = fields["slip_levers"]
     if fields["adhesive"]:
         fields_of_whole["adhesive"] = True
     if fields["contact_model"] is not None:

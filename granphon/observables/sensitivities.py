@@ -24,7 +24,7 @@ from granphon.dynamics.elasticity import find_stress_part, voigt_pairs
 from granphon.dynamics.sensitivities import (
     STIFFNESSES,
     Sensitivities,
-    add_growth,
+    add_static,
     average_equal,
     list_contact_units,
     name_units,
@@ -143,8 +143,9 @@ def _make_slopes(network: ContactNetwork, products: dict[str, Array]) -> dict[st
         values = products.get(name, 0.0 * example)
         fields[name] = np.moveaxis(values, 0, -1) / unit
     by_growth = fields.pop("tangential_growth")
+    by_excess = fields.pop("excess")
     if network.prestress:
-        add_growth(fields, network, by_growth)
+        add_static(fields, network, by_growth, by_excess)
     return fields
 
 

@@ -56,11 +56,12 @@ def describe_network(lattice: ContactLattice, name: str) -> dict[str, Any]:
     rows of a single ball are complex. In a cut, ``sides`` are -1 for balls in the lower quarter, 1
     for balls in the upper quarter, and 0 for all other balls; without a cut ``sides`` is None.
 
-    Raises :class:`~granphon.base.errors.InputError` for static tangential forces.
+    Raises :class:`~granphon.base.errors.InputError` for static tangential forces, and for slip by
+    levers that exceed the arms.
     """
-    if lattice.has_tangential_force:
+    if lattice.lacks_potential:
         raise InputError(
-            "a page draws no bands under static tangential forces",
+            "a page draws no bands under static tangential forces, nor of slip by the radii",
             mend="Give a network without prestress",
         )
     motions = lattice.named_motions

@@ -60,7 +60,7 @@ from granphon.waves.dos import SpectralDensity
 from granphon.waves.modes import require_motions
 from granphon.waves.motion import Motion, fit_velocity
 from granphon.waves.operator import WaveOperator
-from granphon.waves.path_spectra import PathSpectra, find_path_points
+from granphon.waves.path_spectra import PathSpectra, find_packing_points, find_path_points
 from granphon.waves.peaks import Peaks, find_peaks
 from granphon.waves.pulses import (
     MARGIN,
@@ -144,6 +144,11 @@ def require_waves(
     """
     if settings.spectrum is None and settings.pulse is None:
         return
+    if settings.spectrum is not None:
+        for serving in serving_media:
+            state = None if serving.arrays else find_typical_state(serving)
+            if isinstance(state, NetworkState):  # a packing in files
+                find_packing_points(state.network, settings.path, settings.spectrum.points)
     arrays = [
         (medium, serving.load)
         for serving in serving_media
@@ -282,21 +287,23 @@ def _record_dos(
 
 
 def _record_spectra(
-    waves: Waves, sample: Sample, settings: WaveSettings
+    waves: Waves, sample: Sample | NetworkState, settings: WaveSettings
 ) -> tuple[dict[str, Array], dict[str, SpectralFunction]]:
-    """Return the numbers of the spectral functions of a ``sample`` along the path, and the
-    functions by polarisation.
+    """Return the numbers of the spectral functions of a ``sample``, or of the state of a packing,
+    along the path, and the functions by polarisation.
 
     ``lines`` (polarisations, 3, n) holds the peak, Hz, the width, Hz, and whether the line is
     resolved, at n wave vectors; ``wavenumber`` (n,), ``path_corners`` and ``path_distance`` (n,)
     are in 1/m.
     """
-    packing = sample.packing
     spectrum = settings.spectrum
     assert spectrum is not None
-    points = find_path_points(
-        waves.network, ideal_lattice(packing), packing.diameter, settings.path, spectrum.points
-    )
+    if isinstance(sample, NetworkState):
+        points = find_packing_points(sample.network, settings.path, spectrum.points)
+    else:
+        lattice = ideal_lattice(sample.packing)
+        spacing = sample.packing.diameter
+        points = find_path_points(waves.network, lattice, spacing, settings.path, spectrum.points)
     spectra = {
         polarisation: waves.spectral_function(points.q, polarisation, spectrum.resolution)
         for polarisation in spectrum.polarisation
@@ -842,7 +849,7 @@ def restore_result(record: Record, name: str, kind: type[Result]) -> Any:
 
 
 def restore_spectra(
-    records: Sequence[Record], settings: WaveSettings, state: ContactState
+    records: Sequence[Record], settings: WaveSettings, state: ContactState | NetworkState
 ) -> PathSpectra:
     """Return the spectral functions of the first sample of a ``state`` along the path of the
     ``settings``, from the ``records`` of its samples.
@@ -850,8 +857,17 @@ def restore_spectra(
     record = records[0]
     assert settings.spectrum is not None
     polarisations = settings.spectrum.polarisation
+    spectra = [restore_result(record, name, SpectralFunction) for name in polarisations]
+    if isinstance(state, NetworkState):
+        return PathSpectra.of_packing(
+            spectra,
+            record["path_corners"],
+            record["path_distance"],
+            list(map(np.array, settings.path)),
+            settings.labels,
+        )
     return PathSpectra.of(
-        [restore_result(record, name, SpectralFunction) for name in polarisations],
+        spectra,
         record["path_corners"],
         record["path_distance"],
         state.contact_lattice(),

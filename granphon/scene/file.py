@@ -326,7 +326,7 @@ def _read_files_scene(document: Document, folder: Path) -> dict[str, Any]:
     "arrangement". Their forces are its load.
     """
     data = document.data
-    unused = (*_FILES_BLOCKS, *_NEEDED_BLOCKS, *_CRYSTAL_BLOCKS, "medium", "sweep", "spectrum")
+    unused = (*_FILES_BLOCKS, *_NEEDED_BLOCKS, *_CRYSTAL_BLOCKS, "medium", "sweep")
     for name in (*_NEEDED_BLOCKS, *_CRYSTAL_BLOCKS, "medium", "sweep"):
         if name in data:
             allowed = "network alone, as files have their balls, their contacts and their forces"

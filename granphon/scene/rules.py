@@ -636,8 +636,8 @@ def _read_observables(value: Any) -> tuple[str, ...]:
 
 OBSERVE = Setting(
     Kind.plain(_read_observables),
-    "what to compute; nothing else is computed. `spectrum` and `pulse` are of simulations,"
-    " and so is `dos` where there are several states",
+    "what to compute; nothing else is computed. `spectrum` and `pulse` are of simulations and of"
+    " packings in files, `dos` of simulations where there are several states",
 )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import KW_ONLY, dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
@@ -151,7 +152,9 @@ class SceneValues:
         # a scene without bands in space does not ask ASE, which knows the path there
         has_path = lattice.periods == 2 or bool({"bands", "spectrum"} & set(self.observe))
         if self.band is None and has_path:
-            assign("band", BandPath.default(lattice))
+            is_of_waves = self.packing.is_network and "bands" not in self.observe
+            path = _find_wave_path(self.packing) if is_of_waves else BandPath.default(lattice)
+            assign("band", path)
         if self.load.array.ndim > 1:
             problem = f"the load has the shape {self.load.shape}"
             raise InputError(problem, mend="Give one number, or a list of them")
@@ -358,7 +361,7 @@ class SceneValues:
                 f"Waves of this kind need a period: write observe: [{first_block}].",
             )
             for name in rules.OBSERVABLES
-            if name not in ("spectrum", "pulse", *NETWORK_BLOCKS, "design")
+            if name not in ("pulse", *NETWORK_BLOCKS, "design")
         ]
         pulse = Conflict(
             "pulse",
@@ -465,8 +468,8 @@ class SceneValues:
         # of states of the array
         if self.is_single:
             waves = [name for name in waves if name != "dos"]
-        if self.packing.is_network:  # its own network carries a pulse
-            waves = [name for name in waves if name != "pulse"]
+        if self.packing.is_network:  # its own network has spectra, and carries a pulse
+            waves = [name for name in waves if name == "dos"]
         if not waves:
             return
         kinds = "one state, or of arrays" if waves == ["dos"] else "arrays"
@@ -578,3 +581,17 @@ class SceneValues:
         smallest = next(supercell for supercell in supercells if touch_once(supercell))
         allowed = f"{rules.write_grid(smallest)} or more"
         raise Refused(rules.write_grid(self.dim), allowed, path=("phonopy", "dim"))
+
+
+def _find_wave_path(packing: Any) -> BandPath:
+    """Return the path of the spectral functions of a packing in files by default: from zero along
+    its first period, up to half a wave for each mean diameter.
+    """
+    lengths = [
+        math.hypot(*vector)
+        for vector, is_period in zip(packing.network.cell, packing.network.pbc, strict=True)
+        if is_period
+    ]
+    # without a period the path has no meaning: spectra are refused
+    count = max(round(lengths[0] / (2.0 * packing.diameter)), 1) if lengths else 1
+    return BandPath((((0.0, 0.0, 0.0), (float(count), 0.0, 0.0)),))

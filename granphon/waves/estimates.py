@@ -20,6 +20,8 @@ from granphon.base.scales import write_quantity
 from granphon.base.text import counted
 from granphon.base.validation import frequency_array, one_of, whole_number
 from granphon.dynamics.damping import Losses
+from granphon.dynamics.linalg import MANY_COLUMNS
+from granphon.dynamics.long_waves import MOST_RELAXED_BY_FACTORS
 from granphon.dynamics.lowest_modes import size_block
 from granphon.media.cost import Cost, Units, time_once
 from granphon.waves.branches import read_wavevectors
@@ -29,18 +31,29 @@ from granphon.waves.modes import DENSE, estimate_modes
 from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import PulseSource, count_products
 from granphon.waves.response import TOLERANCE, ResponseWork
+from granphon.waves.scattering import TransmissionWork
 from granphon.waves.spectral_functions import PlaneWaves
 
 #: bytes of D while it is made, over those of D itself: its parts, their transpose, and D
 _MAKING = 3.0
 #: bytes of D of an array, by stencils, for each contact
 _STENCIL_BYTES = 200.0
+#: bytes of the matrices of a strip over those of D while it is made
+_COMPLEX = 3.0
 #: vectors that a recursion holds: three polynomials, and what is made of them
 _HELD = 4.0
 #: steps of a Krylov space, with its sums, over products
 _OF_SPACE = 2.0
-#: solutions of a dense matrix (n, n) in n^3 s: eigenvalues with vectors
+#: solutions of a dense matrix (n, n) in n^3 s: eigenvalues with vectors; of a complex one that is
+#: not Hermitian; a slice of a strip
 _DENSE_TIME = 1.5e-9
+_EIGEN_TIME = 4e-9
+_SLICE_TIME = 6e-10
+#: iterations that relax the balls of a random packing, over the balls along its side: measured with
+#: 1571 to 1e5; relaxations of moduli; and their factors of real matrices, over complex ones
+_ITERATIONS = 6.0
+_RELAXATIONS = 2.0
+_FACTORS_OF_MODULI = 0.6
 
 
 class WaveEstimate:
@@ -63,6 +76,8 @@ class WaveEstimate:
             "count_modes": self._find_counts,
             "response": self._find_response,
             "transmit": self._find_pulse,
+            "transmission": self._find_transmission,
+            "moduli": self._find_moduli,
         }
         return parts[one_of("the result", name, parts)](*arguments, **options)
 
@@ -164,9 +179,9 @@ class WaveEstimate:
             return self._make_dense(words, float(len(wavevectors)))
         together = size_block(whole_number("count", count, 1))
         products, memory = estimate_lowest(operator, together)
-        return self._make(
-            words, 2.0 * len(wavevectors) * products, together, 2.0 * memory + self._matrix_bytes
-        )
+        # vectors, boxes and factors of single balls are complex, and D itself is made anew
+        memory = 3.0 * memory + 2.0 * self._matrix_bytes
+        return self._make(words, 2.0 * len(wavevectors) * products, together, memory)
 
     def _find_counts(self, frequencies: Any) -> Cost:
         """Return the cost of counts of modes."""
@@ -191,6 +206,46 @@ class WaveEstimate:
             in_space = seconds - (n_factors * work.factor_time if n_factors else 0.0)
             total += self._make(words, _OF_SPACE * in_space / work.step_time)
         return total
+
+    def _find_transmission(
+        self, left: Any, right: Any, frequencies: Any, *, axis: Any = 0, q: Any = (), **_losses: Any
+    ) -> Cost:
+        """Return the cost of a transmission through the network, between two leads."""
+        work = TransmissionWork.of(left, self.operator.network, right, frequencies, axis, q)
+        count = work.hertz.size
+        seconds = 2.0 * _EIGEN_TIME * (2.0 * work.lead_size) ** 3
+        of_slices = _SLICE_TIME * float(np.sum(work.widths**3))
+        if work.by_slices:
+            seconds += of_slices
+        else:
+            # strips are mostly narrow: their factors cost less than those of a cube
+            of_factors, _bytes = estimate_factors(
+                self.operator.size, self.operator.network.dimension
+            )
+            seconds += min(of_factors, of_slices)
+        words = f"transmission at {counted(count, 'frequency', 'frequencies')}"
+        return Cost(
+            # the matrix is complex, and that less the square of a frequency beside it
+            _COMPLEX * self._matrix_bytes + work.memory,
+            units=(Units(float(count), lambda: seconds),),
+            parts=(f"{words} through {counted(self.operator.balls.size, 'ball')}",),
+        )
+
+    def _find_moduli(self) -> Cost:
+        """Return the cost of moduli and sound of the network as the cell of a lattice, which
+        relaxes the motions of its balls.
+        """
+        operator = self.operator
+        words = "moduli and sound"
+        if operator.size <= MANY_COLUMNS:
+            return self._make_dense(words)
+        periods = int(np.count_nonzero(operator.network.pbc))
+        if periods == 3 and operator.size > MOST_RELAXED_BY_FACTORS:
+            together = periods**2  # all gradients of a displacement
+            iterations = _RELAXATIONS * _ITERATIONS * operator.balls.size ** (1.0 / 3.0)
+            held = 2.0 * 8.0 * _HELD * operator.size * together + self._matrix_bytes
+            return self._make(words, iterations * together, together, held)
+        return self._make_factors(words, _FACTORS_OF_MODULI)
 
     def _find_pulse(
         self, frequency: float, direction: Any, distance: float, cycles: float = 5.0,

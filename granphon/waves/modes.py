@@ -35,7 +35,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.sparse_matrices import LARGEST_FACTORS, share_places
+from granphon.array.sparse_matrices import LARGEST_FACTORS, LARGEST_UNSYMMETRIC, share_places
 from granphon.base.arrays import Array, Complex
 from granphon.base.errors import ConvergenceError, InputError, message
 from granphon.base.results import Result, held, result_class
@@ -1370,6 +1370,96 @@ def _find_rates_near(
     is_slower = 2.0 * omega.imag < sums_of_rates
     is_kept = np.where(creeps, is_slower, omega.real > 0.0)  # one of each pair of rates
     return omega[is_kept], shapes[:, is_kept]
+
+
+# -- modes of forces without a potential -----------------------------------------------------------
+
+
+def find_whole(operator: WaveOperator, count: int, nearest: float | None) -> DampedModes:
+    """Return ``count`` modes of :attr:`WaveOperator.whole` of a network that is stable, the lowest
+    or those nearest to the frequency ``nearest``, Hz; see
+    :meth:`granphon.waves.waves.Waves.whole_modes`.
+
+    Small matrices are dense, all others are factorised, and Arnoldi's method finds the eigenvalues
+    nearest to that frequency squared, ever more of them until enough cost energy.
+    """
+    count = whole_number("count", count, 1)
+    target = _read_target(nearest)
+    live = Problem.of(operator).live
+    require_motions(count, live.size)
+    whole = operator.matrix if operator.whole is None else operator.whole
+    matrix = (whole / operator.top**2).tocsr()[live][:, live]
+    squares, columns = _diagonalise_whole(operator, matrix, count, target / operator.top)
+    shapes = np.zeros((operator.size, count), complex)
+    shapes[live] = columns
+    vectors = np.zeros((count, operator.network.n_balls, operator.motions.count), complex)
+    vectors[:, operator.balls] = np.moveaxis(operator.values(shapes), -1, 0)
+    omega: Complex = np.asarray(operator.top * np.sqrt(squares), complex)
+    return DampedModes(
+        frequencies=omega / (2.0 * math.pi),
+        vectors=vectors,
+        warnings=network_warnings(operator.network),
+    )
+
+
+def _diagonalise_whole(
+    operator: WaveOperator, matrix: Any, count: int, target: float
+) -> tuple[Complex, Complex]:
+    """Return the squares (count,) of the complex frequencies nearest to ``target`` among those that
+    cost energy, ascending, and vectors (live, count) of norm one.
+
+    ``matrix`` (live, live) is the whole in units of the square of the top frequency, as are the
+    squares; the target is in units of that frequency. InputError if fewer cost energy, or so many
+    are requested that Arnoldi's method would have to find a third of all, and for a matrix that is
+    too large.
+    """
+    size = matrix.shape[0]
+    if size <= DENSE:
+        squares, vectors = np.linalg.eig(matrix.toarray())
+        chosen = _choose_whole(operator, squares, count, target)
+        if chosen.size < count:
+            raise explain_too_few(chosen.size, count)
+        return squares[chosen].astype(complex), vectors[:, chosen].astype(complex)
+    if size > LARGEST_UNSYMMETRIC[operator.network.dimension]:
+        fault = f"the matrix of {size:,} motions is not symmetric, and too large to be factorised"
+        raise InputError(fault, mend="Ask for modes of its symmetric part, or take fewer balls")
+    shift = -_SHIFT if target <= ZERO else target**2
+    n_searched = count + _SPARE
+    while n_searched * _ALL_OVER_FOUND <= size:
+        squares, vectors = _find_nearest_whole(matrix, n_searched, shift)
+        chosen = _choose_whole(operator, squares, count, target)
+        if chosen.size == count:
+            return squares[chosen], vectors[:, chosen]
+        n_searched *= 2
+    raise InputError(f"{count} modes of {size:,} motions are too many", mend="Ask for fewer")
+
+
+@single_products()
+def _find_nearest_whole(matrix: Any, count: int, shift: float) -> tuple[Complex, Complex]:
+    """Return the ``count`` complex eigenvalues of a real sparse ``matrix`` (n, n) nearest to
+    ``shift``, and their vectors (n, count).
+    """
+    from scipy.sparse import eye_array
+    from scipy.sparse.linalg import LinearOperator, eigs
+
+    factors = factorise((matrix - shift * eye_array(matrix.shape[0])).tocsc(), symmetric=False)
+    inverse = LinearOperator(matrix.shape, matvec=factors.solve, dtype=float)
+    start = np.random.default_rng(0).normal(size=matrix.shape[0])
+    with lanczos_converges():
+        squares, vectors = eigs(matrix, k=count, sigma=shift, OPinv=inverse, v0=start)
+    return squares, vectors
+
+
+def _choose_whole(
+    operator: WaveOperator, squares: Complex, count: int, target: float
+) -> NDArray[np.intp]:
+    """Return the indices of the ``count`` eigenvalues whose real frequencies are nearest to
+    ``target``, in the order of :class:`DampedModes`; of fewer, if no more cost energy.
+    """
+    # below is rounding, and what forces that are left on balls at rest do
+    costs_energy = np.flatnonzero(np.abs(squares) > find_allowed_fall(operator) / operator.top**2)
+    omega = np.sqrt(squares[costs_energy].astype(complex))
+    return costs_energy[_choose_damped(omega, count, target)]
 
 
 def require_stable(operator: WaveOperator) -> None:

@@ -13,13 +13,15 @@ singular values of A are angular frequencies. A vector (size,) holds, for each b
 mass-weighted motions: M^1/2 u and M^1/2 w of its displacement u and its rotation phi, with
 w = (I/M)^1/2 phi.
 
-Static tangential forces T add a matrix G (:func:`granphon.dynamics.deformation_rows.carry_rows`).
-G is not symmetric, as forces by the law of discrete elements have no potential. D has the symmetric
-part of G. The antisymmetric part, which D lacks, changes an eigenvalue by a term of second order in
-T/(k r). This matters where an eigenvalue is zero: a ball with two contacts in space turns freely
-about the line through the contacts, as its forces are along this line, but the eigenvalue of D is a
-little less than zero. So :attr:`WaveOperator.whole`, D with the antisymmetric part, tells whether
-the network is stable.
+Static tangential forces T add a matrix G (:func:`granphon.dynamics.deformation_rows.carry_rows`),
+and so does slip by levers that exceed the arms of contacts
+(:func:`granphon.dynamics.deformation_rows.excess_pairs`). G is not symmetric, as such forces, which
+follow the laws of discrete elements, have no potential. D has the symmetric part of G. The
+antisymmetric part, which D lacks, changes an eigenvalue by a term of second order in T/(k r) and in
+the overlap over r. This matters where an eigenvalue is zero: a ball with two contacts in space
+turns freely about the line through the contacts, as its forces are along this line, but the
+eigenvalue of D is a little less than zero. So :attr:`WaveOperator.whole`, D with the antisymmetric
+part, tells whether the network is stable.
 
 D of a large array of equal masses is applied without a matrix (:class:`ArrayOperator`, with
 :mod:`granphon.array.contact_operator`). For several vectors at once the sparse matrix is faster, as
@@ -46,6 +48,7 @@ from granphon.dynamics.damping import ALIKE, Losses
 from granphon.dynamics.deformation_rows import (
     Row,
     carry_rows,
+    excess_pairs,
     find_anchors,
     find_gyration,
     network_rows,
@@ -371,7 +374,7 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def matrix(self) -> csr_array[Any]:
-        """D, (size, size), (rad/s)^2, with the symmetric part of G of static tangential forces."""
+        """D, (size, size), (rad/s)^2, with the symmetric part of G."""
         return self._add_carried(self.weigh(), self._carried)
 
     def at_wavevector(self, q: Array) -> csr_array[Any]:
@@ -386,8 +389,7 @@ class WaveOperator(LinearOperator):
     @staticmethod
     def _add_carried(springs: csr_array[Any], carried: csr_array[Any] | None) -> csr_array[Any]:
         """Return the sum of two matrices (size, size), (rad/s)^2: ``springs``, that of springs and
-        normal forces, and the Hermitian part of ``carried``, G of static tangential forces, if any
-        act.
+        normal forces, and the Hermitian part of ``carried``, G, if there is any.
         """
         if carried is None:
             return springs
@@ -474,15 +476,46 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def _pairs(self) -> tuple[tuple[list[Row], list[Array]], ...]:
-        """The rows "pull" and the rows "move", each with their factors, of which G = pull^H move of
-        static tangential forces is the product; an empty tuple if no such forces act.
+        """The rows "pull" and the rows "move", each with their factors, of which G = pull^H move is
+        the product; an empty tuple if no static tangential forces act, and no lever of slip exceeds
+        its arm.
+        """
+        of_forces = self._find_carried_pairs()
+        of_levers = self._find_excess_pairs()
+        pairs = of_forces + of_levers
+        if not pairs:
+            return ()
+        ones = np.ones(self.network.n_contacts)
+        pull_factors = [ones for _ in of_forces]
+        pull_factors += [self.network.shear_stiffness for _ in of_levers]
+        pull_rows = [pull for pull, _ in pairs]
+        move_rows = [move for _, move in pairs]
+        return (pull_rows, pull_factors), (move_rows, [ones for _ in pairs])
+
+    def _find_excess_pairs(self) -> list[tuple[Row, Row]]:
+        """Return the pairs (pull, move) of rows of slip by levers that exceed the arms of contacts,
+        without the stiffness of slip; none if no lever does.
         """
         network = self.network
-        _, tangential_force = self.network.static_forces
-        if not network.prestress or not np.any(tangential_force):
-            return ()
+        if network.lever_excesses is None:
+            return []
         gyration = find_gyration(network)
-        pairs = carry_rows(
+        return excess_pairs(
+            network.normal[:, : network.dimension],
+            (network.arm_i, network.arm_j),
+            network.lever_excesses,
+            self.motions,
+            (gyration[network.i], gyration[network.j]),
+        )
+
+    def _find_carried_pairs(self) -> list[tuple[Row, Row]]:
+        """Return the pairs (pull, move) of rows of static tangential forces; none if none act."""
+        network = self.network
+        _, tangential_force = network.static_forces
+        if not network.prestress or not np.any(tangential_force):
+            return []
+        gyration = find_gyration(network)
+        return carry_rows(
             network.normal,
             tangential_force,
             network.distance,
@@ -493,19 +526,15 @@ class WaveOperator(LinearOperator):
             gyration[network.j],
             network.tangential_growth,
         )
-        factors = [np.ones(network.n_contacts) for _ in pairs]
-        pull_rows = [pull for pull, _ in pairs]
-        move_rows = [move for _, move in pairs]
-        return (pull_rows, factors), (move_rows, factors)
 
     @cached_property
     def _carried(self) -> csr_array[Any] | None:
-        """G, (size, size), (rad/s)^2, of static tangential forces; None if none act."""
+        """G, (size, size), (rad/s)^2; None if all that acts has a potential."""
         return self._carry()
 
     def _carry(self, phase: Any = 1.0) -> csr_array[Any] | None:
         """Return G, (size, size), (rad/s)^2, of waves in which balls j of contacts move with a
-        ``phase``, 1 or (n_c,); None if no static tangential forces act.
+        ``phase``, 1 or (n_c,); None if all that acts has a potential.
         """
         if not self._pairs:
             return None
@@ -517,8 +546,8 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def whole(self) -> csr_array[Any] | None:
-        """D with all of G, also its antisymmetric part, (size, size), (rad/s)^2; None if no static
-        tangential forces act, so that D is already whole.
+        """D with all of G, also its antisymmetric part, (size, size), (rad/s)^2; None if all that
+        acts has a potential, so that D is already whole.
         """
         if self._carried is None:
             return None

@@ -45,7 +45,7 @@ class PathSpectra(Result):
     spectra : for each polarisation the spectral function at these n wave vectors.
     band_distances : (b,) distances of the wave vectors of the bands along the path, 1/m.
     bands : (b, n_branches) frequencies of the lattice of equal contacts with the mean stiffness,
-        Hz.
+        Hz; none of a packing, which has no such lattice.
     """
 
     corners: Array = held(float, "c", "1/m")
@@ -54,6 +54,22 @@ class PathSpectra(Result):
     spectra: tuple[SpectralFunction, ...] = held((SpectralFunction, ...))
     band_distances: Array = held(float, "b", "1/m")
     bands: Array = held(float, "b m", "Hz")
+
+    @classmethod
+    def of_packing(
+        cls,
+        spectra: Sequence[SpectralFunction],
+        corners: Array,
+        distances: Array,
+        path: Sequence[ArrayLike],
+        labels: Sequence[str],
+    ) -> Self:
+        """Return the ``spectra`` of a packing without a lattice, and so without bands; ``corners``
+        (m,) and ``distances`` (n,) are in 1/m.
+        """
+        none = np.zeros(0)
+        names = join_labels(path, labels)
+        return cls(corners, names, distances, tuple(spectra), none, none.reshape(0, 0))
 
     @classmethod
     def of(
@@ -244,6 +260,44 @@ def find_path_points(
     distances = np.array([distance for distance, _ in wavevectors.values()])
     q_of_points = np.array([q for _, q in wavevectors.values()])
     return PathPoints(corners, distances, q_of_points)
+
+
+def find_packing_points(
+    network: ContactNetwork, path: Sequence[ArrayLike], points: int
+) -> PathPoints:
+    """Return the wave vectors of the cell of a packing that are nearest to ``points`` points on
+    each leg of a path; its corners are in fractions of the reciprocal vectors of the periods, in
+    their order, (n, p) or (n, 3), and may lie in any zone.
+
+    Left out are the wave vector zero, those farther off the path than half a step, and repeated
+    ones. InputError for fewer than two points, and for a path without any other.
+    """
+    count = whole_number("points", points, 2)
+    periods = network.cell[list(network.pbc)][:, : network.dimension]
+    reciprocal = 2.0 * np.pi * np.linalg.pinv(periods).T  # (p, d), 1/m
+    pieces = [np.asarray(piece)[:, : len(periods)] @ reciprocal for piece in path]
+    ends = list(chain.from_iterable(pairwise(piece) for piece in pieces))
+    lengths = [float(np.linalg.norm(end - start)) for start, end in ends]
+    corners = np.concatenate([[0.0], np.cumsum(lengths)])
+    found: dict[tuple[int, ...], tuple[float, Array]] = {}
+    for (start, end), length, first_distance in zip(ends, lengths, corners[:-1], strict=True):
+        leg = _Leg(start, end, length, first_distance)
+        half_step = 0.5 * length / (count - 1)
+        waves_along_periods = np.rint(leg.place_points(count) @ periods.T / (2.0 * np.pi))
+        for numbers in waves_along_periods:
+            q = numbers @ reciprocal
+            distance, deviation = leg.measure(q)
+            if np.any(numbers) and deviation <= half_step + _SAME * length:
+                found.setdefault(tuple(numbers.astype(int).tolist()), (distance, q))
+    if not found:
+        fault = "the path has no wave vector of the packing but zero"
+        why = "Those of its cell are whole numbers of reciprocal vectors"
+        raise InputError(fault, why, "Take a longer path, as 0 0 0 8 0 0")
+    return PathPoints(
+        corners,
+        np.array([distance for distance, _ in found.values()]),
+        np.array([q for _, q in found.values()]),
+    )
 
 
 def join_labels(path: Sequence[Any], labels: Sequence[str]) -> tuple[str, ...]:

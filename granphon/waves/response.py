@@ -772,7 +772,9 @@ class ResponseWork:
         if self.even_losses is not None:
             return ""
         if self.operator.whole is not None:
-            return "Static tangential forces act, which have no potential"
+            return (
+                "Static tangential forces act, or levers of slip exceed arms: without a potential"
+            )
         loses_none = np.sum(self.row_losses, axis=0) == 0.0
         has_lossless_motions = bool(np.any(loses_none)) and not np.all(self.drags > 0.0)
         return "Some motions lose energy, and others lose none" if has_lossless_motions else ""

@@ -4,25 +4,33 @@ Of each lead all waves at a frequency are known (:mod:`granphon.dynamics.bloch_w
 runs in from the left drives the strip, whose equations are sparse; the waves that leave the strip
 run out, or decay, in the leads. So amplitudes of waves follow without a small damping, and the
 energies sent back and through add up to the energy that came, to rounding.
+
+The equations of a strip too long for factors are eliminated slice by slice, from the far end to the
+end that is driven: the memory is that of a slice, however long the strip
+(:mod:`granphon.waves.slices`).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from functools import cached_property
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.array.sparse_matrices import LARGEST_UNSYMMETRIC
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError, PrecisionError
+from granphon.base.progress import Progress, silent
 from granphon.base.results import Result, held, result_class
 from granphon.base.scales import write_quantity
 from granphon.base.validation import frequency_array
 from granphon.dynamics.bloch_waves import (
     BlochWaves,
     Couplings,
+    count_bloch_bytes,
     find_bloch_waves,
     require_bloch_memory,
 )
@@ -31,12 +39,15 @@ from granphon.dynamics.factors import factorise
 from granphon.dynamics.half_space import HalfSpace
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.waves.operator import WaveOperator
+from granphon.waves.slices import count_slice_bytes, find_slices, require_slices, solve_by_slices
 
 #: distance, over the diameter, up to which a ball of the strip stands in the place of one of a lead
 _SAME_SITE = 0.1
 #: imbalance of transmitted and reflected energy, over the energy that comes, up to which it counts
 #: as rounding
 _BALANCED = 1e-6
+#: entries of the matrices of leads that are taken together: 700 MB
+_TOGETHER = 6_000_000
 #: most steps of the fit of a fall; each changes logarithms by one at most
 _ROUNDS = 60
 #: last change of the logarithms in a fit
@@ -105,6 +116,7 @@ def transmission(
     drag: Any = 0.0,
     dashpot: Any = 0.0,
     restitution: Any = 1.0,
+    progress: Progress = silent,
 ) -> Transmission:
     """Return what part of the energy of waves passes a strip between two half-infinite crystals.
 
@@ -127,37 +139,39 @@ def transmission(
         p periods; zero by default.
     damping, loss_factor, drag, dashpot, restitution : of the strip, as in :meth:`Waves.response`.
         The leads lose no energy.
+    progress : told how many frequencies are done. ``gp.Waves(middle).estimate("transmission", left,
+        right, frequencies, ...)`` says before how long they take.
+
+    A strip may be of any length: beyond 12,000 motions in space, 300,000 in a plane, it is taken
+    slice by slice, in a time that goes as its length and as the cube of the motions across. These,
+    those of a layer of the leads among them, must fit into memory as dense matrices.
 
     Raises
     ------
     InputError : a lead without the axis as a period; leads or a strip that do not fit; a floor or
-        clamped balls between them; wrong numbers.
+        clamped balls between them; leads or a strip too wide for the memory; wrong numbers.
     PrecisionError : a frequency at the very edge of a band, or where without losses the two parts
         do not add up, to 1e-6, to what comes.
     """
-    hertz = frequency_array("frequencies", frequencies, "above zero")
-    first = _Lead.of(left, axis, q)
-    last = _Lead.of(right, axis, q)
-    leads = [first, last]
-    require_bloch_memory(hertz.size, max(lead.space.size for lead in leads))
-    if middle is None:
-        # a strip that is a piece of the right lead, as many layers as its contacts reach and one
-        # more: the contacts between the leads then have the stiffness of the left lead's own
-        middle = last.space.network.cut(axis, last.space.reach + 1)
-    strip = given_network(middle)
-    operator = WaveOperator(strip)
-    losses = Losses.of(strip, damping, loss_factor, drag, dashpot, restitution)
-    _require_strip(operator, leads)
-    ends = [first.map_to_block(operator, lower=True), last.map_to_block(operator, lower=False)]
-    omega = 2.0 * np.pi * hertz
-    waves_of_first = first.find_waves(omega)
-    waves_of_last = last.find_waves(omega)
-    find_stiffness = _make_stiffness_function(operator, losses, first.q)
+    work = TransmissionWork.of(left, middle, right, frequencies, axis, q)
+    work.require_memory()
+    operator = work.operator
+    losses = Losses.of(operator.network, damping, loss_factor, drag, dashpot, restitution)
+    leads = [work.first, work.last]
+    find_stiffness = _make_stiffness_function(operator, losses, work.first.q)
+    omega = 2.0 * np.pi * work.hertz
     # at each frequency the amplitudes of waves that run back, and that pass
-    scattered = [
-        _scatter(w**2, find_stiffness(w), leads, ends, waves)
-        for w, *waves in zip(omega, waves_of_first, waves_of_last, strict=True)
-    ]
+    scattered = list[tuple[Complex, Complex]]()
+    running_factors = list[Complex]()
+    with progress.step("transmission", omega.size) as step:
+        for start in range(0, omega.size, work.n_together):
+            part = omega[start : start + work.n_together]
+            waves_of_leads = [lead.find_waves(part) for lead in leads]
+            for w, *waves in zip(part, *waves_of_leads, strict=True):
+                scattered.append(_scatter(w**2, find_stiffness(w), work, waves))
+                incoming, _ = waves[0]
+                running_factors.append(incoming.factors[: incoming.running])
+                step.advance()
     # numbers of waves that run in, and that run out behind the strip
     modes = np.array([passing.shape[::-1] for _, passing in scattered])
     most_modes = int(modes.max(initial=0))
@@ -165,14 +179,14 @@ def transmission(
     back_amplitudes = _stack_matrices([returning for returning, _ in scattered], most_modes)
     transmitted = np.sum(np.abs(amplitudes) ** 2, axis=1)
     reflected = np.sum(np.abs(back_amplitudes) ** 2, axis=1)
-    wavenumbers = first.list_wavenumbers([incoming for incoming, _ in waves_of_first], most_modes)
+    wavenumbers = work.first.list_wavenumbers(running_factors, most_modes)
     if losses.is_none:
         is_running = np.arange(most_modes) < modes[:, :1]
-        _require_balance(hertz, transmitted + reflected - is_running)
+        _require_balance(work.hertz, transmitted + reflected - is_running)
     divisor = np.maximum(modes[:, 0], 1)  # where no wave runs in, the mean is zero
-    n_layers = operator.balls.size / first.space.per_layer
+    n_layers = operator.balls.size / work.first.space.per_layer
     return Transmission(
-        frequencies=hertz,
+        frequencies=work.hertz,
         modes=modes,
         transmitted=transmitted.sum(axis=1) / divisor,
         reflected=reflected.sum(axis=1) / divisor,
@@ -180,8 +194,8 @@ def transmission(
         reflected_by_mode=reflected,
         amplitudes=amplitudes,
         wavenumbers=wavenumbers,
-        length=n_layers * first.space.height,
-        warnings=losses.find_warnings(float(hertz[-1])),
+        length=n_layers * work.first.space.height,
+        warnings=losses.find_warnings(float(work.hertz[-1])),
     )
 
 
@@ -189,18 +203,16 @@ def _require_strip(operator: WaveOperator, leads: Sequence[_Lead]) -> None:
     """Raise :class:`~granphon.base.errors.InputError` unless the balls of a strip move as those of
     the leads, and its static forces have a potential.
     """
-    strip = operator.network
     motions = [operator.motions, *(lead.space.motions for lead in leads)]
     if len({(kind.name, kind.letters) for kind in motions}) > 1:
         fault = "the motions of the balls differ between the leads and the strip"
         raise InputError(
             fault, "A wave would have no motion to go on with", "Use the same motions, and friction"
         )
-    tangential_force = strip.tangential_force
-    has_tangential_force = tangential_force is not None and np.any(tangential_force)
-    if strip.prestress and has_tangential_force:
+    if operator.whole is not None:
         raise InputError(
-            "the strip has static tangential forces", "With prestress, they have no potential"
+            "the strip has static tangential forces, or slip by levers that exceed the arms",
+            "With prestress, these have no potential",
         )
 
 
@@ -497,15 +509,13 @@ class _Lead(NamedTuple):
         motions_of_layer = self.space.size // self.space.reach
         return find_bloch_waves(self.blocks, omega**2, motions_of_layer)
 
-    def list_wavenumbers(self, waves: Sequence[BlochWaves], n_columns: int) -> Array:
-        """Return the wavenumbers (n_f, most) across the layers, 1/m, of the ``waves`` that run at
-        each frequency; zeros behind them.
+    def list_wavenumbers(self, factors: Sequence[Complex], n_columns: int) -> Array:
+        """Return the wavenumbers (n_f, n_columns) across the layers, 1/m, of the waves that run at
+        each frequency, from the ``factors`` (n,) from layer to layer of each; zeros behind them.
         """
-        wavenumbers = np.zeros((len(waves), n_columns))
-        for row, waves_of_row in enumerate(waves):
-            n = waves_of_row.running
-            factors = waves_of_row.factors[:n]
-            wavenumbers[row, :n] = self.space.wavenumbers(factors, self.q).real
+        wavenumbers = np.zeros((len(factors), n_columns))
+        for row, factors_of_row in zip(wavenumbers, factors, strict=True):
+            row[: len(factors_of_row)] = self.space.wavenumbers(factors_of_row, self.q).real
         return wavenumbers
 
     def map_to_block(self, operator: WaveOperator, lower: bool) -> Any:
@@ -660,24 +670,108 @@ def _find_green(square: float, inner: Complex, beyond: Complex) -> Complex:
     return np.asarray(np.linalg.inv(square * np.eye(len(inner)) - inner - beyond))
 
 
+class TransmissionWork:
+    """What a transmission takes, before it is found.
+
+    Attributes
+    ----------
+    hertz : (n_f,) frequencies, Hz.
+    first, last : the leads.
+    operator : D of the strip.
+    ends : of each lead, the matrix S of :meth:`_Lead.map_to_block`.
+    """
+
+    def __init__(self, hertz: Array, first: _Lead, last: _Lead, operator: WaveOperator) -> None:
+        self.hertz = hertz
+        self.first = first
+        self.last = last
+        self.operator = operator
+
+    @classmethod
+    def of(
+        cls, left: Any, middle: Any, right: Any, frequencies: ArrayLike, axis: Any, q: ArrayLike
+    ) -> Self:
+        """Return the work of :func:`transmission`, whose arguments these are; InputError for leads
+        and a strip that do not fit, and for wrong numbers.
+        """
+        hertz = frequency_array("frequencies", frequencies, "above zero")
+        first = _Lead.of(left, axis, q)
+        last = _Lead.of(right, axis, q)
+        if middle is None:
+            # a strip that is a piece of the right lead, as many layers as its contacts reach and
+            # one more: the contacts between the leads then have the stiffness of the left lead's
+            # own
+            middle = last.space.network.cut(axis, last.space.reach + 1)
+        operator = WaveOperator(given_network(middle))
+        _require_strip(operator, [first, last])
+        return cls(hertz, first, last, operator)
+
+    @cached_property
+    def ends(self) -> tuple[Any, Any]:
+        """S of the lower and of the upper end; see :meth:`_Lead.map_to_block`."""
+        lower = self.first.map_to_block(self.operator, lower=True)
+        return lower, self.last.map_to_block(self.operator, lower=False)
+
+    @property
+    def lead_size(self) -> int:
+        """Motions of a block of the wider lead."""
+        return max(self.first.space.size, self.last.space.size)
+
+    @property
+    def n_together(self) -> int:
+        """Frequencies whose waves of the leads are found as one stack of matrices: many of small
+        ones, one of large ones.
+        """
+        return max(min(self.hertz.size, _TOGETHER // (2 * self.lead_size) ** 2), 1)
+
+    @property
+    def by_slices(self) -> bool:
+        """Whether the strip is too large for factors."""
+        operator = self.operator
+        return operator.size > LARGEST_UNSYMMETRIC[operator.network.dimension]
+
+    @cached_property
+    def widths(self) -> Array:
+        """(k,) motions of each slice of the strip."""
+        lower, upper = self.ends
+        # the additions of the leads join all motions of an end
+        joined = sum(abs(end.T) @ abs(end) for end in (lower, upper))
+        pattern = abs(self.operator.matrix) + joined
+        slices = find_slices(pattern, np.unique(lower.tocoo().col))
+        return np.array([len(rows) for rows in slices], float)
+
+    @property
+    def memory(self) -> float:
+        """Bytes of the waves of the leads, and of the slices of the strip."""
+        of_leads = count_bloch_bytes(self.n_together, self.lead_size)
+        return of_leads + (count_slice_bytes(int(self.widths.max())) if self.by_slices else 0.0)
+
+    def require_memory(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` unless leads and slices fit into
+        memory.
+        """
+        require_bloch_memory(self.n_together, self.lead_size)
+        if self.by_slices:
+            require_slices(int(self.widths.max()))
+
+
 def _scatter(
     square: float,
     matrix: Any,
-    leads: Sequence[_Lead],
-    ends: Sequence[Any],
+    work: TransmissionWork,
     waves: Sequence[tuple[BlochWaves, BlochWaves]],
 ) -> tuple[Complex, Complex]:
     """Return the amplitudes of waves that are sent back (m, m), and that pass (n, m), at ``square``
     = omega^2, (rad/s)^2.
 
-    ``matrix`` is the stiffness of the strip, (rad/s)^2; ``ends`` are the matrices S of
-    :meth:`_Lead.map_to_block` of both leads, and ``waves`` the waves of each lead towards higher
-    and towards lower layers.
+    ``matrix`` is the stiffness of the strip, (rad/s)^2, and ``waves`` are those of each lead
+    towards higher and towards lower layers.
     """
     from scipy.sparse import csc_array, eye_array
 
-    first, last = leads
-    lower, upper = ends
+    first = work.first
+    last = work.last
+    lower, upper = work.ends
     (incoming, outgoing_back), (outgoing_through, _) = waves
     first_blocks = first.blocks
     last_blocks = last.blocks
@@ -698,9 +792,15 @@ def _scatter(
     phases = incoming.factors[: incoming.running] ** first_reach
     push = first_blocks.up @ shapes * phases
     drive = lower.conj().T @ (first_blocks.down @ (shapes - first_green @ push))
-    factors = factorise(square * eye_array(matrix.shape[0]) - matrix, symmetric=False)
-    strip_motions = factors.solve(np.asarray(drive, complex))
-    back_motions = first_green @ (first_blocks.up @ (lower @ strip_motions) - push)
-    through_motions = last_green @ (last_blocks.down @ (upper @ strip_motions))
+    equations = square * eye_array(matrix.shape[0]) - matrix
+    if work.by_slices:
+        at_lower, at_upper = solve_by_slices(equations.tocsr(), drive, lower, upper)
+    else:
+        factors = factorise(equations, symmetric=False)
+        strip_motions = factors.solve(np.asarray(drive, complex))
+        at_lower = lower @ strip_motions
+        at_upper = upper @ strip_motions
+    back_motions = first_green @ (first_blocks.up @ at_lower - push)
+    through_motions = last_green @ (last_blocks.down @ at_upper)
     back = outgoing_back.find_parts(back_motions)
     return back, outgoing_through.find_parts(through_motions)

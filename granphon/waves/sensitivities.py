@@ -17,7 +17,7 @@ from granphon.base.memory import require_memory
 from granphon.base.results import Result, held, result_class
 from granphon.dynamics.damping import Losses
 from granphon.dynamics.deformation_rows import network_unit_rows
-from granphon.dynamics.sensitivities import add_growth, list_inertias, name_units, sum_kinds
+from granphon.dynamics.sensitivities import add_static, list_inertias, name_units, sum_kinds
 from granphon.waves.operator import WaveOperator
 
 #: bytes of a derivative, with those that are under way
@@ -103,7 +103,10 @@ class ResponseSlopes:
             fields[name] = (-factor[:, None] * sums.get(name, none)).T
         if network.prestress:
             fields["normal_force"] = (sums.get("normal_force", none) / network.distance[:, None]).T
-            add_growth(fields, network, -sums.get("tangential_growth", none).T)
+            by_growth, by_excess = (
+                -sums.get(name, none).T for name in ("tangential_growth", "excess")
+            )
+            add_static(fields, network, by_growth, by_excess)
         moving = self.operator.balls
         motions = self.operator.motions
         on_site = np.zeros((y.shape[1], network.n_balls, motions.count), complex)

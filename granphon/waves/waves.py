@@ -37,6 +37,7 @@ from granphon.waves.modes import (
     count_modes,
     find_damped,
     find_modes,
+    find_whole,
     require_stable,
 )
 from granphon.waves.operator import WaveOperator, make_operator
@@ -110,8 +111,11 @@ class Waves:
         Parameters
         ----------
         name : the method that finds it: "dos", "spectral_function", "modes", "branches",
-            "count_modes", "response" or "transmit".
-        arguments, options : those of the method.
+            "count_modes", "response" or "transmit"; or "moduli", of :func:`gp.moduli
+            <granphon.moduli>` and of sound; or "transmission", of :func:`granphon.transmission`
+            through this network.
+        arguments, options : those of the method; none of moduli; of a transmission the two leads,
+            the frequencies, ``axis`` and ``q``.
 
         :attr:`~granphon.media.cost.Cost.text` says it in words; ``memory`` is in bytes, and
         ``seconds`` is the processor's time, within a factor of about three: D is made, and one
@@ -248,6 +252,30 @@ class Waves:
         ``nearest`` is wide.
         """
         return find_modes(self._stable_operator, count, nearest)
+
+    def whole_modes(self, count: int = 10, nearest: float | None = None) -> DampedModes:
+        """Return the lowest modes, or those nearest to a frequency, of all that acts at contacts:
+        also of static tangential forces, and of slip by the radii, without a potential.
+
+        :meth:`modes` are those of the symmetric part of the matrix. The rest changes frequencies in
+        second order of T/(k r) and of the overlap, and where two are next to each other it may make
+        them a pair of complex ones, of which one grows and the other decays, as in the program from
+        which the law is. Without such forces the modes are those of :meth:`modes`.
+
+        Parameters
+        ----------
+        count, nearest : number of modes, and the frequency, Hz, to which their real parts are
+            nearest; None for the lowest.
+
+        Frequencies are complex, Hz; those of modes that grow have an imaginary part below zero. Up
+        to 600 motions all modes are found (dense); larger networks, up to 300,000 motions in the
+        plane and 12,000 in space, are factorised, and nothing proves that no mode is missed.
+
+        Raises :class:`~granphon.base.errors.InputError` for more motions, for more modes than cost
+        energy, and for more than a third of all in a large network; and
+        :class:`~granphon.base.errors.InstabilityError` as :meth:`modes`.
+        """
+        return find_whole(self._stable_operator, count, nearest)
 
     def branches(self, q: ArrayLike, count: int = 6) -> Array:
         """Return the lowest branches of a network that repeats, (n_q, count) Hz, ascending, at

@@ -128,6 +128,15 @@ def pulled(network, seed=3):
     )
 
 
+def by_radii(network):
+    """The network as LAMMPS has it: :func:`pulled`, with slip that has the radii as levers."""
+    return replace(
+        pulled(network),
+        slip_levers="radii",
+        radii=network.radii * np.linspace(0.9, 1.1, network.n_balls),
+    )
+
+
 CASES = {
     "chain": lambda: random_network("chain", (3,)),
     "chain, all motions": lambda: random_network("chain", (3,), "all"),
@@ -147,6 +156,15 @@ CASES = {
         turned(ribbon(random_network("square", (3, 3)), 1))
     ),
     "tangential forces of balls that are held": lambda: pulled(
+        hold(random_network("hcp", (2, 2, 1)), [3])
+    ),
+    "slip by the radii": lambda: by_radii(random_network("fcc", (2, 1, 1))),
+    "slip by the radii in a plane": lambda: by_radii(random_network("triangular", (2, 1), "all")),
+    "slip by the radii, one ball": lambda: by_radii(random_network("fcc", (1, 1, 1))),
+    "slip by the radii in a ribbon": lambda: by_radii(
+        turned(ribbon(random_network("triangular", (2, 3)), 0))
+    ),
+    "slip by the radii of balls that are held": lambda: by_radii(
         hold(random_network("hcp", (2, 2, 1)), [3])
     ),
     "ribbon along x": lambda: ribbon(random_network("triangular", (2, 3)), 0),

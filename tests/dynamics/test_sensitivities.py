@@ -110,6 +110,7 @@ QUICK = (
     "turned ribbon",
     "ribbon on a wall",
     "growing tangential forces, one ball",
+    "slip by the radii in a plane",
 )
 
 

@@ -6,7 +6,7 @@ import pytest
 import granphon as gp
 from granphon.waves.operator import WaveOperator
 from tests import packings
-from tests.networks.test_lammps import count_slip_with_radii, measure
+from tests.networks.test_lammps import measure, respond
 
 GLASS = packings.MATERIAL
 ROLLING = 3e5
@@ -155,7 +155,7 @@ def test_lammps_responds_as_the_network_of_its_dumps(packed):
         assert np.count_nonzero(np.isinf(network.radii)) == 1
         assert np.count_nonzero(np.isinf(network.radii[network.j])) >= 4
     friction = told.get("friction", True)
-    expected = count_slip_with_radii(network)
+    expected = respond(network)
     found = measure(lmp, network, law)
     if not friction:  # balls do not turn
         kept = np.arange(len(found)) % 3 < 2

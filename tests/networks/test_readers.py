@@ -552,6 +552,27 @@ def read_in_the_box(fstat, data, material):
     return gp.ContactNetwork.from_mercury(fstat, data, material, pbc=(True, True, True))
 
 
+def wall_files(folder):
+    """Contacts of balls, and of balls with walls; that of the balls plays no part here."""
+    paths = written.write_liggghts(written.layer_on_floor(), folder, "pos id force")
+
+    def read(pairs, walls, material):
+        options = {"walls": walls, "keywords": "pos id force", "held_by": 1}
+        return gp.ContactNetwork.from_liggghts(paths[0], pairs, material, **options)
+
+    return [path.read_bytes() for path in paths[1:3]], read
+
+
+def yade_files(_folder):
+    paths = [packings.FOLDER / f"yade_{name}.csv" for name in ("balls", "contacts")]
+    return [path.read_bytes() for path in paths], read_in_a_cube
+
+
+def read_in_a_cube(balls, contacts, material):
+    cell = [5.424017457709516e-3] * 3
+    return gp.ContactNetwork.from_table(balls, contacts, material=material, cell=cell)
+
+
 SOURCES = {
     "lammps": lammps_files,
     "yaml": yaml_files,
@@ -559,6 +580,8 @@ SOURCES = {
     "liggghts": liggghts_files,
     "mercury": mercury_files,
     "restart": restart_files,
+    "walls": wall_files,
+    "yade": yade_files,
 }
 #: what stands in place of a number: ids that are missing, negative and huge, no numbers, other units
 WORDS = [
@@ -577,11 +600,45 @@ WORDS = [
 ]
 
 
+def flip(raw):
+    """The bytes packed by gzip, one of them another one."""
+    packed = bytearray(gzip.compress(raw, mtime=0))
+    packed[len(packed) // 2] ^= 0xFF
+    return bytes(packed)
+
+
+#: damages of a whole file
+DAMAGES = {
+    "empty": lambda _raw: b"",
+    "an empty line": lambda _raw: b"\n",
+    "zeros": lambda raw: bytes(len(raw)),
+    "random bytes": lambda raw: np.random.default_rng(0).bytes(len(raw)),
+    "in UTF-16": lambda raw: raw.decode("latin-1").encode("utf-16"),
+    "accents": lambda raw: raw.replace(b"e", b"\xe9", 3),
+    "lines of Windows": lambda raw: raw.replace(b"\n", b"\r\n"),
+    "lines of old": lambda raw: raw.replace(b"\n", b"\r"),
+    "a mark in front": lambda raw: b"\xef\xbb\xbf" + raw,
+    "blanks at ends": lambda raw: raw.replace(b"\n", b" \n"),
+    "empty lines": lambda raw: raw.replace(b"\n", b"\n\n"),
+    "twice": lambda raw: raw + raw,
+    "backwards": lambda raw: b"".join(reversed(raw.splitlines(keepends=True))),
+    "packed": lambda raw: gzip.compress(raw, mtime=0),
+    "packed and cut": lambda raw: gzip.compress(raw, mtime=0)[: len(raw) // 8],
+    "packed, a bit flipped": flip,
+    "more columns": lambda raw: raw.replace(b"\n", b" 1 2 3\n"),
+    "commas in numbers": lambda raw: re.sub(rb"(\d)\.(\d)", rb"\1,\2", raw),
+    "no numbers": lambda raw: re.sub(rb"\d+\.\d+(e-?\d+)?", b"nan", raw),
+    "counts below zero": lambda raw: re.sub(rb"\n(\d+)\n", rb"\n-\1\n", raw),
+    "a long line": lambda raw: raw[: len(raw) // 2] + b"x" * 100_000 + raw[len(raw) // 2 :],
+}
+
+
 class Files:
     """Two files of a program in a folder, their bytes, and their network."""
 
     def __init__(self, name, folder):
         self.folder = folder
+        self.name = name
         self.raws, self.reader = SOURCES[name](folder)
         self.network = self.read()
 
@@ -640,6 +697,43 @@ def test_a_number_that_is_none_is_told_or_plays_no_part(files, which, place, wor
     assert "\n" not in text
     assert len(text) < 2500
     assert not text or text.isprintable()
+
+
+@pytest.mark.parametrize("which", [0, 1])
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_file_is_told_in_one_line_or_read_as_it_is(files, which, damage):
+    """Of what is not told by an error, a warning or a note, nothing is lost."""
+    raw = DAMAGES[damage](files.raws[which])
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        try:
+            found = files.read(which, raw)
+        except gp.GranphonError as error:
+            text = str(error)
+            assert "\n" not in text
+            assert text.isprintable()
+            assert len(text) < 2500
+            return
+    # a heading that is another one is a column that is not read
+    assert told or found == files.network or found.notes != files.network.notes
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_every_line_that_lacks_or_is_there_twice_is_told(files, which):
+    """Whatever is lost of a file with a count of its rows; of tables, which have none, a contact
+    that is listed twice.
+    """
+    lines = files.raws[which].splitlines(keepends=True)
+    has_count = files.name != "yade"
+    for at in range(0, len(lines), max(len(lines) // 8, 1)):
+        changed = [lines[: at + 1] + lines[at:]]
+        if has_count:
+            changed += [lines[:at] + lines[at + 1 :], [*lines[:at], b"\n", *lines[at + 1 :]]]
+        for some in changed:
+            with warnings.catch_warnings(record=True) as told, suppress(gp.GranphonError):
+                warnings.simplefilter("always")
+                found = files.read(which, b"".join(some))
+                assert told or found == files.network
 
 
 @pytest.mark.parametrize("which", [0, 1])

@@ -56,6 +56,18 @@ def dynamical_matrix(network: gp.ContactNetwork, q: NDArray[Any]) -> NDArray[Any
         moved = whole[:3].copy()
         for at in range(len(balls)):
             moved[:, 6 * at + 3 : 6 * at + 6] = 0.0
+        if network.prestress and network.slip_levers == "radii":
+            # slip has the radii as levers, and its force makes torques with the arms
+            more = np.zeros((3, 6 * len(balls)), complex)
+            for ball, arm, phase in (
+                (i, network.arm_i[c], 1.0),
+                (j, network.arm_j[c], np.exp(1j * q @ apart)),
+            ):
+                if np.isfinite(network.radii[ball]):
+                    at = 6 * balls.index(ball) + 3
+                    more[:, at : at + 3] -= phase * (network.radii[ball] - arm) * lever
+            pulled = network.shear_stiffness[c] * whole[:3].conj().T @ across @ more
+            energy += 0.5 * (pulled + pulled.conj().T)
         energy -= load * moved.conj().T @ across @ moved
         if network.prestress and network.tangential_force is not None:
             # the force stays across the normal as that turns, and its levers grow by half of the

@@ -1351,10 +1351,10 @@ MISTAKES: dict[str, tuple[str, ...]] = {
         "disks_pairs.dump",
     ),
     "a spectrum of files": (
-        edit("dos, modes", "spectrum, modes", NETWORK),
-        "6: observe",
-        "'spectrum'",
-        "simulation",
+        edit("dos, modes", "spectrum, modes", NETWORK) + "phonopy: {band: 0 0 0 1/3 0 0}\n",
+        "2: spectrum",
+        "no wave vector of the packing but zero",
+        "0 0 0 8 0 0",
     ),
     "more modes than motions": (
         edit("count: 3", "count: 9999", NETWORK),

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import granphon as gp
 from granphon.base.errors import InputError, SceneError
 from granphon.cli.commands import main
+from granphon.figures.waves import plot_spectrum
 from granphon.scene.scene import is_complete
 from granphon.waves.settings import RESPONSES
 from tests import packings
+from tests.networks.test_readers import DAMAGES
 from tests.scene.mistakes import NETWORK
 
 
@@ -114,6 +119,62 @@ def test_a_file_that_is_cut_is_told_at_the_block(tmp_path):
     with pytest.raises(SceneError, match=r":2: network: .*cut\.dump .*64 .*56 ") as error:
         gp.Scene.from_text(text)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_the_command_tells_a_damaged_file_in_one_line(damage, tmp_path, capsys):
+    pairs = tmp_path / "pairs.dump"
+    pairs.write_bytes(DAMAGES[damage]((packings.FOLDER / "disks_pairs.dump").read_bytes()))
+    scene = tmp_path / "scene.yaml"
+    text = NETWORK.replace(f"{packings.FOLDER}/disks_pairs.dump", str(pairs))
+    scene.write_text(text)
+    code = main(["check", str(scene)])
+    told = capsys.readouterr()
+    assert code in (0, 2)
+    if code:
+        assert not told.out
+        assert re.fullmatch(
+            r"granphon: error: .*scene\.yaml:\d+: network: .*pairs\.dump.*\n", told.err
+        )
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["pairs.dump", "scene.yaml"]
+
+
+def observe_spectrum(more=""):
+    before, _, _ = NETWORK.partition("observe:")
+    text = before + "observe: [spectrum]\nspectrum: {polarisation: [longitudinal, transverse]}\n"
+    return gp.Scene.from_text(text + more)
+
+
+def test_spectra_of_a_packing_are_those_of_its_waves(tmp_path):
+    """Along its first period up to half a wave for each mean diameter, or along a path."""
+    network = read_disks()
+    result = observe_spectrum().run(tmp_path, figures=False)
+    spectra = result["spectrum"]
+    period = network.cell[0, 0]
+    numbers = np.arange(1, round(period / (4.0 * np.mean(network.radii))) + 1)
+    q = np.column_stack([2.0 * np.pi * numbers / period, 0.0 * numbers])
+    waves = gp.Waves(network)
+    for found, polarisation in zip(spectra.spectra, ("longitudinal", "transverse"), strict=True):
+        np.testing.assert_allclose(found.q, q, rtol=1e-12)
+        wanted = waves.spectral_function(q, polarisation)
+        np.testing.assert_allclose(found.values, wanted.values, rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(spectra.distances, q[:, 0], rtol=1e-12)
+    assert spectra.bands.size == 0
+    names = {path.name for path in result.files}
+    assert {"spectrum.json", "spectrum.csv"} <= names
+    ax = plot_spectrum(spectra, Figure().subplots())  # up to the highest frequency, without bands
+    assert ax.get_ylim()[1] * 1e3 == pytest.approx(spectra.spectra[0].frequencies[-1], rel=1e-6)
+    assert not ax.get_legend_handles_labels()[1][1:]
+    again = gp.Scene.from_yaml(tmp_path / "scene.yaml")
+    assert again == observe_spectrum()
+    assert gp.PathSpectra.from_dict(spectra.to_dict()) == spectra
+
+
+def test_a_path_of_spectra_may_turn_and_must_have_a_wave():
+    turned = observe_spectrum("phonopy: {band: 0 0 0 2 0 0 2 2 0, band_labels: G A B}")
+    assert turned.path.labels == ("G", "A", "B")
+    with pytest.raises(InputError, match=r"no wave vector of the packing but zero.*longer"):
+        observe_spectrum("phonopy: {band: 0 0 0 1/3 0 0}")
 
 
 def test_files_have_no_parameters():

@@ -10,6 +10,7 @@ import pytest
 
 import granphon as gp
 from granphon.base.errors import InputError
+from granphon.dynamics.iterative_relaxation import IterativeRelaxation
 from tests import packings
 
 
@@ -114,3 +115,25 @@ def test_a_result_without_an_estimate_is_refused(network):
     assert small.operator.size < 600
     assert "modes" in small.estimate("modes", 3).text
     assert small.estimate("dos").seconds > 0.0
+
+
+def test_iterations_of_moduli_are_estimated(network, monkeypatch):
+    """Of a network that is relaxed by iteration the number of products is about that which is
+    counted; of smaller ones it is the size of factors, or of a dense matrix.
+    """
+    files = (packings.FOLDER / f"balls_{part}.dump" for part in ("atoms", "pairs"))
+    balls = gp.ContactNetwork.from_lammps(*files, packings.MATERIAL).repeat((2, 2, 1))
+    assert "moduli" in gp.Waves(network).estimate("moduli").text
+    assert count(gp.Waves(network).estimate("moduli")) < 1.0
+    monkeypatch.setattr("granphon.dynamics.long_waves.MOST_RELAXED_BY_FACTORS", 0)
+    monkeypatch.setattr("granphon.waves.estimates.MOST_RELAXED_BY_FACTORS", 0)
+    cost = gp.Waves(balls).estimate("moduli")
+    applied = []
+    solve = IterativeRelaxation._solve
+
+    def count_products(relaxation, apply, right):
+        return solve(relaxation, lambda x: applied.append(x.shape[1]) or apply(x), right)
+
+    monkeypatch.setattr(IterativeRelaxation, "_solve", count_products)
+    gp.moduli(balls)
+    assert count(cost) == pytest.approx(sum(applied), rel=0.7)

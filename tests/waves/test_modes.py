@@ -13,6 +13,7 @@ import pytest
 import granphon as gp
 from granphon.base.errors import InputError
 from granphon.waves import modes as mode_finder
+from tests.dynamics.test_network_lattice import by_radii, random_network
 from tests.networks.test_network import make
 from tests.packings import balance
 
@@ -537,3 +538,37 @@ def test_filters_find_what_factors_do_in_space(target, limits):
     rtol = 1e-10 if target else 1e-9
     np.testing.assert_allclose(modes.frequencies, exact.frequencies, rtol=rtol)
     np.testing.assert_allclose(modes.participation_ratio, exact.participation_ratio, rtol=1e-4)
+
+
+# -- forces without a potential --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("target", [None, 1.0])
+def test_modes_of_the_whole_are_the_eigenvalues_of_a_dense_matrix(target, limits):
+    """Of tangential forces and of slip by the radii: also where the matrix is factorised."""
+    network = by_radii(random_network("triangular", (4, 3)))
+    waves = gp.Waves(network)
+    squares = np.linalg.eigvals(waves.operator.whole.toarray())
+    omega = np.sqrt(squares[np.abs(squares) > 1e-12 * np.max(np.abs(squares))].astype(complex))
+    hertz = omega / (2.0 * np.pi)
+    target = target and target * np.median(hertz.real)
+    wanted = np.sort(hertz.real[np.argsort(np.abs(hertz.real - (target or 0.0)))[:4]])
+    for method in ("dense", "factorised"):
+        limits(method)
+        found = waves.whole_modes(4, target)
+        np.testing.assert_allclose(found.frequencies.real, wanted, rtol=1e-9)
+        shapes = found.vectors[:, network.moving].reshape(4, -1).T
+        pulled = waves.operator.whole @ shapes
+        own = (2.0 * np.pi * found.frequencies) ** 2
+        np.testing.assert_allclose(pulled, own * shapes, atol=1e-9 * np.max(np.abs(squares)))
+    limits("dense")
+    with pytest.raises(InputError, match="cost energy"):
+        waves.whole_modes(omega.size + 1)
+
+
+def test_without_static_forces_modes_of_the_whole_are_the_modes():
+    network, _ = ideal(shape=(4, 3))
+    waves = gp.Waves(network)
+    found = waves.whole_modes(5)
+    assert not np.any(found.frequencies.imag)
+    np.testing.assert_allclose(found.frequencies.real, waves.modes(5).frequencies, rtol=1e-9)

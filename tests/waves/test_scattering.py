@@ -16,6 +16,7 @@ from granphon.base.errors import InputError, PrecisionError
 from granphon.dynamics.bloch_waves import BlochWaves
 from granphon.dynamics.half_space import HalfSpace
 from tests.networks.test_cuts import D, bulk, chain
+from tests.waves.test_estimates import Counter
 
 K = 2e7
 MASS = 9.75e-3
@@ -143,6 +144,31 @@ def test_energy_is_conserved_whatever_the_strip(lattice, axis, cells):
     assert_allclose((on.transmitted + on.reflected)[runs], 1.0, atol=1e-10)
     assert np.all(on.transmitted[runs] < 0.99)
     assert_allclose(on.total, np.sum(np.abs(on.amplitudes) ** 2, axis=(1, 2)), rtol=1e-12)
+
+
+@pytest.mark.claim("transmission-slices")
+@pytest.mark.parametrize(("lattice", "axis", "cells"), [("honeycomb", 1, 5), ("fcc", (1, 1, 1), 4)])
+def test_a_strip_slice_by_slice_is_that_of_factors(lattice, axis, cells, monkeypatch):
+    """Of random balls, with and without losses, also where the two ends overlap."""
+    network = bulk(lattice)
+    random = np.random.default_rng(4)
+    q = random.uniform(-0.5, 0.5, network.dimension - 1)
+    at = np.array([0.2, 0.45, 0.7]) * gp.Phonons(network).lattice.top_frequency
+    at *= network.scales.frequency
+    same = network.cut(axis, cells)
+    odd = replace(same, masses=random.uniform(0.5, 2.0, same.n_balls) * same.masses)
+    pairs = [(odd, {}), (odd, {"loss_factor": 0.1}), (None, {})]
+    by_factors = [
+        gp.transmission(network, middle, network, at, axis=axis, q=q, **losses)
+        for middle, losses in pairs
+    ]
+    monkeypatch.setattr("granphon.waves.scattering.LARGEST_UNSYMMETRIC", {2: 0, 3: 0})
+    monkeypatch.setattr("granphon.waves.scattering._TOGETHER", 0)  # one frequency at a time
+    for (middle, losses), wanted in zip(pairs, by_factors, strict=True):
+        found = gp.transmission(network, middle, network, at, axis=axis, q=q, **losses)
+        assert_allclose(found.amplitudes, wanted.amplitudes, atol=1e-10)
+        assert_allclose(found.reflected, wanted.reflected, atol=1e-10)
+        assert_allclose(found.wavenumbers, wanted.wavenumbers, rtol=1e-12)
 
 
 def test_the_edge_of_a_band_is_refused_and_its_sides_are_not():
@@ -528,3 +554,50 @@ def test_a_damping_that_was_meant_as_a_loss_factor():
         {},
     ):
         assert not gp.transmission(lead, middle, lead, at, **losses).warnings
+
+
+# -- what it costs ---------------------------------------------------------------------------------
+
+
+def test_work_is_estimated_and_told(monkeypatch):
+    lead = bulk("fcc")
+    strip = lead.cut(2, 6)
+    top = gp.Phonons(lead).lattice.top_frequency * lead.scales.frequency
+    at = np.linspace(0.1, 0.3, 5) * top
+    waves = gp.Waves(strip)
+    cost = waves.estimate("transmission", lead, lead, at, axis=2)
+    assert [unit.number for unit in cost.units] == [5.0]
+    assert cost.seconds > 0.0
+    assert f"{strip.n_balls} balls" in cost.text
+    progress = Counter()
+    gp.transmission(lead, strip, lead, at, axis=2, progress=progress)
+    assert progress.done["transmission"] == progress.expected["transmission"] == 5.0
+    # strips twice as long and leads as wide take twice the time, and the same memory beside D
+    monkeypatch.setattr("granphon.waves.scattering.LARGEST_UNSYMMETRIC", {3: 0})
+    monkeypatch.setattr("granphon.waves.estimates._EIGEN_TIME", 0.0)
+    costs = [
+        gp.Waves(lead.cut(2, cells)).estimate("transmission", lead, lead, at, axis=2)
+        for cells in (10, 20)
+    ]
+    assert costs[1].seconds == pytest.approx(2.0 * costs[0].seconds)
+
+
+def test_leads_and_strips_too_wide_for_the_memory_are_refused(monkeypatch):
+    lead = bulk("fcc").repeat((3, 3, 1))
+    strip = lead.cut(2, 4)
+    at = [0.2 * gp.Phonons(bulk("fcc")).lattice.top_frequency * lead.scales.frequency]
+    monkeypatch.setattr("granphon.base.memory._ALWAYS", 0.0)
+    for module, fault in (
+        ("granphon.dynamics.half_space.available_memory", "or fewer in each layer"),
+        ("granphon.dynamics.bloch_waves.count_bloch_bytes", "fewer balls in a layer"),
+        ("granphon.waves.slices.count_slice_bytes", "narrower strip"),
+    ):
+        with monkeypatch.context() as changed:
+            changed.setattr("granphon.waves.scattering.LARGEST_UNSYMMETRIC", {3: 0})
+            if "available" in module:
+                changed.setattr("granphon.base.memory.available_memory", lambda: 1e6)
+                changed.setattr(module, lambda: 1e6)
+            else:
+                changed.setattr(module, lambda *_sizes: 1e15)
+            with pytest.raises(InputError, match=fault):
+                gp.transmission(lead, strip, lead, at, axis=2)
