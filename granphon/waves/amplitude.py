@@ -16,28 +16,28 @@ from granphon.networks.network import ContactNetwork
 from granphon.waves.nonlinear import NonlinearWaves
 from granphon.waves.operator import WaveOperator
 
-#: difference of squared frequencies, over the highest, up to which the two are equal but for
-#: rounding
-_ALONE = 1e-10
+#: share of the highest squared frequency, or of the norm of a mode, up to which a number is zero
+#: but for rounding
+_ROUNDING = 1e-10
 
 
 def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> float:
     """Return how the frequency of a travelling wave changes with its amplitude, to second order.
 
-    The shift is (d omega/omega) (delta/A)^2, where A is the largest displacement of a ball and
-    delta the mean overlap. The cell keeps its size. Normal forces follow the whole law; the
-    stiffness against slip, twist and rolling is that at rest.
+    The shift, a number, is (d omega/omega) (delta/A)^2, where A is the largest displacement of a
+    ball and delta the mean overlap. The cell keeps its size. Normal forces follow the contact law
+    to third order in the elongation; the stiffness against slip, twist and rolling is that at rest.
 
     Parameters
     ----------
     x : a state at one load, or a network that repeats, without ``prestress``.
     q : (p,) or (3,), wave vector in fractions of the reciprocal cell.
     branch : number of the branch, in ascending frequency.
-    law : as for :class:`NonlinearWaves`.
+    law : the law of normal forces, as for :class:`NonlinearWaves`.
 
-    Raises :class:`~granphon.base.errors.InputError` for a law that is no power, for a branch that
-    others touch at q, or that costs nothing or displaces no ball, and where twice its frequency is
-    that of a wave of 2 q.
+    Raises :class:`~granphon.base.errors.InputError` for a law that is no power of the overlap; for
+    a branch whose frequency at q is zero or that of another branch, or in which balls only turn;
+    and where a wave of wave vector 2 q has twice the frequency.
     """
     waves = NonlinearWaves(x, law)
     if not isinstance(waves.normal, Powers):
@@ -48,35 +48,40 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     operator = WaveOperator(network)
     wavevector = _read_wavevector(network, q)
     number = whole_number("branch", branch, 0, operator.size - 1)
-    matrix, rows = _find_harmonic(operator, wavevector, 1)
-    square, vector = _take_single_branch(matrix, number, operator.top**2)
+    matrix, rows = _compose_harmonic(operator, wavevector, 1)
+    square, vector = _require_single_branch(matrix, number, operator.top**2)
     amplitude = _find_amplitude(operator, vector, number)
-    # the tension of a contact is k e + second e^2 + third e^3 of its elongation e
-    a = waves.normal.exponent
+    # a contact stretched by e has the tension k e + second e^2 + third e^3 beyond that at rest
+    exponent = waves.normal.exponent
     k = network.normal_stiffness
     delta = waves.overlap
-    second = -0.5 * k * (a - 1.0) / delta
-    third = k * (a - 1.0) * (a - 2.0) / (6.0 * delta**2)
-    # the wave makes elongations of order two: at twice its frequency, and constant ones
+    second = -0.5 * k * (exponent - 1.0) / delta
+    third = k * (exponent - 1.0) * (exponent - 2.0) / (6.0 * delta**2)
+    # contacts of the wave stretch by Re(e exp(-i omega t)); the square of this makes elongations
+    # of order two, constant ones and others at twice the frequency
     e = rows @ vector
-    e_double = _follow_double(operator, wavevector, square, second * e * e)
-    e_mean = _follow_mean(operator, wavevector, second * np.abs(e) ** 2)
-    # the tension of order three at the frequency of the wave, which shifts the frequency
+    e_double = _find_double_elongation(operator, wavevector, square, 0.5 * second * e * e)
+    e_mean = _find_mean_elongation(operator, wavevector, 0.5 * second * np.abs(e) ** 2)
+    # the tension of order three that has the frequency of the wave, from second (e + e_mean +
+    # e_double)^2 and third e^3: it changes omega^2 as a small stiffness does, by e^* . tension
     tension = 2.0 * second * e * e_mean + second * e.conj() * e_double
     tension += 0.75 * third * np.abs(e) ** 2 * e
-    shift = float((e.conj() @ tension).real) / (2.0 * square)
+    square_change = float((e.conj() @ tension).real)
+    shift = square_change / (2.0 * square)
     return shift * (float(np.mean(delta)) / amplitude) ** 2
 
 
-def _take_single_branch(matrix: Complex, number: int, top_square: float) -> tuple[float, Complex]:
-    """Return omega^2, (rad/s)^2, and the vector (size,) of the branch of this ``number`` of D,
-    ``matrix`` (size, size).
+def _require_single_branch(
+    matrix: Complex, number: int, top_square: float
+) -> tuple[float, Complex]:
+    """Return omega^2, (rad/s)^2, and the mode (size,), of norm one, of the branch with this
+    ``number``; ``matrix`` (size, size), (rad/s)^2, is D of the wave vector.
 
-    Raises :class:`~granphon.base.errors.InputError` if omega^2 is zero, or that of another branch,
-    but for rounding; ``top_square`` is a bound of all omega^2.
+    Raises :class:`~granphon.base.errors.InputError` if, but for rounding, omega^2 is zero or equal
+    to that of another branch; ``top_square``, (rad/s)^2, is a bound of all omega^2.
     """
     squares, vectors = np.linalg.eigh(matrix)
-    rounding = _ALONE * top_square
+    rounding = _ROUNDING * top_square
     n_equal = np.count_nonzero(np.abs(squares - squares[number]) < rounding)
     if squares[number] < rounding or n_equal > 1:
         fault = f"branch {number} costs nothing at this wave vector, or touches another"
@@ -85,10 +90,11 @@ def _take_single_branch(matrix: Complex, number: int, top_square: float) -> tupl
 
 
 def _read_wavevector(network: ContactNetwork, q: ArrayLike) -> Array:
-    """Return the wave vector (p,) in fractions of the reciprocal cell, from (p,) or (3,).
+    """Return the wave vector (p,), in fractions of the reciprocal cell, that ``q`` (p,) or (3,)
+    gives; p is the number of axes along which the network repeats.
 
-    Raises :class:`~granphon.base.errors.InputError` for a network that does not repeat, another
-    shape, numbers that are not finite, and a wave vector with a component across the periods.
+    Raises :class:`~granphon.base.errors.InputError` for a network that does not repeat, for ``q``
+    of another shape or not finite, and if the components of ``q`` beyond the first p are not zero.
     """
     p = int(np.count_nonzero(network.pbc))
     if p == 0:
@@ -104,11 +110,12 @@ def _read_wavevector(network: ContactNetwork, q: ArrayLike) -> Array:
     return wavevector[:p]
 
 
-def _find_harmonic(
+def _compose_harmonic(
     operator: WaveOperator, wavevector: Array, harmonic: int
 ) -> tuple[Complex, Complex]:
-    """Return D (size, size), (rad/s)^2, and the rows (n_c, size) that make elongations of contacts
-    of a vector, for waves of ``harmonic`` times the wave vector (p,), in fractions.
+    """Return D (size, size), (rad/s)^2, and the matrix (n_c, size) that maps mass-weighted motions
+    to the elongations of contacts, of waves whose wave vector is ``harmonic`` times ``wavevector``
+    (p,), in fractions of the reciprocal cell.
     """
     network = operator.network
     periods = np.flatnonzero(network.pbc)
@@ -119,19 +126,20 @@ def _find_harmonic(
 
 
 def _find_amplitude(operator: WaveOperator, vector: Complex, number: int) -> float:
-    """Return the largest displacement of a ball in a mode ``vector`` (size,), the branch of this
-    ``number``: half the long axis of its ellipse.
+    """Return the largest displacement of a ball in a mode ``vector`` (size,), mass-weighted, of the
+    branch with this ``number``: each ball moves on an ellipse, of which half the long axis counts.
 
     Raises :class:`~granphon.base.errors.InputError` for a mode in which balls only turn.
     """
     # (n_free, displacements), times the root of the mass of each ball
     translations = operator.values(vector)[:, operator.motions.translating]
-    # the square of half the long axis of the ellipse of each ball, times its mass
+    # of the ellipse Re(u exp(-i omega t)), half the long axis squared is (|u|^2 + |u . u|) / 2
     norm_squares = np.sum(np.abs(translations) ** 2, axis=1)
-    half_axes = 0.5 * (norm_squares + np.abs(np.sum(translations**2, axis=1)))
+    squares = np.sum(translations**2, axis=1)
+    weighted_axis_squares = 0.5 * (norm_squares + np.abs(squares))
     masses = operator.network.masses[operator.balls]
-    amplitude = float(np.sqrt(np.max(half_axes / masses)))
-    if np.sum(half_axes) < _ALONE:
+    amplitude = float(np.sqrt(np.max(weighted_axis_squares / masses)))
+    if np.sum(weighted_axis_squares) < _ROUNDING:
         raise InputError(
             f"balls only turn in branch {number}",
             "An amplitude is a displacement",
@@ -140,32 +148,33 @@ def _find_amplitude(operator: WaveOperator, vector: Complex, number: int) -> flo
     return amplitude
 
 
-def _follow_double(
+def _find_double_elongation(
     operator: WaveOperator, wavevector: Array, square: float, tension: Complex
 ) -> Complex:
-    """Return the elongations (n_c,) at twice the frequency of a wave that its ``tension`` (n_c,) of
-    second order makes; ``square`` is omega^2 of the wave, (rad/s)^2.
+    """Return the elongations (n_c,), complex amplitudes, with which contacts answer a ``tension``
+    (n_c,) at twice the frequency and twice the wave vector of a wave.
 
-    Raises :class:`~granphon.base.errors.InputError` if a wave of 2 q has twice the frequency.
+    ``square`` is omega^2 of the wave, (rad/s)^2; ``wavevector`` (p,) is in fractions. Raises
+    :class:`~granphon.base.errors.InputError` if a wave of wave vector 2 q has twice the frequency.
     """
-    matrix, rows = _find_harmonic(operator, wavevector, 2)
-    double_square = 4.0 * square
+    matrix, rows = _compose_harmonic(operator, wavevector, 2)
+    double_square = 4.0 * square  # (2 omega)^2
     distances = np.abs(np.linalg.eigvalsh(matrix) - double_square)
-    if np.min(distances) < _ALONE * operator.top**2:
+    if np.min(distances) < _ROUNDING * operator.top**2:
         raise InputError(
             "twice the frequency is that of a wave of 2 q", "The two exchange energy", "Change q"
         )
-    force = -0.5 * rows.conj().T @ tension
+    force = -rows.conj().T @ tension
     motion = np.linalg.solve(matrix - double_square * np.eye(len(matrix)), force)
     return np.asarray(rows @ motion)
 
 
-def _follow_mean(operator: WaveOperator, wavevector: Array, tension: Complex) -> Complex:
-    """Return the constant elongations (n_c,) of a wave that its ``tension`` (n_c,) of second order
-    makes, while the cell keeps its size.
+def _find_mean_elongation(operator: WaveOperator, wavevector: Array, tension: Complex) -> Complex:
+    """Return the elongations (n_c,) with which contacts answer a constant ``tension`` (n_c,), the
+    same in all cells, while the cell keeps its size.
     """
-    matrix, rows = _find_harmonic(operator, wavevector, 0)
-    force = -0.5 * rows.conj().T @ tension
+    matrix, rows = _compose_harmonic(operator, wavevector, 0)
+    force = -rows.conj().T @ tension
     # D is singular: motions that deform no contact, such as translations, are left out
-    flexibility = np.linalg.pinv(matrix, rcond=_ALONE, hermitian=True)
+    flexibility = np.linalg.pinv(matrix, rcond=_ROUNDING, hermitian=True)
     return np.asarray(rows @ (flexibility @ force))

@@ -17,13 +17,16 @@ from granphon.base.text import counted
 from granphon.base.validation import finite_array, whole_number
 from granphon.dynamics.lowest_modes import size_block
 from granphon.waves.lowest import find_lowest
-from granphon.waves.modes import DENSE, ZERO, find_fall
+from granphon.waves.modes import DENSE, ZERO, find_allowed_fall
 from granphon.waves.operator import WaveOperator, explain_instability
 
 
 def find_branches(operator: WaveOperator, q: ArrayLike, count: int) -> Array:
-    """Return the lowest frequencies (n_q, count), Hz, at wave vectors ``q``; see
-    :meth:`granphon.waves.waves.Waves.branches`.
+    """Return the ``count`` lowest frequencies (n_q, count), Hz, at wave vectors ``q`` (n_q, p), in
+    fractions of the reciprocal cell; see :meth:`granphon.waves.waves.Waves.branches`.
+
+    Raises :class:`~granphon.base.errors.InputError` for more branches than there are, or than the
+    block of vectors of a large network can find.
     """
     count = whole_number("count", count, 1)
     wavevectors = read_wavevectors(operator, q)
@@ -39,13 +42,17 @@ def find_branches(operator: WaveOperator, q: ArrayLike, count: int) -> Array:
         else:
             row[:] = find_lowest(operator, matrix, count, q=wavevector).values
     _require_stable(operator, squares)
-    squares[squares <= (ZERO * operator.top) ** 2] = 0.0  # below are digits of rounding
+    is_rounding = squares <= (ZERO * operator.top) ** 2
+    squares[is_rounding] = 0.0
     return np.asarray(np.sqrt(squares) / (2.0 * math.pi))
 
 
 def read_wavevectors(operator: WaveOperator, q: ArrayLike) -> Array:
-    """Return wave vectors (n_q, p), of ``q`` (n_q, p) or (p,), in fractions; InputError for others,
-    and for a network without a period.
+    """Return the wave vectors (n_q, p), in fractions of the reciprocal cell, that ``q`` (n_q, p) or
+    (p,) gives; p is the number of axes along which the network repeats.
+
+    Raises :class:`~granphon.base.errors.InputError` for ``q`` of another shape, without a wave
+    vector or not finite, and for a network that does not repeat.
     """
     p = int(np.count_nonzero(operator.network.pbc))
     if not p:
@@ -65,8 +72,11 @@ def read_wavevectors(operator: WaveOperator, q: ArrayLike) -> Array:
 
 
 def _require_stable(operator: WaveOperator, squares: Array) -> None:
-    """Raise :class:`~granphon.base.errors.InstabilityError` for squared frequencies below zero by
-    more than static forces that are left on balls explain.
+    """Raise :class:`~granphon.base.errors.InstabilityError` if the lowest of the squared
+    frequencies ``squares``, (rad/s)^2, is below zero by more than :func:`find_allowed_fall`.
+
+    Networks with static tangential forces pass: their stability is decided by
+    :attr:`WaveOperator.whole`, and not by these eigenvalues.
     """
-    if operator.whole is None and float(np.min(squares)) < -find_fall(operator):
+    if operator.whole is None and float(np.min(squares)) < -find_allowed_fall(operator):
         raise explain_instability(operator.network)

@@ -1,9 +1,10 @@
-"""Chebyshev polynomials of the dynamical matrix, and the kernel polynomial method in the frequency.
+"""Chebyshev polynomials of the dynamical matrix, and the kernel polynomial method for spectra of
+frequencies.
 
-The polynomials T_n(2 D / top^2 - 1) are the even polynomials T_2n(omega / top) of omega = D^1/2. An
-expansion in them, with a kernel made for omega, resolves frequencies evenly down to zero. A
-spectrum of frequencies f from 0 to ``top``, continued as an even function to -top, has the even
-moments
+The polynomials T_n(2 D / top^2 - 1) of D are the even polynomials T_2n(omega / top) of omega =
+D^1/2. An expansion in these even polynomials, with a kernel made for omega, resolves frequencies
+evenly down to zero; one made for D = omega^2 would not. A spectrum rho of frequencies f from 0 to
+``top``, continued as an even function to -top, has the even moments
 
     mu_n = integral rho(f) T_2n(f/top) df,
 
@@ -35,25 +36,26 @@ from granphon.base.validation import positive, whole_number
 from granphon.waves.operator import WaveOperator, explain_instability
 from granphon.waves.settings import MOMENTS
 
-#: most moments: their densities alone are 32 MiB
+#: most moments: a density of so many moments takes 32 MiB
 _MOST = 2**20
-#: fewest moments of a given resolution
+#: fewest moments that a given resolution may need
 _LEAST = 4
 #: points of a density within the standard deviation of the kernel
 _POINTS = 4
-#: share of a moment that counts for rounding
+#: relative difference of frequencies, and of numbers of moments before they are rounded up, that is
+#: rounding
 _ROUNDING = 1e-12
 #: bytes of vectors that a result keeps, so that more moments go on from these vectors; a result
-#: whose vectors would take more begins again
+#: whose vectors would take more bytes keeps none, and for more moments begins the recursion again
 _KEPT = 2**28
-#: share by which a moment may exceed that of order zero, and the norm of a polynomial that of its
-#: start: rounding
+#: share by which rounding may raise a moment above that of order zero, and the norm of T_n x above
+#: that of x; greater ones have a squared frequency below zero
 GROWTH = 1e-6
 
 
 @dataclass(frozen=True)
 class Kernel:
-    """The Jackson kernel of a number of moments.
+    """The Jackson kernel of a number of moments, and the frequencies at which it gives densities.
 
     Attributes
     ----------
@@ -66,11 +68,13 @@ class Kernel:
 
     @classmethod
     def of(cls, top: float, resolution: float | None = None, moments: int | None = None) -> Kernel:
-        """Return the kernel of a ``resolution``, Hz, or of a number of ``moments``; of
-        :data:`MOMENTS` without either.
+        """Return the kernel of a number of ``moments``, or the kernel with the fewest moments whose
+        resolution is at least as fine as ``resolution``, Hz; without either, that of
+        :data:`MOMENTS`.
 
-        Raises :class:`~granphon.base.errors.InputError` if both are given, or if the number of
-        moments would be too large or too small.
+        ``top`` is the bound of all frequencies, Hz. Raises
+        :class:`~granphon.base.errors.InputError` if both are given, or if the number of moments
+        would be too large or too small.
         """
         if resolution is None:
             count = MOMENTS if moments is None else moments
@@ -93,19 +97,20 @@ class Kernel:
                 f" {top:g} Hz"
             )
             raise InputError(fault, mend=f"Give {math.pi * top / (2.0 * _LEAST):.3g} Hz or less")
-        return cls(top, max(math.ceil(least_count * (1.0 - _ROUNDING)), 2))
+        # a whole number that rounding lifted a little is not rounded up to the next one
+        return cls(top, math.ceil(least_count * (1.0 - _ROUNDING)))
 
     @property
     def resolution(self) -> float:
-        """Standard deviation of the kernel at frequency zero, where the kernel is broadest, Hz; at
-        f multiply by sin(theta).
+        """Standard deviation of the kernel at frequency zero, Hz, where the kernel is broadest; at
+        the frequency f = top cos(theta) it is this times sin(theta).
         """
         return math.pi * self.top / (2.0 * self.moments)
 
     @cached_property
     def weights(self) -> Array:
-        """(M,) factors g_n of the moments: the Jackson kernel of the even orders 2n below 2M."""
-        n_orders = 2.0 * self.moments
+        """(M,) factors g_n of the moments: those of Jackson for 2M orders, at the even orders."""
+        n_orders = 2.0 * self.moments  # even and odd ones
         angle = math.pi / n_orders
         order = 2.0 * np.arange(self.moments)
         cosines = (n_orders - order) * np.cos(order * angle)
@@ -119,69 +124,77 @@ class Kernel:
 
     @cached_property
     def angles(self) -> Array:
-        """(n_f,) theta of the points of a density, in the order of ascending frequencies: from pi/2
-        down to nearly zero.
+        """(n_f,) angles theta of the frequencies of a density, f = top cos(theta), in the order of
+        ascending frequencies: from pi/2 down to nearly zero.
         """
         steps_from_top = self.count - 0.5 - np.arange(self.count)
         return np.asarray(math.pi * steps_from_top / (2 * self.count - 1))
 
     @cached_property
     def frequencies(self) -> Array:
-        """(n_f,) points of a density, Hz: zero, and on to the last Chebyshev node below ``top``."""
-        angles = math.pi * np.arange(self.count) / (2 * self.count - 1)
-        return np.asarray(self.top * np.sin(angles))
+        """(n_f,) frequencies of a density, Hz, ascending: the Chebyshev nodes from zero to the last
+        one below ``top``.
+        """
+        # pi/2 - theta, of which the sine is exact at zero
+        complements = math.pi * np.arange(self.count) / (2 * self.count - 1)
+        return np.asarray(self.top * np.sin(complements))
 
     def densities(self, moments: ArrayLike) -> Array:
-        """Return the densities (..., n_f), 1/Hz, of the ``moments`` (..., M)."""
+        """Return the densities (..., n_f), 1/Hz, at :attr:`frequencies`, of spectra with the
+        ``moments`` (..., M).
+        """
         from scipy.fft import dct
 
         moments = np.asarray(moments, float)
-        # orders 0 to 2 n_f - 2 of a series over the nodes from -top to top: the odd ones are zero
+        # coefficients of the orders 0 to 2 n_f - 2 of a cosine series, which the transform sums at
+        # the nodes from top down to -top; odd orders are zero, as the density is even
         coefficients = np.zeros((*moments.shape[:-1], 2 * self.count - 1))
         coefficients[..., : 2 * self.moments : 2] = self.weights * moments
         sums = dct(coefficients, type=3, axis=-1)[..., : self.count]
-        densities_of_angle = sums[..., ::-1]  # in the order of ascending frequencies
-        density_of_angle_to_frequency = 2.0 / (math.pi * self.top * np.sin(self.angles))
-        return np.asarray(densities_of_angle * density_of_angle_to_frequency)
+        ascending_sums = sums[..., ::-1]  # in the order of ascending frequencies
+        # the factor before the sum over moments in the head of this module
+        return np.asarray(ascending_sums * (2.0 / (math.pi * self.top * np.sin(self.angles))))
 
     def line(self, frequency: ArrayLike) -> Array:
-        """Return the densities (..., n_f), 1/Hz, of single lines at frequencies (...), Hz: the
-        shape of the kernel.
+        """Return the densities (..., n_f), 1/Hz, at :attr:`frequencies`, of single lines: the shape
+        of the kernel around each ``frequency`` (...), Hz.
         """
         return self.densities(self.moments_of(frequency))
 
     def moments_of(self, frequency: ArrayLike) -> Array:
-        """Return the moments (..., M) of single lines at frequencies (...), Hz, from 0 to
-        ``top``.
+        """Return the moments (..., M) of single lines, one at each ``frequency`` (...), Hz, between
+        0 and ``top``.
         """
+        # rounding may have put a frequency beyond the bounds
         theta = np.arccos(np.clip(np.asarray(frequency, float) / self.top, 0.0, 1.0))
         return np.cos(2.0 * theta[..., None] * np.arange(self.moments))
 
     def integral(self, densities: Array) -> Array:
-        """Return the integrals (...) of ``densities`` (..., n_f): by Gauss and Chebyshev's rule,
-        exact to rounding.
+        """Return the integrals (...) over all frequencies of ``densities`` (..., n_f), 1/Hz, by the
+        rule of Gauss and Chebyshev, which is exact for these densities but for rounding.
         """
         weights = np.sin(self.angles) * (math.pi * self.top / (2 * self.count - 1))  # Hz
         weights[0] *= 0.5  # half of the interval around the point at zero lies below zero
         return np.asarray(densities @ weights)
 
     def check_points(self, frequencies: Array) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if ``frequencies`` are not the points of
-        a density.
+        """Raise :class:`~granphon.base.errors.InputError` if ``frequencies``, Hz, of a result that
+        was read from data, are not :attr:`frequencies`.
         """
-        is_same = frequencies.size == self.count
-        if is_same:
-            is_same = np.allclose(frequencies, self.frequencies, rtol=_ROUNDING, atol=0.0)
-        if not is_same:
+        are_same = frequencies.size == self.count
+        if are_same:
+            are_same = np.allclose(frequencies, self.frequencies, rtol=_ROUNDING, atol=0.0)
+        if not are_same:
             fault = f"the frequencies are not those of {self.moments} moments up to {self.top:g} Hz"
             raise InputError(fault, mend="Compute the spectrum again")
 
 
 def polynomials(operator: WaveOperator, start: Array) -> Iterator[Array]:
     """Yield T_n(2 D / top^2 - 1) x for n = 0, 1, 2, ... without end; x is ``start``, a vector
-    (size,) or several (size, m).
+    (size,) or m vectors (size, m).
 
-    An array that was yielded is overwritten when the array after the next one is requested.
+    Each array that is yielded holds its numbers while the next array is computed from it, and is
+    overwritten after that: who needs it longer must copy it.
     """
     previous = np.array(start, float)
     yield previous
@@ -194,23 +207,27 @@ def polynomials(operator: WaveOperator, start: Array) -> Iterator[Array]:
 
 
 def keeps_vectors(operator: WaveOperator, starts: int) -> bool:
-    """Return whether the last two vectors of ``starts`` recursions are few enough to be kept."""
+    """Return whether the last two vectors of each of ``starts`` recursions, a number, take few
+    enough bytes to be kept with a result.
+    """
     return 2 * 8 * operator.size * starts <= _KEPT
 
 
 class Moments:
-    """The moments mu_n = <x| T_n(2 D / top^2 - 1) |x> of some vectors x, as many as were requested.
+    """The moments mu_n = <x| T_n(2 D / top^2 - 1) |x> of some vectors x.
 
-    Two moments cost one product of D with a vector: mu_2n = 2 <x_n|x_n> - mu_0 and mu_2n+1 =
+    :meth:`first` computes moments when they are requested, and keeps them for later requests. Two
+    moments cost one product of D with a vector: mu_2n = 2 <x_n|x_n> - mu_0 and mu_2n+1 =
     2 <x_n+1|x_n> - mu_1 with x_n = T_n x. Several vectors share each product, for which the matrix
     is read once (:attr:`WaveOperator.vectors_at_once`).
 
     Parameters
     ----------
     operator : D.
-    starts : functions that make the vectors, (size,) each.
-    keep : whether to keep the last two vectors of each. Without these vectors the recursion begins
-        again for more moments, which are the same to the last bit.
+    starts : functions that make the vectors x, (size,) each.
+    keep : whether to keep the last two vectors T_n x of each recursion, so that a request for more
+        moments goes on from these vectors. Without them the recursion begins again; the moments are
+        the same to the last bit.
     """
 
     def __init__(
@@ -223,17 +240,19 @@ class Moments:
         ]
 
     def first(self, count: int, step: Step = silent) -> Array:
-        """Return the first ``count`` moments of each vector, (m, count); the ``step`` is told of
-        each product with a vector.
+        """Return the first ``count`` moments of each of the m vectors, (m, count); the progress
+        ``step`` is told of each product with a vector.
 
-        Raises :class:`~granphon.base.errors.InstabilityError` if the moments grow: a squared
-        frequency is below zero.
+        Raises :class:`~granphon.base.errors.InstabilityError` if moments exceed that of order zero,
+        as where a squared frequency is below zero.
         """
         return np.vstack([recursion.first(count, step) for recursion in self._recursions])
 
 
 class _Recursion:
-    """The recursion of a few vectors, for their :class:`Moments`."""
+    """The recursion T_n x of m vectors x that share each product with D, and the moments found so
+    far; the parameters are those of :class:`Moments`.
+    """
 
     def __init__(
         self, operator: WaveOperator, starts: Sequence[Callable[[], Array]], keep: bool
@@ -242,11 +261,16 @@ class _Recursion:
         self._starts = starts
         self._keep = keep
         self._moments: list[Array] = []  # of each order, those of all vectors, (m,)
-        self._vectors: Iterator[Array] | None = None
-        self._last: Array | None = None
+        self._vectors: Iterator[Array] | None = None  # yields T_n x; None before it has begun
+        self._last: Array | None = None  # the T_n x that was yielded last
 
     def first(self, count: int, step: Step) -> Array:
-        """Return the first ``count`` moments of each vector, (m, count)."""
+        """Return the first ``count`` moments of each vector, (m, count).
+
+        Moments that are not known are computed. If this needs the recursion and its vectors were
+        not kept, known moments are dropped and the recursion begins again. The ``step`` is told of
+        each product with a vector.
+        """
         moments = self._moments
         if len(moments) < count and self._vectors is None:
             moments.clear()
@@ -264,25 +288,29 @@ class _Recursion:
         return np.array(moments[:count]).T
 
     def _add_two(self) -> None:
-        """Find the next two moments, of an odd and of an even order, by one more product."""
+        """Append the next two moments, of an odd and of an even order, by one more product with D
+        for each vector.
+
+        Raises :class:`~granphon.base.errors.InstabilityError` if the moments grow.
+        """
         assert self._vectors is not None
         assert self._last is not None
         moments = self._moments
-        vectors = next(self._vectors)  # the recursion still keeps the last vectors
+        vectors = next(self._vectors)  # does not yet overwrite the last vectors
         products = _multiply(vectors, self._last)
-        is_first_order = len(moments) == 1
+        is_first_order = len(moments) == 1  # mu_1 is the product itself
         moments.append(products if is_first_order else 2.0 * products - moments[1])
         moments.append(2.0 * _multiply(vectors, vectors) - moments[0])
         self._last = vectors
-        # written so that nan is unstable, too
+        # nan compares as false, so that moments that overflowed are unstable, too
         is_bounded = np.abs(moments[-1]) <= (1.0 + GROWTH) * moments[0]
         if not np.all(is_bounded):
             raise explain_instability(self._operator.network)
 
 
 def _multiply(left: Array, right: Array) -> Array:
-    """Return the scalar products (m,) of the columns of two arrays (size, m), or of two vectors
-    (size,).
+    """Return the scalar products (m,) of the columns of two arrays (size, m), or the one product
+    (1,) of two vectors (size,).
     """
     if left.ndim == 1:
         return np.array([np.vdot(left, right)])
@@ -290,21 +318,26 @@ def _multiply(left: Array, right: Array) -> Array:
 
 
 class Refinable(Result):
-    """A frozen spectrum at the points of the kernel of ``moments``, which finds a spectrum with
-    more moments.
+    """A frozen spectrum, broadened by the Jackson kernel, that can be computed again with more
+    moments or a finer resolution.
 
-    The spectrum with more moments is found from the network, which plain data and pickles do not
-    keep.
+    More moments are computed from the network, which plain data and pickles do not keep.
+
+    Attributes
+    ----------
+    frequencies : (n_f,) Hz, the points of the kernel; see :attr:`Kernel.frequencies`.
+    top : bound of all frequencies, Hz.
+    moments : number of Chebyshev moments.
     """
 
     frequencies: Array
     top: float
     moments: int
-    #: finds the result of a number of moments
+    #: the function that returns the result of a number of moments; None in a result from data
     _work: Callable[..., Any] | None = None
 
     def _check(self) -> None:
-        """Check the shapes, and that the points are those of the moments."""
+        """Check the shapes, and that the frequencies are those of the kernel of the moments."""
         super()._check()
         self._kernel.check_points(self.frequencies)
 
@@ -315,19 +348,22 @@ class Refinable(Result):
 
     @property
     def resolution(self) -> float:
-        """Standard deviation of the kernel at frequency zero, Hz; at f multiply by
-        (1 - (f/top)^2)^1/2.
+        """Standard deviation of the kernel at frequency zero, Hz; at the frequency f it is this
+        times (1 - (f/top)^2)^1/2.
         """
         return self._kernel.resolution
 
     def _with_work(self, work: Callable[..., Self]) -> Self:
-        """Set the function that finds the result of a number of moments; return this result."""
-        object.__setattr__(self, "_work", work)
+        """Keep ``work``, the function that returns the result of a number of moments, in this
+        result, and return this result.
+        """
+        object.__setattr__(self, "_work", work)  # the result is frozen for everyone else
         return self
 
     def _known_work(self) -> Callable[..., Self]:
-        """Return the function that finds the result of a number of moments; raise
-        :class:`~granphon.base.errors.InputError` if this result was read from data.
+        """Return the function that returns the result of a number of moments.
+
+        Raises :class:`~granphon.base.errors.InputError` if this result was read from data.
         """
         if self._work is None:
             name = type(self).__name__
@@ -338,7 +374,8 @@ class Refinable(Result):
         return self._work
 
     def with_moments(self, moments: int) -> Self:
-        """Return the result of this number of moments; moments that are known are not found again.
+        """Return the result of this number of moments; moments that are known, and whose vectors
+        were small enough to be kept, are not computed again.
 
         The result is the same, bit for bit, as if that number had been requested at once. Raises
         :class:`~granphon.base.errors.InputError` if this result was read from data.
@@ -346,5 +383,7 @@ class Refinable(Result):
         return self._known_work()(Kernel.of(self.top, moments=moments).moments)
 
     def with_resolution(self, resolution: float) -> Self:
-        """Return the result of this resolution, Hz: as :meth:`with_moments`."""
+        """Return the result whose resolution is at least as fine as ``resolution``, Hz; all that
+        :meth:`with_moments` says holds.
+        """
         return self._known_work()(Kernel.of(self.top, resolution).moments)

@@ -1,5 +1,8 @@
-"""Densities of states of finite networks: of small ones by their modes, of others by random
-vectors; of single balls.
+"""Densities of states of finite networks and of single balls.
+
+The density of a small network is the sum over all its modes (:class:`AllModes`). That of a larger
+network is estimated by random vectors (:class:`RandomVectors`), and that of a single ball by the
+vectors in which the ball alone moves.
 """
 
 from __future__ import annotations
@@ -21,31 +24,34 @@ from granphon.observables.validity import network_warnings
 from granphon.waves.chebyshev import Kernel, Moments, Refinable, keeps_vectors
 from granphon.waves.operator import WaveOperator
 
-#: memory of a local density at one frequency, of one motion of the ball and of the frequency
-#: itself, bytes
+#: memory, bytes, that a local density takes at one frequency, for each motion of the ball and once
+#: more for the frequency itself
 _LOCAL_BYTES = 40.0
-#: most numbers of moments of all random vectors: their densities are 4 GiB
+#: most random vectors times moments of each: the densities of all vectors take 4 GiB
 MOST_MOMENTS = 2**26
-#: distance from zero, in resolutions, beyond which the line of modes without energy is not seen
+#: distance from frequency zero, in resolutions, from which the broadened line of modes without
+#: energy is no longer seen
 _BEYOND_ZERO = 4.0
-#: most numbers of moments of modes that are worked out together
+#: most modes times moments that are computed together
 _BLOCK = 2**22
 
 
 @result_class
 class LocalDensity(Result, array="values"):
-    """Local density of states of a ball, by its motions; ``np.asarray`` of it is ``values``.
+    """Local density of states of a ball, one for each of its motions; ``np.asarray`` of it is
+    ``values``.
 
-    The density of a motion is the sum over all modes of their kinetic energy in that motion, each
-    line broadened by the Jackson kernel.
+    The density of a motion is the sum over all modes of the share of their kinetic energy that is
+    in that motion, the line of each mode broadened by the Jackson kernel.
 
     Attributes
     ----------
     frequencies : (n_f,) Hz.
-    values : (n_f, motions) 1/Hz; the integral of each over all frequencies is 1.
-    letters : names of the motions.
+    values : (n_f, motions) 1/Hz; the integral of each column over all frequencies is 1.
+    letters : names of the motions, one for each column.
     ball : index of the ball.
-    resolution : standard deviation of the kernel at frequency zero, Hz; above zero it is finer.
+    resolution : standard deviation of the kernel at frequency zero, Hz; above zero the kernel is
+        narrower.
     moments : number of Chebyshev moments.
     """
 
@@ -64,8 +70,12 @@ def find_local_density(
     resolution: float | None,
     moments: int | None,
 ) -> LocalDensity:
-    """Return the local density of states of a ball; see
+    """Return the local density of states of a ``ball``, an index, at ``frequencies`` (n_f,), Hz, by
+    a ``resolution``, Hz, or a number of ``moments``; see
     :meth:`granphon.waves.waves.Waves.local_dos`.
+
+    Raises :class:`~granphon.base.errors.InputError` for a ball that is not there or does not move,
+    for frequencies below zero or of another shape, and for more of them than memory holds.
     """
     network = operator.network
     kernel = Kernel.of(operator.top / (2.0 * math.pi), resolution, moments)
@@ -92,25 +102,32 @@ def find_local_density(
 
 
 def _find_ball_moments(operator: WaveOperator, ball: int, count: int) -> Array:
-    """Return the first ``count`` moments of each motion of a ball, (motions, count)."""
+    """Return the first ``count`` moments, (motions, count), of the vectors in which only the
+    ``ball``, an index, has one of its motions.
+    """
     n_motions = operator.motions.count
     # one vector for each motion of the ball: (motions, n_free, motions)
     starts = np.zeros((n_motions, operator.balls.size, n_motions))
-    starts[:, np.searchsorted(operator.balls, ball)] = np.eye(n_motions)
+    number = np.searchsorted(operator.balls, ball)  # of the ball among those that move
+    starts[:, number] = np.eye(n_motions)
     return Moments(operator, [partial(operator.vector, start) for start in starts]).first(count)
 
 
 def _sum_series(kernel: Kernel, moments: Array, hertz: Array) -> Array:
-    """Return the densities (n_f, motions), 1/Hz, of ``moments`` (motions, M) at the frequencies
-    ``hertz`` (n_f,), Hz; zero from the top of the kernel on.
+    """Return the densities (n_f, motions), 1/Hz, of ``moments`` (motions, M) at any frequencies
+    ``hertz`` (n_f,), Hz; zero from the top of the kernel on, above all frequencies.
+
+    The series is that of the head of :mod:`granphon.waves.chebyshev`. :meth:`Kernel.densities` sums
+    it by a fast transform, but only at the frequencies of the kernel.
     """
     is_below_top = hertz < kernel.top
     theta = np.arccos(hertz[is_below_top] / kernel.top)
-    # mu_0 + 2 sum_n g_n mu_n T_n(cos 2 theta): orders above zero count twice
+    # mu_0 + 2 sum_n g_n mu_n cos(2 n theta), in which orders above zero count twice
     multiplicity = np.full(kernel.moments, 2.0)
     multiplicity[0] = 1.0
     coefficients = kernel.weights * moments * multiplicity
     densities = np.zeros((hertz.size, len(moments)))
+    # cos(2 n theta) is the Chebyshev polynomial of order n of cos(2 theta)
     series = np.polynomial.chebyshev.chebval(np.cos(2.0 * theta), coefficients.T).T
     densities[is_below_top] = series
     densities[is_below_top] *= (2.0 / (math.pi * kernel.top * np.sin(theta)))[:, None]
@@ -129,12 +146,12 @@ class SpectralDensity(Refinable):
     ----------
     frequencies : (n,) Hz, from zero; Chebyshev nodes, four within the standard deviation of the
         kernel.
-    translational, rotational : (n,) 1/Hz, the density with each mode weighted by that part of its
-        kinetic energy.
+    translational, rotational : (n,) 1/Hz, the density in which each mode counts with the share of
+        its kinetic energy that is of translations, and of rotations.
     error, translational_error, rotational_error : (n,) 1/Hz, standard errors over the random
-        vectors of the total and of the two parts; zero without any, nan if there is one vector. For
-        few vectors they follow Student's t.
-    top : bound of all frequencies, Hz, on which the polynomials are made.
+        vectors of the total and of the two parts; zero where all modes were found, nan if there is
+        one vector. For few vectors they follow Student's t.
+    top : bound of all frequencies, Hz, to which the polynomials are scaled.
     moments : number of Chebyshev moments.
     vectors : number of random vectors; 0 where all modes were found.
     seed : from which they are drawn.
@@ -160,23 +177,27 @@ class SpectralDensity(Refinable):
 
     @property
     def reduced(self) -> Array:
-        """(n,) the total over f^(d-1), 1/Hz^d per ball, with the frequency f and the dimension d:
-        constant where modes are plane waves of sound (Debye). At zero infinite, or nan.
+        """(n,) the total density over f^(d-1), 1/Hz^d per ball, with the frequency f and the
+        dimension d: constant where modes are plane waves of sound (Debye). In two and three
+        dimensions it is infinite at zero frequency, or nan where the density is zero.
         """
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):  # of the division by zero at f = 0
             powers = self.frequencies ** (self.dimension - 1.0)
             return np.asarray(self.total / powers)
 
     @property
     def boson_peak(self) -> float:
-        """The frequency, Hz, of the greatest :attr:`reduced` density above the line at zero, four
-        times the resolution: where modes exceed those of sound most; nan where the density falls
-        from there on, and where the resolution leaves nothing above the line.
+        """The frequency, Hz, of the greatest :attr:`reduced` density, where modes exceed those of
+        sound most.
+
+        Only frequencies above four times the resolution count, as modes without energy make a line
+        of this width at zero. The peak is nan if the reduced density is greatest at the first of
+        these frequencies, and if there is none.
         """
         start = int(np.searchsorted(self.frequencies, _BEYOND_ZERO * self.resolution))
         reduced = self.reduced[start:]
         peak = int(np.argmax(reduced)) if reduced.size else 0
-        # where the density falls at once the line at zero is not left behind
+        # a maximum at the first frequency is no peak: it may be the flank of the line at zero
         return float(self.frequencies[start + peak]) if peak else math.nan
 
     @property
@@ -190,19 +211,21 @@ class SpectralDensity(Refinable):
         return float(self._kernel.integral(self.total))
 
     def with_vectors(self, vectors: int) -> SpectralDensity:
-        """Return the density from this number of random vectors; work done for earlier vectors is
-        kept.
+        """Return the density from this number of random vectors; moments of vectors that this
+        density has are not computed again.
 
-        The density is the same, bit for bit, as if that number had been requested at once; without
-        random vectors it is this one. Raises :class:`~granphon.base.errors.InputError` if this
-        result was read from data.
+        The density is the same, bit for bit, as if that number had been requested at once. A
+        density by all modes, without random vectors, stays as it is. Raises
+        :class:`~granphon.base.errors.InputError` if this result was read from data.
         """
         return self._known_work()(self.moments, vectors=whole_number("vectors", vectors, 1))
 
 
 class AllModes:
-    """All modes of a network: their frequencies, and how much of the energy of each is of
-    translations and of rotations.
+    """All modes of a network: their frequencies, and the shares of translations and of rotations in
+    the kinetic energy of each, from which :meth:`find` makes the density of states.
+
+    ``seed`` is only passed on to the result. The constructor finds all modes by a dense matrix.
     """
 
     def __init__(self, operator: WaveOperator, seed: int) -> None:
@@ -218,20 +241,22 @@ class AllModes:
         energies = modes**2
         translations = np.sum(energies[~operator.is_rotation], axis=0)
         rotations = np.sum(energies[operator.is_rotation], axis=0)
-        # (2, modes): the parts of translations and rotations in the energy of each mode
-        self._energy_parts = np.stack([translations, rotations])
+        # (2, modes): the shares of translations and rotations in the energy of each mode
+        self._energy_shares = np.stack([translations, rotations])
 
     def find(self, moments: int, vectors: int) -> SpectralDensity:
-        """Return the density by a number of moments.
+        """Return the density by a number of ``moments``.
 
-        ``vectors`` is not used: it is there because :class:`RandomVectors` has the same method.
+        ``vectors``, a number of random vectors, is not used: it is an argument because
+        :meth:`RandomVectors.find` has it.
         """
         kernel = Kernel(self._top, moments)
         traces = np.zeros((2, moments))
         n_modes = self._frequencies.size
+        # the moments of all modes at once, (modes, moments), would take too much memory
         n_blocks = 1 + n_modes * moments // _BLOCK
         for modes in np.array_split(np.arange(n_modes), n_blocks):
-            traces += self._energy_parts[:, modes] @ kernel.moments_of(self._frequencies[modes])
+            traces += self._energy_shares[:, modes] @ kernel.moments_of(self._frequencies[modes])
         translational, rotational = kernel.densities(traces / self._n_balls)
         no_error = np.zeros(kernel.count)
         return SpectralDensity(
@@ -251,32 +276,37 @@ class AllModes:
 
 
 class RandomVectors:
-    """Moments of random vectors: of their translations and of their rotations, each by itself.
+    """The density of states of a network from the moments of random vectors.
 
-    <r|T|r> of vectors of random signs has the mean Tr T. If r is cut into translations and
-    rotations, each of the two gives the trace over its own motions, and the sum lacks the noise of
-    the terms between the two.
+    The product <r|T|r> has the mean Tr T if the numbers of r are signs drawn at random. Each random
+    vector r is cut into its translations and its rotations: the product of each part gives the
+    trace over its own motions, and the sum of the two products lacks the noise of the terms between
+    translations and rotations.
+
+    Vectors and moments that were computed are kept for later calls of :meth:`find`. ``vectors`` is
+    the number of random vectors of the first call, from which it follows whether the recursions
+    are few enough to be kept.
     """
 
     def __init__(self, operator: WaveOperator, seed: int, vectors: int) -> None:
         self._operator = operator
         self._seed = seed
-        # whether a part of a vector is that of the rotations
-        self._rotations_of_parts = (False, True) if operator.motions.rotate else (False,)
-        n_parts = len(self._rotations_of_parts)
+        # of each part of a vector, whether the part has the rotations or the translations
+        self._has_rotations = (False, True) if operator.motions.rotate else (False,)
+        n_parts = len(self._has_rotations)
         self._keep = keeps_vectors(operator, vectors * n_parts)
-        #: vectors that share products, and the moments of each such group, with the number of its
-        #: vectors
+        # most random vectors in a group, whose parts share products with D
         self._group_size = max(operator.vectors_at_once // n_parts, 1)
+        # of each group, the number of its random vectors, and their moments
         self._groups: list[tuple[int, Moments]] = []
 
     def _draw(self, number: int, rotations: bool) -> Array:
-        """Return the vector (size,) of this ``number``: +1 or -1 by chance in the rotations, or
-        else in the translations, and zero in the others.
+        """Return one part (size,) of the random vector with this ``number``: +1 or -1 by chance in
+        its ``rotations``, or else in its translations, and zero in all other motions.
         """
         operator = self._operator
-        # a seed of its own makes a vector independent of how many others are drawn; 2^52 makes
-        # whole numbers of the digits of a random number between 0 and 1
+        # each vector has a seed of its own, so that it does not depend on how many others are
+        # drawn: 2^52 times a random number between 0 and 1, made a whole number
         seed = int(uniform_numbers(number + 1, self._seed)[number] * 2.0**52)
         shape = (operator.balls.size, operator.motions.count)
         signs = np.sign(uniform_numbers(shape, seed) - 0.5)
@@ -284,34 +314,46 @@ class RandomVectors:
         signs[:, is_in_other_part] = 0.0
         return np.asarray(operator.vector(signs))
 
-    def _group(self, vectors: int) -> list[Moments]:
-        """Return the moments of the first ``vectors`` random vectors, in groups that share
-        products; only the last group is made anew if it has got more.
+    def _group_moments(self, vectors: int) -> list[Moments]:
+        """Return the moments of the first ``vectors`` random vectors, a number, in groups whose
+        vectors share products with D.
+
+        Groups are kept. A kept group is replaced by a new one if the number of its vectors is now
+        another, as may happen to the last group.
         """
         groups = []
         for number, first in enumerate(range(0, vectors, self._group_size)):
             size = min(self._group_size, vectors - first)
-            if number == len(self._groups) or self._groups[number][0] != size:
+            is_new = number == len(self._groups)
+            if is_new or self._groups[number][0] != size:
                 draws = [
-                    partial(self._draw, vector, turns)
+                    partial(self._draw, vector, rotations)
                     for vector in range(first, first + size)
-                    for turns in self._rotations_of_parts
+                    for rotations in self._has_rotations
                 ]
                 group = size, Moments(self._operator, draws, keep=self._keep)
-                self._groups[number : number + 1] = [group]
-            groups.append(self._groups[number][1])
+                self._groups[number : number + 1] = [group]  # appends, or replaces
+            _, group_moments = self._groups[number]
+            groups.append(group_moments)
         return groups
 
     def find(self, moments: int, vectors: int) -> SpectralDensity:
-        """Return the density by these numbers of moments and of random vectors."""
+        """Return the density by these numbers of ``moments`` and of random ``vectors``.
+
+        The density and its error are the mean over the random vectors and the standard error of the
+        mean. Raises :class:`~granphon.base.errors.InputError` for more vectors than
+        :data:`MOST_MOMENTS` allows.
+        """
         vectors = whole_number("vectors", vectors, 1, MOST_MOMENTS // moments)
         kernel = Kernel(self._operator.top / (2.0 * math.pi), moments)
-        n_parts = len(self._rotations_of_parts)
+        n_parts = len(self._has_rotations)
         n_products = vectors * n_parts * (moments // 2)
         with self._operator.progress.step("density of states", n_products) as step:
-            rows = [group.first(moments, step) for group in self._group(vectors)]
-        traces = np.concatenate(rows).reshape(vectors, n_parts, moments)
-        # (vectors, 2, n_f) 1/Hz; zero in rotations where balls do not turn
+            moments_of_groups = [
+                group.first(moments, step) for group in self._group_moments(vectors)
+            ]
+        traces = np.concatenate(moments_of_groups).reshape(vectors, n_parts, moments)
+        # (vectors, 2, n_f) 1/Hz, of translations and rotations; zero where balls do not turn
         densities = np.zeros((vectors, 2, kernel.count))
         densities[:, : traces.shape[1]] = kernel.densities(traces / self._operator.balls.size)
         translational, rotational = densities.mean(axis=0)
@@ -332,8 +374,8 @@ class RandomVectors:
 
 
 def _find_error(densities: Array) -> Array:
-    """Return the standard error (n_f,) of the mean of ``densities`` (vectors, n_f); nan for one
-    vector.
+    """Return the standard error (n_f,) of the mean over vectors of ``densities`` (vectors, n_f);
+    nan for one vector, as its error is not known.
     """
     if len(densities) == 1:
         return np.full(densities.shape[1:], math.nan)

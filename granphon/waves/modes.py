@@ -1,22 +1,27 @@
 """Modes of finite networks: the lowest, or those nearest to a frequency.
 
-Small matrices are dense. Larger matrices are factorised at a shift, and Lanczos finds the modes
-nearest to the shift; the factors also say, by Sylvester's law of inertia, how many eigenvalues are
-below a value, so that none is missed.
+There are four methods, for networks of more and more motions:
 
-Where the factors would be too large, the lowest modes are found by a block of vectors
-(:mod:`granphon.waves.lowest`), and modes of a window of frequencies are filtered out of random
-vectors. With omega = top cos(phi/2) the polynomials T_n(2 D / top^2 - 1) are cos(n phi). A filter
-is a sum of polynomials up to the order M that lies in a window of phi, of the width 2 H, as much as
-the order allows: its coefficients are one of Slepian's sequences (Bell Syst. Tech. J. 57, 1371
-(1978)), and there are 2 M H / pi filters. All filters, applied to a few random vectors in one
-recursion, make vectors that span the modes of the window if the vectors are well more than the
-modes: filter diagonalisation (Wall and Neuhauser, J. Chem. Phys. 102, 8011 (1995)). The window that
-holds a number of modes follows from the density of states, by the kernel polynomial method.
+- All modes of a small matrix are found by a dense solver.
+- Larger matrices are factorised at a shift, and Lanczos finds the modes nearest to the shift. The
+  factors also say, by Sylvester's law of inertia, how many eigenvalues are below a value, so that
+  no mode is missed.
+- Where the factors would be too large, the lowest modes are found by a block of vectors
+  (:mod:`granphon.waves.lowest`).
+- There, modes nearest to another frequency are filtered out of random vectors.
+
+Filters use the angle phi of omega = top cos(phi/2), in which the polynomials T_n(2 D / top^2 - 1)
+are cos(n phi). A filter is a sum of polynomials up to the order M, of which as much lies in a
+window of phi, of the width 2 H, as the order allows: its coefficients are one of Slepian's
+sequences (Bell Syst. Tech. J. 57, 1371 (1978)), and there are 2 M H / pi filters. All filters are
+applied to a few random vectors in one recursion. If the filtered vectors are well more than the
+modes in the window, they span these modes: filter diagonalisation (Wall and Neuhauser, J. Chem.
+Phys. 102, 8011 (1995)). The window that holds a number of modes follows from the density of states,
+by the kernel polynomial method.
 
 Every mode has a share in a random vector. So after the modes are found, fresh random vectors are
-filtered, and freed of these modes: the squares of the residuals count the modes in the window that
-are missing.
+filtered, and what they have of the found modes is subtracted: the squares of the residuals count
+the modes in the window that are missing.
 """
 
 from __future__ import annotations
@@ -60,9 +65,11 @@ from granphon.waves.operator import WaveOperator, explain_instability
 
 #: most motions of a network all of whose modes are found at once, by a dense matrix
 DENSE = 600
-#: frequency over the top frequency, at or below which a mode counts as one that costs no energy
+#: frequency over the top frequency at or below which a mode counts as a zero mode, one that costs
+#: no energy
 ZERO = 1e-6
-#: square of a frequency of a ball that moves alone, over top^2, up to which it is rounding of zero
+#: squared frequency of a ball that moves alone, over top^2, up to which the square is zero but for
+#: rounding
 _FREE_SQUARE = 1e-14
 #: random vectors of the density of states from which the window follows
 _VECTORS = 4
@@ -70,62 +77,68 @@ _VECTORS = 4
 _MOMENTS = 512
 #: half width of a line in that density, over the standard deviation of the kernel
 _RESOLVED = 4.0
-#: numbers of filters of a window that are tried; many pay where nearly all of a window is empty
-_FILTERS = (32, 48, 64, 96, 128, 192, 256, 384)
-#: numbers of random vectors to begin with that are tried, until memory suffices: as many modes of
-#: one frequency are found
-_STARTS = (12, 8, 6, 4)
+#: numbers of filters of a window that are tried; many filters pay where nearly all of a window has
+#: no modes
+_FILTER_COUNTS = (32, 48, 64, 96, 128, 192, 256, 384)
+#: numbers of random vectors to begin with, tried in this order until memory suffices: of modes that
+#: share one frequency, as many are found as there are random vectors
+_START_COUNTS = (12, 8, 6, 4)
 #: filtered vectors, over the modes in the window
 _VECTORS_PER_MODE = 2.3
-#: share of a window next to its ends where modes are not found, times the number of filters
-_EDGE = 6.4
-#: share of a window that is to be without a missing mode before a wider window is taken
-_CORE = 0.8
-#: half width of the next window that is tried, but for its ends, over that of a window with too few
-#: modes
-_WIDER = 1.1
+#: share of a window, next to its ends, in which modes are not found, times the number of filters
+_EDGE_SHARE = 6.4
+#: share of a window, about its middle, in which no mode may be missing before the search goes on
+#: with a wider window
+_CORE_SHARE = 0.8
+#: half width of the next window, without its ends, over that of a window that held too few modes
+_WIDENING = 1.1
 #: modes that the middle of a window holds by the density of states, over those that are requested
-_SPARE_MODES = 2
+_HELD_PER_REQUESTED = 2
 #: fewest fresh random vectors
 _FRESH = 4
 #: random vectors so far, over fresh ones
 _GROWTH = 3
-#: products and sums over filters, over products
+#: time of a product with D and of the sums over filters for it, over the time of the product
 _SUMS_OF_FILTERS = 2.0
-#: factors of a search for modes: at the shift, and to count the modes at both ends, with solutions
+#: factorisations of a search for modes: one at the shift, with its solutions, and two to count the
+#: modes below both ends of the interval that was searched
 _FACTORS_OF_MODES = 3.0
 #: mean square of the residuals of fresh vectors below which no mode is missing; a missing mode adds
 #: 1, and less than this limit with four vectors once in a thousand times
 _LEAST_RESIDUAL = 0.02
-#: more modes than these that cost no energy are left out from the beginning, and not counted
-_ZEROS = 48
-#: then, lowest frequency that is searched for missing modes, over the highest that is requested
-_SOFT = 0.03
-#: most bytes of all vectors
-_BYTES = 2**32
-#: copies of the vectors that are held at a time
-_COPIES = 3
+#: most zero modes that a search finds and counts; if there are more, the search keeps clear of zero
+#: modes from the beginning, and does not count them
+_MOST_ZEROS = 48
+#: lowest frequency that is searched for missing modes, over the highest that is requested, in a
+#: search that keeps clear of zero modes
+_SOFTEST_SHARE = 0.03
+#: most bytes of all filtered vectors
+_MOST_BYTES = 2**32
+#: copies of the filtered vectors that are held at a time
+_VECTOR_COPIES = 3
 #: most products of D with a vector
-_PRODUCTS = 2_000_000
+_MOST_PRODUCTS = 2_000_000
 #: rows of filtered vectors that are worked on at a time
 _ROWS = 2**9
-#: polynomials that are kept for a sum over them
-_KEPT = 32
+#: polynomials T_n x that are kept until they are summed together, times the coefficients of filters
+_KEPT_POLYNOMIALS = 32
 #: vectors that are worked on at a time
 _COLUMNS = 32
-#: most motions of a matrix that is dense because many modes are requested, or many cost no energy:
-#: 2 GB
-_LARGEST = 10_000
-#: number of all modes over the most that are found without finding all
-_SHARE = 3
-#: shift of the factors for the lowest modes, over top^2
+#: most motions of a matrix that is made dense because many modes are requested, or because many
+#: modes cost no energy: such a matrix and its modes take 2 GB
+_LARGEST_DENSE = 10_000
+#: number of all modes over that of the modes that are searched, below which all modes are found
+#: instead, by a dense matrix
+_ALL_OVER_FOUND = 3
+#: size of the shift below zero of the factors for the lowest modes, over top^2
 _SHIFT = 1e-6
 #: products with D that tell whether a network too large to be factorised is stable
-_KRYLOV = 400
+_KRYLOV_PRODUCTS = 400
 #: error of the lowest eigenvalue by these products, over top^2. D is lower than the whole by a
 #: tenth of that, where overlaps are d/50
 _RITZ_ERROR = 1e-5
-#: greatest rate of growth, over the top frequency, that is put down to forces left on balls at rest
+#: greatest rate of growth of a fall, over the top frequency, that forces left on balls at rest
+#: excuse; a network that grows faster is unstable
 _BALANCED = 1e-4
 #: vectors of a Krylov space beyond those that are requested
 _SPARE = 8
@@ -133,22 +146,26 @@ _SPARE = 8
 #: eigenvalue
 _NUDGES = (0.0, 1e-9, -1e-7)
 #: factor by which a shift is lowered until it is below all eigenvalues
-_LOWER = 100.0
-#: relative distance by which a mode at the end of an interval is left out of a count of the modes
-#: within it
-_INSIDE = 1e-9
+_LOWERING = 100.0
+#: relative amount by which an interval of frequencies is shortened, so that the farthest mode, at
+#: its end, is not counted within it
+_END_MARGIN = 1e-9
 #: points in phi at which the weight of filters between two ends is sampled
 _PHI_POINTS = 33
-#: weight of the filters of a window that show a missing mode, over the weight of all its filters
+#: weight of those filters of a window that are used to find a missing mode, over the weight of all
+#: filters of the window
 _WEIGHT_SHARE = 0.5
 
 
 class Eigenpairs(NamedTuple):
-    """Angular frequencies ``omega`` (m,), rad/s, ascending; ``vectors`` (size, m) of norm one;
-    largest ``residual``/top^2.
+    """Modes of D, and how far they were found.
 
-    ``zeros`` is the number of modes of the network that cost no energy; None if these were not
-    counted.
+    Attributes
+    ----------
+    omega : (m,) angular frequencies, rad/s, ascending.
+    vectors : (size, m) modes, of norm one.
+    residual : the largest norm of D x - omega^2 x of a mode x, over top^2.
+    zeros : number of all modes of the network that cost no energy; None if they were not counted.
     """
 
     omega: Array
@@ -158,12 +175,13 @@ class Eigenpairs(NamedTuple):
 
 
 class Problem:
-    """D on the motions that some spring holds.
+    """The eigenvalue problem of D on the motions that some spring holds.
 
     Attributes
     ----------
     operator : D on all motions.
-    live : (n_live,) indices of the motions that some spring holds. Axes "live" have this length.
+    live : (n_live,) indices of the motions that some spring holds. In shapes, "live" is their
+        number.
     top : bound of all angular frequencies, rad/s.
     loose : number of the other motions.
     """
@@ -172,17 +190,19 @@ class Problem:
         self.operator = operator
         self.live = live
         self.top = operator.top
-        self.loose = operator.size - live.size
+        self.n_loose = operator.size - live.size
 
     @classmethod
     def of(cls, operator: WaveOperator) -> Self:
-        """Return D on all motions that some spring holds."""
+        """Return the problem of the motions that have an entry in the matrix of the ``operator``:
+        those that some spring holds.
+        """
         return cls(operator, np.flatnonzero(np.diff(operator.matrix.indptr) > 0))
 
     @cached_property
     def free_motions(self) -> Any:
-        """Sparse, orthonormal motions (live, m) of single balls that deform no contact, as the
-        rotation about the line through two contacts; none where static forces act.
+        """Orthonormal motions (live, m), a sparse array, of single balls that deform no contact,
+        such as the rotation about the line through two contacts; none where static forces act.
         """
         from scipy.sparse import csc_array
 
@@ -193,19 +213,19 @@ class Problem:
         squares, vectors = np.linalg.eigh(operator.ball_blocks)
         balls, modes = np.nonzero(squares <= _FREE_SQUARE * self.top**2)
         m = operator.motions.count
-        motions = operator.values(np.arange(operator.size))[balls]  # (k, m)
+        motions = operator.values(np.arange(operator.size))[balls]  # (k, m) indices in a vector
         live_index = np.full(operator.size, -1)
         live_index[self.live] = np.arange(size)
         rows = live_index[motions]
-        # a ball that nothing holds has no live motion
+        # balls that nothing holds have no live motions, and are left out
         is_held = np.all(rows >= 0, axis=1)
         entries = vectors[balls, :, modes][is_held]
         starts = m * np.arange(len(entries) + 1)
         return csc_array((entries.ravel(), rows[is_held].ravel(), starts), (size, len(entries)))
 
-    def find_idle(self) -> Any:
-        """Return sparse, orthonormal motions (size, k) that cost no energy: those without a spring,
-        and :attr:`free_motions`.
+    def collect_known_zeros(self) -> Any:
+        """Return orthonormal motions (size, k), a sparse array, that are known to cost no energy:
+        each motion that no spring holds, and :attr:`free_motions`.
         """
         from scipy.sparse import eye_array, hstack
 
@@ -215,19 +235,20 @@ class Problem:
 
     @cached_property
     def _entries(self) -> list[Any]:
-        """A sparse matrix (live, live) with an entry wherever D or the unit matrix has one, and the
-        entries of D and of the unit matrix in these places.
+        """A sparse matrix (live, live) that has an entry wherever D or the unit matrix has one, and
+        in the order of its entries those (entries,) of D, (rad/s)^2, and of the unit matrix.
         """
         from scipy.sparse import eye_array
 
         matrix = self.operator.matrix
-        if self.loose:
+        if self.n_loose:
             matrix = matrix[self.live][:, self.live]
         return share_places([matrix, eye_array(self.live.size)])
 
     def shifted(self, value: float) -> Any:
-        """Return D - ``value``, (rad/s)^2, a sparse matrix (live, live) that has its entries in the
-        same places for every value.
+        """Return D less ``value``, (rad/s)^2, times the unit matrix: a sparse matrix (live, live)
+        whose entries are in the same places for every value, so that all are eliminated in one
+        order.
         """
         places, elastic, ones = self._entries
         matrix = places.copy()
@@ -236,13 +257,15 @@ class Problem:
 
     @cached_property
     def _elimination(self) -> Elimination:
-        """The order of elimination of D less any value."""
+        """The order of elimination, which is the same for D less any value."""
         places, _, _ = self._entries
         return Elimination(places)
 
-    def factors(self, value: float) -> Factors:
-        """Return the factors of D - ``value``, (rad/s)^2; where that is exactly singular, those of
-        D less a value beside it. ConvergenceError if there are none.
+    def factorise_shifted(self, value: float) -> Factors:
+        """Return the factors of :meth:`shifted` at ``value``, (rad/s)^2; if this matrix is exactly
+        singular, its factors at a value a little beside.
+
+        Raises :class:`~granphon.base.errors.ConvergenceError` if all matrices tried are singular.
         """
         for nudge in _NUDGES:
             matrix = self.shifted(value + nudge * self.top**2)
@@ -253,17 +276,18 @@ class Problem:
         raise ConvergenceError("the matrix of the network cannot be factorised")
 
     def count_below(self, value: float) -> int:
-        """Return the number of eigenvalues below ``value``, (rad/s)^2, or, if that is exactly an
-        eigenvalue, below a value beside it.
+        """Return the number of eigenvalues of D on the live motions below ``value``, (rad/s)^2; if
+        the value is exactly an eigenvalue, the number below a value a little beside.
         """
-        return self.factors(value).n_below
+        return self.factorise_shifted(value).n_below
 
     def refine(self, vectors: Array) -> tuple[Array, Array, Array]:
-        """Return angular frequencies (m,), rad/s, ascending, modes (size, m) and residuals (m,)
-        over top^2 within the space of ``vectors`` (live, m).
+        """Return the best approximations of modes in the space of ``vectors`` (live, m): angular
+        frequencies (m,), rad/s, ascending, modes (size, m) and residuals (m,) over top^2.
 
-        Without static forces the modes are singular vectors of A, so that low frequencies lose no
-        digits. With them there is an error of :func:`find_roots` for a network that is not stable.
+        Without static forces the modes are found as singular vectors of A, so that low frequencies
+        lose no digits. With static forces they are eigenvectors of D, and
+        :func:`find_roots` raises an error if the network is not stable.
         """
         operator = self.operator
         basis = np.zeros((operator.size, vectors.shape[1]))
@@ -280,9 +304,10 @@ class Problem:
         residuals = np.linalg.norm(differences, axis=0) / self.top**2
         return omega, modes, residuals
 
-    def choose(self, omega: Array, count: int, target: float) -> NDArray[np.intp]:
-        """Return the indices, ascending, of the ``count`` frequencies nearest to ``target``, rad/s,
-        among those of ``omega`` (m,), rad/s, that cost energy; of all these if they are fewer.
+    def choose_nearest(self, omega: Array, count: int, target: float) -> NDArray[np.intp]:
+        """Return the indices, ascending, of the ``count`` modes nearest to ``target``, rad/s, among
+        modes of the frequencies ``omega`` (m,), rad/s; fewer if fewer cost energy, as zero modes
+        are left out.
         """
         elastic = np.flatnonzero(omega > ZERO * self.top)
         from_nearest = np.argsort(np.abs(omega[elastic] - target), kind="stable")
@@ -290,8 +315,8 @@ class Problem:
 
 
 def _find_singular(deformations: Array) -> tuple[Array, Array]:
-    """Return singular values (m,), ascending, and right singular vectors (m, m) of a matrix (rows,
-    m); values are zero where there are fewer rows than m.
+    """Return the singular values (m,), ascending, and the right singular vectors (m, m) of the
+    matrix ``deformations`` (rows, m); if it has fewer rows than m, the first values are zero.
     """
     # the triangle R of A = QR has the singular values and right vectors of A, and far fewer rows
     triangle = np.asarray(np.linalg.qr(deformations, mode="r"))
@@ -309,14 +334,16 @@ def _find_singular(deformations: Array) -> tuple[Array, Array]:
     return padded[ascending], right_rows.T[:, ascending]
 
 
-def find_fall(operator: WaveOperator) -> float:
-    """Return the size, (rad/s)^2, of squared frequencies below zero that count as zero.
+def find_allowed_fall(operator: WaveOperator) -> float:
+    """Return s^2, (rad/s)^2: squared frequencies below zero count as zero down to -s^2, and belong
+    to an unstable network beyond.
 
-    Such squares are rounding, or come from the imbalance of static forces on balls: no program
-    brings forces to rest to all digits, and balls that carry no load have been left out. A ball
-    with an imbalance F falls where springs do not resist: about the line through two contacts, at a
-    distance h from its centre, as exp(s t), s^2 = F h/(2 (m h^2 + I)) for neighbours that stay.
-    F/(m r) is above s^2 for any h; T/I is the bound for an imbalance T of torques.
+    A square that is zero may come out below zero by rounding, or because static forces on balls do
+    not balance: no program brings forces to rest to all digits, and balls that carry no load have
+    been left out. A ball with an imbalance F falls where springs do not resist, as exp(s t). About
+    the line through two contacts, at a distance h from its centre, s^2 = F h/(2 (m h^2 + I)) for
+    neighbours that stay, and F/(m r) is above this for any h. An imbalance T of torques has the
+    bound s^2 = T/I.
     """
     network = operator.network
     rounding = (ZERO * operator.top) ** 2
@@ -326,22 +353,23 @@ def find_fall(operator: WaveOperator) -> float:
     forces, torques = network.unbalanced
     force = np.linalg.norm(forces[balls], axis=1)
     torque = np.linalg.norm(torques[balls], axis=1)
-    falls = force / (network.masses[balls] * network.radii[balls])
-    falls = falls + torque / network.inertias[balls]
-    # a larger fall is no imbalance that a program leaves, but an instability
+    square_rates = force / (network.masses[balls] * network.radii[balls])
+    square_rates = square_rates + torque / network.inertias[balls]
+    # a faster fall is no imbalance that a program leaves, but an instability
     greatest = (_BALANCED * operator.top) ** 2
-    return rounding + min(float(np.max(falls)), greatest)
+    return rounding + min(float(np.max(square_rates)), greatest)
 
 
 def find_roots(operator: WaveOperator, squares: Array) -> Array:
-    """Return angular frequencies (m,), rad/s, from their ``squares`` (m,), which ascend; squares
-    below zero count as zero.
+    """Return angular frequencies (m,), rad/s, from their ``squares`` (m,), (rad/s)^2, ascending;
+    squares below zero count as zero.
 
     Raises :class:`~granphon.base.errors.InstabilityError` if a square is below zero by more than
-    :func:`find_fall`. With static tangential forces there is no limit: D lacks a part of these
-    forces, which lowers frequencies of zero.
+    :func:`find_allowed_fall`. With static tangential forces no square raises the error: D lacks the
+    antisymmetric part of these forces, and so may have squares below zero though the network is
+    stable.
     """
-    if operator.whole is None and squares[0] < -find_fall(operator):
+    if operator.whole is None and squares[0] < -find_allowed_fall(operator):
         raise explain_instability(operator.network)
     return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
 
@@ -356,8 +384,10 @@ def require_motions(count: int, available: int) -> None:
         raise InputError(fault, mend="Ask for fewer")
 
 
-def make_too_few(available: int, count: int) -> InputError:
-    """Return the error of a request of ``count`` modes where fewer are ``available``."""
+def explain_too_few(available: int, count: int) -> InputError:
+    """Return the error for a request of ``count`` modes, if only ``available`` modes cost
+    energy.
+    """
     request = counted(count, "mode is", "modes are")
     among = f"only {available}" if available else "none"
     return InputError(f"{request} asked for, and {among} cost energy", mend="Ask for fewer")
@@ -365,41 +395,43 @@ def make_too_few(available: int, count: int) -> InputError:
 
 @dataclass(frozen=True)
 class _Window:
-    """The window |phi - centre| < half of modes, and its number of ``filters``; ``centre`` is 0 or
-    pi for a window at an end of the spectrum.
+    """The window |phi - ``centre``| < ``half_width`` of modes, and its number of ``filters``.
+
+    The centre is 0 or pi for a window at an end of the spectrum: the highest or the lowest modes.
     """
 
     centre: float
-    half: float
+    half_width: float
     filters: int
 
     @property
-    def at_end(self) -> bool:
+    def is_at_end(self) -> bool:
         """Whether the window is at an end of the spectrum."""
         return self.centre in (0.0, math.pi)
 
     @property
     def order(self) -> int:
-        """M, the number of products of D with a vector that the filters take: 2 M H/pi filters are
-        in a window of the half width H, and half of these at an end of the spectrum.
+        """M, the highest order of the polynomials of the filters, and so the number of products of
+        D with a vector: a window of the half width H has 2 M H/pi filters, and half of these at an
+        end of the spectrum.
         """
-        order = math.ceil(math.pi * self.filters / (2.0 * self.half))
-        return 2 * order if self.at_end else order
+        order = math.ceil(math.pi * self.filters / (2.0 * self.half_width))
+        return 2 * order if self.is_at_end else order
 
     @cached_property
     def coefficients(self) -> Array:
-        """(filters, M + 1) coefficients of the polynomials of each filter, whose values are
-        cos(n phi); filters that lie within the window most come first.
+        """(filters, M + 1) coefficients of each filter: the filter is the sum over n = 0 to M of
+        its coefficients times cos(n phi). Filters of which most lies within the window come first.
 
-        Slepian's sequences s_n, n = -M to M, are even or odd in turn. The filter sum_n s_n
-        exp(i n (phi - centre)), with its image at -phi, is a series of cos(n phi), whose
-        coefficients are 2 s_n cos(n centre) of an even sequence, and 2 s_n sin(n centre) of an odd
-        one; that of order zero is not doubled.
+        Slepian's sequences s_n, n = -M to M, are even or odd in turn. A filter is the sum over n of
+        s_n exp(i n (phi - centre)), together with its image at -phi. So its coefficients of
+        cos(n phi) are 2 s_n cos(n centre) if the sequence is even, and 2 s_n sin(n centre) if it is
+        odd; the coefficient of order zero is not doubled.
         """
         from scipy.signal.windows import dpss
 
         # at an end of the spectrum a filter is its own image: only even sequences make filters
-        stride = 2 if self.at_end else 1
+        stride = 2 if self.is_at_end else 1
         count = stride * self.filters
         all_orders = dpss(2 * self.order + 1, count / 2, count)  # (count, 2 M + 1)
         sequences = all_orders[::stride, self.order :]
@@ -410,8 +442,8 @@ class _Window:
         return np.asarray(sequences)
 
     def weights(self, phi: Array) -> Array:
-        """Return weights (filters, n) at ``phi`` (n,): in row m, the sum of the squares of the
-        first m + 1 filters.
+        """Return the weights (filters, n) of filters at ``phi`` (n,): row m is the sum of the
+        squares of the first m + 1 filters.
         """
         amplitudes = np.empty((self.filters, phi.size))
         orders = np.arange(self.order + 1)
@@ -419,26 +451,29 @@ class _Window:
             amplitudes[:, column] = self.coefficients @ np.cos(angle * orders)
         return np.asarray(np.cumsum(amplitudes**2, axis=0))
 
-    def middle(self, share: float) -> tuple[float, float]:
-        """Return the ends in phi of the middle of the window, a ``share`` of its width."""
-        low = max(self.centre - share * self.half, 0.0)
-        high = min(self.centre + share * self.half, math.pi)
+    def find_ends(self, share: float) -> tuple[float, float]:
+        """Return the lower and the upper end in phi of the middle part of the window, a ``share``
+        of its width, within 0 and pi.
+        """
+        low = max(self.centre - share * self.half_width, 0.0)
+        high = min(self.centre + share * self.half_width, math.pi)
         return low, high
 
     def apply(self, operator: WaveOperator, starts: Array) -> Array:
         """Return the vectors (size, filters x m) that all filters make of the vectors ``starts``
         (size, m).
 
-        Some polynomials are kept for a product with their coefficients, in blocks of rows that fit
-        into a cache of the processor.
+        :data:`_KEPT_POLYNOMIALS` polynomials at a time are kept, and then multiplied by their
+        coefficients in all filters, in blocks of rows that fit into a cache of the processor. The
+        progress of the ``operator`` is told of each product.
         """
         size, m = starts.shape
         filtered = np.zeros((size, self.filters, m))
         recursion = polynomials(operator, starts)
-        kept = np.empty((_KEPT, size, m))
+        kept = np.empty((_KEPT_POLYNOMIALS, size, m))
         with operator.progress.step("modes of a window", self.order + 1) as step:
-            for first in range(0, self.order + 1, _KEPT):
-                coefficients = self.coefficients[:, first : first + _KEPT]
+            for first in range(0, self.order + 1, _KEPT_POLYNOMIALS):
+                coefficients = self.coefficients[:, first : first + _KEPT_POLYNOMIALS]
                 count = coefficients.shape[1]
                 for offset in range(count):
                     kept[offset] = next(recursion)
@@ -452,8 +487,11 @@ class _Window:
 
 
 class _Density:
-    """Number of modes in windows of phi, by the kernel polynomial method, for the motions that some
-    spring holds.
+    """The density of modes in phi, by the kernel polynomial method, for the motions of a
+    ``problem`` that some spring holds; it estimates how many modes a window has.
+
+    The constructor computes :data:`_MOMENTS` moments of :data:`_VECTORS` vectors, drawn from
+    ``random``.
     """
 
     def __init__(self, problem: Problem, random: np.random.Generator) -> None:
@@ -468,96 +506,106 @@ class _Density:
         self._moments = Kernel(operator.top, _MOMENTS).weights * np.mean(moments, axis=0)
 
     @property
-    def zeros(self) -> float:
-        """Number of modes that cost no energy, or next to none."""
-        return 0.5 * self.within(math.pi, _RESOLVED * math.pi / _MOMENTS)
+    def zero_count(self) -> float:
+        """Number of modes that cost no energy, or next to none: those at phi = pi, within the width
+        of a line.
+        """
+        # the window about pi counts each mode twice, with its image
+        return 0.5 * self.count_within(math.pi, _RESOLVED * math.pi / _MOMENTS)
 
     def without_zeros(self) -> _Density:
-        """Return the density without the modes that cost no energy: those at phi = pi, as far as
-        the moments tell.
+        """Return a copy of the density from which the line of :attr:`zero_count` modes at phi = pi
+        is subtracted.
         """
         density = copy(self)
         moments_at_pi = (-1.0) ** np.arange(_MOMENTS)  # cos(n pi)
         weights = Kernel(1.0, _MOMENTS).weights
-        density._moments = self._moments - self.zeros * moments_at_pi * weights
+        density._moments = self._moments - self.zero_count * moments_at_pi * weights
         return density
 
-    def within(self, centre: float, half: float) -> float:
-        """Return the number of modes at |phi - centre| < half; modes at phi count again at -phi, or
-        2 pi - phi.
+    def count_within(self, centre: float, half_width: float) -> float:
+        """Return the number of modes at |phi - ``centre``| < ``half_width``; a mode at phi counts
+        again at its images -phi and 2 pi - phi if the window reaches there.
         """
         # the integral over the window of (mu_0 + 2 sum_n mu_n cos(n phi))/pi
         n = np.arange(1, _MOMENTS)
-        cosine_integrals = 2.0 * np.sin(n * half) * np.cos(n * centre) / n
-        integral = 2.0 * half * self._moments[0] + 2.0 * self._moments[1:] @ cosine_integrals
+        cosine_integrals = 2.0 * np.sin(n * half_width) * np.cos(n * centre) / n
+        integral = 2.0 * half_width * self._moments[0]
+        integral = integral + 2.0 * self._moments[1:] @ cosine_integrals
         return float(integral) / math.pi
 
-    def reach(self, centre: float, count: float) -> float:
-        """Return the half width about ``centre`` within which there are ``count`` modes; pi if all
-        are fewer.
+    def find_half_width(self, centre: float, count: float) -> float:
+        """Return the half width of the window about ``centre`` in which :meth:`count_within` finds
+        ``count`` modes; pi if there are fewer in all.
         """
         from scipy.optimize import brentq
 
-        if self.within(centre, math.pi) <= count:
+        if self.count_within(centre, math.pi) <= count:
             return math.pi
 
-        def count_excess(half: float) -> float:
-            """Return the number of modes within ``half`` less the ``count``."""
-            return self.within(centre, half) - count
+        def count_excess(half_width: float) -> float:
+            """Return the number of modes in the window of this half width less the ``count``."""
+            return self.count_within(centre, half_width) - count
 
         return float(brentq(count_excess, 0.0, math.pi, xtol=1e-9))
 
-    def choose(
+    def choose_window(
         self, target: float, requested: int, starts: int, least: float
     ) -> tuple[_Window, int]:
-        """Return the window for the ``requested`` modes nearest to phi = ``target``, and how many
-        random vectors it takes.
+        """Return the window for the ``requested`` modes, a number, nearest to phi = ``target``, and
+        the number of random vectors that its filters are applied to.
 
-        The window without its ends holds :data:`_SPARE_MODES` times these modes, and has at least
-        the half width ``least``. Of such windows it is the one that takes the fewest filtered
-        vectors, with ``starts`` random vectors or so.
+        The window without its ends holds :data:`_HELD_PER_REQUESTED` times the requested modes, and
+        has at least the half width ``least``. For each number of filters there is one such window,
+        with about ``starts`` random vectors; the window that takes the fewest filtered vectors is
+        returned.
         """
-        n_held = _SPARE_MODES * requested
-        least_middle = max(self.reach(target, n_held), least)
+        n_held = _HELD_PER_REQUESTED * requested
+        least_middle = max(self.find_half_width(target, n_held), least)
         candidates = []
-        for filters in _FILTERS:
-            vectors = max(_STARTS[-1], starts * _FILTERS[0] // filters)
-            n_spanned = vectors * filters / _VECTORS_PER_MODE  # modes that the vectors can hold
-            least_half = least_middle / (1.0 - _EDGE / filters)
-            window, count = self._place_window(target, filters, n_held, n_spanned, least_half)
-            vectors = max(vectors, math.ceil(_VECTORS_PER_MODE * count / filters))
+        for filters in _FILTER_COUNTS:
+            # more filters take fewer random vectors for as many filtered vectors
+            vectors = max(_START_COUNTS[-1], starts * _FILTER_COUNTS[0] // filters)
+            n_spanned = vectors * filters / _VECTORS_PER_MODE  # modes that the vectors can span
+            least_half_width = least_middle / (1.0 - _EDGE_SHARE / filters)
+            window, n_modes = self._place_window(
+                target, filters, n_held, n_spanned, least_half_width
+            )
+            vectors = max(vectors, math.ceil(_VECTORS_PER_MODE * n_modes / filters))
             candidates.append((filters * vectors, window, vectors))
         _, window, vectors = min(candidates, key=lambda candidate: candidate[0])
         return window, vectors
 
     def _place_window(
-        self, target: float, filters: int, n_held: int, n_spanned: float, least_half: float
+        self, target: float, filters: int, n_held: int, n_spanned: float, least_half_width: float
     ) -> tuple[_Window, float]:
-        """Return the window about phi = ``target``, or about an end of the spectrum that is near,
-        with so many ``filters``, and the number of modes in it: ``n_spanned``, or more if the half
-        width would be below ``least_half``.
+        """Return the window with so many ``filters``, and the number of modes in it.
 
-        About an end of the spectrum the window holds as many modes beyond the target, and at least
-        ``n_held`` there.
+        The window is centred on phi = ``target`` and holds ``n_spanned`` modes, or more if its half
+        width would be below ``least_half_width``. If such a window would reach beyond an end of the
+        spectrum, it is centred on this end, and holds all modes from the end to the target, and
+        beyond the target ``n_spanned`` modes, or ``n_held`` if these are more.
         """
         centre = target
-        half = max(self.reach(target, n_spanned), least_half)
-        count = self.within(centre, half)
+        half_width = max(self.find_half_width(target, n_spanned), least_half_width)
+        n_modes = self.count_within(centre, half_width)
         for end in (math.pi, 0.0):
             distance = abs(end - target)
-            if distance < half:
-                # the window begins at the end of the spectrum, and holds as many modes beyond the
-                # target; about an end each mode counts twice, with its image
-                count = 0.5 * self.within(end, distance) + max(n_held, n_spanned)
+            if distance < half_width:
+                # about an end of the spectrum each mode counts twice, with its image
+                n_to_target = 0.5 * self.count_within(end, distance)
+                n_modes = n_to_target + max(n_held, n_spanned)
                 centre = end
-                half = max(self.reach(end, 2.0 * count), distance + least_half)
-                count = 0.5 * self.within(end, half)
-        return _Window(centre, min(half, math.pi), filters), count
+                half_width = max(
+                    self.find_half_width(end, 2.0 * n_modes), distance + least_half_width
+                )
+                n_modes = 0.5 * self.count_within(end, half_width)
+        return _Window(centre, min(half_width, math.pi), filters), n_modes
 
 
 class _FoundModes(NamedTuple):
-    """Modes that are found: ``omega`` (m,) ascending, rad/s, ``vectors`` (size, m), ``residuals``
-    (m,) over top^2.
+    """Modes that are found: their angular frequencies ``omega`` (m,), rad/s, ascending, their
+    ``vectors`` (size, m), and the norms ``residuals`` (m,) of D x - omega^2 x, over top^2.
     """
 
     omega: Array
@@ -566,12 +614,12 @@ class _FoundModes(NamedTuple):
 
 
 def find_filtered(problem: Problem, count: int, target: float) -> Eigenpairs | None:
-    """Return the ``count`` modes nearest to ``target``, rad/s; None if that takes more vectors than
-    there are modes.
+    """Return the ``count`` modes nearest to ``target``, rad/s, by filters of one window after the
+    other, each wider than the last; None if this takes more vectors than there are modes.
 
-    Raises :class:`~granphon.base.errors.InputError` before the first filter is applied if the
-    search takes too much memory or too many products with D, and
-    :class:`~granphon.base.errors.ConvergenceError` if the search needs as much later; and what
+    Raises :class:`~granphon.base.errors.InputError` if the first window already takes too much
+    memory or too many products with D, before any filter is applied;
+    :class:`~granphon.base.errors.ConvergenceError` if a later step takes too much; and what
     :func:`find_roots` raises.
     """
     search = _FilterSearch(problem, count, target)
@@ -583,7 +631,7 @@ def find_filtered(problem: Problem, count: int, target: float) -> Eigenpairs | N
         modes, is_complete = modes_of_window
         if is_complete:
             return search.finish(modes)
-        search.least = _WIDER * window.half
+        search.least_half_width = _WIDENING * window.half_width
 
 
 class _FilterSearch:
@@ -591,10 +639,11 @@ class _FilterSearch:
 
     Attributes
     ----------
-    density : of the modes.
-    power : of omega/top with which the mean square of a mode in a random vector grows: above zero,
-        random vectors have no share of the modes that cost no energy.
-    least : half width of the window, without its ends, in phi.
+    density : estimate of the number of modes in a window.
+    power : the mean square of a mode's share in a random vector is in proportion to
+        (omega/top)^power. Above zero, random vectors have no share of the modes that cost no
+        energy.
+    least_half_width : least half width in phi of the next window, without its ends.
     """
 
     def __init__(self, problem: Problem, count: int, target: float) -> None:
@@ -604,14 +653,15 @@ class _FilterSearch:
         self.random = np.random.default_rng(0)
         self.density = _Density(problem, self.random)
         self.power = 0
-        self.least = 0.0
-        #: the error of a search that takes too much, before and after the first filter
+        self.least_half_width = 0.0
+        # what a search that takes too much raises: an InputError before the first filter is
+        # applied, and a ConvergenceError afterwards
         self._error: type[InputError | ConvergenceError] = InputError
-        # each random vector finds one of the modes without energy: many such modes are left out
-        # from the beginning
-        if self._is_lowest and self.density.zeros > _ZEROS:
+        # each random vector finds one of the modes without energy: if these are many, random
+        # vectors are made without any share of them
+        if self._is_lowest and self.density.zero_count > _MOST_ZEROS:
             self.density = self.density.without_zeros()
-            # D x with static forces, else A^T y: see _draw_vectors
+            # random vectors are D x with static forces, else A^T y: see _draw_vectors
             self.power = 4 if problem.operator.network.prestress else 2
 
     @property
@@ -620,22 +670,28 @@ class _FilterSearch:
         return self.target <= ZERO * self.problem.top
 
     def choose_window(self) -> tuple[_Window, int]:
-        """Return a window, and the number of random vectors to begin with: the largest of
-        :data:`_STARTS` whose filtered vectors fit into memory, or the least.
+        """Return the next window, and the number of random vectors to begin with.
+
+        The numbers of :data:`_START_COUNTS` are tried in turn until the filtered vectors fit into
+        memory; the last one is taken even if they do not.
         """
         size = self.problem.operator.size
         phi = _find_phi(self.problem.top, self.target)
-        for most_starts in _STARTS:
-            window, starts = self.density.choose(phi, self.count, most_starts, self.least)
-            if _count_bytes(window, size, starts) <= _BYTES:
+        for most_starts in _START_COUNTS:
+            window, starts = self.density.choose_window(
+                phi, self.count, most_starts, self.least_half_width
+            )
+            if _count_bytes(window, size, starts) <= _MOST_BYTES:
                 break
         return window, starts
 
     def filter(self, window: _Window, starts: int) -> tuple[_FoundModes, bool] | None:
-        """Return the modes of a window, of which none is missing, and whether those requested are
-        among them; None if that takes more vectors than there are modes.
+        """Return all modes of a ``window``, and whether the requested modes are among them; None if
+        this takes more vectors than there are modes.
 
-        The search begins with ``starts`` random vectors. Raises what :func:`find_filtered` raises.
+        The search begins with ``starts`` random vectors. Then it filters fresh random vectors,
+        which show whether a mode is missing: if so, the fresh vectors are added to the basis in
+        which modes are sought, until no mode is missing. Raises what :func:`find_filtered` raises.
         """
         problem = self.problem
         basis = np.zeros((problem.operator.size, 0))
@@ -649,10 +705,9 @@ class _FilterSearch:
             self._error = ConvergenceError
             random_vectors = _draw_vectors(problem, self.random, n_drawn, self.power)
             filtered = window.apply(problem.operator, random_vectors)
-            if modes is not None:
-                # fresh vectors, freed of the modes that are known, show whether one is missing
+            if modes is not None:  # the filtered vectors are fresh ones
                 ends = self._find_ends(window, modes)
-                searched = window.middle(_CORE) if ends is None else ends
+                searched = window.find_ends(_CORE_SHARE) if ends is None else ends
                 n_missing = _estimate_missing(window, filtered, modes.vectors, searched, self.power)
                 if n_missing < _LEAST_RESIDUAL:
                     return modes, ends is not None
@@ -662,40 +717,56 @@ class _FilterSearch:
             n_drawn = _count_fresh(starts)
 
     def _find_ends(self, window: _Window, modes: _FoundModes) -> tuple[float, float] | None:
-        """Return the ends in phi, ascending, between which the requested modes lie; None unless all
-        of these are found, and within the window without its ends, where no mode is missed.
+        """Return the lower and the upper end in phi between which the requested modes lie among the
+        ``modes`` of a ``window``.
+
+        Returns None if not all of the requested modes are found, or if they reach beyond the window
+        without its ends, in which no mode is missed.
         """
         top = self.problem.top
-        chosen = self.problem.choose(modes.omega, self.count, self.target)
+        chosen = self.problem.choose_nearest(modes.omega, self.count, self.target)
         if chosen.size < self.count:
             return None
-        reach = np.max(np.abs(modes.omega[chosen] - self.target), initial=0.0)
-        # random vectors without modes of zero energy have hardly any share of the softest modes
-        softest = _SOFT * reach if self.power else 0.0
-        first = _find_phi(top, self.target + reach)
-        last = _find_phi(top, max(self.target - reach, softest))
-        low, high = window.middle(1.0 - _EDGE / window.filters)
+        farthest = np.max(np.abs(modes.omega[chosen] - self.target), initial=0.0)
+        # random vectors without a share of zero modes have hardly any share of the softest modes,
+        # so that a missing one would not show there
+        softest = _SOFTEST_SHARE * farthest if self.power else 0.0
+        first = _find_phi(top, self.target + farthest)
+        last = _find_phi(top, max(self.target - farthest, softest))
+        low, high = window.find_ends(1.0 - _EDGE_SHARE / window.filters)
         return (first, last) if low <= first and last <= high else None
 
     def finish(self, modes: _FoundModes) -> Eigenpairs:
-        """Return the requested modes of a window's ``modes``, refined."""
+        """Return the requested modes among the ``modes`` of a window, refined; zero modes are
+        counted if the window holds them all.
+        """
         problem = self.problem
-        chosen = problem.choose(modes.omega, self.count, self.target)
+        chosen = problem.choose_nearest(modes.omega, self.count, self.target)
         omega, vectors, residuals = problem.refine(modes.vectors[problem.live][:, chosen])
         n_zeros = None
-        if self._is_lowest and not self.power:  # the window holds all modes that cost no energy
-            n_zeros = problem.loose + int(np.sum(modes.omega <= ZERO * problem.top))
+        if self._is_lowest and not self.power:  # the window holds all zero modes
+            n_zeros = problem.n_loose + int(np.sum(modes.omega <= ZERO * problem.top))
         return Eigenpairs(omega, vectors, float(residuals.max()), n_zeros)
 
 
 def _find_phi(top: float, omega: float) -> float:
-    """Return phi of an angular frequency: omega = top cos(phi/2)."""
+    """Return phi, from 0 to pi, of an angular frequency ``omega``, rad/s: omega = top cos(phi/2).
+
+    Frequencies below zero or above ``top`` count as zero or as ``top``.
+    """
     return 2.0 * math.acos(min(max(omega / top, 0.0), 1.0))
 
 
 class ModesWork(NamedTuple):
-    """What a search for modes takes: a dense matrix, or so many ``factors``, or products of D with
-    vectors, so many ``together``, and ``memory``, bytes.
+    """What a search for modes takes.
+
+    Attributes
+    ----------
+    is_dense : whether all modes are found by a dense matrix; the other numbers then say nothing.
+    factors : number of factorisations of D; 0 if the search takes products.
+    products : number of products of D with a vector.
+    together : number of vectors that share each product.
+    memory : of the vectors, bytes.
     """
 
     is_dense: bool = False
@@ -706,10 +777,11 @@ class ModesWork(NamedTuple):
 
 
 def estimate_modes(operator: WaveOperator, count: int, nearest: float | None) -> ModesWork:
-    """Return the method and the memory of the search for ``count`` modes. Where modes are filtered,
-    the density of states is found, which is a small part of the search.
+    """Return the work of a search for ``count`` modes, the lowest or those nearest to the frequency
+    ``nearest``, Hz, by the method that :func:`find_modes` takes.
 
-    Raises :class:`~granphon.base.errors.InputError` for modes that take too much.
+    Where modes are filtered, this function computes the density of states, which is a small part of
+    the search. Raises :class:`~granphon.base.errors.InputError` for modes that take too much.
     """
     problem = Problem.of(operator)
     if _is_dense(problem, count):
@@ -732,9 +804,11 @@ def estimate_modes(operator: WaveOperator, count: int, nearest: float | None) ->
 
 
 def _is_dense(problem: Problem, count: int) -> bool:
-    """Whether all modes are found, as the motions are few or the ``count`` is large."""
+    """Whether all modes are found by a dense matrix, as the motions of the ``problem`` are few, or
+    the requested modes, ``count``, are many.
+    """
     size = problem.live.size
-    return size <= DENSE or count * _SHARE > size
+    return size <= DENSE or count * _ALL_OVER_FOUND > size
 
 
 def _count_fresh(starts: int) -> int:
@@ -743,12 +817,12 @@ def _count_fresh(starts: int) -> int:
 
 
 def _count_bytes(window: _Window, size: int, starts: int) -> int:
-    """Return the memory of the filtered vectors (size,) of ``starts`` random vectors, and of the
-    fresh vectors after these, bytes.
+    """Return the memory, bytes, of all filtered vectors (size,) that a ``window`` makes of
+    ``starts`` random vectors and of the fresh vectors after these.
     """
     bytes_per_number = 8
     n_vectors = window.filters * (starts + _count_fresh(starts))
-    return bytes_per_number * _COPIES * size * n_vectors
+    return bytes_per_number * _VECTOR_COPIES * size * n_vectors
 
 
 def _require_affordable(
@@ -763,7 +837,7 @@ def _require_affordable(
     """
     products = window.order * (starts + _count_fresh(starts))
     memory = _count_bytes(window, problem.operator.size, starts)
-    if memory <= _BYTES and products <= _PRODUCTS:
+    if memory <= _MOST_BYTES and products <= _MOST_PRODUCTS:
         return
     fault = (
         f"{count} modes of {problem.live.size} motions take {memory / 1e9:.2g} GB,"
@@ -778,8 +852,8 @@ def _extend_basis(basis: Array, vectors: Array) -> Array:
     """Return an orthonormal basis (size, m + n) of the space of a ``basis`` (size, m) and of
     ``vectors`` (size, n).
 
-    No direction is left out, however small: filters that reach out of the window a little add
-    directions that modes lack at 1e-8.
+    No direction is left out, however small: some filters lie mostly outside of the window, and add
+    small directions without which the modes of the window would have errors of 1e-8.
     """
     from scipy.linalg import qr
 
@@ -792,11 +866,11 @@ def _extend_basis(basis: Array, vectors: Array) -> Array:
 
 
 def _draw_vectors(problem: Problem, random: np.random.Generator, count: int, power: int) -> Array:
-    """Return ``count`` random vectors, (size, count), in which the square of a mode has the mean
-    (omega / top)^``power``.
+    """Return ``count`` random vectors, (size, count), in which the squared share of a mode has the
+    mean (omega / top)^``power``.
 
-    The vectors are x, A^T y or D x, for the powers 0, 2 and 4; A^T y and D x have no share of the
-    modes that cost no energy.
+    With normal random numbers x or y the vectors are x, A^T y / top or D x / top^2, for the powers
+    0, 2 and 4; A^T y and D x have no share of the modes that cost no energy.
     """
     operator = problem.operator
     if power == 2:
@@ -810,20 +884,23 @@ def _draw_vectors(problem: Problem, random: np.random.Generator, count: int, pow
 
 
 def _find_ritz_modes(problem: Problem, window: _Window, basis: Array) -> _FoundModes:
-    """Return the modes of the window in the space of ``basis`` (size, n): Ritz vectors whose
-    residuals are small.
+    """Return the modes of the ``window`` in the space of an orthonormal ``basis`` (size, n): the
+    Ritz vectors of D with frequencies in the window whose residuals are at most :data:`RESIDUAL`.
+
+    Raises what :func:`find_roots` raises.
     """
     matrix = problem.operator.matrix
     columns = range(0, basis.shape[1], _COLUMNS)
+    # a block of columns at a time saves memory
     projected = np.hstack(
         [basis.T @ (matrix @ basis[:, column : column + _COLUMNS]) for column in columns]
     )
     squares, coefficients = np.linalg.eigh(0.5 * (projected + projected.T))
     omega = find_roots(problem.operator, squares)
-    low, high = window.middle(1.0)  # in phi, with which frequencies fall
+    low, high = window.find_ends(1.0)  # in phi: the frequency falls from low to high
     highest = problem.top * math.cos(low / 2.0)
-    # modes that cost no energy are at zero, where this cosine is above zero by rounding; no mode is
-    # at the top, which is a bound with a margin
+    # modes that cost no energy are at zero, where the cosine is above zero by rounding: a margin
+    # keeps these modes in the window
     lowest = problem.top * (math.cos(high / 2.0) - ZERO)
     is_inside = (omega <= highest) & (omega >= lowest)
     return _keep_converged(problem, basis, coefficients[:, is_inside], omega[is_inside])
@@ -832,13 +909,15 @@ def _find_ritz_modes(problem: Problem, window: _Window, basis: Array) -> _FoundM
 def _keep_converged(
     problem: Problem, basis: Array, coefficients: Array, omega: Array
 ) -> _FoundModes:
-    """Return the Ritz vectors whose residuals are small, of those with ``coefficients`` (n, m) in
-    the ``basis`` (size, n) and frequencies ``omega`` (m,), rad/s.
+    """Return those Ritz vectors whose residuals are at most :data:`RESIDUAL`, with their
+    frequencies and residuals.
 
-    Blocks of vectors are made and checked one after the other, which saves memory.
+    Ritz vectors are given by their ``coefficients`` (n, m) in the ``basis`` (size, n) and their
+    frequencies ``omega`` (m,), rad/s. Blocks of vectors are made and checked one after the other,
+    which saves memory.
     """
     matrix = problem.operator.matrix
-    vectors = [basis[:, :0]]
+    vectors = [basis[:, :0]]  # if no mode is found, the vectors are (size, 0)
     residuals = np.empty(omega.size)
     for column in range(0, omega.size, _COLUMNS):
         block = slice(column, column + _COLUMNS)
@@ -853,19 +932,21 @@ def _keep_converged(
 def _estimate_missing(
     window: _Window, fresh: Array, known: Array, ends: tuple[float, float], power: int
 ) -> float:
-    """Return an estimate of the number of modes between the ``ends`` in phi that are not ``known``
-    (size, m); the estimate is too low by chance only.
+    """Return an estimate of the number of modes between the ``ends``, two angles phi, that are not
+    among the ``known`` modes (size, m); the estimate is too low only by chance.
 
-    ``fresh`` (size, filters x n) are filtered random vectors from which the known modes have not
-    been made. The share of a mode in the squares of these vectors is the sum of the squares of the
-    filters at its frequency, times (omega / top)^``power``. Modes outside of the ends add to the
-    estimate.
+    ``fresh`` (size, filters x n) are n filtered random vectors that were not used to find the known
+    modes. On average a mode adds to the squares of each vector the sum of the squares of the
+    filters at its phi, times (omega / top)^``power``: what remains of these squares without the
+    known modes, over the least that a mode between the ends adds, is the estimate. Modes outside of
+    the ends add to the estimate.
     """
     phi = np.linspace(*ends, _PHI_POINTS)
     omega_over_top = np.cos(0.5 * phi)
-    # (filters,) the least share of a mode between the ends, by the first filters
+    # (filters,) the least that a mode between the ends adds, by the first filter, by two, ...
     least_weights = np.min(window.weights(phi) * omega_over_top**power, axis=1)
-    # the last filters reach out of the window: they add modes that are outside of the ends
+    # the fewest filters with enough weight are taken: the last filters lie mostly outside of the
+    # window, and would add modes outside of the ends
     is_enough = least_weights >= _WEIGHT_SHARE * least_weights[-1]
     n_filters = int(np.argmax(is_enough)) + 1
     by_filter = fresh.reshape(len(fresh), window.filters, -1)[:, :n_filters]
@@ -882,16 +963,18 @@ class NetworkModes(Result):
     Attributes
     ----------
     frequencies : (m,) Hz, ascending.
-    vectors : (m, n_balls, motions) the modes, real, of norm one, weighted with masses: M^1/2 times
-        displacements u, and M^1/2 w, w = (I/M)^1/2 phi, of the rotations. Balls that do not move
-        have zeros. The largest number is above zero. Modes of one frequency are any basis of their
-        space.
-    displacements : number of the motions that are displacements: the others are rotations.
+    vectors : (m, n_balls, motions) the modes, real, of norm one, in mass-weighted motions: M^1/2
+        times the displacement u of a ball, and M^1/2 w, with w = (I/M)^1/2 phi, of its rotation
+        phi. Balls that do not move have zeros. The number that is largest in size is above zero.
+        Modes that share one frequency are some basis of their space.
+    displacements : number of the motions of a ball that are displacements; they come first, and
+        the others are rotations.
     moving : number of the balls that move.
-    zero_modes : number of modes of the network that cost no energy, at or below 1e-6 of the top
-        frequency: of the whole at rest, of balls that nothing holds, of mechanisms. They are not
-        among the modes. None if they were not counted: in a network too large to be factorised,
-        unless the lowest modes are requested and held balls have about 48 zero modes or fewer.
+    zero_modes : number of modes that cost no energy, with frequencies at or below 1e-6 of the top
+        frequency: motions of the whole network, of balls that nothing holds, and of mechanisms.
+        They are not among the modes. None if they were not counted: this is so in networks too
+        large to be factorised, unless the lowest modes are requested and held balls have about 48
+        zero modes or fewer.
     residual : largest ``|D x - omega^2 x|`` / top^2 of a mode x.
     network : the network whose modes these are.
     """
@@ -916,34 +999,42 @@ class NetworkModes(Result):
         """Derivatives of the frequencies (m,) with respect to the stiffnesses and static forces of
         all contacts, and the masses and moments of inertia of all balls.
 
-        Modes of one frequency, to 1e-8 of it, have the derivative of their mean. Those that are not
-        among the modes do not count: ask for some modes more where the last ones may have such
-        partners.
+        Modes whose frequencies agree to 1e-8 all get the derivative of their mean frequency. A mode
+        of that frequency that is not among these modes does not count: request some modes more if
+        the last ones may share their frequency with others.
         """
         network = self.network
-        groups = number_equal(self.frequencies)
+        groups = number_equal(self.frequencies)  # modes of one frequency have one number
         moving = np.flatnonzero(network.moving)
-        motions = self.vectors[:, moving] ** 2
+        square_motions = self.vectors[:, moving] ** 2
 
         def average(values: Array) -> Array:
-            """Return the means of values (m, ...) over modes of one frequency."""
+            """Return values (m, ...) of modes, each replaced by the mean over the modes of its
+            frequency.
+            """
             return np.moveaxis(average_equal(np.moveaxis(values, 0, -1), groups, groups), -1, 0)
 
+        square_deformations = {
+            kind: average(squares.T) for kind, squares in self._square_deformations().items()
+        }
+        shares_frequency = np.bincount(groups)[groups] > 1
         energies = ModeEnergies(
             2.0 * math.pi * self.frequencies,
-            np.bincount(groups)[groups] > 1,
-            {name: average(values.T) for name, values in self._square_deformations().items()},
-            average(motions),
+            shares_frequency,
+            square_deformations,
+            average(square_motions),
         )
-        units = Units(1.0, 1.0, 1.0)
-        place = Place(network, units, moving, np.arange(network.n_contacts))
+        si_units = Units(1.0, 1.0, 1.0)
+        place = Place(network, si_units, moving, np.arange(network.n_contacts))
         return find_frequency_sensitivities(energies, place, self.warnings)
 
     @cached_property
     def contact_shares(self) -> Array:
-        """(m, n_c) share of each contact in the frequency of a mode, d ln f / d ln k of all of its
-        stiffnesses over the sum 1/2 of all contacts: its part of the elastic energy. The shares of
-        a mode add up to one without static forces, and to a little more where these press.
+        """(m, n_c) share of each contact in the elastic energy of a mode.
+
+        The share is 2 d ln f / d ln k, where all stiffnesses of the contact change by the same
+        factor as k. The shares of a mode add up to one without static forces, and to a little more
+        where static forces press.
         """
         network = self.network
         by_kind = self.sensitivities
@@ -958,8 +1049,8 @@ class NetworkModes(Result):
         return np.asarray(2.0 * slopes / self.frequencies[:, None])
 
     def _square_deformations(self) -> dict[str, Array]:
-        """Return the squares (n_c, m) of the deformations of contacts in the modes, by the kind of
-        their stiffness.
+        """Return for each kind of stiffness, by its name, the squares (n_c, m) of the deformations
+        of contacts that it resists, in each mode.
         """
         network = self.network
         scale = np.where(network.moving, 1.0 / np.sqrt(network.masses), 0.0)
@@ -967,15 +1058,15 @@ class NetworkModes(Result):
         rows = network_unit_rows(network)
         squares = np.empty((len(rows), network.n_contacts, len(motions)))
         for row, squares_of_row in zip(rows, squares, strict=True):
-            ahead = np.einsum("ca,mca->cm", row.head, motions[:, network.j])
-            behind = np.einsum("ca,mca->cm", row.tail, motions[:, network.i])
-            squares_of_row[:] = (ahead - behind) ** 2
+            part_of_j = np.einsum("ca,mca->cm", row.head, motions[:, network.j])
+            part_of_i = np.einsum("ca,mca->cm", row.tail, motions[:, network.i])
+            squares_of_row[:] = (part_of_j - part_of_i) ** 2
         return sum_kinds(rows, squares.reshape(-1, len(motions)))
 
     @property
     def _energies(self) -> Array:
-        """(m, n_balls, 2) share of each ball in the kinetic energy of a mode: of displacements, and
-        of rotations.
+        """(m, n_balls, 2) share in the kinetic energy of a mode that each ball has by its
+        displacement, and by its rotation.
         """
         energies = self.vectors**2  # of each motion: vectors are weighted with masses
         translation = energies[..., : self.displacements].sum(axis=2)
@@ -984,8 +1075,8 @@ class NetworkModes(Result):
 
     @property
     def participation_ratio(self) -> Array:
-        """(m,) (sum e)^2 / (N sum e^2) of the kinetic energies e of the N balls that move: from
-        1/N, if one moves, to 1.
+        """(m,) (sum e)^2 / (N sum e^2), where e are the kinetic energies of the N balls that can
+        move: 1/N if a single ball moves in the mode, and 1 if all have the same energy.
         """
         energies = self._energies.sum(axis=2)
         squares = np.sum(energies**2, axis=1)
@@ -998,10 +1089,10 @@ class NetworkModes(Result):
 
 
 def find_modes(operator: WaveOperator, count: int, nearest: float | None) -> NetworkModes:
-    """Return ``count`` modes of a network that is stable (:func:`require_stable`), the lowest or
-    those nearest to the frequency ``nearest``, Hz.
+    """Return ``count`` modes of a network, the lowest or those nearest to the frequency
+    ``nearest``, Hz; see :meth:`granphon.waves.waves.Waves.modes`, which says what is raised.
 
-    Raises what :meth:`granphon.waves.waves.Waves.modes` raises.
+    The caller has made sure by :func:`require_stable` that the network is stable.
     """
     count = whole_number("count", count, 1)
     target = _read_target(nearest)
@@ -1048,13 +1139,18 @@ def find_damped(
     operator: WaveOperator, count: int, nearest: float | None, losses: Losses
 ) -> DampedModes:
     """Return ``count`` damped modes of a network that is stable, the lowest or those nearest to the
-    frequency ``nearest``, Hz; see :meth:`granphon.waves.waves.Waves.damped_modes`.
+    frequency ``nearest``, Hz; see :meth:`granphon.waves.waves.Waves.damped_modes`, which says what
+    is raised.
+
+    If the ``losses`` are the same in all contacts and motions, modes without losses are found and
+    then damped. Else the damped modes are found by a matrix of first order.
     """
-    even = losses.find_even()
-    if even is not None:
+    even_losses = losses.find_even()
+    if even_losses is not None:
         modes = find_modes(operator, count, nearest)
-        omega = damp_evenly(2.0 * math.pi * modes.frequencies, *even)
-        order = np.argsort(omega)  # by real parts: the highest modes are the first to creep
+        omega = damp_evenly(2.0 * math.pi * modes.frequencies, *even_losses)
+        # by real parts: strong losses turn the highest modes into creep, of real part zero
+        order = np.argsort(omega)
         vectors = modes.vectors[order].astype(complex)
         highest = float(modes.frequencies[-1])
         return DampedModes(
@@ -1066,7 +1162,7 @@ def find_damped(
     omega, shapes = _find_unevenly_damped(operator, losses, count, _read_target(nearest))
     vectors = np.zeros((count, operator.network.n_balls, operator.motions.count), complex)
     vectors[:, operator.balls] = np.moveaxis(operator.values(shapes), -1, 0)
-    # without losses, a motion of this shape has the frequency of Rayleigh's quotient
+    # warnings need the highest frequency without losses: Rayleigh's quotient of each shape
     forces = np.asarray(operator.matrix @ shapes)
     squares = np.sum(shapes.conj() * forces, axis=0).real
     highest = math.sqrt(max(float(np.max(squares)), 0.0)) / (2.0 * math.pi)
@@ -1080,12 +1176,13 @@ def find_damped(
 def _find_unevenly_damped(
     operator: WaveOperator, losses: Losses, count: int, target: float
 ) -> tuple[Complex, Complex]:
-    """Return angular frequencies (count,), rad/s, and shapes (size, count) of the modes nearest to
-    ``target``, rad/s, of motions that are damped differently: by the real part if all modes are
-    found, else by the complex frequency.
+    """Return the complex angular frequencies (count,), rad/s, and the shapes (size, count) of the
+    damped modes nearest to ``target``, rad/s, in a network whose motions are damped unevenly.
 
-    InputError for a network too large, for more modes than cost energy, and for more than are found
-    in a large network.
+    In small networks all modes are found, and nearest means by the real part of the frequency. In
+    larger ones the modes nearest in the complex plane are found. Raises
+    :class:`~granphon.base.errors.InputError` for a network too large to be factorised, for more
+    modes than cost energy, and for more modes than can be found in a large network.
     """
     problem = Problem.of(operator)
     top = operator.top
@@ -1097,15 +1194,17 @@ def _find_unevenly_damped(
     lossy = (operator.matrix + 1j * operator.weigh(losses.factors)) / top**2
     stiffness = lossy.tocsr()[live][:, live]
     viscous = (operator.resist(losses) / top).tocsr()[live][:, live]
-    # where drag differs it couples the motions that cost no energy to the others
+    # drag that differs between displacements and rotations couples zero modes to the others
     drags = losses.drag_of(operator.motions)
     is_coupled = bool(np.ptp(drags) > 0.0)
     # the matrix of first order has twice the size of D
     is_small = 2 * live.size <= DENSE
-    are_many = _SHARE * (2 * count + _SPARE) > 2 * live.size
+    are_many = _ALL_OVER_FOUND * (2 * count + _SPARE) > 2 * live.size
     is_dense = is_small or (are_many and live.size <= DENSE)
-    find = _find_damped_dense if is_dense else _find_damped_near
-    omega_over_top, vectors = find(problem, stiffness, viscous, count, target / top, is_coupled)
+    find_damped_modes = _find_damped_dense if is_dense else _find_damped_near
+    omega_over_top, vectors = find_damped_modes(
+        problem, stiffness, viscous, count, target / top, is_coupled
+    )
     shapes = np.zeros((operator.size, count), complex)
     shapes[live] = vectors
     return omega_over_top * top, shapes
@@ -1114,61 +1213,63 @@ def _find_unevenly_damped(
 def _find_damped_dense(
     problem: Problem, stiffness: Any, viscous: Any, count: int, target: float, is_coupled: bool
 ) -> tuple[Complex, Complex]:
-    """Return the ``count`` modes nearest to ``target``, over top, among all: omega over top
-    (count,), and vectors (live, count); InputError if fewer cost energy.
+    """Return the ``count`` damped modes whose real parts are nearest to ``target``, by a search for
+    all modes: the complex frequencies (count,) and the vectors (live, count).
 
-    ``stiffness`` and ``viscous`` (live, live) are the matrices of x and x', in units of the top
-    frequency; with ``is_coupled`` the latter couples motions that cost no energy to the others.
+    All frequencies are in units of the top frequency. ``stiffness`` and ``viscous`` (live, live)
+    are the matrices of x and of x' in x'' + viscous x' + stiffness x = 0; ``is_coupled`` says
+    whether the viscous matrix couples motions that cost no energy to the others. Raises
+    :class:`~granphon.base.errors.InputError` if fewer modes cost energy.
     """
     squares, shapes = _diagonalise(problem, count)
     costs_energy = find_roots(problem.operator, squares) > ZERO * problem.top
     elastic = shapes[:, costs_energy]
     if elastic.shape[1] < count:
-        raise make_too_few(elastic.shape[1], count)
-    basis = shapes if is_coupled else elastic
+        raise explain_too_few(elastic.shape[1], count)
+    basis = shapes if is_coupled else elastic  # zero modes that are not coupled stay at rest
     reduced_stiffness = basis.T @ np.asarray(stiffness @ basis)
     reduced_viscous = basis.T @ np.asarray(viscous @ basis)
     omega, vectors = damp_unevenly(reduced_stiffness, reduced_viscous)
     if is_coupled:
-        omega, vectors = _leave_out_zeros(omega, vectors)
+        omega, vectors = _drop_zeros(omega, vectors)
     chosen = _choose_damped(omega, count, target)
     return omega[chosen], basis @ vectors[:, chosen]
 
 
-def _leave_out_zeros(omega: Complex, vectors: Complex) -> tuple[Complex, Complex]:
-    """Return the modes ``omega`` (m,), over top, and ``vectors`` (n, m) without those of frequency
-    zero, whose motions cost no energy.
+def _drop_zeros(omega: Complex, vectors: Complex) -> tuple[Complex, Complex]:
+    """Return the frequencies ``omega`` (m,), over top, and the ``vectors`` (n, m) of modes, without
+    those of frequency zero, which cost no energy.
     """
-    moves = np.abs(omega) > ZERO
-    return omega[moves], vectors[:, moves]
+    costs_energy = np.abs(omega) > ZERO
+    return omega[costs_energy], vectors[:, costs_energy]
 
 
 def _find_damped_near(
     problem: Problem, stiffness: Any, viscous: Any, count: int, target: float, is_coupled: bool
 ) -> tuple[Complex, Complex]:
-    """Return the ``count`` modes nearest to ``target`` by factors, as
-    :func:`_find_damped_dense`.
+    """Return the ``count`` damped modes whose complex frequencies are nearest to ``target``, by
+    Arnoldi's method with factors; arguments and results are those of :func:`_find_damped_dense`.
 
-    Raises :class:`~granphon.base.errors.InputError` if fewer modes cost energy, or so many are
-    requested that Arnoldi's method would have to find half of all rates, of which there are two for
-    each mode.
+    Raises :class:`~granphon.base.errors.InputError` if fewer modes cost energy, or if so many are
+    requested that Arnoldi's method would have to find half of all rates, of which each mode has
+    two.
     """
-    still = _find_still(problem, count)
-    available = problem.live.size - still.shape[1]
+    zero_motions = _find_zero_motions(problem, count)
+    available = problem.live.size - zero_motions.shape[1]
     if available < count:
-        raise make_too_few(available, count)
-    rate_count = 2 * count + _SPARE  # modes that swing have two rates
+        raise explain_too_few(available, count)
+    rate_count = 2 * count + _SPARE  # each mode has two rates, though both need not be near
     if is_coupled:
-        rate_count += still.shape[1]  # rates of zero, which are left out later
-        still = still[:, :0]
+        rate_count += zero_motions.shape[1]  # rates of zero, which are left out later
+        zero_motions = zero_motions[:, :0]
     while rate_count <= available:
-        omega, vectors = _follow_damped(stiffness, viscous, still, rate_count, target)
+        omega, vectors = _find_rates_near(stiffness, viscous, zero_motions, rate_count, target)
         if is_coupled:
-            omega, vectors = _leave_out_zeros(omega, vectors)
+            omega, vectors = _drop_zeros(omega, vectors)
         chosen = _choose_damped(omega, count, target)
         if chosen.size == count:
             return omega[chosen], vectors[:, chosen]
-        # some rates are those of one mode: mirrored ones, and the faster ones of modes that creep
+        # of some modes both rates were found, which make one mode: more rates are needed
         rate_count *= 2
     fault = (
         f"{count} modes of {problem.live.size} motions that are damped unevenly are too many to be"
@@ -1178,64 +1279,71 @@ def _find_damped_near(
 
 
 def _choose_damped(omega: Complex, count: int, target: float) -> NDArray[np.intp]:
-    """Return the indices of the ``count`` modes whose real parts are nearest to ``target``, or of
-    all if they are fewer, in ascending order of the real part, then of the imaginary part.
+    """Return the indices (count,) of the modes whose frequencies ``omega`` (m,), complex, have real
+    parts nearest to ``target``, in ascending order of the real part, then of the imaginary part;
+    all m if these are fewer.
     """
     nearest = np.lexsort((omega.imag, np.abs(omega.real - target)))[:count]
     return nearest[np.lexsort((omega[nearest].imag, omega[nearest].real))]
 
 
-def _find_still(problem: Problem, count: int) -> Array:
-    """Return the motions (live, n_still) that cost no energy, orthonormal: by factors, and by a
-    dense matrix where factors do not find them all.
+def _find_zero_motions(problem: Problem, count: int) -> Array:
+    """Return orthonormal motions (live, n_zero) that span all motions without energy: by factors,
+    or by a dense matrix if factors do not find them all.
 
-    ``count``, the number of modes that are requested, is for the message of a matrix too large.
+    ``count``, the number of modes that are requested, is for the message of the error that
+    :func:`_diagonalise` raises for a matrix that is too large.
     """
     n_zeros = problem.count_below((ZERO * problem.top) ** 2)
     if not n_zeros:
         return np.zeros((problem.live.size, 0))
     shift = -_SHIFT * problem.top**2
     n_searched = n_zeros + _SPARE
-    solve = problem.factors(shift).solve
-    while n_searched * _SHARE <= problem.live.size:
+    solve = problem.factorise_shifted(shift).solve
+    while n_searched * _ALL_OVER_FOUND <= problem.live.size:
         _, vectors = find_nearest(problem.shifted(0.0), n_searched, shift, solve)
         omega, modes, _ = problem.refine(vectors)
-        is_still = omega <= ZERO * problem.top
-        if np.count_nonzero(is_still) == n_zeros:
-            return modes[problem.live][:, is_still]
+        costs_nothing = omega <= ZERO * problem.top
+        if np.count_nonzero(costs_nothing) == n_zeros:
+            return modes[problem.live][:, costs_nothing]
         n_searched *= 2
     squares, vectors = _diagonalise(problem, count)
-    is_still = find_roots(problem.operator, squares) <= ZERO * problem.top
-    return np.asarray(vectors[:, is_still])
+    costs_nothing = find_roots(problem.operator, squares) <= ZERO * problem.top
+    return np.asarray(vectors[:, costs_nothing])
 
 
 @single_products()
-def _follow_damped(
-    stiffness: Any, viscous: Any, still: Array, rate_count: int, target: float
+def _find_rates_near(
+    stiffness: Any, viscous: Any, zero_motions: Array, rate_count: int, target: float
 ) -> tuple[Complex, Complex]:
-    """Return modes of x'' + G x' + D x = 0, with D the ``stiffness`` and G the ``viscous`` matrix
-    (n, n): omega (m,) of the ``rate_count`` rates nearest to ``target``, and vectors (n, m), in
-    units of the top frequency.
+    """Return the modes of x'' + G x' + D x = 0 that belong to the ``rate_count`` rates r = i omega
+    nearest to i ``target``: the complex frequencies omega (m,) and the vectors (n, m).
 
-    With y = x', ((0, 1), (-D, -G)) - s is solved by the factors of D + s G + s^2. Arnoldi's vectors
-    z = (x, y) are kept free of the motions ``still`` (n, n_still), which cost no energy: each has
-    the rate zero twice, nearer than all other rates. A motion that creeps has two rates, the roots
-    of r^2 + (x.Gx) r + x.Dx; the slower of the two, above their mean, is kept.
+    D is the ``stiffness`` and G the ``viscous`` matrix (n, n), in units of the top frequency, as
+    are frequencies. Rates are eigenvalues of the matrix of first order ((0, 1), (-D, -G)), which
+    acts on z = (x, y) with y = x'; this matrix less a shift s is solved by the factors of
+    D + s G + s^2. The orthonormal ``zero_motions`` (n, n_zero) cost no energy, and each has the
+    rate zero twice, nearer than all other rates: Arnoldi's vectors are kept free of them.
+
+    Each mode has two rates, of which one is kept. A mode that swings has a pair of mirrored
+    frequencies, and the one with the real part above zero is kept. The rates of a motion that
+    creeps are the roots of r^2 + (x.Gx) r + x.Dx, and the slower one, nearer to zero than the mean
+    of the two, is kept. So m is at most ``rate_count``.
     """
     from scipy.sparse import eye_array
     from scipy.sparse.linalg import LinearOperator, eigs
 
     n = stiffness.shape[0]
-    shift = math.sqrt(_SHIFT) + 1j * target
+    shift = math.sqrt(_SHIFT) + 1j * target  # damped rates lie to its left
     unit: Any = eye_array(n)
     matrix = (stiffness + shift * viscous + shift**2 * unit).astype(complex)
     factors = factorise(matrix)
 
     def free(z: Any) -> Any:
         """Return z (2 n,) without the motions that cost no energy."""
-        # real columns (n, 4): a product of the real ``still`` with complex numbers would copy it
+        # real columns (n, 4), as a product of zero_motions with complex numbers would copy them
         columns = np.stack([z[:n].real, z[:n].imag, z[n:].real, z[n:].imag], axis=1)
-        columns -= still @ (still.T @ columns)
+        columns -= zero_motions @ (zero_motions.T @ columns)
         x = columns[:, 0] + 1j * columns[:, 1]
         y = columns[:, 2] + 1j * columns[:, 3]
         return np.concatenate([x, y])
@@ -1310,14 +1418,14 @@ def _diagonalise_whole(
         squares, vectors = np.linalg.eig(matrix.toarray())
         chosen = _choose_whole(operator, squares, count, target)
         if chosen.size < count:
-            raise make_too_few(chosen.size, count)
+            raise explain_too_few(chosen.size, count)
         return squares[chosen].astype(complex), vectors[:, chosen].astype(complex)
     if size > LARGEST_UNSYMMETRIC[operator.network.dimension]:
         fault = f"the matrix of {size:,} motions is not symmetric, and too large to be factorised"
         raise InputError(fault, mend="Ask for modes of its symmetric part, or take fewer balls")
     shift = -_SHIFT if target <= ZERO else target**2
     n_searched = count + _SPARE
-    while n_searched * _SHARE <= size:
+    while n_searched * _ALL_OVER_FOUND <= size:
         squares, vectors = _find_nearest_whole(matrix, n_searched, shift)
         chosen = _choose_whole(operator, squares, count, target)
         if chosen.size == count:
@@ -1349,37 +1457,37 @@ def _choose_whole(
     ``target``, in the order of :class:`DampedModes`; of fewer, if no more cost energy.
     """
     # below is rounding, and what forces that are left on balls at rest do
-    costs_energy = np.flatnonzero(np.abs(squares) > find_fall(operator) / operator.top**2)
+    costs_energy = np.flatnonzero(np.abs(squares) > find_allowed_fall(operator) / operator.top**2)
     omega = np.sqrt(squares[costs_energy].astype(complex))
     return costs_energy[_choose_damped(omega, count, target)]
 
 
 def require_stable(operator: WaveOperator) -> None:
-    """Raise :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero,
-    see :func:`is_stable`.
-    """
+    """Raise :class:`~granphon.base.errors.InstabilityError` unless :func:`is_stable`."""
     if not is_stable(operator):
         raise explain_instability(operator.network)
 
 
 def is_stable(operator: WaveOperator, fall: float | None = None) -> bool:
     """Return whether no squared frequency is below zero by more than ``fall``, (rad/s)^2, by
-    default :func:`find_fall`.
+    default :func:`find_allowed_fall`.
 
-    Only static forces make a square below zero. Where static tangential forces act, and D has a
-    square below zero, the lowest eigenvalue of the whole matrix that is not symmetric decides: its
-    real part is not below the lowest of D. For networks too large to be factorised the lowest Ritz
-    value of a Krylov space of D decides; with static tangential forces that value may be below zero
-    by the part :data:`_RITZ_ERROR` of the bound of all squares, whatever ``fall`` is.
+    Only static forces can make a square lie below zero. If D has such a square and static
+    tangential forces act, the lowest real part of an eigenvalue of :attr:`WaveOperator.whole`,
+    which is not symmetric, decides. It is never below the lowest eigenvalue of D.
+
+    For networks too large to be factorised the lowest Ritz value of a Krylov space of D decides.
+    With static tangential forces this value may be below zero by :data:`_RITZ_ERROR` times top^2,
+    whatever ``fall`` is.
     """
     if not operator.network.prestress:
         return True
     whole = operator.whole
-    least_square = -(find_fall(operator) if fall is None else fall)
+    least_square = -(find_allowed_fall(operator) if fall is None else fall)
     if not _has_factors(operator):
         least_ritz_value = least_square if whole is None else -_RITZ_ERROR * operator.top**2
         return _search_lowest(operator) >= least_ritz_value
-    problem = Problem(operator, np.arange(operator.size))
+    problem = Problem(operator, np.arange(operator.size))  # all motions, as static forces move them
     if not problem.count_below(least_square):
         return True
     if whole is None:
@@ -1388,12 +1496,13 @@ def is_stable(operator: WaveOperator, fall: float | None = None) -> bool:
     return lowest >= least_square
 
 
-def find_falls(operator: WaveOperator, fall: float) -> Array:
-    """Return motions (size, m) by which a network that is not stable falls: modes whose squared
-    frequency is below zero by more than ``fall``, (rad/s)^2.
+def find_falling_motions(operator: WaveOperator, fall: float) -> Array:
+    """Return the motions (size, m) by which a network that is not stable falls: all modes whose
+    squared frequency is below zero by more than ``fall``, (rad/s)^2.
 
-    All such modes are returned; with static tangential forces only the sizes of the lowest mode.
-    Raises :class:`~granphon.base.errors.InstabilityError` for a network too large to be factorised.
+    With static tangential forces only the lowest mode is returned, of which each number is the size
+    of a complex one. Raises :class:`~granphon.base.errors.InstabilityError` for a network too large
+    to be factorised.
     """
     if not _has_factors(operator):
         raise explain_instability(operator.network)
@@ -1405,11 +1514,13 @@ def find_falls(operator: WaveOperator, fall: float) -> Array:
     problem = Problem(operator, np.arange(operator.size))
     # no square is lower than twice that of a single ball which static forces alone move
     static_stiffness = np.maximum(network.normal_force, 0.0) / network.distance
-    of_balls = np.bincount(network.i, static_stiffness, network.n_balls)
-    of_balls = of_balls + np.bincount(network.j, static_stiffness, network.n_balls)
-    shift = -2.0 * float(np.max(of_balls / network.masses))
+    stiffness_of_balls = np.bincount(network.i, static_stiffness, network.n_balls)
+    stiffness_of_balls = stiffness_of_balls + np.bincount(
+        network.j, static_stiffness, network.n_balls
+    )
+    shift = -2.0 * float(np.max(stiffness_of_balls / network.masses))
     count = problem.count_below(-fall)
-    solve = problem.factors(shift).solve
+    solve = problem.factorise_shifted(shift).solve
     _, vectors = find_nearest(problem.shifted(0.0), count, shift, solve)
     return np.asarray(vectors)
 
@@ -1420,21 +1531,22 @@ def _has_factors(operator: WaveOperator) -> bool:
 
 
 def _find_lowest_of_whole(operator: WaveOperator, whole: Any, low: float) -> tuple[float, Array]:
-    """Return the lowest real part of an eigenvalue of :attr:`WaveOperator.whole`, ``whole`` (size,
-    size), (rad/s)^2, and the sizes (size,) of the motions of its eigenvector.
+    """Return the real part, (rad/s)^2, of the lowest eigenvalue of ``whole`` (size, size), which is
+    :attr:`WaveOperator.whole`, and the sizes (size,) of the numbers of its eigenvector.
 
-    The search begins at ``low``, (rad/s)^2, below zero, and lower if D has eigenvalues below it. D
-    is the symmetric part of the whole, so that no eigenvalue of the whole has a real part below the
-    lowest of D, and all are above the shift. The eigenvalue nearest to the shift is taken as the
-    lowest: a complex pair farther away, of a lower real part, would be passed over.
+    D is the symmetric part of the whole matrix, so that no eigenvalue of the whole has a real part
+    below the lowest eigenvalue of D. The shift begins at ``low``, (rad/s)^2, below zero, and is
+    lowered until it is below all eigenvalues of D. The eigenvalue of the whole nearest to the shift
+    is then taken as the lowest: a complex pair farther away, of a lower real part, would be passed
+    over.
     """
     from scipy.sparse.linalg import eigs
 
-    # all motions, as in the whole matrix, those that no spring holds among them
+    # the whole matrix has all motions, also those that no spring holds
     problem = Problem(operator, np.arange(operator.size))
     shift = low
     while problem.count_below(shift):
-        shift *= _LOWER
+        shift *= _LOWERING
     start = np.random.default_rng(0).normal(size=operator.size)
     with lanczos_converges():
         eigenvalues, vectors = eigs(whole.tocsc(), k=1, sigma=shift, v0=start, tol=1e-8)
@@ -1442,8 +1554,8 @@ def _find_lowest_of_whole(operator: WaveOperator, whole: Any, low: float) -> tup
 
 
 def _search_lowest(operator: WaveOperator) -> float:
-    """Return the lowest Ritz value of the Krylov space of a random vector, (rad/s)^2, by Lanczos's
-    recursion: above the lowest eigenvalue of D.
+    """Return the lowest Ritz value, (rad/s)^2, of D in the Krylov space of a random vector, by
+    :data:`_KRYLOV_PRODUCTS` steps of Lanczos's recursion; it is above the lowest eigenvalue of D.
     """
     from scipy.linalg import eigvalsh_tridiagonal
 
@@ -1453,7 +1565,7 @@ def _search_lowest(operator: WaveOperator) -> float:
     coupling = 0.0
     diagonal = []
     couplings = []
-    for _ in range(_KRYLOV):
+    for _ in range(_KRYLOV_PRODUCTS):
         y = operator @ x - coupling * previous
         diagonal.append(float(x @ y))
         y -= diagonal[-1] * x
@@ -1468,14 +1580,15 @@ def _search_lowest(operator: WaveOperator) -> float:
 
 
 def _diagonalise(problem: Problem, count: int) -> tuple[Array, Array]:
-    """Return all eigenvalues (live,) and eigenvectors (live, live) of D, of which ``count`` modes
-    are requested.
+    """Return all eigenvalues (live,), (rad/s)^2, and eigenvectors (live, live) of D, by a dense
+    matrix.
 
-    Raises :class:`~granphon.base.errors.InputError` for a matrix that is too large.
+    Raises :class:`~granphon.base.errors.InputError` for a matrix that is too large; the message
+    says that ``count`` modes were requested.
     """
     from scipy.linalg import eigh
 
-    if problem.live.size > _LARGEST:
+    if problem.live.size > _LARGEST_DENSE:
         fault = (
             f"{count} modes of {problem.live.size} motions, with those without energy, are too"
             f" many to be found"
@@ -1486,80 +1599,96 @@ def _diagonalise(problem: Problem, count: int) -> tuple[Array, Array]:
 
 
 def _find_dense(problem: Problem, count: int, target: float) -> Eigenpairs:
-    """Return the ``count`` modes nearest to ``target``, rad/s, among all; InputError if fewer cost
-    energy, and for a matrix that is too large.
+    """Return the ``count`` modes nearest to ``target``, rad/s, by a dense matrix, which finds all.
+
+    Raises :class:`~granphon.base.errors.InputError` if fewer modes cost energy, and for a matrix
+    that is too large.
     """
     squares, vectors = _diagonalise(problem, count)
     omega = find_roots(problem.operator, squares)
-    chosen = problem.choose(omega, count, target)
+    chosen = problem.choose_nearest(omega, count, target)
     if chosen.size < count:
-        raise make_too_few(chosen.size, count)
+        raise explain_too_few(chosen.size, count)
     n_zeros = int(np.sum(omega <= ZERO * problem.top))
     refined_omega, modes, residuals = problem.refine(vectors[:, chosen])
-    return Eigenpairs(refined_omega, modes, float(residuals.max()), problem.loose + n_zeros)
+    return Eigenpairs(refined_omega, modes, float(residuals.max()), problem.n_loose + n_zeros)
 
 
 def _find_factored(problem: Problem, count: int, target: float) -> Eigenpairs:
-    """Return the ``count`` modes nearest to ``target``, rad/s, by factors at a shift next to it;
-    more modes are sought until none is missed, and in the end all, by :func:`_find_dense`.
+    """Return the ``count`` modes nearest to ``target``, rad/s, by Lanczos's method with factors at
+    a shift next to the target.
 
-    In packings most modes that cost no energy are of single balls, which turn about the line
-    through their two contacts. These are known, and Lanczos's vectors are kept free of them.
-    InputError if fewer modes cost energy.
+    The number of modes that are sought is doubled until all residuals are small and
+    :func:`_prove_complete` finds no mode missing. If a large part of all modes would be sought,
+    :func:`_find_dense` finds all instead. In packings most zero modes are of single balls, which
+    turn about the line through their two contacts. These are known, and Lanczos's vectors are kept
+    free of them. Raises :class:`~granphon.base.errors.InputError` if fewer modes cost energy.
     """
     size = problem.live.size
     top = problem.top
     shift = -_SHIFT * top**2 if target <= ZERO * top else target**2
-    factors = problem.factors(shift)
+    factors = problem.factorise_shifted(shift)
     free = problem.free_motions
     start = np.random.default_rng(0).normal(size=size)
     start -= free @ (free.T @ start)
 
     def solve(right: Array) -> Array:
-        """Return the solution, without what rounding has of single balls that move freely."""
+        """Return the solution (live,) for the right side (live,), less the free motions of single
+        balls that rounding has brought into it.
+        """
         solution = factors.solve(right)
         return np.asarray(solution - free @ (free.T @ solution))
 
     n_searched = count + _SPARE
-    while n_searched * _SHARE <= size:
+    while n_searched * _ALL_OVER_FOUND <= size:
         _, vectors = find_nearest(problem.shifted(0.0), n_searched, shift, solve, start)
         omega, modes, residuals = problem.refine(vectors)
-        chosen = problem.choose(omega, count, target)
+        chosen = problem.choose_nearest(omega, count, target)
         n_searched *= 2
         if chosen.size < count:
             n_zeros = problem.count_below((ZERO * top) ** 2)
             if count > size - n_zeros:
-                raise make_too_few(size - n_zeros, count)
+                raise explain_too_few(size - n_zeros, count)
+            # zero modes are nearest to the shift: the next search has to find them all
             n_searched = max(n_searched, count + n_zeros - free.shape[1] + _SPARE)
         elif np.max(residuals[chosen]) <= RESIDUAL:
             known_zeros = _prove_complete(problem, omega, chosen, target)
             if known_zeros is not None:
                 largest_residual = float(residuals[chosen].max())
                 return Eigenpairs(
-                    omega[chosen], modes[:, chosen], largest_residual, problem.loose + known_zeros
+                    omega[chosen], modes[:, chosen], largest_residual, problem.n_loose + known_zeros
                 )
     return _find_dense(problem, count, target)
 
 
 def _find_large(problem: Problem, count: int, target: float) -> Eigenpairs:
     """Return the ``count`` modes nearest to ``target``, rad/s, of a network too large to be
-    factorised: the lowest ones by a block of vectors, unless many modes cost no energy; all others
-    by filters.
+    factorised.
+
+    The lowest modes are found by a block of vectors, unless many modes cost no energy, and modes
+    nearest to another frequency by filters. If filters would take more vectors than there are
+    modes, a dense matrix finds all.
     """
-    pairs = _follow_lowest(problem, count) if target <= ZERO * problem.top else None
+    pairs = _find_lowest_by_block(problem, count) if target <= ZERO * problem.top else None
     pairs = pairs or find_filtered(problem, count, target)
     return pairs or _find_dense(problem, count, target)
 
 
-def _follow_lowest(problem: Problem, count: int) -> Eigenpairs | None:
-    """Return the ``count`` lowest modes by a block of vectors; None if the network is small, or if
-    more modes cost no energy than the block is to hold, besides motions of single balls, which are
-    known.
+def _find_lowest_by_block(problem: Problem, count: int) -> Eigenpairs | None:
+    """Return the ``count`` lowest modes by a block of vectors, which first finds the zero modes
+    that are not known.
+
+    The block is made larger until it holds these zero modes as well as the requested modes. Returns
+    None if there are more of them than :data:`_MOST_ZEROS`, and if the block would be a large part
+    of the network.
     """
     operator = problem.operator
-    known = problem.find_idle()
+    known = problem.collect_known_zeros()
     n_expected = _count_rigid(operator)
-    while n_expected <= _ZEROS and _SHARE * size_block(count + n_expected) <= operator.size:
+    while (
+        n_expected <= _MOST_ZEROS
+        and _ALL_OVER_FOUND * size_block(count + n_expected) <= operator.size
+    ):
         found = find_lowest(operator, operator.matrix, count + n_expected, known)
         is_elastic = find_roots(operator, found.values) > ZERO * problem.top
         n_zeros = int(np.count_nonzero(~is_elastic))
@@ -1572,7 +1701,9 @@ def _follow_lowest(problem: Problem, count: int) -> Eigenpairs | None:
 
 
 def _count_rigid(operator: WaveOperator) -> int:
-    """Return the number of motions of the whole network, if nothing holds it."""
+    """Return the number of motions in which the whole network moves as a rigid body: none if a ball
+    is held or tied to the ground by a spring, and translations alone if the network repeats.
+    """
     network = operator.network
     if not np.all(network.moving) or np.any(operator.anchors):
         return 0
@@ -1583,17 +1714,20 @@ def _count_rigid(operator: WaveOperator) -> int:
 def _prove_complete(
     problem: Problem, omega: Array, chosen: NDArray[np.intp], target: float
 ) -> int | None:
-    """Return the number of modes that cost no energy, if all modes nearer to ``target``, rad/s,
-    than the farthest of the ``chosen`` ones are among ``omega`` (m,), rad/s; None if one is
-    missing.
+    """Return the number of zero modes of the live motions, if no mode is missing; None if one is.
+
+    ``omega`` (m,), rad/s, are the frequencies of all modes that were found, of which those of the
+    indices ``chosen`` are to be returned. None is missing if factors count as many modes nearer to
+    ``target``, rad/s, than the farthest chosen one as were found. Besides the found modes there are
+    the free motions of single balls, from which the search was kept free.
     """
     zero = ZERO * problem.top
     n_free = problem.free_motions.shape[1]
-    reach = np.max(np.abs(omega[chosen] - target)) * (1.0 - _INSIDE)
-    low = target - reach
-    high = target + reach
+    farthest = np.max(np.abs(omega[chosen] - target)) * (1.0 - _END_MARGIN)
+    low = target - farthest
+    high = target + farthest
     n_below_high = problem.count_below(high**2)
-    if low <= zero:  # all modes below are among those that are known
+    if low <= zero:  # the interval holds all zero modes, so that they need no count of their own
         is_complete = n_below_high == n_free + np.count_nonzero(omega < high)
         return n_free + int(np.count_nonzero(omega <= zero)) if is_complete else None
     n_within = n_below_high - problem.count_below(low**2)
@@ -1602,8 +1736,11 @@ def _prove_complete(
 
 
 def count_modes(operator: WaveOperator, frequencies: Array) -> NDArray[np.intp]:
-    """Return the numbers (n_f,) of modes below ``frequencies`` (n_f,), Hz, of a network that is
-    stable; see :meth:`granphon.waves.waves.Waves.count_modes`.
+    """Return the numbers (n_f,) of modes below each of the ``frequencies`` (n_f,), Hz, in a network
+    that is stable; see :meth:`granphon.waves.waves.Waves.count_modes`.
+
+    Zero modes count, also those of motions that no spring holds. Raises
+    :class:`~granphon.base.errors.InputError` for a network too large to be factorised.
     """
     problem = Problem.of(operator)
     size = problem.live.size
@@ -1615,10 +1752,10 @@ def count_modes(operator: WaveOperator, frequencies: Array) -> NDArray[np.intp]:
             "Integrate the density of states, waves.dos()",
         )
     omega = np.maximum(2.0 * math.pi * frequencies, ZERO * problem.top)
-    counts = np.full(omega.size, size)
+    counts = np.full(omega.size, size)  # all modes are below the top frequency
     with operator.progress.step("modes below frequencies", omega.size) as step:
-        for row, value in enumerate((omega**2).tolist()):
-            if value <= problem.top**2:
-                counts[row] = problem.count_below(value)
+        for row, square in enumerate((omega**2).tolist()):
+            if square <= problem.top**2:
+                counts[row] = problem.count_below(square)
             step.advance()
-    return problem.loose + counts
+    return problem.n_loose + counts

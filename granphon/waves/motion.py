@@ -36,33 +36,36 @@ from granphon.waves.sensors import FLOOR, SensorPlaces, find_open_axis, is_conta
 
 #: format and schema in a file of a motion
 _ABOUT = {"format": "granphon motion", "schema": "1"}
-#: readings of a pulse that passes a contact
+#: events by which the passage of a pulse through a contact is timed
 _PASSAGES = ("peak", "front")
-#: change of a force, over the greatest change, below which nothing has come to a contact
-_STILL = 1e-3
-#: change of a force, over the greatest force at rest, below which the change may be rounding
+#: change of a force, over the greatest change of all forces, below which no pulse has come to a
+#: contact
+_LEAST_CHANGE = 1e-3
+#: change of a force, over the greatest force in the first frame, below which the change may be
+#: rounding
 _ROUNDING = 1e-10
 #: change of a force, N, that counts as none
 _NO_CHANGE = 1e-300
-#: least correlation of a line
-_STRAIGHT = 0.9
-#: greatest change of the slope of a line along it, over the slope: a signal that diffuses, t ~ x^2,
-#: has a half between quarters of the distance
-_BENT = 0.25
+#: correlation of distances and times up to which they make no straight line
+_LEAST_CORRELATION = 0.9
+#: greatest change of the slope of times over distances from one end of a line to the other, as the
+#: quadratic part of a fitted parabola over its linear part: more is no straight line. A signal that
+#: diffuses, t ~ x^2, has a half
+_MOST_BENDING = 0.25
 #: least number of frames in a period of the highest harmonic
-_PER_PERIOD = 2.5
+_FRAMES_PER_PERIOD = 2.5
 #: relative rounding of times: a run of ten periods has ten periods
 _TIME_ROUNDING = 1e-9
-#: least height of the frames beside a maximum, over the maximum: then three frames lie within the
-#: width of the pulse at half of its height. Frames about a shorter pulse show any motions that
-#: follow, and not when the pulse passes
-_FLANK = 0.5
+#: least height of the frames beside a maximum, over the maximum: if both have it, three frames lie
+#: within the width of the pulse at half of its height. Fewer frames do not tell when the pulse
+#: passes
+_FLANK_HEIGHT = 0.5
 #: most multiples and periods: no run has as many frames
 _MOST_MULTIPLES = 10**9
-#: with what the names of the network's arrays begin in a file
-_OF_NETWORK = "network_"
-#: content of a file to which no more can be written
-_KEPT = "It holds the frames that came before"
+#: prefix of the names of the network's arrays in a file
+_NETWORK_PREFIX = "network_"
+#: what an error says of a file to which no more frames can be written
+_KEPT_FRAMES = "It holds the frames that came before"
 
 
 @result_class
@@ -72,22 +75,21 @@ class Motion(Result):
 
     Attributes
     ----------
-    times : (n_f,) s.
-    displacements, velocities : (n_f, n, 3) from the places at rest, m, m/s. Velocities of balls
-        that a drive moves are differences over two steps, over one at the start, and at the end if
-        the drive is no number later.
-    rotations, spins : (n_f, n, 3) rad, rad/s.
-    forces, shears : (n_f, n_c) normal force of each contact, zero where it is open, and size of its
-        force of slip, N.
+    times : (n_f,) times of the frames, s.
+    displacements, velocities : (n_f, n, 3) displacements from the places at rest, m, and
+        velocities, m/s. Velocities of balls that a drive moves are differences of displacements
+        over two steps; over one step at the start, and at the end if the drive is not finite later.
+    rotations, spins : (n_f, n, 3) rotations since rest, rad, and angular velocities, rad/s.
+    forces, shears : (n_f, n_c + n_m) normal force of each contact, zero where it is open, and size
+        of its force of slip, N; first of the contacts of the network, then of those in ``met``.
     translation, rotation : (n_f,) kinetic energies, J.
     stored : (n_f,) energy that contacts and the load have gained since rest, J.
-    lost : (n_f,) energy that contacts have lost by friction, by dashpots, and by their law, as
-        those that adhere do, and balls by drag, J.
-    work : (n_f,) of drives, J.
-    step : s.
+    lost : (n_f,) energy that was lost since the start: by contacts through friction, dashpots, and
+        jumps of the force, as of contacts that adhere, and by balls through drag, J.
+    work : (n_f,) work of drives since the start, J.
+    step : time step of the integration, s.
     network : the balls at rest, and their contacts.
-    met : (n_m, 2) balls of contacts that came about beside those of the network: the last columns
-        of ``forces``.
+    met : (n_m, 2) balls of the contacts that came about beside those of the network.
     """
 
     times: Array = held(float, "f", "s")
@@ -107,23 +109,24 @@ class Motion(Result):
     met: Index = held(int, "m 2", default_factory=lambda: np.zeros((0, 2), np.intp))
 
     def __post_init__(self) -> None:
+        """Give ``met`` its shape (n_m, 2), also if it is empty, and check all fields."""
         # plain data do not keep the shape of an array without numbers
         object.__setattr__(self, "met", np.reshape(self.met, (-1, 2)))
         super().__post_init__()
 
     @classmethod
     def read(cls, path: str | os.PathLike[str] | BinaryIO, frames: slice = slice(None)) -> Self:
-        """Return the motion in a file of a run or of :meth:`write`, or some of its ``frames``; the
-        run may still go on.
+        """Return the motion in the file at ``path``, which :meth:`NonlinearWaves.run` or
+        :meth:`write` has made, or only the ``frames`` of a slice; the run may still go on.
 
         Arrays over frames stay in the file, as :class:`numpy.memmap`: frames are read when they are
-        used, so that a motion may be larger than the memory. An open binary file is read at once.
-        Of a file that was cut the whole frames are read, with a
-        :class:`~granphon.base.errors.StoppedEarlyWarning`.
+        used, so that a motion may be larger than the memory. If ``path`` is an open binary file,
+        the file is read at once. If a file was cut off within a frame, the whole frames before are
+        read, with a :class:`~granphon.base.errors.StoppedEarlyWarning`.
 
         Raises :class:`~granphon.base.errors.InputError` for a file that is not there, that is of
-        another kind or schema, or that is damaged, and for ``frames`` that are none, or that run
-        backwards.
+        another kind or schema, or that is damaged, and for ``frames`` of which the file has none,
+        or that run backwards.
         """
         if not isinstance(path, str | os.PathLike) and not hasattr(path, "read"):
             raise InputError(
@@ -131,7 +134,7 @@ class Motion(Result):
             )
         _require_forward(frames)
         arrays, about = read_records(path, _ABOUT, frames)
-        # a file that lacks times is damaged: the field that is missing is an error below
+        # if the file lacks times, it is damaged, and the missing field raises the error below
         if "times" in arrays and not len(arrays["times"]):
             raise InputError(
                 f"frames is {brief(frames)}, and the file has none of them", mend="Give others"
@@ -139,9 +142,11 @@ class Motion(Result):
         try:
             network = _read_network(arrays, about)
             fields_of_motion = {
-                name: array for name, array in arrays.items() if not name.startswith(_OF_NETWORK)
+                name: array
+                for name, array in arrays.items()
+                if not name.startswith(_NETWORK_PREFIX)
             }
-            # a file of a motion without contacts that came about has no such array
+            # the file of a motion in which no further contacts came about does not have this array
             met: Any = fields_of_motion.pop("met", np.zeros((0, 2))).astype(np.intp)
             motion = cls(**fields_of_motion, network=network, met=met, step=float(about["step"]))
             motion._check()
@@ -152,11 +157,11 @@ class Motion(Result):
         return motion
 
     def write(self, path: str | os.PathLike[str] | BinaryIO) -> None:
-        """Write the motion into a netCDF file at the path, or into an open binary file that can
-        seek, for :meth:`read`. A motion that is at the path is replaced.
+        """Write the motion into a netCDF file at ``path``, or into an open binary file that can
+        seek, for :meth:`read`. The file of an earlier motion at the path is replaced.
 
-        Raises :class:`~granphon.base.errors.InputError` for what is no path, and
-        :class:`~granphon.base.errors.OutputError` where something else than a motion is there, or
+        Raises :class:`~granphon.base.errors.InputError` if ``path`` is no path, and
+        :class:`~granphon.base.errors.OutputError` if another kind of file is there, or the file
         cannot be written.
         """
         if not hasattr(path, "write"):
@@ -169,7 +174,9 @@ class Motion(Result):
             file.append(self._take_frame(frame))
 
     def _take_frame(self, frame: int) -> dict[str, Any]:
-        """Return the values in one frame, by name, of all fields whose first axis is the frames."""
+        """Return the values of one ``frame``, a number, by the names of the fields; they are those
+        fields whose first axis is over frames.
+        """
         names = [name for name, layout in self._shapes.items() if layout[0] == "f"]
         return {name: getattr(self, name)[frame] for name in names}
 
@@ -180,13 +187,13 @@ class Motion(Result):
 
     @property
     def positions(self) -> Array:
-        """(n_f, n, 3) where the balls are, m."""
+        """(n_f, n, 3) positions of the balls, m."""
         return self.network.positions + self.displacements
 
     @property
     def middles(self) -> Array:
-        """(n_c + n_met, 3) positions of the contacts at rest, m: those of the network, then those
-        that were met. Body j of a contact may be a wall.
+        """(n_c + n_m, 3) positions of the contacts, m, with balls at their places at rest: first
+        of the contacts of the network, then of those in :attr:`met`, in which body j may be a wall.
         """
         network = self.network
         i, j = self.met.T
@@ -208,12 +215,13 @@ class Motion(Result):
 
         Parameters
         ----------
-        receiver : a ball with a sensor in it, by its number: half of the sum of the normal forces
-            of its contacts, each times the cosine of its normal at rest and the ``direction``, so
-            the mean of two contacts of a chain. A body that is held bears the whole sum, as "floor"
-            does, the one flat wall. Or the balls (i, j) of a contact.
-        direction : (3,) axis of the sensor; by default the first axis along which the network does
-            not repeat, or x, and of a flat wall its normal.
+        receiver : where the sensor is. The index of a ball: half of the sum of the normal forces of
+            its contacts is read, each times the cosine between its normal at rest and the
+            ``direction``; in a chain this is the mean of both contacts. The index of a body that is
+            held, or "floor", the one flat wall: the whole of this sum is read. The balls (i, j) of
+            a contact: its normal force is read.
+        direction : (3,) axis of the sensor. The default is the first axis along which the network
+            does not repeat, or x if there is none; of a flat wall it is the normal.
 
         Forces are those of springs: what dashpots add is not in :attr:`forces`. Raises
         :class:`~granphon.base.errors.InputError` for bodies that are not there, two balls without a
@@ -235,7 +243,9 @@ class Motion(Result):
 
     @cached_property
     def _sensor_places(self) -> SensorPlaces:
-        """Contacts of the network, and those that came about beside these, as they are at rest."""
+        """Where sensors may be: in the contacts of the network and in those of :attr:`met`, whose
+        normals are those between balls at their places at rest.
+        """
         network = self.network
         of_network = SensorPlaces.of(network)
         i, j = self.met.T
@@ -249,18 +259,22 @@ class Motion(Result):
         )
 
     def peaks(self) -> tuple[Array, Array]:
-        """Return the times, s, and the heights, N, of the greatest normal force of each contact,
-        each (n_c,).
+        """Return the times (n_c,), s, and the heights (n_c,), N, of the greatest normal force of
+        each contact.
 
-        Both are those of a parabola through the greatest frame and its neighbours; where the first
-        or the last frame is the greatest, those of that frame.
+        Both are those of the top of a parabola through the frame of the greatest force and the
+        frames beside it. If that is the first or the last frame, its time and its force are
+        returned.
         """
         return self._find_tops(np.argmax(self.forces, axis=0))
 
     def _find_tops(self, frames: Index) -> tuple[Array, Array]:
-        """Return the times (n_c,), s, and heights (n_c,), N, of the tops of parabolas through the
-        forces of contacts at ``frames`` (n_c,) and at the frames beside these; of the first and the
-        last frame, which lack one, the time and the force of the frame.
+        """Return the times (n_c,), s, and the heights (n_c,), N, of the tops of parabolas, one for
+        each contact, through its forces at its frame of ``frames`` (n_c,) and at both frames
+        beside.
+
+        The first and the last frame lack a frame beside them: there the time and the force of the
+        frame are returned.
         """
         last = len(self.times) - 1
         contacts = np.arange(self.forces.shape[1])
@@ -269,24 +283,24 @@ class Motion(Result):
         force_before = self.forces[previous, contacts]
         force = self.forces[frames, contacts]
         force_after = self.forces[following, contacts]
-        # differences first: a change by rounding then makes neither of the two zero
+        # differences first: forces that differ by rounding then still have a curvature
         curvature = (force_before - force) + (force_after - force)
         fall = force_before - force_after
-        is_inside = following == previous + 2  # a frame is on both sides
-        # the top is this part of a step after the frame
+        is_inside = following == previous + 2  # there is a frame on both sides
+        # time from the frame to the top, over the interval of frames
         shift = np.divide(0.5 * fall, curvature, out=np.zeros_like(curvature), where=is_inside)
         two_steps = self.times[following] - self.times[previous]
         return self.times[frames] + 0.5 * shift * two_steps, force - 0.25 * fall * shift
 
     def arrivals(self, share: float = 0.5) -> Array:
-        """Return the times, (n_c,), s, at which each force has changed by the part ``share`` of its
-        first great change.
+        """Return the times (n_c,), s, at which the change of each normal force since the first
+        frame comes to the part ``share`` of its first great change.
 
-        The first great change is the first maximum of the change with at least half of the
-        greatest, so that a later echo does not count; or the greatest change, if the change has no
-        such maximum. Times between frames are interpolated linearly; the time is infinite where a
-        force does not change. Raises :class:`~granphon.base.errors.InputError` for a ``share`` that
-        is below 1e-9, or above 1.
+        The first great change is the first maximum of the change that is at least half of the
+        greatest change, so that a later echo does not count. If there is no such maximum, it is the
+        greatest change. Times between frames are interpolated linearly; the time is infinite where
+        a force does not change. Raises :class:`~granphon.base.errors.InputError` for a ``share``
+        below 1e-9 or above 1.
         """
         share = require("share", lambda value: number(value, 1e-9, 1.0), share)
         change = np.abs(self.forces - self.forces[0])
@@ -295,8 +309,8 @@ class Motion(Result):
         contacts = np.arange(change.shape[1])
         level = share * change[great_change, contacts]
         # the frame that reaches the level first, and the one before it
-        reaches_level = np.argmax(change >= level, axis=0)
-        following = np.clip(reaches_level, min(1, len(change) - 1), None)
+        first_at_level = np.argmax(change >= level, axis=0)
+        following = np.clip(first_at_level, min(1, len(change) - 1), None)
         low = change[following - 1, contacts]
         high = change[following, contacts]
         fraction = np.divide(level - low, high - low, out=np.zeros_like(level), where=high > low)
@@ -305,14 +319,18 @@ class Motion(Result):
         return np.where(level > 0.0, times, np.inf)
 
     def passages(self, of: Literal["peak", "front"] = "peak", share: float = 0.5) -> Array:
-        """Return the times, (n_c,), s, at which a pulse passes each contact: by its peak, or its
-        front.
+        """Return the times (n_c,), s, at which a pulse passes each contact, that of its peak or of
+        its front.
 
-        The peak is the first maximum of the force above that at the start, with at least half of
-        the greatest; the front is where the force has the part ``share`` of its first great change,
-        as in :meth:`arrivals`. nan where hardly anything comes, where the force has no such
-        maximum, as where it still rises at the end, and where a frame beside the maximum has less
-        than half of its height: so few frames do not tell when the pulse passes.
+        The time of the peak is that of the first maximum of the force above its value at the start,
+        if this maximum is at least half as high as the greatest. The time of the front is that of
+        :meth:`arrivals`, when the force has changed by the part ``share`` of its first great
+        change.
+
+        A time is nan in three cases: the force changes by less than a thousandth of the greatest
+        change of all forces; it has no such maximum, as when it still rises at the end; or a frame
+        beside the maximum has less than half of its height, so that frames are too few to tell when
+        the pulse passes.
         """
         times, is_resolved = self._find_passages(of, share)
         return np.where(is_resolved, times, np.nan)
@@ -320,29 +338,29 @@ class Motion(Result):
     def _find_passages(
         self, of: Literal["peak", "front"], share: float
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return times (n_c,), s, as of :meth:`passages`, however few the frames, and whether the
-        frames resolve the pulse at each contact (n_c,).
+        """Return the times (n_c,), s, of :meth:`passages`, also where frames are too few, and for
+        each contact whether the frames resolve the pulse, (n_c,).
         """
         rise = self.forces - self.forces[0]
         change = np.abs(rise)
         least_change = max(
-            _STILL * float(change.max(initial=0.0)),
+            _LEAST_CHANGE * float(change.max(initial=0.0)),
             _ROUNDING * float(self.forces[0].max(initial=0.0)),
             _NO_CHANGE,
         )
         height = rise if one_of("of", of, _PASSAGES) == "peak" else change
-        maximum = _find_first_maxima(height)  # its frame; 0 without one
+        maximum = _find_first_maxima(height)  # (n_c,) frames; 0 without a maximum
         is_known = (change.max(axis=0, initial=0.0) > least_change) & (maximum > 0)
         if of == "peak":
             times, _ = self._find_tops(maximum)
         else:
             times = self.arrivals(share)
-        # contacts without a maximum have the frames of the start, and their times are not known
+        # frame 0 stands for a maximum that is not there; what follows of it is not known, is_known
         previous = np.maximum(maximum - 1, 0)
         following = np.minimum(maximum + 1, len(height) - 1)
         contacts = np.arange(maximum.size)
         flank = np.minimum(height[previous, contacts], height[following, contacts])
-        is_resolved = flank >= _FLANK * height[maximum, contacts]
+        is_resolved = flank >= _FLANK_HEIGHT * height[maximum, contacts]
         return np.where(is_known, times, np.nan), is_resolved
 
     def pulse_velocity(
@@ -352,17 +370,19 @@ class Motion(Result):
         of: Literal["peak", "front"] = "peak",
         share: float | None = None,
     ) -> float:
-        """Return the velocity, m/s, at which a pulse, by its peak or its front, :meth:`passes
-        <passages>` ``contacts``.
+        """Return the velocity, m/s, of a pulse, that of its peak or of its front, along
+        ``contacts`` (n,), indices in the order in which the pulse passes them.
 
-        The front is where the force has the part ``share`` of its first great change, by default
-        half. A straight line is fitted to distances over times (:func:`fit_velocity`). Distances
-        are along the ``direction`` (3,), by default from the first contact to the last. Raises
-        :class:`~granphon.base.errors.InputError` for fewer than two contacts, for a contact that
-        the pulse does not pass within the run, for fewer than three frames within the width of the
-        pulse at half of its height, for contacts that the pulse does not reach one after another
-        along a straight line, for a first and a last contact at one place without a ``direction``,
-        and for a ``share`` of a peak.
+        The velocity is the slope of a straight line fitted to distances over the times of
+        :meth:`passages` (:func:`fit_velocity`). Distances are along the ``direction`` (3,), by
+        default from the first contact to the last. The front is where the force has changed by the
+        part ``share`` of its first great change, by default half.
+
+        Raises :class:`~granphon.base.errors.InputError` for fewer than two contacts; for a contact
+        that the pulse does not pass within the run; for fewer than three frames within the width of
+        the pulse at half of its height; if distances over times are no straight line that rises; if
+        the first and the last contact are at one place and no ``direction`` is given; and for a
+        ``share`` together with a peak.
         """
         chosen = index_array("contacts", contacts, self.forces.shape[1], "contacts")
         if chosen.size < 2:
@@ -395,8 +415,11 @@ class Motion(Result):
     def _require_passed(
         self, contacts: Index, times: Array, is_resolved: NDArray[np.bool_]
     ) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` unless a pulse passes ``contacts`` (n,)
-        at known ``times`` (n,), s, which frames resolve.
+        """Raise :class:`~granphon.base.errors.InputError` unless a pulse passes each of the
+        ``contacts`` (n,), indices, within the run, and frames resolve it there.
+
+        ``times`` (n,), s, are those at which the pulse passes, nan if it does not, and
+        ``is_resolved`` (n,) says whether frames resolve the pulse.
         """
         missed = contacts[np.isnan(times)]
         if missed.size:
@@ -415,13 +438,13 @@ class Motion(Result):
             raise InputError(fault, why, "Keep more frames")
 
     def spectrum(self, ball: int, axis: int = 0) -> tuple[Array, Array]:
-        """Return frequencies, Hz, and amplitudes, m, of the displacement of a ball along an
-        ``axis``, each (n_f//2 + 1,).
+        """Return the spectrum of the displacement of a ``ball``, an index, along an ``axis``, 0 to
+        2: frequencies (n_f//2 + 1,), Hz, and amplitudes (n_f//2 + 1,), m.
 
-        The mean is left out. A Hann window keeps frequencies apart; the amplitude is that of a
-        steady motion at a frequency of the list, to 1 % from the second above zero to the third
-        from the end. Raises
-        :class:`~granphon.base.errors.InputError` for fewer than four frames.
+        The mean displacement is left out. A Hann window keeps frequencies apart. A steady motion at
+        one of the frequencies has its amplitude there to 1 %, from the second frequency above zero
+        to the third from the end. Raises :class:`~granphon.base.errors.InputError` for fewer than
+        four frames.
         """
         ball = whole_number("ball", ball, 0, self.network.n_balls - 1)
         axis = whole_number("axis", axis, 0, 2)
@@ -441,12 +464,13 @@ class Motion(Result):
     def harmonics(
         self, frequency: float, count: int = 3, axis: int = 0, periods: int = 10
     ) -> NDArray[np.complex128]:
-        """Return the amplitudes of a steady motion at multiples of its ``frequency``, Hz: (count,
-        n) complex, m.
+        """Return the complex amplitudes (count, n), m, of a steady motion of all balls at the
+        multiples 1 to ``count`` of its ``frequency`` f, Hz.
 
-        Re sum_m a_m exp(-2 pi i m f t) and a mean are fitted to displacements along an ``axis`` in
-        the last ``periods``. Raises :class:`~granphon.base.errors.InputError` if the run has fewer
-        periods, or if a period of the highest multiple has fewer than 2.5 frames.
+        The sum Re sum_m a_m exp(-2 pi i m f t) and a mean are fitted, by least squares, to
+        displacements along an ``axis``, 0 to 2, in the last ``periods`` of the run. Raises
+        :class:`~granphon.base.errors.InputError` if the run has fewer periods, or if a period of
+        the highest multiple has fewer than 2.5 frames.
         """
         f = positive("frequency", frequency, "Hz")
         n_multiples = whole_number("count", count, 1, _MOST_MULTIPLES)
@@ -475,19 +499,19 @@ class Motion(Result):
         if run_periods > 0.0:
             frames_per_period = (len(self.times) - 1) / (run_periods * n_multiples)
         is_too_short = n_periods > run_periods * (1.0 + _TIME_ROUNDING)
-        if is_too_short or frames_per_period < _PER_PERIOD:
+        if is_too_short or frames_per_period < _FRAMES_PER_PERIOD:
             fault = (
                 f"{frames_per_period:.3g} frames are in a period of the highest multiple,"
                 f" {n_multiples}, and {run_periods:.3g} periods in the run"
             )
-            why = f"{_PER_PERIOD:g} and {n_periods} are needed"
+            why = f"{_FRAMES_PER_PERIOD:g} and {n_periods} are needed"
             mend = "Run for longer, keep more frames, or ask for fewer periods or multiples"
             raise InputError(fault, why, mend)
 
 
 def _find_first_maxima(heights: Array) -> Index:
-    """Return the frame (n_c,) of the first maximum of the ``heights`` (n_f, n_c) of each contact
-    that is at least half as high as the greatest height; 0 without such a maximum.
+    """Return for each contact the frame (n_c,) of the first maximum of its ``heights`` (n_f, n_c)
+    that is at least half as high as its greatest height; 0 if there is no such maximum.
     """
     if len(heights) < 3:
         return np.zeros(heights.shape[1], np.intp)
@@ -500,28 +524,30 @@ def _find_first_maxima(heights: Array) -> Index:
 
 
 def fit_velocity(distances: Array, times: Array) -> tuple[float, str]:
-    """Return the slope, m/s, of the line of least squares of distances (n,), m, over times (n,), s,
-    and an empty text.
+    """Return the slope, m/s, of the line of least squares of ``distances`` (n,), m, over ``times``
+    (n,), s, and an empty text.
 
-    Without a straight line that rises the slope is nan, and the text says why: times do not grow
-    with the distance, scatter about the line (correlation of :data:`_STRAIGHT` or less), or lie on
-    a line that bends, as those of a signal that diffuses.
+    If the points are on no straight line that rises, the slope is nan, and the text is the reason:
+    times do not grow with the distance, they scatter about the line (correlation of
+    :data:`_LEAST_CORRELATION` or less), or they lie on a line that bends, as those of a signal that
+    diffuses.
     """
-    # conditions are written so that nan fails them
+    # each condition is negated, so that nan does not pass as a straight line
     covariances = np.cov(times, distances)
     time_variance = covariances[0, 0]
     distance_variance = covariances[1, 1]
     covariance = covariances[0, 1]
     if not covariance > 0.0:
         return math.nan, "it comes no later to contacts that are farther away"
-    if not covariance > _STRAIGHT * math.sqrt(time_variance * distance_variance):
+    if not covariance > _LEAST_CORRELATION * math.sqrt(time_variance * distance_variance):
         return math.nan, "times scatter about a straight line"
     farthest = float(np.max(np.abs(distances)))
     n_distances = len(np.unique(np.round(distances / farthest, 9)))
     if n_distances > 3:  # a parabola goes through three points, whatever their scatter
+        # of times = curvature s^2 + slope s + constant, s being relative distances
         relative = (distances - np.mean(distances)) / farthest
-        curve, slope, _ = np.polyfit(relative, times, 2)
-        if not abs(curve) * np.ptp(distances) / farthest <= _BENT * abs(slope):
+        curvature, slope, _ = np.polyfit(relative, times, 2)
+        if not abs(curvature) * np.ptp(distances) / farthest <= _MOST_BENDING * abs(slope):
             return math.nan, "distances over times are no straight line"
     return float(covariance / time_variance), ""
 
@@ -536,13 +562,14 @@ def _require_forward(frames: Any) -> None:
 
 
 def _read_network(arrays: Mapping[str, Any], about: Mapping[str, str]) -> ContactNetwork:
-    """Return the network of a motion from the ``arrays`` of its file, by name, and from the texts
-    ``about`` the file, whose "network" has the plain values of the network.
+    """Return the network of a motion from its file: from the ``arrays`` of the file, by name, and
+    from its texts, ``about``, of which "network" holds those values of the network that are no
+    arrays.
     """
     network_arrays: dict[str, Any] = {
-        name.removeprefix(_OF_NETWORK): array
+        name.removeprefix(_NETWORK_PREFIX): array
         for name, array in arrays.items()
-        if name.startswith(_OF_NETWORK)
+        if name.startswith(_NETWORK_PREFIX)
     }
     for name in ("i", "j", "shift", "labels"):  # whole numbers, of a type that the file chose
         if name in network_arrays:
@@ -554,13 +581,20 @@ def _read_network(arrays: Mapping[str, Any], about: Mapping[str, str]) -> Contac
 
 
 class Frames:
-    """The frames of a run as they come, in memory or in a file; a context.
+    """The frames of a run as they come, kept in memory or in a file; a context manager that closes
+    the file. Its length is the number of frames.
 
     Parameters
     ----------
     network : the balls at rest.
-    step : of the integration, s.
-    path : of the file; None to keep the frames in memory.
+    step : time step of the integration, s.
+    path : path of the file; None to keep the frames in memory.
+
+    Attributes
+    ----------
+    last_time : time of the last frame, s; zero without one.
+
+    Raises what :func:`_require_writable` raises.
     """
 
     def __init__(self, network: ContactNetwork, step: float, path: Any) -> None:
@@ -577,24 +611,29 @@ class Frames:
         self.last_time = 0.0
 
     def __len__(self) -> int:
+        """Return the number of frames that are kept."""
         return self._count
 
     def __enter__(self) -> Self:
+        """Return these frames."""
         return self
 
     def __exit__(self, *_: object) -> None:
+        """Close the file, if there is one."""
         if self._file is not None and self._path is not None:
-            with explaining(self._path, _KEPT):
+            with explaining(self._path, _KEPT_FRAMES):
                 self._file.close()
 
     def keep(
         self, frame: Mapping[str, Any], forces: Array, shears: Array, met: Sequence[tuple[int, ...]]
     ) -> None:
-        """Keep a ``frame``: the values of its fields by name, and the normal ``forces`` and the
-        ``shears`` of contacts (n_c + n_m,), N: those of the network, then those of the contacts
-        ``met`` (i, j, shift).
+        """Keep a ``frame``, the values of all fields of a :class:`Motion` but forces and shears, by
+        name.
 
-        A contact that was met gets a column when it first pushes.
+        ``forces`` and ``shears`` (n_c + n_p,), N, are the normal forces and the forces of slip of
+        the contacts of the network, and then of the n_p pairs in ``met``, (i, j, shift) each, which
+        may be others in each frame. A pair gets a column of its own, in all frames, when it first
+        pushes. A new column makes a file be written anew.
         """
         n_contacts = self._network.n_contacts
         has_new_column = False
@@ -610,14 +649,16 @@ class Frames:
         elif self._file is None or has_new_column:
             self._begin_again(self._path, full_frame)
         else:
-            with explaining(self._path, _KEPT):
+            with explaining(self._path, _KEPT_FRAMES):
                 self._file.append(full_frame)
         self._count = self._count + 1
-        self.last_time = float(frame["times"])  # last, as Ctrl-C may come before a frame is kept
+        # set last: Ctrl-C may come before the frame is kept
+        self.last_time = float(frame["times"])
 
     def _lay_out(self, forces: Array, met: Sequence[tuple[int, ...]]) -> Array:
-        """Return the ``forces`` (n_c + n_m,) of the contacts of the network, and then of ``met``
-        ones, in the order of the columns of a frame.
+        """Return forces, N, in the order of the columns of a frame, from ``forces`` (n_c + n_p,) of
+        the contacts of the network and then of the pairs in ``met``; pairs without a column are
+        left out, and columns of other pairs are zero.
         """
         n_contacts = self._network.n_contacts
         row = np.append(forces[:n_contacts], np.zeros(len(self._columns)))
@@ -627,11 +668,12 @@ class Frames:
         return row
 
     def _begin_again(self, path: Path, frame: Mapping[str, Any]) -> None:
-        """Write the frames so far, and a ``frame`` with more columns, into a new file, as the
-        number of columns of a file is fixed; the first frame begins the first file.
+        """Write the frames so far, and then a ``frame`` with more columns, into a new file at
+        ``path``, as the number of columns of a file is fixed; or begin the first file with the
+        first frame.
 
-        The new file is written beside the earlier one, and then takes its place; it stays open, and
-        held, for the frames that follow.
+        The new file is written beside the earlier one, and then takes its place. It stays open, and
+        locked against other programs that write, for the frames that follow.
         """
         earlier_arrays = dict[str, Any]()
         shapes = {name: np.shape(field_values) for name, field_values in frame.items()}
@@ -650,7 +692,9 @@ class Frames:
 
     @property
     def _met(self) -> Index:
-        """(n_m, 2) balls of the contacts that came about beside those of the network."""
+        """(n_m, 2) balls of the contacts that came about beside those of the network, one pair for
+        each further column.
+        """
         return np.array([pair[:2] for pair in self._columns], np.intp).reshape(-1, 2)
 
     def join(self) -> Motion:
@@ -668,10 +712,10 @@ class Frames:
 
 
 def _require_writable(path: Any) -> None:
-    """Raise unless a motion may be written to a path: no file is there, or a motion that nobody is
-    writing.
+    """Check that a motion may be written to ``path``: that no file is there, or the file of a
+    motion that no run is writing.
 
-    Raises :class:`~granphon.base.errors.InputError` for what is no path, and
+    Raises :class:`~granphon.base.errors.InputError` if it is no path, and
     :class:`~granphon.base.errors.OutputError` for a file that is no motion, or that another run is
     writing.
     """
@@ -686,14 +730,15 @@ def _require_writable(path: Any) -> None:
                 f"{os.fspath(path)} is there, and is no motion of granphon", mend="Give another"
             ) from None
         with open(path, "rb") as file:
-            hold(file)
+            hold(file)  # raises the error if another run holds the file
 
 
 def _begin_file(
     path: Any, network: ContactNetwork, step: float, met: Index, frame: Mapping[str, Any]
 ) -> RecordFile:
-    """Return a new file of a motion at ``path``, without frames, for frames with the fields and
-    shapes of ``frame``; ``met`` (n_m, 2) are the balls of contacts beside those of the network.
+    """Create the file of a motion at ``path`` and return it, open: it holds the ``network``, the
+    time ``step``, s, and ``met`` (n_m, 2), the balls of contacts beside those of the network, and
+    takes frames with the fields and shapes of ``frame``, which is not written.
     """
     network = network.storable()
     network_fields = {entry.name: getattr(network, entry.name) for entry in fields(network)}
@@ -701,7 +746,7 @@ def _begin_file(
     plain_values = {}
     for name, value in network_fields.items():
         if isinstance(value, np.ndarray):
-            fixed[_OF_NETWORK + name] = (value, _name_axes(name, ContactNetwork))
+            fixed[_NETWORK_PREFIX + name] = (value, _name_axes(name, ContactNetwork))
         else:
             plain_values[name] = plain(value)
     if len(met):  # a dimension of no length would be the one that grows
@@ -709,7 +754,7 @@ def _begin_file(
     growing = {
         name: (np.shape(value), _name_axes(name, Motion)[1:]) for name, value in frame.items()
     }
-    network_units = {_OF_NETWORK + name: unit for name, unit in ContactNetwork.units.items()}
+    network_units = {_NETWORK_PREFIX + name: unit for name, unit in ContactNetwork.units.items()}
     units = Motion.units | network_units
     about = _ABOUT | {"network": json.dumps(plain_values), "step": repr(step)}
     return RecordFile(path, fixed, growing, units, about)

@@ -4,24 +4,29 @@ Mass-weighted motions x = M^1/2 u (rotations carried by w = R_g phi) obey
 
     x'' = A^T ((f(h) - f_0) e_n - (T - T_0)) - Gamma x' + forces,    A = C M^-1/2
 
-where C x are the deformations of contacts, in the directions of the network or in the true ones,
-and f and T are their forces (:mod:`granphon.contacts.motion`). f_0 and T_0 are the static forces,
-which the load holds in balance. In the directions of the network displacements are small against
-the balls, not against the overlaps.
+where A x are the deformations of contacts, h their overlaps, e_n the rows of elongation, and f and
+T the normal force and the force of slip of a contact (:mod:`granphon.contacts.motion`). f_0 and T_0
+are the static forces, which the load holds in balance. Contacts are measured in the directions that
+they have in the network, where displacements are small against the balls but not against the
+overlaps, or in their true directions.
 
-There are two schemes. Verlet's steps in velocity form are explicit, symplectic and, without losses,
-the same backwards; the sum of energies, each known in closed form, differs from a constant by the
-square of the step, which wanders where contacts open: the force has no second derivative there. The
-drag Gamma is that of the velocity at the end of a step, which follows in closed form.
-Steps of "midpoint" take the velocity and the geometry at the middle, and of each contact the mean
-force: of normal forces the change of the energy over that of the overlap, of others the mean of
-both ends. What forces then do is what energies change by (the discrete gradient of D. Greenspan,
-Discrete Models, 1973, and O. Gonzalez, J. Nonlinear Sci. 6, 449, 1996), so that the sum closes to
-rounding, with losses too. They are implicit, and solved by iteration.
+There are two schemes.
 
-Where the force of a contact jumps, as that of balls that adhere does when they touch or part, a
-step ends, and the next has the other force: so both schemes stay of second order. The instant is
-that at which the way of the balls, as the step has it, comes to the overlap of the jump.
+- "verlet": steps in velocity form are explicit, symplectic and, without losses, the same backwards.
+  The sum of energies, each known in closed form, differs from a constant by the square of the step.
+  The difference wanders where contacts open, as the force has no second derivative there. The drag
+  Gamma x' is that of the velocity at the end of a step, which follows in closed form.
+- "midpoint": steps take the velocity and the geometry at the middle of the step, and of each
+  contact a mean force. The mean normal force is the change of the energy over that of the overlap,
+  other mean forces are those of both ends of the step. So the work of forces is the change of
+  energies (the discrete gradient of D. Greenspan, Discrete Models, 1973, and O. Gonzalez, J.
+  Nonlinear Sci. 6, 449, 1996), and the sum of energies is constant to rounding, with losses too.
+  These steps are implicit, and solved by iteration.
+
+The force of some contacts jumps, as that of balls that adhere when they touch or part. There a step
+ends, and the next step begins with the other force: so both schemes stay of second order. The
+instant is that at which the contact, on the path that the step gives the balls, comes to the
+overlap of the jump.
 """
 
 from __future__ import annotations
@@ -85,64 +90,63 @@ from granphon.waves.settings import (
     VISCOUS_PULLS,
 )
 
-#: steps in the shortest period that the contacts could have, by default; and the least number with
-#: which steps are stable
-_STEPS = 60.0
-_LEAST_STEPS = 4.0
-#: least number of the steps that a run chooses, in the shortest period at any time
-_FEWEST_STEPS = 30.0
-#: depths among which the one is sought to which a ball presses a contact: the least, over the mean
-#: radius; the ratio of two that follow each other, by which the stiffness of Hertz's law rises by
-#: an eighth; and their number, up to far above any
+#: steps in the shortest period that the contacts could have at the start: as a run chooses them,
+#: and the fewest with which steps are stable
+_STEPS_PER_PERIOD = 60.0
+_LEAST_STABLE_STEPS = 4.0
+#: fewest steps in the shortest period at any later time, if the run has chosen the step
+_LEAST_CHOSEN_STEPS = 30.0
+#: the depth to which a ball presses a contact is sought among depths that grow by a ratio: the
+#: least depth, over the mean radius; the ratio, with which the stiffness of Hertz's law rises by an
+#: eighth; and the number of depths, of which the last is far above any that occurs
 _LEAST_DEPTH = 1e-12
 _DEPTH_RATIO = 1.25
 _N_DEPTHS = 201
-#: stiffnesses, N/m, among which the greatest is sought that a step allows
+#: stiffnesses, N/m, among which the greatest one that a step allows is sought
 _STIFFNESSES = np.geomspace(1e-30, 1e30, 14_001)
-#: share of a step that counts for rounding, where a given step divides the time from frame to frame
+#: share of a step that is rounding, when the time from frame to frame is divided into steps
 _ROUNDING = 1e-12
-#: how often a step that is too long is halved
-_HALVINGS = 10
+#: most times that a step that is too long is halved, and the run begun anew
+_MOST_HALVINGS = 10
 #: most steps of a run
 _MOST_STEPS = 10_000_000
-#: displacement, over the mean diameter, at which a ball has left its place among directions that do
-#: not turn
-_AWAY = 0.5
+#: displacement, over the mean diameter, at which a run with geometry "lattice" ends, as a ball has
+#: left its place
+_MOST_DISPLACEMENT = 0.5
 #: kind of the balls of a network that names none
 _BALL = "ball"
-#: distance over the mean diameter up to which balls are listed as ones that may meet
+#: gap between balls, over the mean diameter, up to which they are listed as a pair that may meet
 _SKIN = 0.2
-#: relative change at which an implicit step is solved, that up to which one that does not fall is
-#: rounding, most iterations
+#: iteration of an implicit step: relative change at which it is solved, relative change that counts
+#: as rounding if it no longer falls, and most iterations
 _SOLVED = 1e-14
 _ROUNDED = 1e-9
-_ITERATIONS = 50
-#: relative difference of coefficients of contacts, over the roots of their radii, that are those of
-#: one material
-_ALIKE = 1e-2
-#: share of a step in which contacts that join or part do so at once: of the energy of a jump within
-#: a step, no more is lost
-_TOGETHER = 1e-6
-#: how often a contact joins and parts in a step, from which it rattles there
-_RATTLES = 20
+_MOST_ITERATIONS = 50
+#: relative difference up to which the coefficients of contacts, over the roots of their radii, are
+#: those of one material
+_SAME_MATERIAL = 1e-2
+#: share of a step to which the instant of a jump is found: contacts that join or part within such a
+#: share do so at once, and no larger share of the energy of the jump is lost by that
+_SWITCH_SHARE = 1e-6
+#: most times that a contact may join or part within one step
+_MOST_SWITCHES = 20
 
 
 @dataclass(frozen=True)
 class Drive:
-    """Balls or bodies that are moved, or pushed, along a direction.
+    """Balls or bodies that are displaced, or pushed by a force, along a direction. Give either the
+    displacement or the force.
 
     Parameters
     ----------
-    balls : index of a ball, or several.
-    direction : (3,), or as many numbers as the network has dimensions; a unit vector along it is
-        taken.
+    balls : index of a ball or body, or several indices.
+    direction : (3,), or as many numbers as the network has dimensions; its length does not matter.
     displacement : function of the time, s, that returns the displacement of the balls, m, zero at
-        the time zero. They move so whatever acts on them; bodies that are held may be moved.
-    force : function of the time, s, that returns the force on each of the balls, N. Give one of
-        both.
+        the time zero. The balls move so whatever acts on them; bodies that are held may be moved.
+    force : function of the time, s, that returns the force on each of the balls, N.
 
-    Where a run has displacements, all functions are also asked for the time one step after its end,
-    by which the last velocities are found. They need not be finite there.
+    If one drive of a run is a displacement, the functions of all drives are also called for the
+    time one step after the end, to find the last velocities. There they need not be finite.
     """
 
     balls: Any
@@ -160,30 +164,32 @@ class NonlinearWaves:
     x : a state at one load, a sample, or a :class:`~granphon.ContactNetwork`, at rest under its
         load; or a :class:`~granphon.Crystal`, whose balls touch without load. A sample that was
         pressed with friction starts with its tangential forces.
-    law : of the normal forces; by default that of a crystal, and elsewhere
-        :class:`~granphon.Hertz`. Of a :class:`~granphon.PowerLaw` the exponent is taken: the
+    law : law of the normal forces; by default that of a crystal, and elsewhere
+        :class:`~granphon.Hertz`. Of a :class:`~granphon.PowerLaw` only the exponent a is taken: the
         coefficient and the overlap of each contact follow from its force f and stiffness k, the
-        overlap as a f/k. Other laws are the same for all pairs. The :class:`~granphon.Crystal`
-        itself gives its network, once repeated or cut, the laws of its pairs.
+        overlap as a f/k. Another law is the same for all pairs. For the network of a
+        :class:`~granphon.Crystal` that was repeated or cut, give the crystal as the law: its pairs
+        then have their own laws.
     friction_coefficient : mu of Coulomb's limit of slip; by default contacts do not slide.
-    damping, drag, dashpot, restitution : as in :meth:`Waves.response`, of the present stiffness of
-        contacts. Contacts of balls that meet have the means of (n_c,) numbers. Each collision of
-        two balls by Hertz's law alone has the ``restitution``; other laws have another.
-    viscous_pull : "whole": where balls part, dashpots pull; "limited": by no more than the law
-        pushes, so that both together never pull. A collision then loses less.
-    coulomb : "elastic": Coulomb's limit is that of the forces of springs, T <= mu f; "total":
-        that of these with the forces of dashpots, as LAMMPS has it.
-    geometry : "lattice", the directions of the network: displacements are small against the balls,
-        and contacts are those of the network. "exact", the true directions: balls may go anywhere,
-        and meet others.
-    gravity : (3,) or (d,) acceleration of the balls, m/s2, beside the load that holds a state at
-        rest. A state that was found under gravity has that in its load.
+    damping, drag, dashpot, restitution : losses as in :meth:`Waves.response`, in which dashpots
+        follow the present stiffness of contacts. Where numbers are given for each contact, (n_c,),
+        contacts of balls that meet have their means. A collision of two balls has the
+        ``restitution`` by Hertz's law alone; by other laws its restitution is another.
+    viscous_pull : "whole": dashpots also pull while balls part. "limited": they pull by no more
+        than the law pushes, so that both together never pull; a collision then loses less.
+    coulomb : "elastic": the forces of springs obey Coulomb's limit, T <= mu f. "total": the forces
+        of springs and dashpots together obey it, as in LAMMPS.
+    geometry : "lattice": contacts are those of the network, in their directions at rest, and
+        displacements are small against the balls. "exact": contacts have their true directions;
+        balls may go anywhere, and meet others.
+    gravity : (3,) or (d,) acceleration of the balls, m/s2, in addition to the load that holds a
+        state at rest. A state that was found under gravity already has it in its load.
 
     Raises
     ------
-    InputError : no network; contacts without force, whose overlap is not known; a law that needs
-        the balls of a crystal; a network with ``prestress``, whose static forces act sideways, in
-        the directions of the network; numbers out of range.
+    InputError : if there is no network; for contacts without force, whose overlap is not known; for
+        a law that needs the balls of a crystal; for a network with ``prestress`` and the geometry
+        "lattice", in which its static forces act sideways; for numbers out of range.
     """
 
     def __init__(
@@ -230,6 +236,9 @@ class NonlinearWaves:
         self.gravity: Array = _read_gravity(gravity, network)
 
     def __repr__(self) -> str:
+        """Return the numbers of balls and contacts, and the exponent of the law if it is a
+        power.
+        """
         of = f", f ~ overlap^{self.normal.exponent:g}" if isinstance(self.normal, Powers) else ""
         return (
             f"NonlinearWaves({self.network.n_balls:,} balls, {self.network.n_contacts:,}"
@@ -242,30 +251,39 @@ class NonlinearWaves:
         return self.normal.overlap
 
     def _find_laws(self, law: Any, state: CrystalState | None, unloaded: bool) -> _Laws:
-        """Return the laws of the contacts of the network; InputError if they are not known."""
+        """Return the laws of the contacts of the network: those of the ``law``, or without one
+        those of the crystal whose ``state`` was given, if one was.
+
+        ``unloaded`` says that a crystal was given in place of a state, so that balls touch without
+        force. Raises :class:`~granphon.base.errors.InputError` if the laws are not known.
+        """
         crystal = state.crystal if state is not None and law is None else law
         if isinstance(crystal, Crystal) and not (unloaded and law is not None):
-            return self._take_crystal(crystal, unloaded)
+            return self._make_crystal_laws(crystal, unloaded)
         if unloaded or isinstance(law, DMT | JKR):
             why = "Its contacts are those of balls of known materials, or of no load"
             raise InputError(
                 f"law is {brief(law)}", why, "Give the law to the Crystal, and the Crystal here"
             )
         if isinstance(law, Hertz | PowerLaw | None):
-            return self._take_power(law)
-        return self._take_law(law)
+            return self._make_power_laws(law)
+        return self._make_single_law(law)
 
-    def _take_crystal(self, crystal: Crystal, unloaded: bool) -> _Laws:
-        """Return the laws of the pairs of a crystal, at rest without forces if ``unloaded``;
-        InputError for balls of other kinds.
+    def _make_crystal_laws(self, crystal: Crystal, unloaded: bool) -> _Laws:
+        """Return the laws of contacts by the pairs of balls of a ``crystal``; contacts have no
+        force at rest if ``unloaded``.
+
+        Raises :class:`~granphon.base.errors.InputError` if the balls of the network are not of the
+        kinds of the crystal.
         """
         network = self.network
         force = network.normal_force
         model = crystal.contact_model
-        if network.contact_model is not None:  # which knows the walls of a network that was cut
+        if network.contact_model is not None:  # it knows the walls of a network that was cut
             walls = dict.fromkeys([*model.walls, *network.contact_model.walls])
             model = replace(model, walls=tuple(walls))
         walls_and_kinds = (*crystal.names, RIGID_PLANE.name, *(wall.name for wall in model.walls))
+        # of each name of a kind in the network, its name in the crystal
         kinds = {name: name for name in walls_and_kinds}
         if not network.kinds and len(crystal.names) == 1:
             kinds[_BALL] = crystal.names[0]
@@ -275,6 +293,7 @@ class NonlinearWaves:
             )
 
         def find_pair(name: str, other: str) -> tuple[Any, Any, Any]:
+            """Return the law, kappa/2E*a and E*, Pa, of balls of two kinds."""
             return model.law_of(kinds[name], kinds[other])
 
         groups = list[tuple[Any, Index]]()
@@ -284,16 +303,21 @@ class NonlinearWaves:
             groups.append((law, contacts))
         laws = ContactLaws(groups, force.size, modulus)
         overlap = laws.overlap(np.zeros_like(force) if unloaded else force)
-        return _Laws(_take_laws(laws, overlap), laws, self._find_punch(laws), find_pair)
+        return _Laws(_simplify_laws(laws, overlap), laws, self._find_punch(laws), find_pair)
 
-    def _take_law(self, law: Any) -> _Laws:
-        """Return the laws of contacts that all have one ``law``."""
+    def _make_single_law(self, law: Any) -> _Laws:
+        """Return the laws of contacts that all have one ``law``, with overlaps from their forces at
+        rest.
+
+        kappa/2E*a and E* of a pair that meets are the means over the contacts of such balls in the
+        network, or over all contacts if there is none.
+        """
         network = self.network
         force = network.normal_force
         pairs = self._group(network.i, network.j)
         pair_law = law_between(law, RIGID_PLANE, RIGID_PLANE)
         overlap = np.asarray(pair_law.overlap(force), float)
-        # E* of the balls is not known: that is taken with which 2 E* a, a being the radius of
+        # E* of the balls is not known: it is chosen so that 2 E* a, where a is the radius of the
         # contact, is the normal stiffness at rest; with E* = 1/2, 2 E* a is a itself
         radius = punch_stiffness(pair_law, overlap, 0.5)
         finite_radius = np.where(radius > 0.0, radius, np.inf)
@@ -302,15 +326,20 @@ class NonlinearWaves:
         punch = self._find_punch(laws)
         eta = network.shear_stiffness / punch
 
-        def find_alike(*pair: str) -> tuple[Any, Any, Any]:
-            alike = pairs.get(pair, slice(None))
-            return pair_law, np.mean(eta[alike]), np.mean(modulus[alike])
+        def find_mean_law(*pair: str) -> tuple[Any, Any, Any]:
+            """Return the law, and the means of kappa/2E*a and E*, Pa, over contacts of a ``pair``
+            of kinds.
+            """
+            contacts = pairs.get(pair, slice(None))
+            return pair_law, np.mean(eta[contacts]), np.mean(modulus[contacts])
 
-        return _Laws(_take_laws(laws, overlap), laws, punch, find_alike)
+        return _Laws(_simplify_laws(laws, overlap), laws, punch, find_mean_law)
 
-    def _take_power(self, law: Any) -> _Laws:
-        """Return powers of the overlap with the exponent of a ``law``, whose coefficients follow
-        from forces and stiffnesses at rest; InputError for contacts without force.
+    def _make_power_laws(self, law: Any) -> _Laws:
+        """Return laws that are powers of the overlap: their exponent is that of a ``law``, by
+        default Hertz's, and their coefficients follow from forces and stiffnesses at rest.
+
+        Raises :class:`~granphon.base.errors.InputError` for contacts without force.
         """
         network = self.network
         force = network.normal_force
@@ -326,27 +355,29 @@ class NonlinearWaves:
         exponent = law.exponent if isinstance(law, PowerLaw) else hertz.EXPONENT
         overlap = exponent * force / stiffness
         powers = Powers(exponent, force / overlap**exponent, overlap)
-        # Hertz's coefficients go with the root of the radius of contacts, and a power has one
-        # whatever the balls
+        # a coefficient of Hertz's law grows with the root of the radius of the contact; that of
+        # another power does not depend on radii, for which equal sizes stand
         sizes = np.ones_like(network.radii) if isinstance(law, PowerLaw) else network.radii
         per_root = powers.coefficient / _root_radius(sizes, network.i, network.j)
 
-        def find_alike(*pair: str) -> tuple[Any, Any, Any]:
-            """Return the coefficient over the root of the radius, kappa/2E*a, and 1 in place of E*,
-            of the contacts of a ``pair`` of kinds; InputError if their coefficients differ.
+        def find_mean_law(*pair: str) -> tuple[Any, Any, Any]:
+            """Return the means of the coefficient over the root of the radius and of kappa/2E*a
+            over the contacts of a ``pair`` of kinds, and 1 in place of E*.
+
+            Raises :class:`~granphon.base.errors.InputError` if the coefficients differ.
             """
-            alike = pairs.get(pair, slice(None))
-            if np.ptp(per_root[alike]) > _ALIKE * np.mean(per_root[alike]):
+            contacts = pairs.get(pair, slice(None))
+            if np.ptp(per_root[contacts]) > _SAME_MATERIAL * np.mean(per_root[contacts]):
                 raise InputError(
                     f"contacts of {pair} have no law that is known", mend="Give a Crystal"
                 )
-            return np.mean(per_root[alike]), np.mean(eta[alike]), 1.0
+            return np.mean(per_root[contacts]), np.mean(eta[contacts]), 1.0
 
-        return _Laws(powers, powers, stiffness, find_alike, sizes)
+        return _Laws(powers, powers, stiffness, find_mean_law, sizes)
 
     def _find_punch(self, laws: ContactLaws) -> Array:
-        """Return the stiffnesses 2 E* a (n_c,), N/m, of the contacts under their forces at rest;
-        those of normal motion where the ``laws`` know no radii.
+        """Return the stiffnesses 2 E* a (n_c,), N/m, of the contacts under their forces at rest; if
+        the ``laws`` know no radii a of contacts, their normal stiffnesses.
         """
         network = self.network
         if laws.know_radii:
@@ -356,11 +387,13 @@ class NonlinearWaves:
     def _join_laws(
         self, i: Index, j: Index
     ) -> tuple[Powers | PairLaws, Array, list[tuple[Index, str]]]:
-        """Return the laws of the contacts and of pairs (i, j) beside, which just touch, and
-        kappa/2E*a of these pairs.
+        """Return the laws of the contacts of the network and, behind them, of the pairs ``i``,
+        ``j`` (n_p,) of balls that may meet; kappa/2E*a (n_p,) of these pairs; and the pairs
+        without a law.
 
-        Pairs without a law do not push: the numbers of their contacts come with what is wrong once
-        they meet.
+        Pairs at the overlap zero do not push. Pairs without a law never push: they are returned as
+        groups of the indices of their contacts, each with the message of the error that is to end
+        the run when they meet.
         """
         laws = self._laws.known
         n = self.network.n_contacts
@@ -371,7 +404,7 @@ class NonlinearWaves:
         modulus = np.ones(len(i))
         for pair, members in self._group(i, j).items():
             try:
-                law, ratio[members], modulus[members] = self._laws.find(*pair)
+                law, ratio[members], modulus[members] = self._laws.find_pair_law(*pair)
                 groups.append((law, n + members))
             except InputError as error:
                 unknown.append((n + members, str(error).rstrip(".")))
@@ -379,7 +412,7 @@ class NonlinearWaves:
             joint_laws = ContactLaws(
                 [*laws.groups, *groups], len(overlap), np.append(laws.modulus, modulus)
             )
-            return _take_laws(joint_laws, overlap, len(i)), ratio, unknown
+            return _simplify_laws(joint_laws, overlap, len(i)), ratio, unknown
         coefficient = np.append(laws.coefficient, np.zeros(len(i)))
         for per_root, members in groups:
             pair_roots = _root_radius(self._laws.sizes, i[members - n], j[members - n])
@@ -387,7 +420,9 @@ class NonlinearWaves:
         return Powers(laws.exponent, coefficient, overlap), ratio, unknown
 
     def _group(self, i: Index, j: Index) -> dict[tuple[str, ...], Index]:
-        """Return the numbers of the contacts (i, j) of each pair of kinds of balls."""
+        """Return for each pair of kinds of balls, by their names, the indices of the contacts
+        between balls ``i`` and ``j`` (n,) of these kinds.
+        """
         is_plane = np.isinf(self.network.radii)
         kinds = self.network.kinds or np.where(is_plane, RIGID_PLANE.name, _BALL)
         names, code = np.unique(kinds, return_inverse=True)
@@ -416,39 +451,47 @@ class NonlinearWaves:
         file: str | os.PathLike[str] | None = None,
         progress: Progress = silent,
     ) -> Motion:
-        """Let the balls move for a ``duration``, s.
+        """Let the balls move for a ``duration``, s, and return their motion.
 
         Parameters
         ----------
-        positions : where the balls start, (n, 3) or (n, d), m; by default those of the network.
-            Their ``displacements`` from there, m, keep the digits that positions lose: give one of
-            both.
-        velocities, rotations, spins : at the start, (n, 3) or (n, d), m/s, rad and rad/s; zero by
-            default. Contacts have come to the start without sliding, but for Coulomb's limit.
+        positions : positions of the balls at the start, (n, 3) or (n, d), m; by default those of
+            the network. Or give ``displacements`` from there, m, which keep digits that positions
+            lose.
+        velocities, rotations, spins : those of the balls at the start, (n, 3) or (n, d), m/s, rad
+            and rad/s; zero by default. Contacts have come from rest to the start without sliding,
+            but for Coulomb's limit.
         drive : a :class:`Drive`, or several.
-        frames : number of times that are kept, the start and the end among them.
-        step : s, of which a frame has a whole number; by default a sixtieth of the shortest period
-            that the stiffest contact and its dashpots allow at the start. The default is halved,
-            and the run begins anew, where that period comes to have fewer than 30 steps: as soon as
-            a drive presses balls that only touch. A step is cut where a contact whose force jumps
-            closes or opens.
-        scheme : "verlet", explicit and symplectic, whose sum of energies differs from a constant by
-            the square of the step, and wanders where contacts open; or "midpoint", implicit, four
-            to six times the work, whose sum of energies is constant to rounding, with losses.
-        file : path to which frames are written as they come, for :meth:`Motion.read`; a motion
-            there is replaced. It can be read at any time, and after the program was killed.
+        frames : number of times at which the motion is kept; the first is the start, the last the
+            end.
+        step : time step, s; it is shortened so that a frame has a whole number of steps. The
+            default is a sixtieth of the shortest period that the stiffest contact and its dashpots
+            allow at the start. If this period later comes to have fewer than 30 steps, as soon as
+            a drive presses balls that only touch, the default is halved and the run begins anew. A
+            step is cut where a contact whose force jumps closes or opens.
+        scheme : "verlet" is explicit and symplectic; its sum of energies differs from a constant by
+            the square of the step, and wanders where contacts open. "midpoint" is implicit and
+            takes four to six times the work; its sum of energies is constant to rounding, with
+            losses.
+        file : path to which frames are written as they come, for :meth:`Motion.read`; the file of
+            an earlier motion is replaced. The file can be read at any time, also after the program
+            was killed.
         progress : is told how many frames are done.
 
-        A run that Ctrl-C stops, one whose balls leave their places by half of their diameter
-        (geometry "lattice") or meet others without a known law ("exact"), one of whose drives is no
-        finite number at a later time, or one for whose contacts the ``step`` becomes too long, as
-        it is given or after ten halvings, ends there with a
-        :class:`~granphon.base.errors.StoppedEarlyWarning`, and returns what there is. The step is
-        too long, too, where an implicit step has no solution, or a contact whose force jumps opens
-        and closes many times in it. Where contacts become wider than the law allows
-        (:func:`~granphon.validity`), there is a :class:`~granphon.base.errors.LimitWarning`; and
-        where they are more viscous than stiff at all frequencies of the run, from the inverse of
-        its duration, as a damping is a time.
+        A run ends early in these cases, with a
+        :class:`~granphon.base.errors.StoppedEarlyWarning`, and returns the motion so far:
+
+        - Ctrl-C stops it.
+        - A ball leaves its place by half of its diameter, with geometry "lattice".
+        - Balls without a known law meet, with geometry "exact".
+        - A drive is not a finite number at a time after the start.
+        - The ``step``, as given or after ten halvings, is too long: contacts have become too stiff,
+          an implicit step has no solution, or a contact whose force jumps opens and closes many
+          times in a step.
+
+        A :class:`~granphon.base.errors.LimitWarning` says that contacts became wider than the law
+        allows (:func:`~granphon.validity`), or that contacts are more viscous than stiff at all
+        frequencies of the run, of which the inverse of the duration is the lowest.
 
         Raises :class:`~granphon.base.errors.InputError` for shapes and numbers that are not
         allowed, more frames than memory holds, a drive of nothing or along which balls do not move,
@@ -456,8 +499,7 @@ class NonlinearWaves:
         ball of which one is a displacement, a start that moves a body that is held or that a drive
         displaces, a ``step`` too long for the stiffest contact, more than ten million steps, and
         balls too fast, or contacts too stiff, for double precision; and
-        :class:`~granphon.base.errors.OutputError` where ``file`` is something else than a motion,
-        or cannot be written.
+        :class:`~granphon.base.errors.OutputError` if ``file`` is no motion, or cannot be written.
         """
         length = positive("duration", duration, "s")
         count = whole_number("frames", frames, 2, _MOST_STEPS)
@@ -476,10 +518,10 @@ class NonlinearWaves:
         x = moved + system.read("rotations", rotations)
         v = speeds + system.read("spins", spins)
         chosen_step, top = self._choose_step(system, x, v, step)
-        require_steps(length / chosen_step)  # which may be infinite
+        require_steps(length / chosen_step)  # also if the quotient is infinite
         trial_step = min(chosen_step, length / (count - 1))
-        least_step = trial_step * 2.0**-_HALVINGS
-        least_per_period = _FEWEST_STEPS if step is None else _LEAST_STEPS
+        least_step = trial_step * 2.0**-_MOST_HALVINGS
+        least_per_period = _LEAST_CHOSEN_STEPS if step is None else _LEAST_STABLE_STEPS
         # no motion of the run is slower than the run is long, or faster than contacts are
         for sentence in self.losses.find_warnings(min(1.0 / length, top / (2.0 * math.pi))):
             warnings.warn(f"in the motion {sentence.rstrip('.')}", LimitWarning, stacklevel=2)
@@ -487,10 +529,15 @@ class NonlinearWaves:
             steps_per_frame = _count_steps(length, trial_step, count)
             schedule = _Schedule(steps_per_frame, count, least_per_period)
             kept = Frames(self.network, length / (count - 1) / steps_per_frame, file)
-            # what leaves the floating range ends the run
+            # numbers that leave the floating range end the run later, by _require_short
             floating = np.errstate(over="ignore", invalid="ignore")
-            with kept, single_products(), floating, progress.step("motion", count - 1) as told:
-                stopped = _record(system, x, v, schedule, scheme, kept, told)
+            with (
+                kept,
+                single_products(),
+                floating,
+                progress.step("motion", count - 1) as frame_progress,
+            ):
+                stopped = _record(system, x, v, schedule, scheme, kept, frame_progress)
             is_unstable = stopped in (_TOO_LONG, _UNSOLVED, _RATTLED)
             if is_unstable and step is None and trial_step > least_step:
                 trial_step *= 0.5
@@ -510,18 +557,21 @@ class NonlinearWaves:
     def _choose_step(
         self, system: _System, x: Array, v: Array, step: float | None
     ) -> tuple[float, float]:
-        """Return the step, s, of a run that starts at x with velocities v (size,), and a bound of
-        the frequencies of contacts, rad/s; raise :class:`~granphon.base.errors.InputError` if the
-        ``step`` that the user gives is too long, and as :meth:`_System.press` and
-        :meth:`_System.choose_step` do, whether or not a step is given.
+        """Return the time step, s, of a run that starts at mass-weighted motions x (size,) with
+        velocities v (size,), and a bound of the frequencies of contacts, rad/s.
+
+        The step is the ``step`` of the user, s, or the default. Raises
+        :class:`~granphon.base.errors.InputError` if the user's step is too long, and in all cases
+        what :meth:`_System.find_pressed_stiffness` and :meth:`_System.choose_step` raise.
         """
         with np.errstate(over="ignore", invalid="ignore"):
             squares = np.sum(system.operator.values(v) ** 2, axis=1)
-            stiffness = system.press(x, 0.5 * float(np.max(squares, initial=0.0)))
+            largest_energy = 0.5 * float(np.max(squares, initial=0.0))  # of a ball, J
+            stiffness = system.find_pressed_stiffness(x, largest_energy)
             stable = system.choose_step(stiffness)
             top = system.bound.find(stiffness)
         chosen = stable if step is None else positive("step", step, "s")
-        if chosen * _LEAST_STEPS > _STEPS * stable:
+        if chosen * _LEAST_STABLE_STEPS > _STEPS_PER_PERIOD * stable:
             raise InputError(
                 f"the step of {chosen:.3g} s is too long for the stiffest contact, or its damping",
                 "It would not be stable",
@@ -530,16 +580,19 @@ class NonlinearWaves:
         return chosen, top
 
     def find_step(self, speed: float = 0.0, force: float = 0.0, displacement: float = 0.0) -> float:
-        """Return the step, s, with which :meth:`run` begins by default, from rest, or where the
-        heaviest ball has a ``speed``, m/s, zero or above.
+        """Return an estimate of the time step, s, of a :meth:`run` that is given none.
 
-        The greatest ``force``, N, and ``displacement``, m, of drives, both zero or above, press
-        contacts beyond that, by as much: :meth:`run` does not know them before, and halves its step
-        where contacts become much stiffer. It also shortens the step until a frame has a whole
-        number of steps.
+        Parameters
+        ----------
+        speed : greatest speed of a ball at the start, m/s, here that of the heaviest ball.
+        force, displacement : greatest force, N, and displacement, m, of drives.
 
-        Raises :class:`~granphon.base.errors.InputError` for numbers below zero, where no contact is
-        pressed at them, and for balls too fast, or contacts too stiff, for double precision.
+        With the speed alone this is the step with which :meth:`run` begins, which it then shortens
+        until a frame has a whole number of steps. Of force and displacement the run knows nothing
+        at its beginning: it halves its step later, where contacts become much stiffer.
+
+        Raises :class:`~granphon.base.errors.InputError` for numbers below zero, if they press no
+        contact, and for balls too fast, or contacts too stiff, for double precision.
         """
         speed = not_negative("speed", speed, "m/s")
         force = not_negative("force", force, "N")
@@ -549,11 +602,13 @@ class NonlinearWaves:
         energy = 0.5 * float(np.max(masses, initial=0.0)) * speed * speed
         at_rest = np.zeros(system.operator.size)
         with np.errstate(over="ignore", invalid="ignore"):
-            return system.choose_step(system.press(at_rest, energy, force, displacement))
+            return system.choose_step(
+                system.find_pressed_stiffness(at_rest, energy, force, displacement)
+            )
 
     def _require_frames_memory(self, count: int, *, to_file: bool) -> None:
-        """Raise InputError if ``count`` frames of a motion are more than memory holds; frames that
-        go ``to_file`` are not held in memory.
+        """Raise :class:`~granphon.base.errors.InputError` if ``count`` frames of a motion take more
+        memory than there is; of frames that go ``to_file``, only two are held in memory.
         """
         n_held = 2 if to_file else count
         memory = motion_memory(self.network.n_balls, self.network.n_contacts, n_held)
@@ -561,13 +616,19 @@ class NonlinearWaves:
         require_memory(frames, memory, "Give fewer frames")
 
     def _find_displacements(self, positions: ArrayLike) -> Array:
-        """Return the displacements of balls at ``positions``, (n, 3) or (n, d), m."""
+        """Return the displacements, (n, 3) or (n, d), m, of balls at ``positions`` of this shape,
+        m.
+
+        Raises what :meth:`_require_shape` raises.
+        """
         places = real_array("positions", positions)
         self._require_shape("positions", places)
         return np.asarray(places - self.network.positions[:, : places.shape[1]])
 
     def _require_shape(self, name: str, values: Array) -> None:
-        """Raise InputError unless ``values`` are finite, (n, 3) or (n, d)."""
+        """Raise :class:`~granphon.base.errors.InputError` unless ``values``, of the argument
+        ``name``, have the shape (n, 3) or (n, d) and are finite.
+        """
         n = self.network.n_balls
         d = self.network.dimension
         mend = f"Give ({n}, 3) finite numbers, one row for each ball"
@@ -578,7 +639,9 @@ class NonlinearWaves:
 
 
 def require_steps(count: float) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` for more steps than are made."""
+    """Raise :class:`~granphon.base.errors.InputError` if a run of ``count`` steps would have more
+    than :data:`_MOST_STEPS`.
+    """
     if count > _MOST_STEPS:
         mend = "Give a shorter duration, fewer frames, a longer step, or less damping"
         raise InputError(
@@ -587,8 +650,11 @@ def require_steps(count: float) -> None:
 
 
 def _read_gravity(gravity: Any, network: ContactNetwork) -> Array:
-    """Return the acceleration (3,) of the balls, m/s2; zero without ``gravity``. InputError for
-    another shape, and for a direction along which balls do not move.
+    """Return the acceleration (3,) of the balls, m/s2, from ``gravity``, (3,) or (d,), or zero for
+    None.
+
+    Raises :class:`~granphon.base.errors.InputError` for another shape, numbers that are not finite,
+    and a direction along which balls do not move.
     """
     field = np.zeros(3)
     if gravity is None:
@@ -605,26 +671,29 @@ def _read_gravity(gravity: Any, network: ContactNetwork) -> Array:
 
 
 def _count_steps(length: float, step: float, count: int) -> int:
-    """Return the number of steps from frame to frame, of at most ``step``, s, of ``count`` frames
-    in a ``length``, s. InputError for too many steps, and for steps beyond double precision.
+    """Return the number of steps from frame to frame, each of at most ``step``, s, in a run of the
+    duration ``length``, s, with ``count`` frames.
+
+    Raises :class:`~granphon.base.errors.InputError` for too many steps, and for steps so short that
+    they leave the range of double precision.
     """
     require_steps(length / step)
     interval = length / (count - 1)
-    each = max(1, math.ceil(interval / step * (1.0 - _ROUNDING)))
-    require_steps(each * (count - 1))
-    if not interval / each >= hertz.LEAST_NORMAL:
+    steps_per_frame = max(1, math.ceil(interval / step * (1.0 - _ROUNDING)))
+    require_steps(steps_per_frame * (count - 1))
+    if not interval / steps_per_frame >= hertz.LEAST_NORMAL:
         raise InputError(
             f"a step of {length:.3g} s over {count - 1} frames is beyond double precision"
         )
-    return each
+    return steps_per_frame
 
 
 class _Schedule(NamedTuple):
-    """Steps from frame to frame, number of frames, and the least number of steps in the shortest
-    period.
+    """The numbers of a run: of steps from frame to frame, of frames, and the least number of steps
+    in the shortest period of contacts, below which the run stops.
     """
 
-    each: int
+    steps_per_frame: int
     frames: int
     least_per_period: float
 
@@ -636,19 +705,19 @@ def _record(
     schedule: _Schedule,
     scheme: str,
     kept: Frames,
-    told: Any,
+    frame_progress: Any,
 ) -> str:
-    """Keep the frames of a run from x with velocities v (size,), and return why the run ended
-    early; empty if it did not.
+    """Run the ``system`` from mass-weighted motions x with velocities v (size,), let ``kept`` take
+    its frames, and return the reason why the run ended early; an empty text if it did not.
 
-    A KeyboardInterrupt before the first frame is raised.
+    ``frame_progress`` is told of each frame. A KeyboardInterrupt before the first frame is raised.
     """
     try:
         for frame in system.integrate(x, v, schedule, scheme, kept):
             if frame:
-                told.advance()
+                frame_progress.advance()
     except KeyboardInterrupt:
-        if not len(kept):  # it came while loops were compiled, or a file was begun
+        if not len(kept):  # Ctrl-C came while loops were compiled, or a file was begun
             raise
         return _CTRL_C
     except _Stop as stop:
@@ -657,7 +726,7 @@ def _record(
 
 
 class _Stop(Exception):
-    """A run cannot go on."""
+    """A run cannot go on; its text is the reason."""
 
 
 _NOTHING = np.zeros(0)
@@ -672,28 +741,31 @@ class _Laws(NamedTuple):
 
     Attributes
     ----------
-    normal : of the contacts, as steps take them.
-    known : the same laws by their groups; powers where one exponent is given for all contacts.
-    punch : (n_c,) stiffnesses 2 E* a of the contacts at rest, N/m; those of normal motion where
-        laws know no radii.
-    find : function of the names of two kinds of balls, which returns the law of such balls that
-        meet, kappa/2E*a and E*, or raises InputError if the law is not known. Where one exponent is
-        given for all contacts, the coefficient over the root of the radius takes the place of the
-        law, and 1 that of E*.
-    sizes : (n,) what takes the place of the radii of balls in coefficients, where one exponent is
-        given for all contacts; else empty.
+    normal : laws of the contacts, as functions of their elongation since rest.
+    known : the same laws, as groups of contacts with one law; :class:`Powers` if one exponent is
+        given for all contacts.
+    punch : (n_c,) stiffnesses 2 E* a of the contacts at rest, N/m; normal stiffnesses if laws know
+        no radii a of contacts.
+    find_pair_law : function of the names of two kinds of balls. It returns the law of such balls
+        that meet, kappa/2E*a and E*, Pa, or raises InputError if the law is not known. If one
+        exponent is given for all contacts, it returns the coefficient over the root of the radius
+        in place of the law, and 1 in place of E*.
+    sizes : (n,) numbers that stand for the radii of balls in coefficients, if one exponent is given
+        for all contacts: the radii, or ones if the coefficient does not depend on them; else empty.
     """
 
     normal: Powers | PairLaws
     known: Powers | ContactLaws
     punch: Array
-    find: Callable[..., tuple[Any, Any, Any]]
+    find_pair_law: Callable[..., tuple[Any, Any, Any]]
     sizes: Array = _NOTHING
 
 
-def _take_laws(springs: ContactLaws, overlap: Array, apart: int = 0) -> Powers | PairLaws:
-    """Return laws as for :class:`PairLaws`, or as powers of one exponent, which are faster, if they
-    are.
+def _simplify_laws(springs: ContactLaws, overlap: Array, apart: int = 0) -> Powers | PairLaws:
+    """Return the laws ``springs`` of contacts with the ``overlap`` (n_c,), m, at rest as functions
+    of elongations: as :class:`Powers`, which are faster, if all are powers with one exponent.
+
+    ``apart`` is the number of the last contacts that are pairs of balls which may meet.
     """
     exponents = {getattr(law, "exponent", hertz.EXPONENT) for law, _ in springs.groups}
     are_powers = all(isinstance(law, HertzLaw | PowerLaw) for law, _ in springs.groups)
@@ -706,22 +778,33 @@ def _take_laws(springs: ContactLaws, overlap: Array, apart: int = 0) -> Powers |
 
 
 def _root_radius(radii: Array, i: Index, j: Index) -> Array:
-    """Return the root of the radius R of contacts, 1/R = 1/R_i + 1/R_j."""
+    """Return the root (n,) of the radius R of contacts of balls ``i`` and ``j`` (n,), of which
+    ``radii`` are given: 1/R = 1/R_i + 1/R_j.
+    """
     return np.asarray(1.0 / np.sqrt(1.0 / radii[i] + 1.0 / radii[j]))
 
 
 class _Trial(NamedTuple):
-    """A step that ends with these ``strokes``, m, and ``lifts``, N, of drives, and with contacts
-    ``after``; balls have the mean velocity ``drift`` (size,), and come to ``x`` (size,).
+    """A step that was computed, and may be made.
 
-    An implicit one also has its mean acceleration, the energies that slip, twist and roll, and
-    dashpots take up, and the forces that resist drives. Arrays are the spare ones of the system:
-    the next trial writes over them.
+    Its arrays are the spare ones of the system: the next trial writes over them.
+
+    Attributes
+    ----------
+    step : length of the step, s.
+    strokes, drive_forces : displacements, m, and forces, N, of drives at its end.
+    x : (size,) mass-weighted motions at its end.
+    drift : (size,) mean velocity of these in the step.
+    after : the contacts at its end.
+    acceleration : (size,) mean acceleration of an implicit step.
+    spent, damped : energies that slip, twist and rolling, and dashpots and drag, take up in an
+        implicit step, J.
+    resist : forces, N, that resist each displacement of a drive in an implicit step.
     """
 
     step: float
     strokes: Array
-    lifts: Array
+    drive_forces: Array
     x: Array
     drift: Array
     after: Moment
@@ -737,10 +820,10 @@ class _Energies:
 
     Attributes
     ----------
-    friction : what slip, twist and roll have taken up, stored or lost.
-    damping : what dashpots and drag have taken up.
-    work : of drives.
-    jumps : what was lost where contacts join and part.
+    friction : energy that slip, twist and rolling have taken up; a part of it is still stored.
+    damping : energy that dashpots and drag have taken up.
+    work : work of drives.
+    jumps : energy that was lost where contacts joined and parted.
     """
 
     friction: float = 0.0
@@ -750,8 +833,8 @@ class _Energies:
 
 
 def _find_stiffest(normal: Powers | PairLaws, e: Array) -> Array:
-    """Return the largest stiffnesses on the way to elongations: normal, and of flat punches as wide
-    as the contacts, N/m.
+    """Return the largest stiffness (n_c,), N/m, of each contact on the way to its elongation ``e``
+    (n_c,), m: the normal one, or that of a flat punch as wide as the contact if it is larger.
     """
     _, stiffness = normal.press(e)
     if isinstance(normal, PairLaws):
@@ -766,8 +849,11 @@ def _find_stiffest(normal: Powers | PairLaws, e: Array) -> Array:
 def _read_drives(
     drives: Sequence[Any], network: ContactNetwork
 ) -> tuple[list[tuple[Index, Array]], list[tuple[Index, Array]]]:
-    """Return the balls (k,) and the direction (3,) of each drive that is a displacement, and of
-    each that is a force; InputError for drives that :meth:`NonlinearWaves.run` refuses.
+    """Return the balls (k,) and the direction (3,), of length one, of each drive that is a
+    displacement, and in a second list those of each drive that is a force.
+
+    Raises :class:`~granphon.base.errors.InputError` for drives that :meth:`NonlinearWaves.run`
+    refuses.
     """
     moved = []
     pushed = []
@@ -796,15 +882,18 @@ def _read_drives(
     if is_moved_twice or any(np.any(np.isin(balls, driven)) for balls, _ in pushed):
         raise InputError(
             "a ball has two drives, of which one is a displacement",
-            "It moves as that says, whatever acts on it",
+            "It moves as the displacement says, whatever acts on it",
             "Give it one drive",
         )
     return moved, pushed
 
 
 class _RateBound:
-    """A bound of the angular frequencies of the contacts of a network, whose other stiffnesses are
-    in proportion to ``punch`` (n_c,), those of flat punches as wide as the contacts.
+    """Bounds of the rates of a network whose contacts have any normal stiffness: the largest sum of
+    the sizes of the numbers in a row of its matrix.
+
+    The stiffnesses against slip, twist and rolling are in proportion to those of flat punches as
+    wide as the contacts, which are ``punch`` (n_c,), N/m, at rest.
     """
 
     def __init__(self, operator: WaveOperator, punch: Array) -> None:
@@ -819,16 +908,18 @@ class _RateBound:
         self._anchors = operator.anchors
 
     def find(self, stiffness: Array) -> float:
-        """Return the bound, rad/s, of contacts of a normal ``stiffness`` (n_c,), N/m, those of the
-        network first; others may be at any ball, so that each contact of the network counts as
-        stiff as the stiffest of them, or more.
+        """Return a bound of the angular frequencies, rad/s, of contacts with the normal
+        ``stiffness`` (n_c or more,), N/m, those of the network first.
+
+        Further contacts are of balls that have met. They may be at any ball, so that each contact
+        of the network counts as at least as stiff as the stiffest of them.
         """
         stiffness = self._count_stiffest(stiffness)
         return math.sqrt(np.max(self._bound(stiffness, stiffness) + self._anchors))
 
     def find_viscous(self, stiffness: Array, losses: Losses) -> float:
-        """Return a bound of the rates, 1/s, of all ``losses``, of contacts of a normal
-        ``stiffness`` (n_c,) as for :meth:`find`.
+        """Return a bound of the rates, 1/s, at which all ``losses`` slow motions down, for contacts
+        with the normal ``stiffness`` (n_c or more,), N/m, as for :meth:`find`.
         """
         stiffness = self._count_stiffest(stiffness)
         none = np.zeros(0, np.intp)
@@ -839,35 +930,47 @@ class _RateBound:
         return float(np.max(in_proportion) + np.max(viscous) + np.max(losses.drag))
 
     def _count_stiffest(self, stiffness: Array) -> Array:
-        """Return the stiffness (n_c,) of contacts of the network, at least that of the others."""
+        """Return the stiffness (n_c,), N/m, of the contacts of the network, each raised to that of
+        the stiffest contact of balls that have met.
+        """
         count = self._count
         if len(stiffness) > count:  # balls have met
             return np.asarray(np.maximum(stiffness[:count], stiffness[count:].max()))
         return stiffness
 
     def _bound(self, normal: Array, side: Array) -> Array:
-        """Return sums (size,) of the sizes of each row of A^T W A, the largest of which bounds its
-        eigenvalues, where W has the weights ``normal`` (n_c,) of elongations, and the ratios of
-        other deformations times ``side`` (n_c,).
+        """Return for each row of A^T W A a bound (size,) of the sum of the sizes of its numbers;
+        the largest of these sums bounds the eigenvalues.
+
+        The diagonal W has the weights ``normal`` (n_c,) for elongations, and for each other kind of
+        deformation the weights ``side`` (n_c,) times the stiffness of this kind over that of a
+        punch.
         """
         weights = np.concatenate([normal, *(ratio * side for ratio in self._ratios)])
         return np.asarray(self._pull @ (weights * self._largest))
 
 
 class _System:
-    """The equations of motion of a network with drives, and where it has come to.
+    """The equations of motion of a network with drives, and its state at the present time of a run.
 
-    ``at`` are contacts now, and ``joined`` says which of them are, None where no force jumps.
-    These and what follows are set when a run begins.
+    :meth:`_begin` sets the attributes below for a run, and steps change them.
+
+    Attributes
+    ----------
+    current : the contacts now.
+    joined : which contacts are joined, of those whose force jumps; None if no force jumps.
+    strokes, drive_forces : displacements, m, and forces, N, of the drives now.
+    energies : energies since the start.
     """
 
-    at: Moment
+    current: Moment
     joined: Any
     strokes: Array
-    lifts: Array
+    drive_forces: Array
     energies: _Energies
-    #: where balls were when those that may meet were listed, and how far one may have gone since, m
-    _listed: Array
+    #: positions (n, 3), m, of balls when pairs that may meet were listed last
+    _listed_positions: Array
+    #: bound of the distance, m, that a ball has gone since
     _travelled: float
 
     def __init__(self, waves: NonlinearWaves, drives: Sequence[Any]) -> None:
@@ -877,35 +980,39 @@ class _System:
         self.moved, pushed = _read_drives(drives, network)
         masses = network.masses.copy()
         for balls, _ in self.moved:
-            masses[balls] = np.inf
+            masses[balls] = np.inf  # a drive moves them, and no force does
         self.network = replace(network, masses=masses) if self.moved else network
         operator = WaveOperator(self.network)
         self.operator = operator
         axes = list(operator.motions.translations)
         self._along = [(balls, along[axes]) for balls, along in self.moved]
         self.bound = _RateBound(operator, waves.punch)
-        # where each motion of a vector is among those of all balls (n, m), and over the
-        # mass-weighted one
+        # index of each number of a vector in the flattened motions (n, m) of all balls, and the
+        # motion over the mass-weighted one
         indices = operator.indices
         self._places = np.flatnonzero(indices.ravel() >= 0)
-        _, self._scale = operator.in_balls
-        self._strokes = [drive.displacement for drive in drives if drive.displacement is not None]
-        self._lifts = [drive.force for drive in drives if drive.force is not None]
+        _, self._scale = operator.flat_indices_and_scale
+        self._stroke_functions = [
+            drive.displacement for drive in drives if drive.displacement is not None
+        ]
+        self._force_functions = [drive.force for drive in drives if drive.force is not None]
         pushes = [operator.push(*push, 1.0 / np.sqrt(masses[push[0]])) for push in pushed]
         self._push = np.reshape(pushes, (-1, operator.size))
         self._weight = operator.push(operator.balls, waves.gravity, np.sqrt(masses[operator.balls]))
         self._drag = operator.drag(waves.losses)
         self._has_drag = bool(np.any(self._drag))
         self._lightest = math.sqrt(float(np.min(masses[self.network.moving], initial=np.inf)))
-        # balls that may meet are listed anew when one has moved by half of the margin
+        # margin of the list of pairs that may meet, m: pairs are listed anew when a ball may have
+        # moved by half of it
         self._skin = _SKIN * 2.0 * float(np.mean(self.network.radii[self.network.moving]))
 
-    def _join(self, i: Index, j: Index, shift: Index) -> None:
-        """Let contacts be those of the network and, behind them, those of the pairs (i, j, shift);
-        contacts without a law end the run when they close.
+    def _set_contacts(self, i: Index, j: Index, shift: Index) -> None:
+        """Make ``contacts`` anew: those of the network and, behind them, those of the pairs of
+        balls ``i`` and ``j`` (n_p,) that may meet, ``shift`` (n_p, 3) periods apart.
 
-        The scheme must be known. The state of contacts is to be set anew: see :meth:`_begin` and
-        :meth:`_carry_over`.
+        The scheme must have been set before. Sets also the forces at rest, the laws, and the pairs
+        without a law, at whose contact the run ends. The caller sets the state of the contacts:
+        :meth:`_begin` that of the start, :meth:`_carry_over` the present one.
         """
         waves = self.waves
         law = waves.normal
@@ -913,11 +1020,12 @@ class _System:
         self._unknown: list[tuple[Index, str]] = []
         radii = self.network.radii
         ends = np.append(self.network.i, i), np.append(self.network.j, j)
-        # Hertz's radius of a contact over that of the smaller ball, over the root of the overlap
-        self._wide = _root_radius(radii, *ends) / np.minimum(*(radii[end] for end in ends))
+        # radius of a contact by Hertz, over the radius of the smaller ball, for the overlap 1 m: it
+        # grows with the root of the overlap
+        self._width_ratio = _root_radius(radii, *ends) / np.minimum(*(radii[end] for end in ends))
         if len(i):
             law, ratio, self._unknown = waves._join_laws(i, j)
-        pairs = MetPairs(i, j, shift, ratio, self._bulge if waves.rules.turns else 0.0)
+        pairs = MetPairs(i, j, shift, ratio, self._extra_overlap if waves.rules.turns else 0.0)
         self.contacts = MovingContacts(
             self.network, pairs, law, waves.punch, waves.losses, waves.rules
         )
@@ -926,33 +1034,42 @@ class _System:
         self._knows_law = self.contacts.knows_law and self._explicit and not self._unknown
 
     def _accelerate(self, forces: Array, steady: Array) -> Array:
-        """Return the accelerations (size,) by forces on balls (n, m), and ``steady`` ones."""
+        """Return the mass-weighted accelerations (size,) by ``forces`` (n, m), N, on balls, plus
+        the ``steady`` accelerations (size,).
+        """
         acceleration = np.empty(self.operator.size)
         gather(forces, self._places, self._scale, steady, acceleration)
         return acceleration
 
     def _spread(self, x: Array, strokes: Array, motions: Array) -> None:
-        """Set the motions (n, m) of all balls."""
+        """Write into ``motions`` (n, m) the motions of all balls: those of the vector ``x``
+        (size,), and those of driven bodies with their ``strokes``, m. For velocities, strokes are
+        speeds.
+        """
         spread(x, self._places, self._scale, motions)
         for (balls, along), stroke in zip(self._along, strokes, strict=True):
             motions[balls, : len(along)] = stroke * along
 
     @property
-    def _bulge(self) -> float:
-        """Overlap at rest less the one that radii and places of the network have, m: a mean."""
+    def _extra_overlap(self) -> float:
+        """Mean over contacts, m, of the overlap that a contact has at rest by its force and law,
+        less the overlap of its balls by radii and positions; zero without contacts of two balls.
+        """
         network = self.network
-        round_ones = np.flatnonzero(np.isfinite(self.network.distance))
-        i = network.i[round_ones]
-        j = network.j[round_ones]
-        apart = network.distance[round_ones] - network.radii[i] - network.radii[j]
-        return float(np.mean(self.waves.overlap[round_ones] + apart)) if len(i) else 0.0
+        of_two_balls = np.flatnonzero(np.isfinite(self.network.distance))  # not with a flat wall
+        i = network.i[of_two_balls]
+        j = network.j[of_two_balls]
+        gaps = network.distance[of_two_balls] - network.radii[i] - network.radii[j]
+        return float(np.mean(self.waves.overlap[of_two_balls] + gaps)) if len(i) else 0.0
 
     def read(self, name: str, given: ArrayLike | None) -> Array:
-        """Return vectors of balls (n, 3) or (n, d), by the ``name`` of the argument, as
-        mass-weighted motions (size,); zero if none are given.
+        """Return what the user has ``given`` for all balls, (n, 3) or (n, d), as mass-weighted
+        motions (size,); zeros for None.
 
-        InputError for another shape, and for vectors that are not finite, along which balls do not
-        move or turn, or of a ball that is held or that a drive displaces.
+        ``name`` is that of the argument of :meth:`NonlinearWaves.run`: it says whether the vectors
+        are of translations or of rotations. Raises :class:`~granphon.base.errors.InputError` for
+        another shape, and for vectors that are not finite, along which balls do not move or turn,
+        or of a ball that is held or that a drive displaces.
         """
         operator = self.operator
         network = self.network
@@ -975,16 +1092,19 @@ class _System:
                 "It is held, or is displaced by a drive, whatever acts on it",
                 "Let them be zero",
             )
-        places, scale = operator.in_balls
+        places, scale = operator.flat_indices_and_scale
         return np.asarray(
             np.pad(values, ((0, 0), (3 * turns, 3 - 3 * turns))).ravel()[places] / scale
         )
 
     def choose_step(self, stiffness: Array) -> float:
-        """Return a step, s, for contacts of a normal ``stiffness`` (n_c,), N/m; InputError for
-        contacts too stiff for double precision, and where none is pressed.
+        """Return the default time step, s, for contacts with the normal ``stiffness`` (n_c,), N/m:
+        :data:`_STEPS_PER_PERIOD` steps make the shortest period.
+
+        Raises :class:`~granphon.base.errors.InputError` for contacts too stiff for double
+        precision, and if all stiffnesses are zero.
         """
-        top = self._top(stiffness)
+        top = self._bound_rates(stiffness)
         if not top < math.inf:
             raise InputError(
                 "contacts become too stiff for double precision", mend="Compare the units"
@@ -993,17 +1113,19 @@ class _System:
             raise InputError(
                 "no contact is pressed, and no ball moves", "There is no time scale", "Give a step"
             )
-        return 2.0 * math.pi / _STEPS / top
+        return 2.0 * math.pi / _STEPS_PER_PERIOD / top
 
-    def press(
+    def find_pressed_stiffness(
         self, x: Array, energy: float, force: float = 0.0, displacement: float = 0.0
     ) -> Array:
-        """Return the stiffness (n_c,), N/m, of each contact of the network, or of a flat punch as
-        wide if that is stiffer, at the start x (size,), or where a ball of this kinetic ``energy``,
-        J, a ``force``, N, or a ``displacement``, m, would press it if that is deeper.
+        """Return the stiffness (n_c,), N/m, that each contact of the network comes to, the normal
+        one or that of a flat punch as wide as the contact if it is larger.
 
-        Under gravity it is at least that at rest. InputError for balls too fast, or too far away,
-        for double precision.
+        Each contact is taken at its overlap at the start x (size,), or, if that is deeper, at the
+        depth to which a ball of the kinetic ``energy``, J, a ``force``, N, or a ``displacement``,
+        m, would press it. Under gravity the stiffness is at least that at rest. Raises
+        :class:`~granphon.base.errors.InputError` for balls too fast, or too far away, for double
+        precision.
         """
         normal = self.waves.normal
         motions = np.zeros(self.operator.indices.shape)
@@ -1014,7 +1136,8 @@ class _System:
                 "balls are too fast, or too far away, for double precision",
                 mend="Compare the units",
             )
-        # the first of these depths that takes the energy and bears the force, by bisection
+        # the first of these depths at which the contact has taken up the energy and bears the
+        # force, found for all contacts at once by bisection between the indices low and high
         mean_radius = float(np.mean(self.network.radii[self.network.moving]))
         depths = _LEAST_DEPTH * mean_radius * _DEPTH_RATIO ** np.arange(float(_N_DEPTHS))
         low = np.zeros(len(e), np.int16)
@@ -1029,89 +1152,101 @@ class _System:
             high = np.where(is_shallow, high, middle)
         depth = np.maximum(depths[low], displacement)
         stiffness = _find_stiffest(normal, np.minimum(-depth, e))
-        if np.any(self.waves.gravity):  # what a ball of this network falls by its own size presses
+        if np.any(self.waves.gravity):  # balls that fall close contacts that are open at the start
             stiffness = np.maximum(stiffness, self.network.normal_stiffness)
         return stiffness
 
-    def _top(self, stiffness: Array) -> float:
-        """Return a bound of the rates, rad/s, of contacts of a normal ``stiffness``: of oscillation
-        w and of losses.
+    def _bound_rates(self, stiffness: Array) -> float:
+        """Return the rate, rad/s, that bounds the time step for contacts with the normal
+        ``stiffness`` (n_c,), N/m: a bound of the angular frequencies w, or twice a bound of the
+        rates of losses g if that is larger.
 
-        Dashpots slow motions down at the rate g = tau w^2, or c/m. Steps h are stable for g h < 1,
-        and for w h < 2.
+        Dashpots slow motions down at the rate g = tau w^2, or c/m. A step h is stable for w h < 2
+        and g h < 1, hence the factor two.
         """
         return max(
             self.bound.find(stiffness), 2.0 * self.bound.find_viscous(stiffness, self.waves.losses)
         )
 
     def integrate(self, x: Array, v: Array, schedule: _Schedule, scheme: str, kept: Frames) -> Any:
-        """Keep the frames of a run from x with velocities v (size,), and yield after each whether
-        steps led to it: False for the first, which is the start.
+        """Run from mass-weighted motions x with velocities v (size,), let ``kept`` take a frame at
+        each time of the ``schedule``, and yield after each frame: False after the first, which is
+        the start, and True after all others.
 
-        Raises :class:`_Stop` where the run cannot go on, and InputError as :meth:`_begin` does.
+        The ``scheme`` is "verlet" or "midpoint". Raises :class:`_Stop` when the run cannot go on,
+        and :class:`~granphon.base.errors.InputError` as :meth:`_begin` does.
         """
         explicit = scheme == "verlet"
         step = kept.step
-        each = schedule.each
+        steps_per_frame = schedule.steps_per_frame
         self._begin(x, v, step, explicit)
-        self._keep(0, kept)
+        self._keep_frame(0, kept)
         yield False
-        limit = 2.0 * math.pi / schedule.least_per_period / step
-        allowed = self._find_allowed(limit)
-        for number in range(1, each * (schedule.frames - 1) + 1):
+        greatest_rate = 2.0 * math.pi / schedule.least_per_period / step
+        allowed = self._find_allowed(greatest_rate)
+        for number in range(1, steps_per_frame * (schedule.frames - 1) + 1):
             if self.waves.geometry == "exact":
-                self._watch(self._evaluate_drives(number * step)[0])
+                next_strokes, _ = self._evaluate_drives(number * step)
+                self._update_pairs(next_strokes)
             self._advance(number * step, explicit)
-            is_frame = number % each == 0
+            is_frame = number % steps_per_frame == 0
             # most steps need no look at all contacts: none is stiff enough
             if is_frame or self.contacts.stiffest > allowed:
                 self._refresh()
-                self._require_short(limit)
+                self._require_short(greatest_rate)
             if is_frame:
-                self._keep(number, kept)
+                self._keep_frame(number, kept)
                 yield True
                 if self.waves.geometry == "lattice":
                     self._require_places()
 
-    def _find_allowed(self, limit: float) -> float:
-        """Return a stiffness, N/m, with which all contacts keep the bound of all rates below the
-        ``limit``, rad/s: to 1 % the greatest one; zero if none does.
+    def _find_allowed(self, greatest_rate: float) -> float:
+        """Return the greatest stiffness, N/m, to 1 %, that all contacts together may have without
+        a rate above ``greatest_rate``, rad/s; zero if none is allowed.
         """
         ones = np.ones(self.network.n_contacts)
-        place = bisect_right(_STIFFNESSES, limit, key=lambda k: self._top(k * ones))
-        return float(_STIFFNESSES[place - 1]) if place else 0.0
+        count = bisect_right(_STIFFNESSES, greatest_rate, key=lambda k: self._bound_rates(k * ones))
+        return float(_STIFFNESSES[count - 1]) if count else 0.0
 
-    def _require_short(self, limit: float) -> None:
-        """Raise :class:`_Stop` unless the rates of contacts, which :meth:`_refresh` has set, are
-        below the ``limit``, rad/s, and motions are finite.
+    def _require_short(self, greatest_rate: float) -> None:
+        """Raise :class:`_Stop` if the step is too long: if the present contacts, as
+        :meth:`_refresh` has set them, may have a rate above ``greatest_rate``, rad/s, or if motions
+        are not finite.
         """
-        stiffest = np.maximum(self.at.k, self.at.punch)
-        is_finite = np.all(np.isfinite(self.v)) and np.all(np.isfinite(self.at.e))
-        if not (self._top(stiffest) <= limit and is_finite):
+        stiffest = np.maximum(self.current.k, self.current.punch)
+        is_finite = np.all(np.isfinite(self.v)) and np.all(np.isfinite(self.current.e))
+        if not (self._bound_rates(stiffest) <= greatest_rate and is_finite):
             raise _Stop(_TOO_LONG)
 
     def _require_places(self) -> None:
-        """Raise :class:`_Stop` if a ball has left its place."""
-        away = float(np.max(np.abs(self.operator.to_balls(self.x)[:, :3]), initial=0.0))
-        if not away < _AWAY * 2.0 * float(np.mean(self.network.radii[self.network.moving])):
-            raise _Stop(f"a ball has left its place by {away:.3g} m, which needs geometry: exact")
+        """Raise :class:`_Stop` if a ball has left its place by :data:`_MOST_DISPLACEMENT` of the
+        mean diameter.
+        """
+        mean_diameter = 2.0 * float(np.mean(self.network.radii[self.network.moving]))
+        largest = float(np.max(np.abs(self.operator.to_balls(self.x)[:, :3]), initial=0.0))
+        if not largest < _MOST_DISPLACEMENT * mean_diameter:
+            raise _Stop(
+                f"a ball has left its place by {largest:.3g} m, which needs geometry: exact"
+            )
 
     def _begin(self, x: Array, v: Array, step: float, explicit: bool) -> None:
-        """Begin a run of a ``step``, s, at the time zero, from motions x with velocities v (size,),
-        of which copies are kept.
+        """Begin a run with the time ``step``, s, at the time zero, from mass-weighted motions x
+        with velocities v (size,), which are copied; all attributes of a run are set.
 
-        Contacts come from rest to the start as :meth:`MovingContacts.begin` says. InputError for a
-        drive whose displacement is not zero at the time zero, or that is no finite number then.
+        The scheme is Verlet's if ``explicit``. Contacts come from rest to the start as
+        :meth:`MovingContacts.begin` says. Raises :class:`~granphon.base.errors.InputError` for a
+        drive whose displacement is not zero at the time zero, or that is not finite then.
         """
         self._explicit = explicit  # first: what contacts set in a step depends on the scheme
         none = np.zeros(0, np.intp)
+        # the pairs (i, j, shift) that may meet, each with the index of its contact
         self._keys: dict[tuple[int, ...], int] = {}
-        self._join(none, none, np.zeros((0, 3), np.intp))
+        self._set_contacts(none, none, np.zeros((0, 3), np.intp))
         self.x = x.copy()
         self.v = v.copy()
         self.step = step
         self.widest = 0.0
-        self.strokes, self.lifts = self._evaluate_drives(0.0)
+        self.strokes, self.drive_forces = self._evaluate_drives(0.0)
         if np.any(self.strokes):
             raise InputError(
                 "a displacement does not begin at zero", mend="Give a function that is zero at zero"
@@ -1120,107 +1255,120 @@ class _System:
         at_rest = contacts.make_moment()
         contacts.press(at_rest, None)
         self._shear_energy_at_rest = contacts.shear_energy(at_rest)
-        self.at = contacts.make_moment()
-        self._spread(self.x, self.strokes, self.at.motions)
-        self.joined = contacts.begin(self.at)
+        self.current = contacts.make_moment()
+        self._spread(self.x, self.strokes, self.current.motions)
+        self.joined = contacts.begin(self.current)
         self._make_spare()
-        # balls that may meet are listed behind the contacts of the network, which keep the state
-        # that they have by now; what follows is of all contacts
+        # pairs that may meet are put behind the contacts of the network, which keep the state that
+        # they have by now; energies that follow are of all contacts
         if self.waves.geometry == "exact":
-            self._list()
-        self._shear_energy_at_start = self.contacts.shear_energy(self.at)
+            self._list_pairs()
+        self._shear_energy_at_start = self.contacts.shear_energy(self.current)
         self.energies = _Energies()
-        # the speeds of drives follow from their displacements in the last step: there is none yet
-        self._start(np.zeros_like(self.strokes))
+        # the speeds of drives follow from their displacements in the last step: they are zero yet
+        self._set_accelerations(np.zeros_like(self.strokes))
 
     def _make_spare(self) -> None:
-        """Make arrays for a step."""
-        self._spare = self.contacts.make_spare(self.at, has_pull=not self._explicit)
+        """Allocate the arrays into which a step is computed before it is made."""
+        self._spare = self.contacts.make_spare(self.current, has_pull=not self._explicit)
         self._spare_x = np.empty_like(self.x)
         self._spare_v = np.empty_like(self.x)
-        self._speeds = np.zeros_like(self.at.motions)
+        self._speeds = np.zeros_like(self.current.motions)
 
-    def _start(self, speeds: Array) -> None:
-        """Set what a step begins with, at these speeds of the drives."""
+    def _set_accelerations(self, speeds: Array) -> None:
+        """Set the accelerations, and the forces that resist drives, with which a step begins, from
+        the present state and the ``speeds`` of drives, m/s.
+        """
         self._spread(self.v, speeds, self._speeds)
-        self.contacts.act(self.at, self._speeds)
-        self.acceleration = self._accelerate(self.contacts.on_balls, self._steady_push(self.lifts))
+        self.contacts.act(self.current, self._speeds)
+        self.acceleration = self._accelerate(
+            self.contacts.on_balls, self._steady_push(self.drive_forces)
+        )
         if self._has_drag:
             self.acceleration -= self._drag * self.v
-        self.resist = self._find_resistance()
+        self.resist = self._find_drive_resistance()
         self.last = self.acceleration
 
-    def _steady_push(self, lifts: Array) -> Array:
-        """Return the accelerations (size,) by loads, weights and the forces ``lifts`` of drives."""
-        return self._steady + lifts @ self._push if len(lifts) else self._steady
+    def _steady_push(self, drive_forces: Array) -> Array:
+        """Return the mass-weighted accelerations (size,) by the load, weights and the
+        ``drive_forces`` (drives,), N.
+        """
+        return self._steady + drive_forces @ self._push if len(drive_forces) else self._steady
 
-    def _find_resistance(self) -> Array:
-        """Return the forces with which contacts and loads resist displacements of drives."""
+    def _find_drive_resistance(self) -> Array:
+        """Return for each drive that is a displacement the force, N, along its direction, with
+        which contacts and the load resist it.
+        """
         forces = self.contacts.still - self.contacts.on_balls if self._along else _NOTHING
         resistances = [np.sum(forces[balls, : len(along)] @ along) for balls, along in self._along]
         return np.array(resistances)
 
     def _refresh(self) -> None:
-        """Set elongations, normal forces and stiffnesses, which steps do not set whose loops know
-        the law.
+        """Set the elongations, normal forces and stiffnesses of the present contacts, if compiled
+        loops know the law: such steps do not set them.
         """
         if self._knows_law:
-            self.contacts.measure(self.at)
-            self.contacts.press(self.at, self.joined)
+            self.contacts.measure(self.current)
+            self.contacts.press(self.current, self.joined)
 
     def _advance(self, end: float, explicit: bool) -> None:
-        """Make a step that ends at the time ``end``, s, in parts where contacts join or part within
-        it; :class:`_Stop` where one does so too often, and as :meth:`_try_step` raises it.
+        """Make a step that ends at the time ``end``, s, by Verlet's scheme if ``explicit``. The
+        step is made in parts if contacts join or part within it.
+
+        Raises :class:`_Stop` if a contact joins or parts too many times, and as :meth:`_try_step`
+        does.
         """
         remaining = self.step
         has_jumps = len(self.contacts.law.jumps) > 0
-        often: Index = np.zeros(len(self.at.e) if has_jumps else 0, np.intp)
+        n_switches: Index = np.zeros(len(self.current.e) if has_jumps else 0, np.intp)
         while remaining > 0.0:
             trial = self._try_step(remaining, end, explicit)
             if has_jumps and self._find_overshoot(trial.after) > 0.0:
-                trial = self._cut(trial, end, explicit)
+                trial = self._cut_to_switch(trial, end, explicit)
             speeds = (trial.strokes - self.strokes) / trial.step
-            last_moment = self.at
-            if len(trial.lifts):
-                mean_lifts = 0.5 * (self.lifts + trial.lifts)
+            last_moment = self.current
+            if len(trial.drive_forces):
+                mean_drive_forces = 0.5 * (self.drive_forces + trial.drive_forces)
                 moved = trial.step * (self._push @ trial.drift)
-                self.energies.work += float(mean_lifts @ moved)
+                self.energies.work += float(mean_drive_forces @ moved)
             if explicit:
-                self._leap(trial, speeds)
+                self._finish_verlet(trial, speeds)
             else:
-                self._settle(trial)
-            self._spare = last_moment
+                self._finish_midpoint(trial)
+            self._spare = last_moment  # its arrays are free for the next step
             self.strokes = trial.strokes
-            self.lifts = trial.lifts
+            self.drive_forces = trial.drive_forces
             remaining -= trial.step
-            if has_jumps and self._find_overshoot(self.at) > 0.0:
-                self.joined, switched, loss = self.contacts.switch(self.at, self.joined)
+            if has_jumps and self._find_overshoot(self.current) > 0.0:
+                self.joined, switched, loss = self.contacts.switch(self.current, self.joined)
                 self.energies.jumps += loss
-                self._start(speeds)
-                often[switched] += 1
-                if np.max(often) > _RATTLES:
+                self._set_accelerations(speeds)
+                n_switches[switched] += 1
+                if np.max(n_switches) > _MOST_SWITCHES:
                     raise _Stop(_RATTLED)
 
     def _find_overshoot(self, moment: Moment) -> float:
-        """Return how far the first of the contacts has passed where it joins or parts, m; below
-        zero before it.
+        """Return the greatest distance, m, by which a contact of the ``moment`` has passed the
+        elongation at which it joins or parts; below zero if none has.
         """
         return float(np.max(self.contacts.pass_ends(moment.e, self.joined)))
 
-    def _cut(self, trial: _Trial, end: float, explicit: bool) -> _Trial:
-        """Return the part of a step in which the first contacts come to where they join or part.
+    def _cut_to_switch(self, trial: _Trial, end: float, explicit: bool) -> _Trial:
+        """Return a trial of the first part of the step of a ``trial`` that ends at the time
+        ``end``, s: just after the first contact has joined or parted.
 
-        It is found by the rule of false position (the Illinois method), to a small share of the
-        step. The ``trial`` of the whole step may not be used after that.
+        The end of this part is found by the rule of false position (the Illinois method), to the
+        share :data:`_SWITCH_SHARE` of the step. The given trial may not be used any more, as its
+        arrays are overwritten.
         """
         whole = trial.step
         start = end - trial.step
         low = 0.0
         high = whole
-        side = 0
-        low_overshoot = self._find_overshoot(self.at)
+        side = 0  # 1 or -1 if the last middle became the high or the low end
+        low_overshoot = self._find_overshoot(self.current)
         high_overshoot = self._find_overshoot(trial.after)
-        near = _TOGETHER * self.step
+        near = _SWITCH_SHARE * self.step
         while high - low > near:
             middle = low - low_overshoot * (high - low) / (high_overshoot - low_overshoot)
             middle = min(max(middle, low + 0.5 * near), high - 0.5 * near)
@@ -1229,6 +1377,7 @@ class _System:
             if passed > 0.0:
                 high = middle
                 high_overshoot = passed
+                # the same end twice: the method halves the value at the other end
                 low_overshoot *= 0.5 if side == 1 else 1.0
                 side = 1
             else:
@@ -1236,30 +1385,32 @@ class _System:
                 low_overshoot = passed
                 high_overshoot *= 0.5 if side == -1 else 1.0
                 side = -1
-        # tried again, as the arrays are those of the last trial
-        return (
-            self._try_step(whole, end, explicit)
-            if whole - high < near
-            else self._try_step(high, start + high, explicit)
-        )
+        # tried again, as the arrays are those of the last trial; a rest too short to be a step of
+        # its own is added
+        if whole - high < near:
+            return self._try_step(whole, end, explicit)
+        return self._try_step(high, start + high, explicit)
 
     def _try_step(self, step: float, end: float, explicit: bool) -> _Trial:
-        """Return the trial of a ``step``, s, that ends at the time ``end``, s: by Verlet's scheme
-        if ``explicit``, else by the implicit one.
+        """Return the trial of a ``step``, s, that ends at the time ``end``, s, and begins at the
+        present state, which stays as it is: by Verlet's scheme if ``explicit``, else by the
+        implicit one.
 
         The next trial overwrites its arrays. Raises :class:`_Stop` if the implicit step has no
         solution, or a drive is no finite number at ``end``.
         """
-        strokes, lifts = self._evaluate_drives(end)
+        strokes, drive_forces = self._evaluate_drives(end)
         if not explicit:
-            return self._solve(step, strokes, lifts)
+            return self._solve_midpoint(step, strokes, drive_forces)
         moment = self._drift(step, strokes, self.acceleration)
-        return _Trial(step, strokes, lifts, self._spare_x, self._spare_v, moment)
+        return _Trial(step, strokes, drive_forces, self._spare_x, self._spare_v, moment)
 
     def _drift(self, step: float, strokes: Array, acceleration: Array) -> Moment:
-        """Move balls through a ``step``, s, with a constant ``acceleration`` (size,), and bodies
-        to ``strokes``, in spare arrays. Return the contacts there: the motions of balls, and
-        elongations unless the loops know the law.
+        """Compute in spare arrays where balls come to in a ``step``, s, with a constant
+        ``acceleration`` (size,), and their mean velocity; driven bodies come to ``strokes``, m.
+
+        Returns the contacts there, with the motions of balls; their elongations are set unless
+        compiled loops know the law.
         """
         moment = self._spare
         drift(self.x, self.v, acceleration, step, self._spare_x, self._spare_v)
@@ -1268,48 +1419,52 @@ class _System:
             self.contacts.measure(moment)
         return moment
 
-    def _leap(self, trial: _Trial, speeds: Array) -> None:
-        """Make the step of Verlet's that has been tried last, with drives at these ``speeds``."""
+    def _finish_verlet(self, trial: _Trial, speeds: Array) -> None:
+        """Make the step of Verlet's scheme that was tried last, with drives at these ``speeds``,
+        m/s: set the state and the accelerations at its end, and add to the energies.
+        """
         contacts = self.contacts
-        start = self.at
+        start = self.current
         end = trial.after
         half = 0.5 * trial.step
         self.x, self._spare_x = trial.x, self.x
         self.v, self._spare_v = trial.drift, self.v
         if contacts.is_damped:
-            # the speed at the end of the step, but for what dashpots change within it
+            # the velocity at the end of the step, without what dashpots change by their change
             end_speed = self.v + half * self.acceleration
             self._spread(end_speed, speeds, self._speeds)
         if not self._knows_law:
             contacts.press(end, self.joined)
         spent, damped = contacts.follow(start, end, self._knows_law, self._speeds)
-        self.at = end
+        self.current = end
         self.energies.friction += spent
         self.energies.damping += damped
-        steady = self._steady_push(trial.lifts)
+        steady = self._steady_push(trial.drive_forces)
         gather(contacts.on_balls, self._places, self._scale, steady, self.acceleration)
         if self._has_drag:
             self.energies.damping += trial.step * float(self._drag @ self.v**2)
             self._slow_down(self.acceleration, self.v, half)
-        resist = self._find_resistance()
+        resist = self._find_drive_resistance()
         mean_resistance = 0.5 * (self.resist + resist)
         self.energies.work += float(mean_resistance @ (trial.strokes - self.strokes))
         self.resist = resist
         kick(self.v, self.acceleration, half)
 
-    def _solve(self, step: float, strokes: Array, lifts: Array) -> _Trial:
-        """Return where an implicit ``step``, s, whose energies add up, comes to, in spare arrays,
-        with drives at the ``strokes`` and forces ``lifts`` at its end; :class:`_Stop` if
-        the iteration does not converge.
+    def _solve_midpoint(self, step: float, strokes: Array, drive_forces: Array) -> _Trial:
+        """Return the trial of an implicit ``step``, s, whose energies add up, with ``strokes``, m,
+        and ``drive_forces``, N, of drives at its end.
+
+        The mean acceleration is found by iteration; the first guess goes on from the last two
+        steps. Raises :class:`_Stop` if the iteration does not converge.
         """
         contacts = self.contacts
-        steady = self._steady_push(0.5 * (self.lifts + lifts))
+        steady = self._steady_push(0.5 * (self.drive_forces + drive_forces))
         guess = 2.0 * self.acceleration - self.last
         change = math.inf
-        for _ in range(_ITERATIONS):
+        for _ in range(_MOST_ITERATIONS):
             moment = self._drift(step, strokes, guess)
             contacts.press(moment, self.joined)
-            spent, damped = contacts.follow_mean(self.at, moment, self.joined, step)
+            spent, damped = contacts.follow_mean(self.current, moment, self.joined, step)
             acceleration = self._accelerate(contacts.on_balls, steady)
             if self._has_drag:
                 damped += step * float(self._drag @ self._spare_v**2)
@@ -1317,14 +1472,14 @@ class _System:
             last = change
             change = float(np.max(np.abs(acceleration - guess)))
             size = max(float(np.max(np.abs(acceleration))), float(np.max(np.abs(self.v))) / step)
-            only_rounds = last <= change <= _ROUNDED * size  # it no longer gets nearer
-            if change <= _SOLVED * size or only_rounds:
-                resist = self._find_resistance()
+            is_rounding = last <= change <= _ROUNDED * size  # small, and no longer falls
+            if change <= _SOLVED * size or is_rounding:
+                resist = self._find_drive_resistance()
                 x = self._spare_x
                 return _Trial(
                     step=step,
                     strokes=strokes,
-                    lifts=lifts,
+                    drive_forces=drive_forces,
                     x=x,
                     drift=self._spare_v,
                     after=moment,
@@ -1337,29 +1492,32 @@ class _System:
         raise _Stop(_UNSOLVED)
 
     def _slow_down(self, acceleration: Array, v: Array, span: float) -> None:
-        """Add drag to an ``acceleration`` (size,): that of the velocity to which balls with the
-        velocity ``v`` (size,) come in a ``span``, s.
+        """Add drag to an ``acceleration`` (size,), in place: the drag of the velocity that balls
+        with the velocity ``v`` (size,) have after a ``span``, s, which itself slows them down.
         """
         acceleration -= self._drag * (v + span * acceleration) / (1.0 + span * self._drag)
 
-    def _settle(self, trial: _Trial) -> None:
-        """Make the implicit step that has been solved last."""
+    def _finish_midpoint(self, trial: _Trial) -> None:
+        """Make the implicit step that was tried last: set the state at its end, and add to the
+        energies.
+        """
         self.last = self.acceleration
         self.acceleration = trial.acceleration
-        self.at = trial.after
+        self.current = trial.after
         self.x, self._spare_x = trial.x, self.x
         kick(self.v, trial.acceleration, trial.step)
         self.energies.friction += trial.spent
         self.energies.damping += trial.damped
         self.energies.work += float(trial.resist @ (trial.strokes - self.strokes))
 
-    def _keep(self, number: int, kept: Frames) -> None:
-        """Keep the frame after this ``number`` of steps, and how wide the widest contact has become
-        in all frames.
+    def _keep_frame(self, number: int, kept: Frames) -> None:
+        """Let ``kept`` take the frame of the present state, after this ``number`` of steps; raise
+        ``widest``, the greatest ratio in all frames of the radius of a contact to that of its
+        smaller ball.
 
-        Elongations and normal forces must be those of the moment, see :meth:`_refresh`.
+        Elongations and normal forces must be the present ones, see :meth:`_refresh`.
         """
-        moment = self.at
+        moment = self.current
         contacts = self.contacts
         joined = self.joined
         normal = contacts.law
@@ -1373,14 +1531,14 @@ class _System:
             - self._shear_energy_at_rest
             - float(self._weight @ self.x)
         )
-        # of what slip takes up, contacts still store a part
+        # contacts still store a part of the energy that slip has taken up
         friction_loss = self.energies.friction - (shear_energy - self._shear_energy_at_start)
-        wide = self._wide * np.sqrt(np.maximum(normal.overlap - moment.e, 0.0))
+        wide = self._width_ratio * np.sqrt(np.maximum(normal.overlap - moment.e, 0.0))
         self.widest = max(self.widest, float(np.max(wide, initial=0.0)))
         time = number * step
         displacements, rotations = np.split(self._displace(), 2, axis=1)
         speeds, spins = np.split(operator.to_balls(self.v), 2, axis=1)
-        if self._strokes:
+        if self._stroke_functions:
             drive_speeds = self._find_drive_speeds(number)
             for (balls, along), speed in zip(self.moved, drive_speeds, strict=True):
                 speeds[balls] = speed * along
@@ -1403,11 +1561,11 @@ class _System:
         )
 
     def _find_drive_speeds(self, number: int) -> Array:
-        """Return the speeds, m/s, of driven bodies after this ``number`` of steps: central
-        differences over two steps.
+        """Return the speed, m/s, of each displacement of a drive after this ``number`` of steps:
+        central differences over two steps.
 
-        Differences are one-sided at the start, and where a drive is no finite number one step
-        later: it may end with the run.
+        Differences are one-sided at the start, and also if a drive is no finite number one step
+        later, as it may end with the run.
         """
         time = number * self.step
         start, _ = self._evaluate_drives(max(time - self.step, 0.0))
@@ -1420,92 +1578,102 @@ class _System:
         return (end - start) / (n_steps * self.step)
 
     def _evaluate_drives(self, time: float) -> tuple[Array, Array]:
-        """Return the strokes, m, of moved bodies and the forces, N, on pushed balls at a time, s.
+        """Return the displacements, m, and the forces, N, of all drives at a ``time``, s.
 
-        Where one is not finite the run stops, or at the time zero there is an InputError.
+        If one is not finite, :class:`_Stop` is raised, or at the time zero
+        :class:`~granphon.base.errors.InputError`.
         """
         if not self.drives:
             return _NOTHING, _NOTHING
-        strokes = np.array([real_number(displacement(time)) for displacement in self._strokes])
-        lifts = np.array([real_number(force(time)) for force in self._lifts])
-        if not (np.all(np.isfinite(strokes)) and np.all(np.isfinite(lifts))):
+        strokes = np.array(
+            [real_number(displacement(time)) for displacement in self._stroke_functions]
+        )
+        drive_forces = np.array([real_number(force(time)) for force in self._force_functions])
+        if not (np.all(np.isfinite(strokes)) and np.all(np.isfinite(drive_forces))):
             fault = f"a drive is not a finite number at {time:.4g} s"
             if time:
                 raise _Stop(fault)
             raise InputError(fault, mend="Give a function of the time that returns one")
-        return strokes, lifts
+        return strokes, drive_forces
 
     def _displace(self) -> Array:
-        """Return displacements, m, and rotations, rad, (n, 6) of all balls and bodies."""
+        """Return the present displacements, m, and rotations, rad, (n, 6) of all balls and
+        bodies.
+        """
         motions = self.operator.to_balls(self.x)
         for (balls, along), stroke in zip(self.moved, self.strokes, strict=True):
             motions[balls, :3] = stroke * along
         return motions
 
-    def _watch(self, strokes: Array) -> None:
-        """List anew the balls that may meet, if one may move in a step to ``strokes`` by more than
-        half of the margin.
+    def _update_pairs(self, strokes: Array) -> None:
+        """List anew the pairs that may meet, if a ball may have moved by nearly half of the margin
+        since they were listed, at the end of a step to ``strokes``, m.
 
-        Ends the run where balls without a law have met.
+        Raises :class:`_Stop` if balls without a law have met.
         """
         from scipy.linalg.blas import idamax
 
         for contacts, reason in self._unknown:
-            if np.any(self.at.e[contacts] < 0.0):
+            if np.any(self.current.e[contacts] < 0.0):
                 raise _Stop(reason)
-        # no ball is faster
+        # a bound of all speeds: the largest of three components over the root of the least mass
         speed = math.sqrt(3.0) * abs(float(self.v[idamax(self.v)])) / self._lightest
         self._travelled += self.step * speed + (
             float(np.max(np.abs(strokes - self.strokes))) if len(strokes) else 0.0
         )
         if self._travelled > 0.5 * self._skin:
-            gone = self.network.positions + self._displace()[:, :3] - self._listed
+            gone = self.network.positions + self._displace()[:, :3] - self._listed_positions
             self._travelled = math.sqrt(np.max(np.sum(gone * gone, axis=1)))
             if self._travelled > 0.45 * self._skin:
-                self._list()
+                self._list_pairs()
 
-    def _list(self) -> None:
-        """List the balls that may meet; contacts that are listed again keep their state."""
+    def _list_pairs(self) -> None:
+        """List the pairs that may meet at the present positions, and make their contacts if the
+        list has changed; contacts that are listed again keep their state.
+        """
         self._travelled = 0.0
-        self._listed = self.network.positions + self._displace()[:, :3]
-        table = self._find_pairs(self._listed)
+        self._listed_positions = self.network.positions + self._displace()[:, :3]
+        table = self._find_pairs(self._listed_positions)
         n = self.network.n_contacts
         keys = [tuple(key) for key in table.tolist()]
         if set(keys) == set(self._keys):
             return
+        # of each pair, the index that its contact had until now, or -1
         numbers = np.array([self._keys.get(key, -1) for key in keys], np.intp)
         self._keys = {key: n + place for place, key in enumerate(keys)}
         dash = self.contacts.dash
-        self._join(table[:, 0], table[:, 1], table[:, 2:])
+        self._set_contacts(table[:, 0], table[:, 1], table[:, 2:])
         self._carry_over(np.flatnonzero(numbers >= 0), numbers[numbers >= 0], dash)
 
-    def _find_pairs(self, places: Array) -> Index:
-        """Return the pairs (i, j, shift) (n_p, 5) of balls at ``places`` (n, 3), m, or of a ball i
-        and a flat wall j, that may meet, each once. Contacts of the network, and pairs of two
-        bodies that are held, are not among them.
+    def _find_pairs(self, positions: Array) -> Index:
+        """Return the pairs (n_p, 5) that may meet, each once as (i, j, shift): two balls, or a ball
+        i and a flat wall j, with a gap up to the margin when they are at ``positions`` (n, 3), m.
+
+        Contacts of the network, and pairs of two bodies that are held, are not among them.
         """
         network = self.network
         radii = network.radii
         round_ones = np.flatnonzero(np.isfinite(radii))
         periods = network.cell[list(network.pbc)]
-        margin = self._skin + max(self._bulge, 0.0)
+        margin = self._skin + max(self._extra_overlap, 0.0)
         i, j, cells, apart = find_pairs(
-            places[round_ones], periods, 2.0 * float(np.max(radii[round_ones])) + margin
+            positions[round_ones], periods, 2.0 * float(np.max(radii[round_ones])) + margin
         )
         near = np.linalg.norm(apart, axis=1) < radii[round_ones[i]] + radii[round_ones[j]] + margin
         i = round_ones[i[near]]
         j = round_ones[j[near]]
         shift = np.zeros((np.count_nonzero(near), 3), np.intp)
         shift[:, list(network.pbc)] = cells[near]
-        for wall, (place, toward) in network.walls.items():
-            moved = places[wall] - network.positions[wall]
-            gap = (place + moved - places[round_ones]) @ toward - radii[round_ones]
+        for wall, (point, toward) in network.walls.items():
+            moved = positions[wall] - network.positions[wall]
+            gap = (point + moved - positions[round_ones]) @ toward - radii[round_ones]
             balls = round_ones[gap < self._skin]
             i = np.append(i, balls)
             j = np.append(j, np.full(len(balls), wall))
             shift = np.concatenate([shift, np.zeros((len(balls), 3), np.intp)])
-        # contacts begin with the ball that pairs begin with, and those with a flat wall, which is
-        # at any place, with the other
+        # the contacts of the network are written as pairs are, so that the same ones can be left
+        # out: reversed if pairs begin with the other ball, and without a shift to a flat wall,
+        # which has none
         flat = np.isinf(network.distance)
         contacts = np.column_stack(
             [network.i, network.j, np.where(flat[:, None], 0, network.shift)]
@@ -1518,29 +1686,31 @@ class _System:
         return np.asarray(table[first >= network.n_contacts])
 
     def _carry_over(self, listed: Index, numbers: Index, dash: Array) -> None:
-        """Let contacts that have been listed anew keep their state: those of the network, and the
-        pairs ``listed``, numbered from zero, whose contacts had the ``numbers`` until now.
+        """Give new contacts, which :meth:`_set_contacts` has just made, the state that they had
+        among the old ones: those of the network, and the pairs ``listed`` (k,), numbered from zero,
+        whose old contacts had the indices ``numbers`` (k,).
 
-        ``dash`` are the forces of dashpots until now: :meth:`_join` has made new contacts since.
+        ``dash`` (rows, old n_c) are the forces of the old dashpots. Pairs that are new have no
+        forces. Spare arrays are made anew.
         """
         contacts = self.contacts
         n = self.network.n_contacts
-        old = self.at
+        old = self.current
         old_joined = self.joined
-        self.at = contacts.make_moment()
-        self.at.motions[:] = old.motions
-        contacts.measure(self.at)
-        joined = contacts.law.begin(self.at.e)
+        self.current = contacts.make_moment()
+        self.current.motions[:] = old.motions
+        contacts.measure(self.current)
+        joined = contacts.law.begin(self.current.e)
         if joined is not None and old_joined is not None:
             joined[:n] = old_joined[:n]
             joined[n + listed] = old_joined[numbers]
         self.joined = joined
-        pairs = [(self.at.pull, old.pull)]
+        pairs = [(self.current.pull, old.pull)]
         if contacts.is_damped:
             pairs.append((contacts.dash, dash))
         for rows, old_rows in pairs:
             rows[:] = 0.0
             rows[:, :n] = old_rows[:, :n]
             rows[:, n + listed] = old_rows[:, numbers]
-        contacts.press(self.at, joined)
+        contacts.press(self.current, joined)
         self._make_spare()

@@ -3,22 +3,25 @@
 With the rows C of all contacts (:mod:`granphon.dynamics.deformation_rows`), the stiffnesses K and
 the masses M,
 
-    A = K^1/2 C M^-1/2,    D = A^T A - B^T (f/r) B,
+    A = K^1/2 C M^-1/2,    D = A^T A - B^T (f/r) B.
 
-where the second term, B being displacements across contacts, is the prestress, if the network has
-it; f is below zero where contacts pull. A spring to the ground is one more row of C, of one motion
-of a ball. The eigenvalues of D are squared angular frequencies,
-(rad/s)^2, and singular values of A are angular frequencies. A vector holds, for each ball that
-moves, its mass-weighted motions: M^1/2 u and M^1/2 w, w = (I/M)^1/2 phi.
+The second term is the prestress, in networks that have it: f is the static normal force of a
+contact, N, below zero where the contact pulls, r the distance of its balls, and the rows of B make
+displacements across contacts of mass-weighted motions. A spring to the ground is one more row of C,
+of one motion of a ball. The eigenvalues of D are squared angular frequencies, (rad/s)^2, and
+singular values of A are angular frequencies. A vector (size,) holds, for each ball that moves, its
+mass-weighted motions: M^1/2 u and M^1/2 w of its displacement u and its rotation phi, with
+w = (I/M)^1/2 phi.
 
-Static tangential forces T add G (:func:`granphon.dynamics.deformation_rows.carry_rows`), which has
-no potential, as the law of discrete elements has none; so does slip by levers that exceed the arms
-(:func:`granphon.dynamics.deformation_rows.excess_pairs`). D has the symmetric part of G. The
-antisymmetric part, which D lacks, changes an eigenvalue by a term of second order in T/(k r), and
-in the overlap over r. The
-change shows where an eigenvalue is zero: a ball with two contacts in space turns freely about the
-line through the contacts, along which its forces are, and the eigenvalue of D is a little less than
-zero. So :attr:`WaveOperator.whole` tells whether the network is stable.
+Static tangential forces T add a matrix G (:func:`granphon.dynamics.deformation_rows.carry_rows`),
+and so does slip by levers that exceed the arms of contacts
+(:func:`granphon.dynamics.deformation_rows.excess_pairs`). G is not symmetric, as such forces, which
+follow the laws of discrete elements, have no potential. D has the symmetric part of G. The
+antisymmetric part, which D lacks, changes an eigenvalue by a term of second order in T/(k r) and in
+the overlap over r. This matters where an eigenvalue is zero: a ball with two contacts in space
+turns freely about the line through the contacts, as its forces are along this line, but the
+eigenvalue of D is a little less than zero. So :attr:`WaveOperator.whole`, D with the antisymmetric
+part, tells whether the network is stable.
 
 D of a large array of equal masses is applied without a matrix (:class:`ArrayOperator`, with
 :mod:`granphon.array.contact_operator`). For several vectors at once the sparse matrix is faster, as
@@ -60,7 +63,7 @@ if TYPE_CHECKING:
 
 #: margin of the bound of all frequencies: the kernel of a spectrum has no width at the bound itself
 _MARGIN = 1.01
-#: number of balls below which a sparse matrix is faster
+#: number of balls below which a sparse matrix is faster than stencils
 _LEAST_BALLS = 2500
 
 
@@ -76,11 +79,11 @@ def explain_instability(network: ContactNetwork) -> InstabilityError:
 
 
 class Parts(NamedTuple):
-    """D = C^T K C as three functions.
+    """D = R^T W R as three functions, with a matrix R (rows, size) and a diagonal W.
 
-    ``deform`` returns the deformations (rows,) of a vector (size,), ``pull`` the forces (size,) on
-    balls of the tensions (rows,) of these deformations. ``weigh`` returns the diagonal of K,
-    (rows,), with signs, or the weighted diagonal of :meth:`WaveOperator.of_rows`.
+    ``deform`` returns the deformations R x (rows,) of a vector x (size,), and ``pull`` the forces
+    R^T t (size,) of tensions t (rows,). ``weigh`` returns the diagonal of W (rows,), or with
+    weights of deformations that of the weighted W, as :meth:`WaveOperator.row_weights` says.
     """
 
     deform: Callable[[NDArray[Any]], NDArray[Any]]
@@ -91,19 +94,21 @@ class Parts(NamedTuple):
 class WaveOperator(LinearOperator):
     """D of a network, as sparse matrices, (rad/s)^2.
 
+    Raises :class:`~granphon.base.errors.InputError` if no ball moves, or there is no contact.
+
     Attributes
     ----------
     network : the network.
-    motions : of each ball.
+    motions : the motions that each ball has.
     balls : (n_free,) indices of the balls that move.
     progress : is told how far long work with D has come.
     """
 
-    #: time of a product with a vector and of the sums for it in a Krylov space, s for each motion,
-    #: by the dimension
+    #: time of a product with a vector, with the sums for the vector in a Krylov space, s for each
+    #: motion, by the dimension of the network
     product_time: ClassVar = {1: 1.2e-8, 2: 3e-8, 3: 1e-7}
-    #: number of vectors that share a product where there are many: each then takes a third of the
-    #: time, as the matrix is read once
+    #: number of vectors that share a product if there are many vectors: each then takes a third of
+    #: the time, as the matrix is read once
     vectors_at_once: ClassVar = 10
 
     def __init__(self, network: ContactNetwork, progress: Progress = silent) -> None:
@@ -149,9 +154,10 @@ class WaveOperator(LinearOperator):
         return np.asarray(self.vector(np.broadcast_to(self.motions.is_rotation, shape)))
 
     @cached_property
-    def in_balls(self) -> tuple[NDArray[np.uintp], Array]:
-        """(size,) the index of each motion in the flattened array (n, 6) of all balls, three
-        displacements and three rotations, and (size,) the motion over the mass-weighted one.
+    def flat_indices_and_scale(self) -> tuple[NDArray[np.uintp], Array]:
+        """For each motion in a vector, its index (size,) in the flattened array (n, 6) of three
+        displacements and three rotations of all balls, and the scale (size,), kg^-1/2 or
+        kg^-1/2/m, that turns the mass-weighted motion into a displacement or a rotation.
         """
         network = self.network
         rotation_columns = [3 + axis for axis in self.motions.rotations]
@@ -164,17 +170,18 @@ class WaveOperator(LinearOperator):
         return indices, self.vector(scale)
 
     def to_balls(self, vector: Array) -> Array:
-        """Return mass-weighted motions (size,) as displacements, m, and rotations, rad, (n, 6) of
-        all balls.
+        """Return the displacements, m, and rotations, rad, (n, 6) of all balls, of mass-weighted
+        motions ``vector`` (size,); zero for motions that the vector does not have.
         """
         motions = np.zeros((self.network.n_balls, 6))
-        indices, scale = self.in_balls
+        indices, scale = self.flat_indices_and_scale
         motions.reshape(-1)[indices] = scale * vector
         return motions
 
     def push(self, balls: Index, along: Array, weights: Array) -> Array:
-        """Return the vector (size,) in which each of the ``balls`` (k,) has the translation
-        ``along`` (3,) times its weight, of ``weights`` (k,).
+        """Return the vector (size,) in which each of the ``balls`` (k,), indices of balls that
+        move, is pushed in the direction ``along`` (3,) with its weight of ``weights`` (k,); all
+        other numbers are zero.
         """
         vector = np.zeros(self.size)
         axes = list(self.motions.translations)
@@ -184,49 +191,51 @@ class WaveOperator(LinearOperator):
     # -- matrices ----------------------------------------------------------------------------------
 
     def _make_matrix(
-        self, rows: list[Row], root: Sequence[Any], phase: Any = 1.0
+        self, rows: list[Row], factors: Sequence[Any], phase: Any = 1.0
     ) -> csr_array[Any]:
-        """Return a matrix (kinds x n_c, size): for each of the ``rows``, a kind of deformation, the
-        coefficients of n_c contacts, times the factors (n_c,) of that kind in ``root``, over the
-        root of the masses.
+        """Return the matrix (kinds x n_c, size) that maps a vector to deformations of contacts,
+        kind by kind.
 
-        Balls j of contacts move with the ``phase`` (n_c,).
+        Each of the ``rows`` is a kind of deformation of all n_c contacts, which counts times its
+        factors in ``factors``, numbers or (n_c,). Balls j of contacts move with the ``phase``, 1 or
+        (n_c,).
         """
         from scipy.sparse import csr_array  # imported here: most simulations do not need it
 
         network = self.network
         m = self.motions.count
+        # masses make motions of mass-weighted ones; balls that are held have none
         scale = np.where(network.moving, 1.0 / np.sqrt(network.masses), 0.0)
         scale_i = scale[network.i]
         scale_j = scale[network.j]
         # the motions of balls i, then those of balls j, of each contact
         columns = np.hstack([self.indices[network.i], self.indices[network.j]]).astype(np.int32)
         columns[columns < 0] = 0  # of balls that are held: their entries are zero
-        entries = np.empty((len(rows), *columns.shape), np.result_type(phase, *root))
-        for kind_entries, row, factors in zip(entries, rows, root, strict=True):
-            tail_factors = (-factors * scale_i)[:, None]
-            head_factors = (phase * factors * scale_j)[:, None]
+        entries = np.empty((len(rows), *columns.shape), np.result_type(phase, *factors))
+        for kind_entries, row, row_factors in zip(entries, rows, factors, strict=True):
+            tail_factors = (-row_factors * scale_i)[:, None]
+            head_factors = (phase * row_factors * scale_j)[:, None]
             np.multiply(tail_factors, row.tail, out=kind_entries[:, :m])
             np.multiply(head_factors, row.head, out=kind_entries[:, m:])
         n_rows = len(rows) * network.n_contacts
         all_columns = np.tile(columns, (len(rows), 1)).ravel()
         starts = np.arange(n_rows + 1, dtype=np.int32) * np.int32(2 * m)
         matrix = csr_array((entries.ravel(), all_columns, starts), (n_rows, self.size))
-        matrix.sum_duplicates()
+        matrix.sum_duplicates()  # a ball may touch its own image beyond a period
         matrix.eliminate_zeros()
         return matrix
 
     @cached_property
     def rows(self) -> list[Row]:
-        """Deformations of the contacts, as coefficients of u and w of their balls; see
-        :func:`~granphon.dynamics.deformation_rows.network_rows`.
+        """The kinds of deformation of contacts by springs, each as coefficients of u and w of the
+        balls of all contacts; see :func:`~granphon.dynamics.deformation_rows.network_rows`.
         """
         return network_rows(self.network)
 
     @cached_property
     def law_rows(self) -> list[Row]:
-        """The elongation of contacts, and the other :attr:`rows`; the elongation is of zeros where
-        no motion stretches contacts, as where balls move out of the plane.
+        """The :attr:`rows`, the first of which is always the elongation: where no motion stretches
+        contacts, as where balls move out of the plane, its coefficients are zero.
         """
         rows = self.rows
         if rows[0].kind == "elongation":
@@ -236,18 +245,26 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def full_root(self) -> csr_array[Any]:
-        """A = K^1/2 C M^-1/2 of contacts, below it (|f|/r)^1/2 B of static forces where these act,
-        and last the rows of springs to the ground, (rows, size), rad/s.
+        """The matrix R (rows, size), rad/s, of D = R^T W R, in which the diagonal W, of
+        :meth:`row_weights`, has signs alone.
+
+        From the top to the bottom R has the rows A = K^1/2 C M^-1/2 of contacts, the rows
+        (|f|/r)^1/2 B of static normal forces if the network has prestress, and one row for each
+        spring to the ground.
         """
         return self._make_full_root()
 
     def _make_full_root(self, phase: Any = 1.0) -> csr_array[Any]:
-        """Return :attr:`full_root` where balls j of contacts move with a ``phase`` (n_c,)."""
-        of_contacts = self._make_matrix(*self._weighed_rows, phase)
+        """Return :attr:`full_root` of waves in which balls j of contacts move with a ``phase``
+        (n_c,).
+        """
+        of_contacts = self._make_matrix(*self._rows_and_factors, phase)
         return self._add_anchors(of_contacts)
 
     def _add_anchors(self, of_contacts: csr_array[Any]) -> csr_array[Any]:
-        """Return rows of contacts with those of springs to the ground below them."""
+        """Return the rows ``of_contacts`` (rows, size), rad/s, with one row for each spring to the
+        ground below them.
+        """
         if not self._n_anchors:
             return of_contacts
         from scipy.sparse import diags_array, vstack
@@ -258,7 +275,9 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def anchors(self) -> Array:
-        """(size,) stiffnesses of springs to the ground over masses, (rad/s)^2."""
+        """(size,) stiffness of the spring that ties each motion to the ground, over the mass,
+        (rad/s)^2; zero without a spring.
+        """
         stiffness = find_anchors(self.network)
         if stiffness is None:
             return np.zeros(self.size)
@@ -268,19 +287,21 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def _n_anchors(self) -> int:
-        """Number of springs to the ground."""
+        """Number of motions that springs tie to the ground."""
         return int(np.count_nonzero(self.anchors))
 
     @cached_property
     def root(self) -> csr_array[Any]:
-        """A alone, rad/s."""
+        """A, (rows, size), rad/s: the rows of :attr:`full_root` without those of static forces."""
         if not self.network.prestress:
             return self.full_root
         return self._add_anchors(self.full_root[: len(self.rows) * self.network.n_contacts])
 
     @cached_property
-    def _weighed_rows(self) -> tuple[list[Row], list[Array]]:
-        """The rows of :attr:`full_root`, and the factor (n_c,) of each."""
+    def _rows_and_factors(self) -> tuple[list[Row], list[Array]]:
+        """The kinds of rows of :attr:`full_root` that contacts have, and the factors (n_c,) of each
+        kind: the root of its stiffness, N/m, or of |f|/r.
+        """
         network = self.network
         roots = [np.sqrt(row.stiffness) for row in self.rows]
         static_rows = self._static_rows
@@ -292,21 +313,21 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def _static_rows(self) -> list[Row]:
-        """Displacements across contacts on which static forces act: none where balls move along a
-        line alone.
+        """The kinds of displacements across contacts on which static normal forces act: none
+        without prestress, or where balls move along a line alone.
         """
         network = self.network
         if not network.prestress:
             return []
         return push_rows(network.normal[:, : network.dimension], self.motions)
 
-    def of_rows(self, weights: Array | None = None) -> Array:
-        """Return the weights (rows,) of the rows of :attr:`full_root` in D.
+    def row_weights(self, weights: Array | None = None) -> Array:
+        """Return the weights (rows,) of the rows of :attr:`full_root` in D: the diagonal W.
 
-        Rows of springs have the weight 1. Rows of static forces have -1 where these press, and 1
-        where they pull, as tension holds contacts straight. With ``weights`` (2, n_c) of the
-        elongation and of the other deformations of contacts, rows of contacts have these weights,
-        and rows of static forces and of springs to the ground have 0.
+        Rows of springs have the weight 1. Rows of static forces have -1 where contacts are pressed,
+        and 1 where they pull, as tension holds contacts straight. If ``weights`` (2, n_c) are
+        given, those of the elongation and of the other deformations, rows of contacts have these
+        weights instead, and rows of static forces and of springs to the ground have 0.
         """
         network = self.network
         if weights is None:
@@ -321,25 +342,28 @@ class WaveOperator(LinearOperator):
         return np.concatenate([*of_contacts, *static_weights, anchor_weights])
 
     def weigh(self, weights: Array | None = None, phase: Any = None) -> csr_array[Any]:
-        """Return A^H W A, (size, size), (rad/s)^2, with ``weights`` as for :meth:`of_rows`; without
-        weights this is D, but for static tangential forces.
+        """Return R^H W R, (size, size), (rad/s)^2, with R of :attr:`full_root` and W of
+        :meth:`row_weights`; without ``weights`` (2, n_c) this is D, but for static tangential
+        forces.
 
-        With a ``phase`` (n_c,) the matrix is that of waves in which the balls j of contacts move
-        with that phase.
+        With a ``phase`` (n_c,) the matrix is that of waves in which balls j of contacts move with
+        that phase.
         """
         root = self.full_root if phase is None else self._make_full_root(phase)
-        weighed = root.multiply(self.of_rows(weights)[:, None]).tocsr()
+        weighed = root.multiply(self.row_weights(weights)[:, None]).tocsr()
         product: csr_array[Any] = (root.conj().T.tocsr() @ weighed).tocsr()
         return product
 
     def drag(self, losses: Losses) -> Array:
-        """Return Gamma (size,), 1/s, the drag of each motion."""
+        """Return the drag (size,), 1/s, of each motion, of which all balls have the same: Gamma of
+        :mod:`granphon.dynamics.damping`.
+        """
         shape = (self.balls.size, self.motions.count)
         return self.vector(np.broadcast_to(losses.drag_of(self.motions), shape))
 
     def resist(self, losses: Losses, phase: Any = None) -> csr_array[Any]:
-        """Return G = A^H tau A + Gamma, (size, size), 1/s, with which dashpots and drag resist
-        velocities; ``phase`` is that of :meth:`weigh`.
+        """Return A^H tau A + Gamma, (size, size), 1/s, with which dashpots of the times tau and the
+        drag Gamma resist velocities; ``phase`` (n_c,) is that of :meth:`weigh`.
         """
         from scipy.sparse import diags_array
 
@@ -350,13 +374,13 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def matrix(self) -> csr_array[Any]:
-        """D, (size, size), (rad/s)^2."""
+        """D, (size, size), (rad/s)^2, with the symmetric part of G."""
         return self._add_carried(self.weigh(), self._carried)
 
     def at_wavevector(self, q: Array) -> csr_array[Any]:
         """Return D (size, size), complex, (rad/s)^2, of waves whose wave vector is ``q`` (p,), in
-        fractions of the reciprocal vectors of the periods: balls of the next cell move with the
-        phase exp(2 pi i q) more.
+        fractions of the reciprocal vectors of the periods: a ball one period further along an axis
+        moves with the factor exp(2 pi i q) of that axis.
         """
         axes = np.flatnonzero(self.network.pbc)
         phase = np.exp(2.0j * np.pi * (self.network.shift[:, axes] @ q))
@@ -364,57 +388,66 @@ class WaveOperator(LinearOperator):
 
     @staticmethod
     def _add_carried(springs: csr_array[Any], carried: csr_array[Any] | None) -> csr_array[Any]:
-        """Return the matrix of ``springs`` and the Hermitian part of G, if there is any."""
+        """Return the sum of two matrices (size, size), (rad/s)^2: ``springs``, that of springs and
+        normal forces, and the Hermitian part of ``carried``, G, if there is any.
+        """
         if carried is None:
             return springs
         matrix: csr_array[Any] = (springs + 0.5 * (carried + carried.conj().T)).tocsr()
         return matrix
 
     def make_lossy_product(self, losses: Array) -> Callable[[Complex], Complex]:
-        """Return the product of D + i A^T eta A with a vector (size,), eta being ``losses`` as for
-        :meth:`of_rows`.
+        """Return the function that multiplies D + i A^T eta A, (rad/s)^2, by a vector (size,); eta
+        are ``losses`` (2, n_c), loss factors of the elongation and of the other deformations.
         """
         matrix = (self.matrix + 1j * self.weigh(losses)).tocsr()
         return lambda x: np.asarray(matrix @ x)
 
     @cached_property
     def parts(self) -> Parts:
-        """D as three functions: the rows are those of :attr:`full_root`."""
+        """D, but for static tangential forces, as three functions; the rows are those of
+        :attr:`full_root`.
+        """
         root = self.full_root
         transposed = root.T.tocsr()
         return Parts(
             deform=lambda x: np.asarray(root @ x),
             pull=lambda tension: np.asarray(transposed @ tension),
-            weigh=self.of_rows,
+            weigh=self.row_weights,
         )
 
     def store(self, x: Array) -> float:
-        """Return the energy x D x / 2 of a vector x (size,), J, by its deformations: a drift of all
-        balls takes no digits from the energy.
+        """Return the energy x D x / 2, J, that mass-weighted motions x (size,) store in contacts.
+
+        The energy is a sum over deformations, in which a drift of all balls costs no digits, as it
+        would in the product D x.
         """
         double_energy = self.parts.weigh() @ self.parts.deform(x) ** 2
-        if self._pairs:
+        if self._pairs:  # x G x, which is the same for the symmetric part of G
             pull, move = self._pairs
             pull_deformations = self._make_matrix(*pull) @ x
             move_deformations = self._make_matrix(*move) @ x
             double_energy = double_energy + pull_deformations @ move_deformations
         return 0.5 * float(double_energy)
 
-    def stretch(self, moved: Array, weighed: tuple[list[Row], list[Array]] | None = None) -> Array:
-        """Return the deformations (kinds x n_c,) that displacements ``moved`` (n, motions), m, of
-        bodies that are held make, times the factors of the rows.
+    def stretch(
+        self, moved: Array, rows_and_factors: tuple[list[Row], list[Array]] | None = None
+    ) -> Array:
+        """Return the deformations (kinds x n_c,) of contacts that displacements ``moved``
+        (n, motions), m, of bodies that are held make, each times the factor of its row.
 
-        ``weighed`` are rows and their factors, by default those of :attr:`full_root`, of which the
-        springs to the ground of balls that move are not deformed.
+        ``rows_and_factors`` are kinds of rows, and of each kind the factors (n_c,) or a number. By
+        default all rows of :attr:`full_root` are taken, (rows,); springs to the ground tie balls
+        that move, and so have the deformation zero.
         """
         moved_i = moved[self.network.i]
         moved_j = moved[self.network.j]
-        rows, factors = weighed or self._weighed_rows
+        rows, factors = rows_and_factors or self._rows_and_factors
         deformations = list[Array]()
         for row, factor in zip(rows, factors, strict=True):
             deformation = np.sum(row.head * moved_j - row.tail * moved_i, axis=1)
             deformations.append(factor * deformation)
-        if weighed is None:
+        if rows_and_factors is None:
             deformations.append(np.zeros(self._n_anchors))
         return np.concatenate(deformations)
 
@@ -422,10 +455,11 @@ class WaveOperator(LinearOperator):
         """Return the mass-weighted forces (size,), N/kg^1/2, on balls that move when bodies that
         are held are displaced.
 
-        ``moved`` (n, motions) are displacements, m. Springs and static forces act; with
-        ``weights``, as for :meth:`of_rows`, springs alone, each times its weight.
+        ``moved`` (n, motions) are the displacements of these bodies, m. Springs and static forces
+        act; with ``weights`` (2, n_c), those of :meth:`row_weights`, only the springs of contacts
+        act, each times its weight.
         """
-        tensions = self.of_rows(weights) * self.stretch(moved)
+        tensions = self.row_weights(weights) * self.stretch(moved)
         forces = -(self.full_root.T @ tensions)
         if self._pairs and weights is None:
             # half of G and half of its transpose, as in D
@@ -435,15 +469,16 @@ class WaveOperator(LinearOperator):
         return np.asarray(forces)
 
     def compose(self, rows: list[Row], phase: Any = 1.0) -> csr_array[Any]:
-        """Return C M^-1/2, (kinds x n_c, size), which makes the deformations of ``rows`` of
-        mass-weighted motions; ``phase`` is that of :meth:`weigh`.
+        """Return C M^-1/2, (kinds x n_c, size), which maps mass-weighted motions to deformations of
+        contacts, those of the kinds in ``rows``; ``phase``, 1 or (n_c,), is that of :meth:`weigh`.
         """
         return self._make_matrix(rows, [1.0 for _ in rows], phase)
 
     @cached_property
     def _pairs(self) -> tuple[tuple[list[Row], list[Array]], ...]:
-        """The two sets of rows, each with its factors, whose product is G: "pull" and "move"; none
-        if no static tangential forces act, and no lever of slip exceeds its arm.
+        """The rows "pull" and the rows "move", each with their factors, of which G = pull^H move is
+        the product; an empty tuple if no static tangential forces act, and no lever of slip exceeds
+        its arm.
         """
         of_forces = self._find_carried_pairs()
         of_levers = self._find_excess_pairs()
@@ -458,7 +493,9 @@ class WaveOperator(LinearOperator):
         return (pull_rows, pull_factors), (move_rows, [ones for _ in pairs])
 
     def _find_excess_pairs(self) -> list[tuple[Row, Row]]:
-        """Return the pairs of rows of slip by levers that exceed the arms, over its stiffness."""
+        """Return the pairs (pull, move) of rows of slip by levers that exceed the arms of contacts,
+        without the stiffness of slip; none if no lever does.
+        """
         network = self.network
         if network.lever_excesses is None:
             return []
@@ -472,7 +509,7 @@ class WaveOperator(LinearOperator):
         )
 
     def _find_carried_pairs(self) -> list[tuple[Row, Row]]:
-        """Return the pairs of rows of static tangential forces, none if none act."""
+        """Return the pairs (pull, move) of rows of static tangential forces; none if none act."""
         network = self.network
         _, tangential_force = network.static_forces
         if not network.prestress or not np.any(tangential_force):
@@ -496,8 +533,8 @@ class WaveOperator(LinearOperator):
         return self._carry()
 
     def _carry(self, phase: Any = 1.0) -> csr_array[Any] | None:
-        """Return G, (size, size), (rad/s)^2, where balls j of contacts move with a ``phase``
-        (n_c,); None if all that acts has a potential.
+        """Return G, (size, size), (rad/s)^2, of waves in which balls j of contacts move with a
+        ``phase``, 1 or (n_c,); None if all that acts has a potential.
         """
         if not self._pairs:
             return None
@@ -509,8 +546,8 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def whole(self) -> csr_array[Any] | None:
-        """D and the antisymmetric part of G, (size, size), (rad/s)^2; None if all that acts has a
-        potential.
+        """D with all of G, also its antisymmetric part, (size, size), (rad/s)^2; None if all that
+        acts has a potential, so that D is already whole.
         """
         if self._carried is None:
             return None
@@ -520,8 +557,9 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def ball_blocks(self) -> Array:
-        """(n_free, motions, motions) block of D for each ball that moves alone, by springs and
-        tension, (rad/s)^2.
+        """(n_free, motions, motions) block of D, (rad/s)^2, of each ball when it moves alone, from
+        springs and from the static forces of contacts that pull; pressed contacts, which lower D,
+        are left out, so that the blocks are upper bounds.
         """
         network = self.network
         m = self.motions.count
@@ -544,12 +582,12 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def top(self) -> float:
-        """A bound of all angular frequencies, rad/s: 2^1/2 times the highest at which a ball moves
-        alone, and a margin.
+        """An upper bound of all angular frequencies, rad/s: 2^1/2 times the highest frequency at
+        which a ball moves alone, and a margin.
 
         The energy of a contact is at most twice the sum of its energies with one ball moving at a
-        time. Contacts that are pressed lower D, and tangential forces add at most the largest sum
-        of a row.
+        time. Contacts that are pressed lower D. Static tangential forces raise omega^2 by at most
+        the largest sum over a row of |G + G^T| / 2.
         """
         highest_alone = float(np.max(np.linalg.eigvalsh(self.ball_blocks)))
         square_bound = 2.0 * highest_alone
@@ -560,10 +598,11 @@ class WaveOperator(LinearOperator):
         return _MARGIN * math.sqrt(square_bound)
 
     def advance(self, current: Array, previous: Array) -> Array:
-        """Return T_n+1 x from ``current``, T_n x, and ``previous``, T_n-1 x, with the Chebyshev
-        polynomials of 2 D / top^2 - 1; x is (size,) or (size, m). ``previous`` may be overwritten.
+        """Return T_n+1 x from ``current``, T_n x, and ``previous``, T_n-1 x, each (size,) or
+        (size, m), where T_n are Chebyshev polynomials of 2 D / top^2 - 1.
 
         In terms of the angular frequency omega these are the even polynomials T_2n(omega / top).
+        The caller may not use ``previous`` afterwards: it may be overwritten.
         """
         following: Array = self.matrix @ current
         following *= 4.0 / self.top**2
@@ -572,11 +611,13 @@ class WaveOperator(LinearOperator):
         return following
 
     def _matvec(self, x: NDArray[Any]) -> NDArray[Any]:
+        """Return D x, (size,) or (size, m): what ``operator @ x`` calls."""
         return np.asarray(self.matrix @ x)
 
     _matmat = _matvec
 
     def _adjoint(self) -> WaveOperator:
+        """Return this operator, as D is symmetric."""
         return self
 
 
@@ -595,14 +636,13 @@ def make_operator(network: ContactNetwork, progress: Progress = silent) -> WaveO
 
 
 def find_kinds(network: ContactNetwork) -> NDArray[np.intp] | None:
-    """Return (n_c,) the row of each contact in the table of contacts of the lattice; None if the
-    network is no array that stencils describe.
+    """Return the kind (n_c,) of each contact, its row in the table of contacts of the lattice; None
+    if the network is no array that stencils describe.
 
     The array must have all balls, three cells or more along each axis, and neither prestress nor
-    springs to the ground. Masses
-    must be equal, as must moments of inertia. Contacts must have the directions and arms of the
-    lattice, each from ball i to ball j of the table. An array so short that a ball touches another
-    twice is not described by stencils.
+    springs to the ground. Masses must be equal, as must moments of inertia. Contacts must have the
+    directions and arms of the lattice, each from ball i to ball j of the table. An array so short
+    that a ball touches another twice is not described by stencils.
     """
     lattice = network.lattice
     shape = network.shape
@@ -642,8 +682,9 @@ def _have_geometry(network: ContactNetwork, lattice: Lattice, kinds: NDArray[np.
 def _find_table_rows(
     network: ContactNetwork, lattice: Lattice, shape: tuple[int, ...]
 ) -> NDArray[np.intp]:
-    """Return, for each contact (n_c,) of an array of ``shape`` (p,) cells, the row of the table of
-    the ``lattice`` that joins the same balls of a cell by the same step of cells; -1 without one.
+    """Return for each contact (n_c,) of an array of ``shape`` (p,) cells its kind: the row of the
+    table of contacts of the ``lattice`` that joins the same balls of the cell by the same step from
+    cell to cell; -1 if there is none.
     """
     table = lattice.contacts
     n = lattice.n_balls
@@ -661,15 +702,18 @@ def _find_table_rows(
 
 
 def _are_equal(values: Array) -> bool:
-    """Whether all values are the same, but for rounding, and finite."""
+    """Whether all ``values`` (n,) are finite and, but for rounding, the same."""
     if not np.all(np.isfinite(values)):
         return False
     return bool(np.ptp(values) <= ALIKE * np.max(np.abs(values), initial=0.0))
 
 
 class ArrayOperator(WaveOperator):
-    """D of an array of equal masses by stencils. A vector runs over the fields, which are the
-    motions of the balls of a cell, and for each field over all cells.
+    """D of an array of equal masses by stencils, (rad/s)^2.
+
+    A field is one motion of one ball of the cell, as a function of the cell. The numbers of a
+    vector (size,) are in the order of fields, and within each field in the order of cells.
+    ``kinds`` (n_c,) are the rows of contacts in the table of the lattice, of :func:`find_kinds`.
     """
 
     product_time: ClassVar = {1: 4e-9, 2: 1.2e-8, 3: 4e-8}
@@ -688,40 +732,44 @@ class ArrayOperator(WaveOperator):
         self._fields = self.lattice.n_balls * self.motions.count  # number of fields
 
     def vector(self, values: ArrayLike) -> NDArray[Any]:
-        """Return the vector (size, ...) of values (n, motions, ...) of balls."""
+        """Return the vector (size, ...) of values (n, motions, ...) of all balls, which move."""
         values = np.asarray(values)
         by_cell = values.reshape(-1, self._fields, *values.shape[2:])
         by_field = np.ascontiguousarray(by_cell.swapaxes(0, 1))
         return by_field.reshape(self.size, *values.shape[2:])
 
     def values(self, vector: ArrayLike) -> NDArray[Any]:
-        """Return the values (n, motions, ...) of balls in a vector (size, ...)."""
+        """Return the values (n, motions, ...) of all balls in a vector (size, ...)."""
         vector = np.asarray(vector)
         by_cell = vector.reshape(self._fields, -1, *vector.shape[1:]).swapaxes(0, 1)
         return by_cell.reshape(-1, self.motions.count, *vector.shape[1:])
 
     @cached_property
     def _product(self) -> ContactHessian:
-        """4 D / top^2, by stencils."""
+        """4 D / top^2 by stencils: a function of fields (fields, *cells)."""
         return self._make_product(np.ones((len(self.rows), self.network.n_contacts)))
 
     def _make_product(self, weights: NDArray[Any]) -> ContactHessian:
-        """Return 4 A^T W A / top^2, W being ``weights`` (rows, n_c), real or complex."""
-        springs = 4.0 / self.top**2 * self._lay(weights)
+        """Return 4 A^T W A / top^2 by stencils, with the real or complex ``weights`` W (rows, n_c)
+        of each kind of deformation.
+        """
+        springs = 4.0 / self.top**2 * self._spread_over_cells(weights)
         return ContactHessian(self._contacts, list(springs), precision=weights.dtype)
 
     @cached_property
     def _contacts_of_kind(self) -> list[NDArray[np.intp]]:
-        """Contacts of each kind."""
+        """The indices of the contacts of each kind."""
         return [np.flatnonzero(self._kinds == kind) for kind in range(len(self.lattice.contacts))]
 
     @cached_property
     def _contacts(self) -> ContactOperator:
-        """C as stencils: one for each row of deformations and each kind of contact."""
+        """C as stencils, one for each kind of deformation and each kind of contact: the map from
+        fields (fields, *cells) to deformations (stencils, *cells).
+        """
         table = self.lattice.contacts
         m = self.motions.count
         n_kinds = len(table)
-        # coefficients of the fields (stencils, fields): those of balls j, and those of balls i
+        # coefficients of fields (stencils, fields), of balls j in head and of balls i in tail
         head = np.zeros((len(self.rows) * n_kinds, self._fields))
         tail = np.zeros((len(self.rows) * n_kinds, self._fields))
         for number, row in enumerate(self.rows):
@@ -735,9 +783,10 @@ class ArrayOperator(WaveOperator):
         shifts = [tuple(steps) for steps in table.shift.tolist()]
         return ContactOperator(self.cells, shifts, head, tail)
 
-    def _lay(self, weights: NDArray[Any]) -> NDArray[Any]:
-        """Return stiffnesses times ``weights`` (rows, n_c) over the mass, (rad/s)^2, at the cells
-        of the balls i of contacts: (rows, kinds, *cells); zero where two balls have no contact.
+    def _spread_over_cells(self, weights: NDArray[Any]) -> NDArray[Any]:
+        """Return the stiffnesses of contacts times ``weights`` (rows, n_c) over the mass of a ball,
+        (rad/s)^2, as an array (rows, kinds, *cells): each contact at the cell of its ball i, for
+        each kind of deformation and its kind of contact; zero where two balls have no contact.
         """
         shape = (len(self.rows), len(self._contacts_of_kind), *self.cells)
         springs = np.zeros(shape, weights.dtype)
@@ -751,29 +800,35 @@ class ArrayOperator(WaveOperator):
 
     @cached_property
     def parts(self) -> Parts:
-        """D as three functions; deformations (stencils x cells,) have the order of the stencils."""
+        """D as three functions; the rows (stencils x cells,) are deformations in the order of the
+        stencils, and in each of cells.
+        """
         contacts = self._contacts
 
         def deform(x: NDArray[Any]) -> NDArray[Any]:
-            """Return the deformations of a vector (size,)."""
+            """Return the deformations (rows,) of a vector x (size,)."""
             return contacts.deform(x.reshape(self._fields, *self.cells)).ravel()
 
         def pull(tension: NDArray[Any]) -> NDArray[Any]:
-            """Return the forces (size,) of the tensions of all deformations."""
+            """Return the forces (size,) of the tensions (rows,) of all deformations."""
             return contacts.pull(tension.reshape(contacts.n_rows, *self.cells)).ravel()
 
         def weigh(weights: Array | None = None) -> Array:
-            """Return the diagonal of K, as of :meth:`WaveOperator.of_rows`."""
+            """Return the stiffnesses over the mass (rows,), (rad/s)^2, times ``weights`` (2, n_c)
+            of the elongation and of the other deformations, if given.
+            """
             springs = np.ones((2, self.network.n_contacts)) if weights is None else weights
-            return self._lay(np.asarray(weigh_rows(self.rows, springs))).ravel()
+            return self._spread_over_cells(np.asarray(weigh_rows(self.rows, springs))).ravel()
 
         return Parts(deform, pull, weigh)
 
     def advance(self, current: Array, previous: Array) -> Array:
-        """Return the next Chebyshev polynomial, see :meth:`WaveOperator.advance`."""
-        if current.ndim > 1:  # the matrix is read once for all vectors
+        """Return T_n+1 x from ``current``, T_n x, and ``previous``, T_n-1 x: by the matrix for
+        several vectors (size, m), by stencils for one (size,); see :meth:`WaveOperator.advance`.
+        """
+        if current.ndim > 1:  # the matrix is faster, as it is read once for all vectors
             return super().advance(current, previous)
-        # (4 D / top^2 - 2) x less the previous polynomial
+        # T_n+1 x = (4 D / top^2 - 2) T_n x - T_n-1 x
         product, _ = self._product(current.reshape(self._fields, *self.cells))
         following = product.ravel()
         following -= 2.0 * current
@@ -781,7 +836,7 @@ class ArrayOperator(WaveOperator):
         return following
 
     def _matvec(self, x: NDArray[Any]) -> NDArray[Any]:
-        """Return the product with a vector ``x`` of either kind of numbers."""
+        """Return D x of a real or complex vector x (size,)."""
         x = np.ravel(x)
         if np.iscomplexobj(x):
             return np.asarray(self._matvec(x.real) + 1j * self._matvec(x.imag))
@@ -789,12 +844,15 @@ class ArrayOperator(WaveOperator):
         return np.asarray(0.25 * self.top**2 * product)
 
     def make_lossy_product(self, losses: Array) -> Callable[[Complex], Complex]:
-        """Return the product of D + i A^T eta A, see :meth:`WaveOperator.make_lossy_product`."""
+        """Return the function that multiplies D + i A^T eta A by a vector; see
+        :meth:`WaveOperator.make_lossy_product`.
+        """
         weights = 1.0 + 1j * weigh_rows(self.rows, losses)
+        # the product is of 4 A^T W A / top^2
         lossy_hessian = self._make_product(0.25 * self.top**2 * weights)
 
         def multiply(x: Complex) -> Complex:
-            """Return the product with a vector x (size,)."""
+            """Return (D + i A^T eta A) x of a vector x (size,)."""
             product, _ = lossy_hessian(x.reshape(self._fields, *self.cells))
             return np.asarray(product.ravel())
 

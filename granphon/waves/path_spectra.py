@@ -24,7 +24,8 @@ from granphon.networks.network import ContactNetwork
 from granphon.waves.spectral_functions import PeriodicCell, SpectralFunction, nearest_wavevectors
 from granphon.waves.waves import Waves
 
-#: wave vectors nearer to those of Gamma, in reduced coordinates, are the same but for rounding
+#: difference from a wave vector of Gamma, in fractions of the reciprocal cell, up to which a wave
+#: vector is one of Gamma but for rounding
 _SAME = 1e-6
 #: points of the bands between two corners
 _BAND_POINTS = 101
@@ -38,11 +39,11 @@ class PathSpectra(Result):
     Attributes
     ----------
     corners : (m,) distances of the corners along the path, 1/m.
-    labels : of the corners.
-    distances : (n,) of the wave vectors along the path, 1/m; each is the wave vector of the cell
-        that is nearest to a point of the path, and Gamma is left out.
-    spectra : for each polarisation a spectral function of the n wave vectors.
-    band_distances : (b,) 1/m.
+    labels : names of the corners, one for each.
+    distances : (n,) distances of the wave vectors along the path, 1/m. Wave vectors are those of
+        the cell of the array that are nearest to points of the path, without Gamma.
+    spectra : for each polarisation the spectral function at these n wave vectors.
+    band_distances : (b,) distances of the wave vectors of the bands along the path, 1/m.
     bands : (b, n_branches) frequencies of the lattice of equal contacts with the mean stiffness,
         Hz; none of a packing, which has no such lattice.
     """
@@ -81,10 +82,14 @@ class PathSpectra(Result):
         path: Sequence[ArrayLike],
         labels: Sequence[str],
     ) -> Self:
-        """Return the ``spectra`` with the bands of the lattice along the path; see
-        :func:`find_path_spectra`. ``corners`` (m,) and ``distances`` (n,) are in 1/m.
+        """Return the ``spectra`` together with the bands of a ``lattice`` along the ``path``, which
+        are computed here, :data:`_BAND_POINTS` points between two corners.
+
+        ``spectra`` are those at wave vectors with the ``distances`` (n,), 1/m, and ``corners``
+        (m,), 1/m, are the distances of the corners; the other arguments are those of
+        :func:`find_path_spectra`.
         """
-        steps = np.linspace(0.0, 1.0, _BAND_POINTS)[:, None]  # parts of a leg
+        steps = np.linspace(0.0, 1.0, _BAND_POINTS)[:, None]  # parts of the length of a leg
         band_distances = corners[:-1] + steps * np.diff(corners)  # (points of a leg, legs)
         bands = []
         for piece in path:
@@ -97,7 +102,8 @@ class PathSpectra(Result):
         )
 
     def write_csv(self, path: str | os.PathLike[str]) -> None:
-        """Write a table of peaks: a row for each wave vector and polarisation.
+        """Write a table of peaks into a file at ``path``: a row for each wave vector and
+        polarisation.
 
         The columns are the polarisation, the distance along the path and the wave vector, 1/m, peak
         and width, Hz, whether the width is resolved (1 or 0), the mean free path, m, and the
@@ -141,17 +147,18 @@ def find_path_spectra(
     polarisations: Sequence[str],
     resolution: float | None = None,
 ) -> PathSpectra:
-    """Return spectral functions along a path.
+    """Return the spectral functions of an array along a path, and the bands of its mean lattice.
 
     Parameters
     ----------
-    waves : of the array.
+    waves : the waves of the array.
     lattice, scales : the lattice of equal contacts with the mean stiffness, whose bands are drawn
-        beside the spectra.
-    path : pieces (n_corners, p) or (n_corners, 3), in fractions of the reciprocal cell.
-    labels : one for each corner.
-    points : between two corners, both counted; several may have the same wave vector of the cell,
-        which counts once.
+        beside the spectra, and its units.
+    path : pieces of the path, each the corners (n_corners, p) or (n_corners, 3) of a line without
+        a jump, in fractions of the reciprocal cell.
+    labels : names of the corners, one for each.
+    points : number of points between two corners, both counted. If the same wave vector of the cell
+        is nearest to several points, it counts once.
     polarisations, resolution : see :meth:`~granphon.waves.waves.Waves.spectral_function`; the
         resolution is in Hz.
 
@@ -166,10 +173,13 @@ def find_path_spectra(
 
 
 class PathPoints(NamedTuple):
-    """Wave vectors of a periodic network along a path.
+    """Wave vectors of the cell of a periodic network along a path.
 
-    ``corners`` (m,) are the distances of the corners along the path, 1/m; ``q`` (n, d) the wave
-    vectors, 1/m, and ``distances`` (n,) their distances along the path, 1/m.
+    Attributes
+    ----------
+    corners : (m,) distances of the corners along the path, 1/m.
+    distances : (n,) distances of the wave vectors along the path, 1/m.
+    q : (n, d) wave vectors, 1/m.
     """
 
     corners: Array
@@ -188,7 +198,7 @@ class _Leg(NamedTuple):
     distance: float
 
     def place_points(self, count: int) -> Array:
-        """Return ``count`` even points (count, p) of the leg, its ends among them, 1/m."""
+        """Return ``count`` points (count, p), 1/m, that divide the leg evenly, with both ends."""
         shares = np.linspace(0.0, 1.0, count)[:, None]
         return np.asarray(self.start + shares * (self.end - self.start))
 
@@ -210,12 +220,12 @@ def find_path_points(
     path: Sequence[ArrayLike],
     points: int,
 ) -> PathPoints:
-    """Return the wave vectors of the cell of a network that are nearest to ``points`` points on
-    each leg of a path.
+    """Return the wave vectors of the cell of a ``network`` that are nearest to ``points`` points on
+    each leg of a path, as waves with a whole number of periods in the cell.
 
-    Left out are wave vectors of Gamma, those farther off the path than half a step, and repeated
-    ones. ``spacing`` is the unit of length of the ``lattice``, m; ``path`` is as for
-    :func:`find_path_spectra`, whose errors are raised.
+    Left out are wave vectors of Gamma, those farther off the path than half the distance of two
+    points, and repeated ones. ``spacing`` is the unit of length of the ``lattice``, m; ``path``
+    and the errors raised are those of :func:`find_path_spectra`.
     """
     count = whole_number("points", points, 2)
     pieces = [lattice.wavevectors(piece) / spacing for piece in path]  # (corners, p), 1/m
@@ -227,7 +237,7 @@ def find_path_points(
     periods = network.cell[list(network.pbc)][:, :d]
     # multiplied by this matrix, a wave vector is in fractions of the reciprocal cell
     to_fractions = np.linalg.inv(lattice.wavevectors(np.eye(p)) / spacing)
-    # distances and wave vectors, by the whole numbers of waves along the periods
+    # distances and wave vectors; the key is the number of waves along each period of the cell
     wavevectors: dict[tuple[int, ...], tuple[float, Array]] = {}
     for (start, end), length, first_distance in zip(legs, lengths, corners[:-1], strict=True):
         leg = _Leg(start, end, length, first_distance)
@@ -291,8 +301,8 @@ def find_packing_points(
 
 
 def join_labels(path: Sequence[Any], labels: Sequence[str]) -> tuple[str, ...]:
-    """Return one label for each end of a leg of the path, of ``labels``, one for each corner of its
-    pieces: where the path jumps from K to M, "K|M".
+    """Return the labels of the corners along the whole ``path``, from ``labels`` of the corners of
+    its pieces in turn: where the path jumps from K to M, both have the one label "K|M".
     """
     joined = list[str]()
     first = 0

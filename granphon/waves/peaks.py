@@ -1,15 +1,16 @@
 """Peaks of a response over frequency, between the frequencies at which it was solved.
 
-A mode over a constant background, B + R/(p - f^2), passes through the highest value and its two
-neighbours, and has its pole p. Where this line is narrower than the step of the frequencies, the
-three values lie too far from the line: the response is solved at the pole and half a width beside
-it, and the pole found anew, until it stands.
+A peak is first described by a mode over a constant background, B + R/(p - f^2), with the pole p and
+the residue R, through the highest value and its two neighbours. If this line is narrower than the
+step of the frequencies, the three values lie too far from the line: the response is then solved at
+the pole and half a width to either side, and the pole is found anew, until it no longer changes.
 
-The response of a network is a quotient of polynomials. So one of sixth degree over another, through
-values at 13 frequencies between those at which the square of the magnitude is half of that of the
-peak, differs there from the response by hardly more than rounding, however other modes overlap. Its
-maximum is the peak, and its width at half the square gives Q. Where the magnitude rises again
-before it has fallen so far, the peak has no width of its own, and no Q.
+The response of a network is a quotient of polynomials. So a quotient of two polynomials of sixth
+degree is put through values at 13 frequencies, between those at which the square of the magnitude
+is half of that of the peak: there it differs from the response by hardly more than rounding,
+however other modes overlap. The maximum of this quotient is the peak, and its width at half the
+square gives Q. Where the magnitude rises again before it has fallen so far, the peak has no width
+of its own, and no Q.
 """
 
 from __future__ import annotations
@@ -28,37 +29,40 @@ from granphon.base.arrays import Array, Complex, Index
 _ROUNDS = 12
 #: rounds after which the change of a pole must fall to a tenth from one to the next
 _FREE_ROUNDS = 3
-#: change of a pole, over its half width, at which the pole stands
-_STANDS = 1e-6
+#: greatest change of a pole, over its half width, with which the pole is settled
+_POLE_CHANGE = 1e-6
 #: greatest change of a pole, over that of the round before, with which the approach converges
-_CONVERGES = 0.1
+_CONVERGENCE = 0.1
 #: least half width of a line, Im p, over the step of the squares of frequencies, with which the
-#: frequencies resolve the line: its width is then a step
+#: frequencies resolve the line: the width of the line is then one step
 _RESOLVED = 0.5
-#: difference of the poles of two receivers, over the half width, up to which they hear one line
+#: difference of the pole of a receiver from that of all receivers, over the half width, up to which
+#: the receiver has this line
 _SAME_LINE = 1e-2
 #: least half width of a line over the square of its frequency, 1/Q: losses of a narrower line are
 #: not told from rounding
 _NARROWEST = 1e-9
 #: degree of the polynomials whose quotient passes through a peak
 _DEGREE = 6
-#: most rounds in which a peak is solved anew in the window that the last round gives
-_WINDOWS = 8
-#: a window over the width of its peak at half the square
+#: most rounds in which the response is solved in a window about a peak; each round gives the next
+#: window
+_WINDOW_ROUNDS = 8
+#: width of a window over the width of its peak at half the square
 _MARGIN = 1.2
-#: change of a peak from one round to the next at which it stands: of its frequency over the window,
-#: of its height and of Q
-_SETTLED = 1e-6
-#: change of a frequency, over the frequency, at which it stands in any window
+#: greatest change of a peak from one round to the next with which it is settled: of its frequency
+#: over the width of the peak, and relative changes of its height and of Q
+_PEAK_CHANGE = 1e-6
+#: relative change of a frequency that is rounding, and with which it is settled in any window
 _ROUNDING = 1e-9
-#: least height of a peak over the highest value that it was sought at
-_LOWEST = 1.0 - 1e-9
-#: singular value, over the largest, up to which a quotient of a degree passes through all values
-_ROUNDED = 1e-13
-#: error of a place in a window
-_PLACE = 1e-14
-#: number of places of a quotient at which its magnitude is looked at
-_MESH = 401
+#: least height of a refined peak over the highest given value from which its search began
+_LEAST_HEIGHT = 1.0 - 1e-9
+#: smallest singular value, over the largest, up to which a quotient of some degree passes through
+#: all values
+_SINGULAR = 1e-13
+#: error of a position in a window, of which the ends are at -1 and 1
+_POSITION_ERROR = 1e-14
+#: number of positions in a window at which the magnitude of a quotient is computed
+_N_MESH = 401
 #: a function that returns values (n, n_r) at ascending frequencies (n,), Hz
 Solve = Callable[[Array], Complex]
 
@@ -68,12 +72,12 @@ class Peaks(NamedTuple):
 
     Attributes
     ----------
-    frequencies : (n,) Hz, at which the magnitude is greatest.
-    heights : (n,) magnitude at the peaks, in the unit of the response; nan of a line that is
-        narrower than the step of the frequencies, where nothing is solved between them, or no line
-        is found there.
+    frequencies : (n,) Hz, of the maxima of the magnitude.
+    heights : (n,) magnitude at the peaks, in the unit of the response; nan if the line is narrower
+        than the step of the frequencies, and the response was not solved between them or no line
+        was found there.
     quality : (n,) Q factors, frequencies over the widths at half the square of the height; nan if
-        the peak is not resolved, or the magnitude does not fall so low on both sides.
+        the peak is not resolved, or if the magnitude does not fall so low on both sides.
     """
 
     frequencies: Array
@@ -84,19 +88,22 @@ class Peaks(NamedTuple):
 def find_peaks(
     frequencies: Array, values: Complex, solve: Solve | None = None
 ) -> tuple[Peaks, ...]:
-    """Return the peaks of the magnitude of each receiver, inside of the ascending frequencies
-    (n_f,), Hz.
+    """Return for each receiver the peaks of its magnitude that lie inside of the ascending
+    ``frequencies`` (n_f,), Hz.
 
-    ``values`` (n_f, n_r) are complex amplitudes; ``solve`` returns those at other ascending
-    frequencies. Without ``solve`` a peak is that of the mode through its three values: where these
-    resolve it, its Q is Re p / Im p; else, or where no pole stands, its frequency is that of the
-    highest value, and neither height nor Q are known. Where the pole is farther away than its
-    width, the peak is not that of one mode: its frequency and height are those of the highest
-    value, and Q is not known.
+    ``values`` (n_f, n_r) are the complex amplitudes at these frequencies, and ``solve`` returns
+    those at other ascending frequencies. With ``solve``, each peak is found as the head of this
+    module says; if it does not settle, it stays as it would be without ``solve``.
+
+    Without ``solve`` there are three cases for the mode through the highest value and its
+    neighbours. If these values resolve the mode, the peak is that of the mode, and Q is
+    Re p / Im p. If the mode is narrower than a step, the frequency is that of the highest value,
+    and neither height nor Q is known. If the pole is farther away than its width, the peak is not
+    that of one mode: its frequency and height are those of the highest value, and Q is not known.
     """
     magnitude = np.abs(values)
     rows, is_top = _find_tops(magnitude)
-    # three values about each row: before, on and after
+    # the values in each row of a maximum, and in the rows before and after it
     squares = np.array([frequencies[rows + step] ** 2 for step in (-1, 0, 1)])
     triples = np.array([values[rows + step] for step in (-1, 0, 1)])
     fits = _fit_peaks(squares[..., None], triples, magnitude[rows])
@@ -104,16 +111,17 @@ def find_peaks(
         windows = _find_windows(frequencies, magnitude, rows, is_top)
         starts = fits.squares.copy()
         is_narrow = is_top & ~fits.is_broad
-        lines = np.flatnonzero(np.any(is_narrow, axis=1))
+        lines = np.flatnonzero(np.any(is_narrow, axis=1))  # indices of rows with a narrow line
         if lines.size:
             solved = _solve_lines(squares[:, lines], triples[:, lines], is_narrow[lines], solve)
-            # a line lower than the highest value is not the one that this value belongs to
+            # a line lower than the highest value is not the line of this value
             is_line = solved.is_line & (solved.heights >= magnitude[rows[lines]])
             starts[lines] = np.where(is_line, solved.squares[:, None], starts[lines])
-            for place in np.flatnonzero(np.all(is_line | ~is_top[lines], axis=1)).tolist():
-                windows.replace(int(lines[place]), solved.windows[:, place, None])
-        refined, stands = _refine_peaks(fits._replace(squares=starts), windows, is_top, solve)
-        is_better = stands & (refined.heights >= _LOWEST * magnitude[rows])
+            # if all receivers with a maximum in this row have the line, its window is enough
+            for number in np.flatnonzero(np.all(is_line | ~is_top[lines], axis=1)).tolist():
+                windows.replace(int(lines[number]), solved.windows[:, number, None])
+        refined, is_settled = _refine_peaks(fits._replace(squares=starts), windows, is_top, solve)
+        is_better = is_settled & (refined.heights >= _LEAST_HEIGHT * magnitude[rows])
         fits = _PeakFits(*(np.where(is_better, *pair) for pair in zip(refined, fits, strict=True)))
     peaks = []
     for receiver, is_peak in enumerate(is_top.T):
@@ -125,8 +133,8 @@ def find_peaks(
 
 
 def _find_tops(magnitude: Array) -> tuple[Index, NDArray[np.bool_]]:
-    """Return the rows (n,) of ``magnitude`` (n_f, n_r) in which a receiver has a highest value, and
-    which receivers have one there, (n, n_r).
+    """Return the rows (n,) of ``magnitude`` (n_f, n_r) in which some receiver has a maximum, and
+    which receivers have one there, (n, n_r); the first and the last row have none.
     """
     inner = magnitude[1:-1]
     is_top = (inner > magnitude[:-2]) & (inner >= magnitude[2:])
@@ -135,14 +143,15 @@ def _find_tops(magnitude: Array) -> tuple[Index, NDArray[np.bool_]]:
 
 
 class _PeakFits(NamedTuple):
-    """Peaks fitted to highest values: arrays (n, n_r), over rows and receivers.
+    """Peaks fitted to maxima: arrays (n, n_r) over rows, in each of which some receiver has a
+    maximum, and receivers. Numbers of receivers without a maximum there mean nothing.
 
     Attributes
     ----------
-    squares : of the frequencies, Hz^2.
-    heights : of the magnitude; nan of a line that is too narrow.
-    quality : Q factors; nan where none is known.
-    is_broad : whether the line is as wide as the step of the frequencies.
+    squares : squares of the frequencies, Hz^2.
+    heights : magnitudes; nan if the line is narrower than the step of the frequencies.
+    quality : Q factors; nan if not known.
+    is_broad : whether the line is as wide as the step of the frequencies, or wider.
     """
 
     squares: Array
@@ -177,9 +186,14 @@ def _fit_peaks(x: Array, values: Complex, highest: Array) -> _PeakFits:
 
 
 class _SolvedLines(NamedTuple):
-    """Narrow lines that were solved for: squares of their frequencies (n,), Hz^2, windows (2, n) of
-    frequencies about these, Hz, heights (n, n_r), and whether each receiver hears the line,
-    (n, n_r).
+    """Narrow lines at which the response was solved.
+
+    Attributes
+    ----------
+    squares : (n,) squares of their frequencies, Hz^2.
+    windows : (2, n) lower and upper frequencies of windows about them, Hz.
+    heights : (n, n_r) magnitudes of receivers there.
+    is_line : (n, n_r) whether each receiver has the line.
     """
 
     squares: Array
@@ -189,9 +203,11 @@ class _SolvedLines(NamedTuple):
 
 
 def _solve_lines(x: Array, values: Complex, is_narrow: Any, solve: Solve) -> _SolvedLines:
-    """Return lines (n,) that are narrower than the step of the frequencies, as the response that is
-    solved there has them; the arguments are those of :func:`_approach_lines`, and ``is_narrow``
-    (n, n_r) says which receivers may hear a line.
+    """Return n lines that are narrower than the step of the frequencies, after the response was
+    solved at them.
+
+    ``x`` (3, n), Hz^2, ``values`` (3, n, n_r) and ``solve`` are those of :func:`_approach_lines`,
+    and ``is_narrow`` (n, n_r) says which receivers may have each line.
     """
     pole, points, line_values = _approach_lines(x, values, is_narrow, solve)
     receiver_poles = _fit_pole(points[..., None], line_values)
@@ -207,11 +223,11 @@ def _solve_lines(x: Array, values: Complex, is_narrow: Any, solve: Solve) -> _So
 
 
 def _fit_pole(x: Array, values: Complex, weights: Any = None) -> Any:
-    """Return the poles p (n, n_r) of B + R/(p - x) through three ``values`` (3, n, n_r) at ``x``
-    (3, n, 1).
+    """Return the complex poles p (n, n_r) of B + R/(p - x) through three ``values`` (3, n, n_r) at
+    ``x`` (3, n, 1), Hz^2; not finite where values are equal.
 
-    With ``weights`` (n, n_r), and ``x`` (3, n), the poles (n,) are those that the receivers have in
-    common, by least squares.
+    If ``weights`` (n, n_r) of receivers are given, and ``x`` (3, n), one pole for all receivers,
+    (n,), is returned, by least squares.
     """
     rise = values[1] - values[0]
     following = values[2] - values[1]
@@ -229,11 +245,12 @@ def _fit_pole(x: Array, values: Complex, weights: Any = None) -> Any:
 def _approach_lines(
     x: Array, values: Complex, heard: Any, solve: Solve
 ) -> tuple[Complex, Array, Complex]:
-    """Solve at lines (n,) between three points until their poles stand.
+    """Solve the response about n narrow lines, round by round, until their poles settle.
 
-    ``x`` (3, n) are squares of frequencies, Hz^2, ``values`` (3, n, n_r), and ``heard`` (n, n_r)
-    says which receivers hear a line. Returns the poles (n,), Hz^2, nan of lines that are not found,
-    and the last three points (3, n), Hz^2, and values (3, n, n_r) about each.
+    ``x`` (3, n) are three squares of frequencies, Hz^2, between which each line lies, ``values``
+    (3, n, n_r) the amplitudes there, and ``heard`` (n, n_r) says which receivers may have the line.
+    Returns the poles (n,), Hz^2, nan of lines that are not found, and the last three points (3, n),
+    Hz^2, and values (3, n, n_r) about each line.
     """
     low = x[0]
     high = x[2]
@@ -241,7 +258,7 @@ def _approach_lines(
     last_values = values.copy()
     poles = np.full(len(low), np.nan + 0j)
     estimates = _fit_pole(x, values, heard)
-    active = np.arange(len(low))  # numbers of the lines that are still approached
+    active = np.arange(len(low))  # indices of the lines whose poles are not settled yet
     last_change = np.full(len(low), np.inf)
     for number in range(_ROUNDS):
         active = active[np.isfinite(estimates[active])]
@@ -254,19 +271,20 @@ def _approach_lines(
         renewed = _fit_pole(points, last_values[:, active], heard[active])
         change = np.abs(renewed - estimates[active])
         is_above_rounding = renewed.imag > _NARROWEST * points[1]
-        stands = (change <= _STANDS * renewed.imag) & is_above_rounding
-        poles[active[stands]] = renewed[stands]
+        is_settled = (change <= _POLE_CHANGE * renewed.imag) & is_above_rounding
+        poles[active[is_settled]] = renewed[is_settled]
         estimates[active] = renewed
         # the pole of one mode converges faster than linearly; poles of several do not
-        converges = (change < _CONVERGES * last_change[active]) | (number < _FREE_ROUNDS)
+        converges = (change < _CONVERGENCE * last_change[active]) | (number < _FREE_ROUNDS)
         last_change[active] = change
-        active = active[~stands & converges]
+        active = active[~is_settled & converges]
     return poles, last_points, last_values
 
 
 def _place_points(pole: Complex, low: Array, high: Array) -> Array:
-    """Return three squares of frequencies, (3, n), Hz^2, about each ``pole`` (n,): that of the
-    pole, between ``low`` and ``high`` (n,), and half a width to either side.
+    """Return three squares of frequencies, (3, n), Hz^2, about each ``pole`` (n,), complex: its
+    real part, clipped to the interval from ``low`` to ``high`` (n,), and half a width to either
+    side.
     """
     centre = np.clip(pole.real, np.maximum(low, _NARROWEST * high), high)
     widest = 0.5 * _RESOLVED * (high - low)
@@ -279,8 +297,12 @@ def _place_points(pole: Complex, low: Array, high: Array) -> Array:
 
 
 class _Windows(NamedTuple):
-    """Windows of frequencies about peaks: their ends ``low`` and ``high`` (n,), Hz, nan without
-    one, and the ``least`` and the ``greatest`` that an end may have.
+    """Windows of frequencies about peaks, which the methods change.
+
+    Attributes
+    ----------
+    low, high : (n,) ends of the windows, Hz; nan before the first :meth:`widen`.
+    least, greatest : lowest and highest frequency that an end may have, Hz.
     """
 
     low: Array
@@ -288,21 +310,23 @@ class _Windows(NamedTuple):
     least: float
     greatest: float
 
-    def widen(self, numbers: Index, ends: Array, is_wanted: NDArray[np.bool_]) -> None:
-        """Let the windows of these ``numbers`` (m,) hold those with the ``ends`` (2, m), if they
-        are wanted, (m,).
+    def widen(self, number: int, low: float, high: float) -> None:
+        """Make the window of this ``number`` wider, so that it holds the frequencies from ``low``
+        to ``high``, Hz.
         """
-        chosen = numbers[is_wanted]
-        ends = np.clip(ends[:, is_wanted], self.least, self.greatest)
-        self.low[chosen] = np.fmin(self.low[chosen], ends[0])
-        self.high[chosen] = np.fmax(self.high[chosen], ends[1])
+        self.low[number] = np.fmin(self.low[number], max(low, self.least))
+        self.high[number] = np.fmax(self.high[number], min(high, self.greatest))
 
     def find_room(self, number: int) -> NDArray[np.bool_]:
-        """Return at which sides, (2,), a window may become wider."""
+        """Return whether the window of this ``number`` may become wider at its lower and at its
+        upper end, (2,).
+        """
         return np.array([self.low[number] > self.least, self.high[number] < self.greatest])
 
     def replace(self, number: int, ends: Array) -> None:
-        """Let a window hold those with the ``ends`` (2, k), and no more."""
+        """Replace the window of this ``number`` by the smallest that holds k windows with the
+        lower and upper ``ends`` (2, k), Hz.
+        """
         self.low[number] = max(float(np.min(ends[0])), self.least)
         self.high[number] = min(float(np.max(ends[1])), self.greatest)
 
@@ -310,26 +334,31 @@ class _Windows(NamedTuple):
 def _find_windows(
     frequencies: Array, magnitude: Array, rows: Index, is_peak: NDArray[np.bool_]
 ) -> _Windows:
-    """Return windows about peaks in the ``rows`` (n,) of magnitudes (n_f, n_r), those of all
-    receivers that have one, ``is_peak`` (n, n_r): from the frequency before to the one after, or to
-    those at which the square of the magnitude has fallen to half.
+    """Return a window about the peaks in each of the ``rows`` (n,) of ``magnitude`` (n_f, n_r) over
+    ``frequencies`` (n_f,), Hz; ``is_peak`` (n, n_r) says which receivers have a peak there.
+
+    To either side the window ends at the frequency at which the square of the magnitude has fallen
+    to half, or if it does not fall so far, at the next frequency; it holds the windows of all
+    receivers with a peak.
     """
     low, high = np.full((2, rows.size), np.nan)
     windows = _Windows(low, high, float(frequencies[0]), float(frequencies[-1]))
     for number, receiver in zip(*np.nonzero(is_peak), strict=True):
         row = int(rows[number])
-        sides = []
+        ends = []
         for side in (-1, 1):
-            falling = magnitude[row::side, receiver]
-            steps, _ = _count_fall(falling, float(falling[0]) * math.sqrt(0.5))
-            sides.append(frequencies[row + side * max(steps, 1)])
-        windows.widen(np.array([number]), np.array(sides)[:, None], np.array([True]))
+            from_peak = magnitude[row::side, receiver]
+            steps, _ = _count_fall(from_peak, float(from_peak[0]) * math.sqrt(0.5))
+            ends.append(float(frequencies[row + side * max(steps, 1)]))
+        windows.widen(int(number), *ends)
     return windows
 
 
 def _count_fall(values: Array, level: float) -> tuple[int, bool]:
-    """Return after how many steps values (n,) have fallen to a ``level``, 0 if they have not, and
-    whether they still fall at their end, above the level.
+    """Return after how many steps ``values`` (n,), which begin at a maximum, have fallen to a
+    ``level``, and whether they still fall at their end without having come to it.
+
+    The number is 0 if they do not come to the level, or rise again before.
     """
     rises = np.flatnonzero(np.diff(values) > 0.0)
     falling = values[: rises[0] + 1] if rises.size else values
@@ -342,48 +371,54 @@ def _count_fall(values: Array, level: float) -> tuple[int, bool]:
 def _refine_peaks(
     starts: _PeakFits, windows: _Windows, is_peak: NDArray[np.bool_], solve: Solve
 ) -> tuple[_PeakFits, NDArray[np.bool_]]:
-    """Return the peaks, (n, n_r), of the response that is solved in their ``windows``, round by
-    round, and which of them stand; ``starts`` are about where they are.
+    """Return the peaks (n, n_r) of the response as it is solved in their ``windows``, and which of
+    them are settled, (n, n_r).
 
-    In each round the response is solved at the nodes of Chebyshev of each window whose peaks do not
-    yet stand. Through these values goes a quotient of polynomials, whose peak says where the next,
-    narrower window is.
+    ``starts`` are first estimates of the peaks, and ``is_peak`` (n, n_r) says which receivers have
+    one. In each round the response is solved at Chebyshev's nodes of each window whose peaks are
+    not all settled. A quotient of polynomials is put through these values, and its peak says where
+    the next window is. The windows are changed.
     """
     fits = starts._replace(
         squares=starts.squares.copy(), heights=starts.heights.copy(), quality=starts.quality.copy()
     )
     nodes = np.cos(np.pi * (np.arange(2 * _DEGREE + 1) + 0.5) / (2 * _DEGREE + 1))
-    stands = ~is_peak
+    is_settled = ~is_peak
     may_widen = np.ones(is_peak.shape, bool)
-    for _ in range(_WINDOWS):
-        active = np.flatnonzero(~np.all(stands, axis=1))
+    for _ in range(_WINDOW_ROUNDS):
+        active = np.flatnonzero(~np.all(is_settled, axis=1))
         if not active.size:
             break
         middle = 0.5 * (windows.high[active] + windows.low[active])
-        half = 0.5 * (windows.high[active] - windows.low[active])
-        frequencies, index = np.unique(middle + half * nodes[:, None], return_inverse=True)
+        half_width = 0.5 * (windows.high[active] - windows.low[active])
+        frequencies, index = np.unique(middle + half_width * nodes[:, None], return_inverse=True)
         samples = solve(frequencies)[index.reshape(nodes.size, active.size)]
-        for place, number in enumerate(active.tolist()):
-            window = middle[place], half[place]
+        for column, number in enumerate(active.tolist()):
+            window = middle[column], half_width[column]
             has_room = windows.find_room(number)
             ends = []
             for receiver in np.flatnonzero(is_peak[number]).tolist():
                 peak = number, receiver
-                quotient = _Quotient.through(nodes, samples[:, place, receiver])
+                quotient = _Quotient.through(nodes, samples[:, column, receiver])
                 change = _set_peak(fits, peak, window, quotient, has_room & may_widen[peak])
-                stands[peak] = change.stands
+                is_settled[peak] = change.is_settled
                 may_widen[peak] &= change.may_widen
                 ends.append(change.ends)
             windows.replace(number, np.transpose(ends))
-    return fits, stands & is_peak
+    return fits, is_settled & is_peak
 
 
 class _Change(NamedTuple):
-    """Whether a peak stands after a round, the ``ends`` of its next window, Hz, and whether a
-    window of it may become wider.
+    """The outcome of a round for a peak.
+
+    Attributes
+    ----------
+    is_settled : whether the peak no longer changes.
+    ends : lower and upper end of its next window, Hz.
+    may_widen : whether a later window of the peak may become wider than the one before.
     """
 
-    stands: bool
+    is_settled: bool
     ends: tuple[float, float]
     may_widen: bool
 
@@ -395,46 +430,51 @@ def _set_peak(
     quotient: _Quotient,
     may_widen: NDArray[np.bool_],
 ) -> _Change:
-    """Set a peak of ``fits``, of this ``index``, to that of a ``quotient``, which runs over the
-    ``window`` of this middle and half, Hz, and may become wider at the sides (2,) that
-    ``may_widen``.
+    """Set the peak of ``fits`` with this ``index``, of a row and a receiver, to the peak of the
+    ``quotient``, and return what this changes; without a peak of the quotient, ``fits`` stay.
+
+    The quotient runs over the ``window``, given by its middle and its half width, Hz; the next
+    window may be wider at those ends for which ``may_widen`` (2,) is true.
     """
-    middle, half = window
+    middle, half_width = window
     last_frequency = math.sqrt(fits.squares[index])
     last_quality = fits.quality[index]
     last_height = fits.heights[index]
-    peak = quotient.find_peak((last_frequency - middle) / half, may_widen)
+    peak = quotient.find_peak((last_frequency - middle) / half_width, may_widen)
     if peak is None:
-        return _Change(stands=False, ends=(middle - half, middle + half), may_widen=False)
-    frequency = middle + half * peak.place
-    quality = frequency / (half * (peak.high - peak.low))
+        same_window = middle - half_width, middle + half_width
+        return _Change(is_settled=False, ends=same_window, may_widen=False)
+    frequency = middle + half_width * peak.position
+    quality = frequency / (half_width * (peak.high - peak.low))
     fits.squares[index] = frequency**2
     fits.heights[index] = peak.height
     fits.quality[index] = quality
     low, high = peak.next_ends
-    settled = max(_SETTLED * (high - low) * half, _ROUNDING * frequency)
-    stands = abs(frequency - last_frequency) <= settled
-    stands &= abs(peak.height - last_height) <= _SETTLED * peak.height
-    stands &= math.isnan(quality) or abs(quality - last_quality) <= _SETTLED * quality
-    ends = middle + half * low, middle + half * high
+    tolerance = max(_PEAK_CHANGE * (high - low) * half_width, _ROUNDING * frequency)
+    is_settled = abs(frequency - last_frequency) <= tolerance
+    is_settled &= abs(peak.height - last_height) <= _PEAK_CHANGE * peak.height
+    is_settled &= math.isnan(quality) or abs(quality - last_quality) <= _PEAK_CHANGE * quality
     return _Change(
-        bool(stands) and not peak.is_wider, ends, peak.is_wider or not math.isnan(quality)
+        is_settled=bool(is_settled) and not peak.is_wider,
+        ends=(middle + half_width * low, middle + half_width * high),
+        # a peak whose magnitude rises again has no width, and looks for one no more
+        may_widen=peak.is_wider or not math.isnan(quality),
     )
 
 
 class _PeakShape(NamedTuple):
-    """A peak of a quotient.
+    """A peak of a quotient over a window, in which positions run from -1 to 1.
 
     Attributes
     ----------
-    place, height : of its maximum.
-    low, high : places at which the square of the magnitude is half of that of the peak; nan if it
-        does not fall so low.
-    next_ends : places of the ends of the next window.
+    position, height : those of its maximum.
+    low, high : positions at which the square of the magnitude is half of that of the peak; nan if
+        it does not fall so low.
+    next_ends : positions of the ends of the next window.
     is_wider : whether the next window is wider, as the magnitude still falls at an end.
     """
 
-    place: float
+    position: float
     height: float
     low: float
     high: float
@@ -443,81 +483,96 @@ class _PeakShape(NamedTuple):
 
 
 class _Quotient(NamedTuple):
-    """A quotient of polynomials over the places -1 to 1, times a ``scale``: the coefficients of its
-    ``top`` and of its ``bottom``.
+    """A quotient of polynomials over positions from -1 to 1: a ``scale`` times a ``numerator`` over
+    a ``denominator``, both given by their coefficients (degree + 1,), lowest power first.
     """
 
-    top: Complex
-    bottom: Complex
+    numerator: Complex
+    denominator: Complex
     scale: float
 
     @classmethod
     def through(cls, nodes: Array, values: Complex) -> _Quotient:
-        """Return the quotient of the least degree through complex ``values`` at ``nodes``,
-        (2 degree + 1,): of a higher one, top and bottom would share a zero that is anywhere.
+        """Return the quotient of the least degree that passes through complex ``values`` at
+        ``nodes``, both (2 :data:`_DEGREE` + 1,).
+
+        In a quotient of a higher degree numerator and denominator would have a common zero at an
+        arbitrary position.
         """
         scale = float(np.max(np.abs(values)))
         scaled = values[:, None] / scale
         for degree in range(_DEGREE + 1):
             powers = polynomial.polyvander(nodes, degree)
+            # numerator - values denominator = 0 at all nodes: the last singular vector solves it
             _, singular, right = np.linalg.svd(np.hstack([powers, -scaled * powers]))
-            is_whole = degree == _DEGREE or singular[-1] <= _ROUNDED * singular[0]
-            if is_whole:
+            if singular[-1] <= _SINGULAR * singular[0]:
                 break
         coefficients = right[-1].conj()
         return cls(coefficients[: degree + 1], coefficients[degree + 1 :], scale)
 
-    def find_square(self, place: Any) -> Any:
-        """Return the square of the magnitude at places, over that of the scale."""
-        value = polynomial.polyval(place, self.top) / polynomial.polyval(place, self.bottom)
-        return np.abs(value) ** 2
+    def find_square(self, position: Any) -> Any:
+        """Return the square of the magnitude, over that of the scale, at a ``position``, a number
+        or an array (...), in the same shape.
+        """
+        numerator = polynomial.polyval(position, self.numerator)
+        denominator = polynomial.polyval(position, self.denominator)
+        return np.abs(numerator / denominator) ** 2
 
-    def _find_slope(self, place: float) -> float:
-        """Return the slope of the logarithm of the magnitude, which is zero at a peak."""
+    def _find_slope(self, position: float) -> float:
+        """Return the slope of the logarithm of the magnitude at a ``position``; it is zero at a
+        peak.
+        """
 
         def find_rate(coefficients: Complex) -> Any:
-            """Return p'/p of a polynomial p at the place."""
-            slope = polynomial.polyval(place, polynomial.polyder(coefficients))
-            return slope / polynomial.polyval(place, coefficients)
+            """Return p'/p at the position, of the polynomial p with these coefficients."""
+            slope = polynomial.polyval(position, polynomial.polyder(coefficients))
+            return slope / polynomial.polyval(position, coefficients)
 
-        return float((find_rate(self.top) - find_rate(self.bottom)).real)
+        return float((find_rate(self.numerator) - find_rate(self.denominator)).real)
 
     def find_peak(self, expected: float, may_widen: NDArray[np.bool_]) -> _PeakShape | None:
-        """Return the peak nearest to the ``expected`` place; None if there is none. Its next window
-        is wider only at sides (2,) at which it may be.
+        """Return the peak nearest to the ``expected`` position; None if there is none within -1
+        and 1.
+
+        Its next window holds the frequencies at which the square of the magnitude is half of that
+        of the peak, with a margin. If the magnitude still falls at an end, above the half, the next
+        window is wider there, provided that ``may_widen`` (2,) allows it. If the magnitude rises
+        again, the next window is half of this one.
         """
         from scipy.optimize import brentq
 
-        mesh = np.linspace(-1.0, 1.0, _MESH)
+        mesh = np.linspace(-1.0, 1.0, _N_MESH)
         squares = self.find_square(mesh)
         tops, _ = _find_tops(squares[:, None])
         if not tops.size:
             return None
         top = int(tops[np.argmin(np.abs(mesh[tops] - expected))])
         sides = mesh[top - 1], mesh[top + 1]
-        # where top and bottom have a zero in common but for rounding, there is no maximum
+        # a zero that numerator and denominator have in common but for rounding is no maximum
         if not self._find_slope(sides[0]) > 0.0 > self._find_slope(sides[1]):
             return None
-        place = brentq(self._find_slope, *sides, xtol=_PLACE)
-        half = 0.5 * float(self.find_square(place))
+        position = brentq(self._find_slope, *sides, xtol=_POSITION_ERROR)
+        half_square = 0.5 * float(self.find_square(position))
         ends = [math.nan, math.nan]
         is_open = [False, False]
         for number, side in enumerate((-1, 1)):
-            steps, still_falls = _count_fall(squares[top::side], half)
+            steps, still_falls = _count_fall(squares[top::side], half_square)
             is_open[number] = still_falls and bool(may_widen[number])
             if steps:
                 bracket = mesh[top + side * (steps - 1)], mesh[top + side * steps]
                 ends[number] = brentq(
-                    lambda end: float(self.find_square(end)) - half, *bracket, xtol=_PLACE
+                    lambda end: float(self.find_square(end)) - half_square,
+                    *bracket,
+                    xtol=_POSITION_ERROR,
                 )
         has_end = np.isfinite(ends)
         is_wider = bool(np.any(is_open) and np.all(has_end | is_open))
         if np.all(has_end):
-            reach = 0.5 * (_MARGIN - 1.0) * (ends[1] - ends[0])
-            next_ends = ends[0] - reach, ends[1] + reach
+            margin = 0.5 * (_MARGIN - 1.0) * (ends[1] - ends[0])
+            next_ends = ends[0] - margin, ends[1] + margin
         elif is_wider:
             next_ends = (-1.0 - 2.0 * is_open[0], 1.0 + 2.0 * is_open[1])
-        else:  # the magnitude rises again: half of the window holds the maximum
-            next_ends = place - 0.5, place + 0.5
-        height = self.scale * math.sqrt(2.0 * half)
-        return _PeakShape(place, height, ends[0], ends[1], next_ends, is_wider)
+        else:  # the magnitude rises again: half of the window, about the maximum
+            next_ends = position - 0.5, position + 0.5
+        height = self.scale * math.sqrt(2.0 * half_square)
+        return _PeakShape(position, height, ends[0], ends[1], next_ends, is_wider)

@@ -4,9 +4,9 @@ The mass-weighted motions x of a network obey x'' + (tau D + gamma) x' + D x = b
 which balls are pushed and s(t) is a tone burst. Every response at a time t is an entire function of
 D applied to b: it is expanded in Chebyshev polynomials T_n(y) of y = 2 D / top^2 - 1
 (:mod:`granphon.waves.chebyshev`). So all times share one recursion. The signal of a receiver r
-needs the moments <r|T_n|b> alone; at the Gauss nodes y_k, where D is a number Omega^2, the response
-is that of a damped oscillator in closed form. Damping in proportion to the stiffness of contacts
-enters through that number only, and drag is the same for all.
+needs only the moments <r|T_n|b>. The coefficients of the expansion follow from the response where D
+is a number, Omega^2, at the Gauss nodes y_k: it is that of a damped oscillator in closed form, with
+the damping tau Omega^2 + gamma.
 
 Where contacts or motions are damped differently, the damping C = A^T tau A + Gamma, with a time tau
 for each deformation and a drag for each motion, is no function of D, and modes exchange energy
@@ -38,41 +38,43 @@ from granphon.dynamics.damping import Losses
 from granphon.waves.chebyshev import GROWTH, polynomials
 from granphon.waves.operator import WaveOperator, explain_instability
 
-#: greatest sum of the coefficients that are left out, over the largest response
+#: greatest sum of the coefficients that are left out of an expansion, over the largest response
 TOLERANCE = 1e-13
-#: largest rounding of a coefficient, times the root of their number, over the largest phase
+#: largest rounding of a coefficient, times the root of the number of coefficients, over the largest
+#: phase
 _ROUNDING = 2e-15
-#: numbers in the blocks that polynomials, and responses at many times, are summed in
+#: most numbers in a block of polynomials, or of responses at many times, that are summed at once
 _BLOCK = 4_000_000
 #: least relative difference of the squares of a mode's frequency and decay rate: nearer squares are
 #: set this far apart, as quotients by their difference have no digits
 _CRITICAL = 1e-10
 #: distance of a rate from that of a wave, times the length of the burst, below which the two are
 #: near
-_NEAR = 1e-2
-#: the longest span of a record with uneven damping, in units of 2/c
-_DECAY = 6.0
-#: the same in units of 1/R
-_PHASE = 400.0
-#: size of the terms that are left out
-_LEAST = 1e-17
-#: distance between the growth of an exponential and the largest number, in logarithms
+_NEAR_RATES = 1e-2
+#: longest span of a record with uneven damping, in units of 2/c
+_LONGEST_DECAY = 6.0
+#: longest span of a record with uneven damping, in units of 1/R
+_LONGEST_PHASE = 400.0
+#: size up to which terms of the expansion of a span are left out
+_LEAST_TERM = 1e-17
+#: logarithm at which the growth of polynomials is capped, so that its exponential is still finite
 _LARGEST_LOG = 700.0
-#: size of the source in z: large against the force, so that it couples little
-_LARGE = 10.0
+#: size of the source in z, over that of the force divided by R: the larger the source is, the
+#: weaker is its coupling to motions
+_SOURCE_SIZE = 10.0
 
 
 @dataclass(frozen=True)
 class ToneBurst:
-    """sin(omega (t - P/2)) (1 - cos(2 pi t/P))/2 from 0 to P: ``cycles`` periods under a Hann
-    window, and zero elsewhere.
+    """A tone burst: sin(omega (t - P/2)) (1 - cos(2 pi t/P))/2 for times t from 0 to P, ``cycles``
+    periods of a tone under a Hann window, and zero at other times.
 
-    Its integral is zero: it leaves no momentum behind.
+    The integral of the burst is zero: as a force it leaves no momentum behind.
 
     Attributes
     ----------
     frequency : omega / 2 pi, Hz.
-    cycles : P omega / 2 pi.
+    cycles : number of periods of the tone, P omega / 2 pi.
     """
 
     frequency: float
@@ -80,7 +82,7 @@ class ToneBurst:
 
     @property
     def duration(self) -> float:
-        """P, s."""
+        """P, the length of the burst, s."""
         return self.cycles / self.frequency
 
     def __call__(self, times: Array) -> Array:
@@ -104,8 +106,10 @@ class ToneBurst:
         return amplitudes, np.array([omega, omega + window_omega, omega - window_omega])
 
     def drive(self, rates: Complex, times: Array) -> Complex:
-        """Return the integrals (n_t, n), s, of exp(rate (t - t')) times the burst at t', over t'
-        from 0 to t, for ``times`` t (n_t,), s, none of which is above P, and ``rates`` (n,), 1/s.
+        """Return what the burst drives exponentials to: the integrals (n_t, n), s, of
+        exp(rate (t - t')) times the burst at t', over t' from 0 to t.
+
+        ``times`` t (n_t,), s, are none above P, and ``rates`` (n,) are complex, 1/s.
         """
         amplitudes, omegas = self.waves
         # the burst is the sum of weight exp(wave_rate t): three waves, and their conjugates
@@ -114,7 +118,7 @@ class ToneBurst:
         differences = rates[:, None] - wave_rates
         # each wave adds (exp(rate t) - exp(wave_rate t))/(rate - wave_rate); where the two rates
         # are near, expm1 keeps the digits of the difference
-        is_near = np.min(np.abs(differences), axis=1) * self.duration < _NEAR
+        is_near = np.min(np.abs(differences), axis=1) * self.duration < _NEAR_RATES
         quotients = weights / differences[~is_near]
         waves_at_times = np.exp(np.multiply.outer(times, wave_rates))
         exponentials = np.exp(np.multiply.outer(times, rates[~is_near]))
@@ -124,6 +128,7 @@ class ToneBurst:
         for column in np.flatnonzero(is_near):
             difference = differences[column]
             is_equal = difference == 0.0
+            # (exp(difference t) - 1)/difference, times the wave
             divisor = np.where(is_equal, 1.0, difference)
             rises = np.expm1(np.multiply.outer(times, difference)) / divisor
             rises = np.where(is_equal, times[:, None], rises)  # the limit of equal rates
@@ -133,11 +138,15 @@ class ToneBurst:
 
 @dataclass(frozen=True)
 class _Exponentials:
-    """The response of an oscillator at each of ``count`` nodes as a sum of exp(rate t).
+    """The motion of the damped oscillator at each node, after a unit of momentum at the time zero,
+    as a sum of exponentials exp(rate t).
 
-    ``node`` (n,) is that of each rate (n,), 1/s; the real parts of ``velocity`` (n,) and
-    ``displacement`` (n,) times the exponentials add up to the velocity and displacement after a
-    unit of momentum.
+    Attributes
+    ----------
+    node : (n,) index of the node to which each exponential belongs.
+    rate : (n,) complex rates, 1/s.
+    velocity, displacement : (n,) factors of the exponentials: real parts of factor times
+        exponential, summed over those of a node, are its velocity and its displacement.
     """
 
     node: NDArray[np.intp]
@@ -147,10 +156,10 @@ class _Exponentials:
 
     @classmethod
     def of(cls, omega: Array, damping: float, drag: float = 0.0) -> _Exponentials:
-        """Return the response of oscillators of the angular frequencies ``omega`` (count,), rad/s,
+        """Return the motions of oscillators with the angular frequencies ``omega`` (count,), rad/s,
         the time tau of the ``damping``, s, and the ``drag``, 1/s.
 
-        An oscillator that swings has one rate, whose real part is taken; one that creeps has two.
+        An oscillator that swings has one complex rate, and one that creeps two real ones.
         """
         # the rates s of exp(s t) are the roots of s^2 + (damping omega^2 + drag) s + omega^2 = 0
         decay = 0.5 * (damping * omega**2 + drag)
@@ -161,7 +170,8 @@ class _Exponentials:
         creeps = np.flatnonzero(damped_square < 0.0)
         damped_omega = np.sqrt(damped_square[swings])
         half_split = np.sqrt(-damped_square[creeps])  # half of the difference of the two rates
-        # the slow rate by the product of the two, without a difference of near numbers
+        # the product of the two rates is omega^2: the slow rate over the fast one is then found
+        # without a difference of near numbers
         slow = -(omega[creeps] ** 2) / (decay[creeps] + half_split)
         fast = -(decay[creeps] + half_split)
         swing = -decay[swings] + 1j * damped_omega
@@ -177,15 +187,15 @@ class _Exponentials:
 
 
 class Propagation:
-    """Responses of the network behind ``operator`` to a burst that pushes ``push`` (size,), from
-    time 0 to ``duration``.
+    """Responses of a network, whose motions are damped evenly, to a burst of force, from the time
+    zero to ``duration``.
 
     Parameters
     ----------
     operator : D.
-    push : (size,) mass-weighted forces, N/kg^1/2, that the burst multiplies.
-    burst : the force in time.
-    duration : the latest time, s.
+    push : (size,) mass-weighted forces, N/kg^1/2, which act times the burst.
+    burst : the course of the force in time.
+    duration : the latest time of a response, s.
     damping : tau, s: the viscosity of each contact over its stiffness.
     drag : gamma of all motions, 1/s.
     """
@@ -209,8 +219,8 @@ class Propagation:
     # -- the response of one oscillator ------------------------------------------------------------
 
     def _find_nodes(self, count: int) -> _Exponentials:
-        """Return the responses at the ``count`` Gauss nodes y = cos(angle) = 2 (Omega / top)^2 -
-        1.
+        """Return the motions of oscillators with the frequencies Omega, rad/s, of the ``count``
+        Gauss nodes y = cos(angle) = 2 (Omega / top)^2 - 1.
         """
         angle = np.pi * (np.arange(count) + 0.5) / count
         omega = self.operator.top * np.cos(0.5 * angle)
@@ -218,11 +228,11 @@ class Propagation:
 
     @cached_property
     def order(self) -> int:
-        """Number of polynomials; the coefficients of higher ones add up to :data:`TOLERANCE`, or to
-        the rounding of phases.
+        """Number of polynomials that are summed; the coefficients of all higher orders add up to
+        :data:`TOLERANCE` at most, or are rounding of phases.
 
-        The latest response needs the most polynomials: its coefficients are found with more nodes
-        than that, until they end well before the last node.
+        The latest response needs the most polynomials. Its coefficients are found with more nodes
+        than the order that results, and the number of nodes is doubled until that is so.
         """
         # coefficients J_2n(top t) fall off beyond 2n = top t, within a width of (top t)^1/3
         phase = 0.5 * self.operator.top * self.duration
@@ -241,7 +251,8 @@ class Propagation:
             is_negligible = remainders <= TOLERANCE
             order = int(np.argmax(is_negligible)) if np.any(is_negligible) else count
             if order < count - 0.25 * margin:
-                return max(order, 2)  # all is still at the end where damping is large
+                # strong damping leaves no response at the end, and no order: two are the least
+                return max(order, 2)
             count *= 2
 
     # -- recursion ---------------------------------------------------------------------------------
@@ -249,17 +260,18 @@ class Propagation:
     def follow(
         self, listen: Callable[[Array], Array], times: Array, frames: Array
     ) -> tuple[Array, Array, Array]:
-        """Return what receivers hear, and the motions of all balls, from one recursion.
+        """Return the signals of receivers, and the motions of all balls, from one recursion.
 
         Parameters
         ----------
-        listen : takes the velocities (size,), and returns the numbers (n_r,) of receivers: linear.
-        times : (n_t,) even times from zero, s.
-        frames : (n_f,) times at which the motions of all balls are returned, s.
+        listen : linear function of the mass-weighted velocities (size,), which returns the signals
+            (n_r,) of receivers.
+        times : (n_t,) even times from zero, s, of the signals.
+        frames : (n_f,) times, s, at which the motions of all balls are returned.
 
         Returns
         -------
-        signals : (n_r, n_t) at the ``times``.
+        signals : (n_r, n_t) of receivers, at the ``times``.
         displacements, velocities : (n_f, size), mass-weighted, at the ``frames``.
 
         Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
@@ -267,8 +279,8 @@ class Propagation:
         responses = self._find_nodes(self.order)
         coefficients = self._expand_frames(responses, frames)
         moments, states = self._recurse(listen, coefficients)
-        # sum of (2 - delta_n0) mu_n T_n(y_k): the spectral weight at the nodes (n, n_r), and from
-        # it the velocities at all times
+        # the transform sums (2 - delta_n0) mu_n T_n(y_k): the spectral weights at nodes (n, n_r),
+        # of which the velocities at all times follow
         spectrum = dct(moments, type=3, axis=0)[responses.node] / self.order
         signals = self._evaluate(responses, spectrum * responses.velocity[:, None], times)
         displacements = states[: frames.size]
@@ -276,13 +288,15 @@ class Propagation:
         return signals.T, displacements, velocities
 
     def _expand_frames(self, responses: _Exponentials, frames: Array) -> Array:
-        """Return the coefficients (2 n_f, order) of the polynomials in the displacements, then in
-        the velocities, at the times ``frames`` (n_f,), s.
+        """Return the coefficients (2 n_f, order) of the polynomials T_n b in the displacements at
+        the times ``frames`` (n_f,), s, and then in the velocities at these times.
+
+        ``responses`` are the motions of the oscillators at the nodes.
         """
         rates = responses.rate
         end = self.burst.duration
         is_early = frames < end
-        # (n_f, n) sizes of the exponentials that the burst has driven
+        # (n_f, n) sizes to which the burst has driven the exponentials
         sizes = np.empty((frames.size, rates.size), complex)
         sizes[is_early] = self.burst.drive(rates, frames[is_early])
         sizes_at_end = self.burst.drive(rates, np.array([end]))[0]
@@ -299,15 +313,17 @@ class Propagation:
     def _recurse(
         self, listen: Callable[[Array], Array], coefficients: Array
     ) -> tuple[Array, Array]:
-        """Return the moments (order, n_r) at receivers of the polynomials T_n b of the push b, and
-        the sums (2 n_f, size) of T_n b with the ``coefficients`` (2 n_f, order).
+        """Return what receivers ``listen`` to in the polynomials T_n b of the push b, (order, n_r),
+        and the sums (2 n_f, size) over n of T_n b times the ``coefficients`` (2 n_f, order).
+
+        Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
         """
         size = self.push.size
         order = self.order
         states = np.zeros((len(coefficients), size))
         moments = []
         largest_norm = np.linalg.norm(self.push) * (1.0 + GROWTH)
-        # polynomials are kept for one product of a block of them
+        # polynomials are kept in a block, and multiplied by their coefficients all at once
         block = np.empty((max(1, min(order, _BLOCK // size)), size))
         vectors = zip(range(order), polynomials(self.operator, self.push), strict=False)
         with self.operator.progress.step("pulse", order) as step:
@@ -319,7 +335,7 @@ class Propagation:
                 if is_block_full or n == order - 1:
                     first = n - row
                     states += coefficients[:, first : n + 1] @ block[: row + 1]
-                    # written so that nan is unstable, too
+                    # nan compares as false, so that numbers that overflowed are unstable, too
                     is_bounded = np.linalg.norm(vector) <= largest_norm
                     if not is_bounded:
                         raise explain_instability(self.operator.network)
@@ -327,8 +343,11 @@ class Propagation:
         return np.array(moments), states
 
     def _evaluate(self, responses: _Exponentials, weights: Complex, times: Array) -> Array:
-        """Return the velocities (n_t, n_r), m/s, of receivers at even ``times`` (n_t,), s;
-        ``weights`` (n, n_r) are those of the exponentials at receivers.
+        """Return the signals (n_t, n_r) of receivers at even ``times`` (n_t,), s.
+
+        Each signal is the real part of the sum of the exponentials of ``responses`` that the burst
+        has driven, times their ``weights`` (n, n_r) at receivers. During the burst, and after it
+        with exponentials that go on by themselves, chunks of times are summed one by one.
         """
         rates = responses.rate
         end = self.burst.duration
@@ -340,7 +359,7 @@ class Propagation:
             signals[chunk] = np.real(self.burst.drive(rates, times[chunk]) @ weights)
         if n_during == times.size:
             return signals
-        # the size of each exponential when the burst ends, from where it goes on by itself
+        # sizes of the exponentials at the end of the burst, from where they go on by themselves
         sizes_at_end = self.burst.drive(rates, np.array([end]))[0]
         weights_at_end = weights * sizes_at_end[:, None]
         since_first = times[n_during : n_during + n_rows] - times[n_during]
@@ -355,18 +374,18 @@ class Propagation:
 
 
 class ViscousPropagation:
-    """Responses of a network whose motions are damped unevenly to a burst that pushes ``push``, as
-    :class:`Propagation`.
+    """Responses of a network, whose motions are damped unevenly, to a burst of force; see
+    :class:`Propagation` for those that are damped evenly.
 
-    A state z (2 size + 6,) holds top times the displacements, the velocities, and the cosines and
-    sines of the three waves of the source.
+    A state z (2 size + 6,) holds top times the displacements, then the velocities, both
+    mass-weighted, and then the three cosines and three sines of the waves of the source.
 
     Parameters
     ----------
     operator : D.
-    push : (size,) mass-weighted forces, N/kg^1/2, that the burst multiplies.
-    burst : the force in time.
-    losses : of the network.
+    push : (size,) mass-weighted forces, N/kg^1/2, which act times the burst.
+    burst : the course of the force in time.
+    losses : losses of the network.
     """
 
     def __init__(
@@ -376,17 +395,19 @@ class ViscousPropagation:
         self.burst = burst
         self._viscous = operator.resist(losses)
         # c/2 and R of the polynomials, and alpha of the source; see the head of this module
-        self._shift = 0.5 * float(np.max(losses.times) * operator.top**2 + np.max(losses.drag))
+        self._half_damping = 0.5 * float(
+            np.max(losses.times) * operator.top**2 + np.max(losses.drag)
+        )
         amplitudes, self._omegas = burst.waves
         self._radius = max(operator.top, float(np.max(self._omegas)))
-        self._alpha = _LARGE * float(np.linalg.norm(push)) / self._radius
+        self._alpha = _SOURCE_SIZE * float(np.linalg.norm(push)) / self._radius
         # the burst is the imaginary part of the sum of amplitude (cos + i sin)
         factors = np.concatenate([np.imag(amplitudes), np.real(amplitudes)])
         self._push = push
         self._source_factors = factors / self._alpha
 
     def _apply(self, z: Array) -> Array:
-        """Return X z = (L z + c/2 z)/R of a state z."""
+        """Return X z = (L z + c/2 z)/R of a state z (2 size + 6,)."""
         size = self._push.size
         top = self.operator.top
         product = np.empty_like(z)
@@ -399,34 +420,36 @@ class ViscousPropagation:
         product[size : 2 * size] = force - self._viscous @ v - spring_force
         cosines, sines = np.split(source, 2)
         product[2 * size :] = np.concatenate([-self._omegas * sines, self._omegas * cosines])
-        product += self._shift * z
+        product += self._half_damping * z
         product /= self._radius
         return product
 
     def _expand(self, span: float, times: Array) -> Array:
-        """Return the coefficients (n_t, order) of the polynomials at ``times`` (n_t,) within a
-        ``span``, s.
+        """Return the coefficients (n_t, order) of the polynomials P_n z of the state z at the
+        beginning of a ``span``, s, in the states at ``times`` (n_t,), s, after this beginning.
 
-        The terms of the polynomials that are left out are below :data:`_LEAST`.
+        Terms that are left out are at most :data:`_LEAST_TERM` at the end of the span.
         """
         phase = self._radius * span
-        # more orders than are needed: terms fall off beyond an order of about the phase
-        n_orders = math.ceil(2.0 * phase + 3.0 * self._shift * span) + 80
+        # more orders than needed are tried: terms fall off beyond an order of about the phase
+        n_orders = math.ceil(2.0 * phase + 3.0 * self._half_damping * span) + 80
         orders = np.arange(n_orders)
-        growth_rate = math.asinh(self._shift / self._radius)  # of the polynomials, for each order
+        growth_rate = math.asinh(
+            self._half_damping / self._radius
+        )  # of the polynomials, for each order
         growth = np.exp(np.minimum(orders * growth_rate, _LARGEST_LOG))
         terms = np.abs(jv(orders, phase)) * growth
-        last = int(np.flatnonzero(terms > _LEAST)[-1])
+        last = int(np.flatnonzero(terms > _LEAST_TERM)[-1])
         kept = np.arange(last + 2)
         multiplicity = np.where(kept, 2.0, 1.0)  # orders above zero count twice
         bessel = multiplicity * jv(kept, self._radius * times[:, None])
-        return np.asarray(bessel * np.exp(-self._shift * times)[:, None])
+        return np.asarray(bessel * np.exp(-self._half_damping * times)[:, None])
 
     def follow(
         self, listen: Callable[[Array], Array], times: Array, frames: Array
     ) -> tuple[Array, Array, Array]:
-        """Return what receivers hear, and the motions of all balls; see
-        :meth:`Propagation.follow`.
+        """Return the signals of receivers, and the motions of all balls, span by span; arguments
+        and results are those of :meth:`Propagation.follow`.
         """
         size = self._push.size
         n_waves = self._omegas.size
@@ -436,7 +459,7 @@ class ViscousPropagation:
         z[2 * size : 2 * size + n_waves] = self._alpha
 
         def listen_to_state(state: Array) -> Array:
-            """Return what receivers hear (n_r,) of displacements, velocities and the source."""
+            """Return the signals (n_r,) of receivers in a state z, by its velocities."""
             return listen(state[size : 2 * size])
 
         signals = np.zeros((times.size, listen(z[:size]).size))
@@ -448,10 +471,10 @@ class ViscousPropagation:
                 if first == 0.0:
                     is_in_span |= times == 0.0
                 frames_in_span = np.flatnonzero((frames > first) & (frames <= last))
-                # states at the end of the span, and at its frames
+                # the state at the end of the span comes first, then those at its frames
                 state_times = np.concatenate([[last], frames[frames_in_span]]) - first
                 signal_times = times[is_in_span] - first
-                states, span_signals = self._cross(
+                states, span_signals = self._propagate(
                     z, last - first, state_times, signal_times, listen_to_state
                 )
                 z = states[0]
@@ -467,9 +490,9 @@ class ViscousPropagation:
         """Yield the first and the last time, s, of each span in which the state is propagated at
         once, up to the time ``end``; the burst ends between two of these spans.
         """
-        longest = _PHASE / self._radius
-        if self._shift > 0.0:
-            longest = min(_DECAY / self._shift, longest)
+        longest = _LONGEST_PHASE / self._radius
+        if self._half_damping > 0.0:
+            longest = min(_LONGEST_DECAY / self._half_damping, longest)
         first = 0.0
         has_burst_ended = False
         while first < end:
@@ -480,7 +503,7 @@ class ViscousPropagation:
             yield first, last
             first = last
 
-    def _cross(
+    def _propagate(
         self,
         z: Array,
         span: float,
@@ -488,8 +511,11 @@ class ViscousPropagation:
         signal_times: Array,
         listen: Callable[[Array], Array],
     ) -> tuple[Array, Array]:
-        """Return the states (m, 2 size + 6) at ``state_times`` (m,) after a state ``z``, and what
-        receivers hear, (n, n_r), at ``signal_times`` (n,), within a ``span``, all in s.
+        """Return the states (m, 2 size + 6) at ``state_times`` (m,), s, and the signals (n, n_r) of
+        receivers, by ``listen``, at ``signal_times`` (n,), s.
+
+        Times count from the beginning of a ``span``, s, where the state is ``z``, and are within
+        the span.
         """
         coefficients = self._expand(span, np.concatenate([state_times, signal_times]))
         of_states = coefficients[: state_times.size]

@@ -45,56 +45,58 @@ from granphon.base.validation import (
 from granphon.dynamics.damping import NO_LOSSES, GivenLosses, Losses
 from granphon.dynamics.linalg import lanczos_converges
 from granphon.networks.network import ContactNetwork, number_pieces
-from granphon.waves.modes import find_fall, find_falls, is_stable, require_stable
+from granphon.waves.modes import find_allowed_fall, find_falling_motions, is_stable, require_stable
 from granphon.waves.operator import WaveOperator, make_operator
 from granphon.waves.propagation import Propagation, ToneBurst, ViscousPropagation
 from granphon.waves.settings import ENDS, READINGS, PulseSettings
 
 #: relative length below which the part of a period along a direction is zero but for rounding
-_FLAT = 1e-9
-#: greatest distance of the balls of one plane from it, in mean diameters, in a lattice
-_THICK = 0.25
-#: the same in a network of no lattice
-_THICKER = 0.45
-#: greatest number of directions that are compared for a message
-_MANY = 40_000
+_ZERO_LENGTH = 1e-9
+#: greatest distance of a ball of a plane from its middle ball, in mean diameters, in a lattice
+_PLANE_THICKNESS = 0.25
+#: greatest distance of a ball of a layer from its middle ball, in mean diameters, in a network of
+#: no lattice, which has no planes
+_LAYER_THICKNESS = 0.45
+#: greatest number of directions that are compared, to offer another one in a message
+_MOST_DIRECTIONS = 40_000
 #: ways to read a time of flight
 METHODS = ("envelope", "first", "correlation")
-#: an earlier maximum of the envelope counts if it has this part of the greatest
-_HALF = 0.5
-#: the maximum is that of a parabola through the envelope where it has this part of the greatest
-_NEAR = 0.9
-#: part of a reading within which a signal has not travelled
-_AT_ONCE = 0.05
+#: part of the greatest height of an envelope that an earlier maximum must have to be that of the
+#: pulse
+_MAXIMUM_SHARE = 0.5
+#: part of the height of a maximum above which the envelope is fitted by a parabola
+_TOP_SHARE = 0.9
+#: shift, in steps of the record, up to which a signal has not travelled
+_LEAST_SHIFT = 0.05
 #: why a signal has no time of flight
-_SHORT = (
+_RECORD_TOO_SHORT = (
     "the record ends before the pulse is over: use a longer duration; in a periodic network a"
     " longer array, a shorter "
     "distance, fewer cycles, a higher frequency, or ends: free"
 )
-_EARLY = (
+_TOO_EARLY = (
     "the signal comes not after the burst: what is heard has not travelled, as no waves of"
     " this frequency and polarisation "
     "do, the plane is too near, or the array is far shorter than the pulse"
 )
-#: part of the envelope at which a signal begins
-_BEGINS = 0.1
+#: part of the maximum of the envelope at which a signal begins, by default
+_THRESHOLD = 0.1
 #: damping ratio of a wave of the pulse's frequency from which the signal tells no velocity of sound
 _MOST_DAMPING = 0.3
-#: relative excess of a velocity over that of the fastest wave that may come from the reading of the
-#: record
-_FASTER = 0.02
-#: spectrum at the burst's frequency over its maximum, received over sent, below which other
-#: frequencies are received
+#: relative excess of a velocity over that of the fastest wave that errors of the time of flight may
+#: explain
+_VELOCITY_EXCESS = 0.02
+#: least share of the burst's frequency in what is received: the spectrum at this frequency over its
+#: maximum, of the signal over the same of the burst
 _LEAST_SHARE = 0.5
 #: relative error of a velocity above which the error is a warning
-_UNSURE = 0.03
+_WARNED_ERROR = 0.03
 #: relative error of a velocity from which the velocity is not known
-_UNKNOWN = 0.5
-#: reach of the gate around the height of a pulse, in durations of the burst: all of a pulse that
-#: keeps its shape, and a margin
-_REACH = 0.75
-_DAMPED = (
+_LARGEST_ERROR = 0.5
+#: half width of the gate around the height of a pulse, in durations of the burst: it holds all of a
+#: pulse that keeps its shape, and a margin
+_GATE_REACH = 0.75
+_DAMPED_REMARK = (
     "waves of the frequency of the pulse hardly swing, so much are they damped: what arrives has"
     " no velocity of sound"
 )
@@ -105,16 +107,16 @@ _NOTHING_HELD = message(
     "They need the contacts that the ends cut, as such an array has hardly more than it needs",
     "Use ends: walls, balls with friction, or a higher load",
 )
-#: duration of the record without the burst, over the flight of a long wave in which balls move in
-#: proportion
-_LATE = 3.0
-#: share of the squared bound of frequencies below which a frequency is surely reached: a ball that
-#: moves alone has a half
-_SURE = 0.45
+#: duration of the record after the burst, over the time that the fastest long wave takes for the
+#: distance
+_RECORD_LENGTH = 3.0
+#: squared frequency over the squared bound of all, up to which some mode surely has so high a
+#: frequency: the ball with the highest frequency alone has a half
+_SURELY_REACHED = 0.45
 #: most products with D that a record may take
-_MOST = 2**20
-#: products with D and with dashpots where motions are damped unevenly, for each radian of the top
-#: frequency
+_MOST_PRODUCTS = 2**20
+#: products with D and with the matrix of dashpots that a record takes if motions are damped
+#: unevenly, for each radian of the top frequency
 _UNEVEN_PRODUCTS = 2.0
 #: largest viscosity of a contact over its stiffness, times the highest frequency
 _MOST_DAMPED = 1e12
@@ -122,17 +124,18 @@ _MOST_DAMPED = 1e12
 _MOST_READINGS = 2**24
 #: least weight of a reading in the fit of a maximum: above zero, so that a fit has three readings
 _LEAST_WEIGHT = 1e-9
-#: greatest relative difference of distances, and of dampings, of pulses that are averaged
-_SAME = 0.1
+#: greatest relative difference of the distances, and of the dampings, of pulses that are averaged
+_SIMILAR = 0.1
 #: relative difference of forces that are the same but for rounding
 _ROUNDING = 1e-12
 #: relative error of the highest squared frequency
 _TOP_ERROR = 1e-6
-#: reduction of the default distance, in diameters: balls of different samples of one array are not
-#: at the same places, and of two planes that are equally near the same one is to be taken
-_NEARER = 0.07
-#: the mean contact force being the same, velocities and frequencies of an array of differing balls
-#: are those of the array of equal ones times a number between this and its inverse, generously
+#: reduction of the default distance, in diameters. If two planes are equally near to the default
+#: place, small displacements of balls would decide, in each sample anew: with this reduction the
+#: plane nearer to the source is taken in all samples
+_DISTANCE_REDUCTION = 0.07
+#: factor by which velocities and frequencies of an array of differing balls may be above or below
+#: those of the array of equal balls with the same mean contact force: a generous bound
 MARGIN = 1.5
 
 
@@ -140,16 +143,21 @@ MARGIN = 1.5
 class Course:
     """The balls of a network in the order in which a plane wave along ``direction`` meets them.
 
+    The *place* of a ball is its distance along the direction from the beginning of the course. In a
+    network that repeats it is taken less whole periods, so that the course is closed unless it was
+    given ends.
+
     Attributes
     ----------
     network : the network.
     direction : (3,) unit vector.
     period : distance after which planes across the direction meet themselves, m; infinity if they
         never do.
-    origin : coordinate along the direction at which places begin, m.
-    face : place from which distances are counted where the network has been given ends, m; else
-        nan.
-    at_rest : whether it is known that static forces push no ball over.
+    origin : coordinate along the direction of the beginning of the course, m.
+    face : place from which the distance of receivers is counted if the network was given ends, m;
+        else nan.
+    at_rest : whether it is known that the network is stable, so that static forces push no ball
+        over.
     """
 
     network: ContactNetwork
@@ -161,18 +169,18 @@ class Course:
 
     @classmethod
     def along(cls, network: ContactNetwork, direction: Array) -> Self:
-        """Return the course along ``direction`` (3,), a unit vector, through the network from its
-        first plane on.
+        """Return the course along ``direction`` (3,), a unit vector, through the ``network``, which
+        begins halfway between two planes of balls, or half a diameter before the first ball.
 
         Raises :class:`~granphon.base.errors.InputError` for a direction that leaves the line or the
         plane of the balls.
         """
-        if np.any(np.abs(direction[network.dimension :]) > _FLAT):
+        if np.any(np.abs(direction[network.dimension :]) > _ZERO_LENGTH):
             mend = f"Give {network.dimension} numbers"
             raise InputError(
                 "the direction leaves the line or the plane in which the balls lie", mend=mend
             )
-        # places begin halfway between two planes of balls, where a cut meets no ball
+        # the course begins where a cut meets no ball
         course = cls(network, direction, _find_period(network, direction))
         if math.isinf(course.period):
             lowest = float(np.min(course.heights[network.moving]))
@@ -180,18 +188,19 @@ class Course:
         return replace(course, origin=course._find_gap())
 
     def _find_gap(self) -> float:
-        """Return the middle of the gap between two planes of balls that repeat, m.
+        """Return the coordinate, m, of the middle of the first gap between two planes of balls, in
+        a network that repeats.
 
-        A plane is less than a diameter thick; the widest gap among the balls within a diameter is
-        that between two planes.
+        A plane is less than a diameter thick, so that the widest gap among the balls of the first
+        diameter is one between two planes.
         """
         heights = np.sort(self._wrap(self.heights))
         n_near = int(np.searchsorted(heights, self.spacing)) + 1
         near_heights = heights[: max(2, n_near)]
         # the gap before the first ball is that from the last ball, a period earlier
         gaps = np.diff(near_heights, prepend=heights[-1] - self.period)
-        # of gaps that are equally wide but for the differences of balls the first
-        is_wide = gaps > (1.0 - _THICK) * np.max(gaps)
+        # the first of the gaps that are equally wide but for the differences of balls
+        is_wide = gaps > (1.0 - _PLANE_THICKNESS) * np.max(gaps)
         first_wide = int(np.argmax(is_wide))
         return float(near_heights[first_wide] - 0.5 * gaps[first_wide])
 
@@ -202,23 +211,23 @@ class Course:
 
     @cached_property
     def heights(self) -> Array:
-        """(n,) coordinates along the direction, m."""
+        """(n,) coordinates of balls along the direction, m."""
         return np.asarray(self.network.positions @ self.direction)
 
     @cached_property
     def places(self) -> Array:
-        """(n,) distance of balls behind the beginning, m, below :attr:`period`."""
+        """(n,) places of balls, m: distances behind the beginning, from zero to :attr:`period`."""
         return self._wrap(self.heights - self.origin)
 
     def _wrap(self, lengths: Array) -> Array:
-        """Return lengths less whole periods."""
+        """Return ``lengths`` (n,), m, less whole periods: from zero to :attr:`period`."""
         return lengths if math.isinf(self.period) else np.mod(lengths, self.period)
 
     def require_period(self, shortest: float, why: str) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if planes across the direction meet
         themselves before ``shortest``, m; ``why`` says why that length is needed.
         """
-        if self.period >= shortest * (1.0 - _FLAT):
+        if self.period >= shortest * (1.0 - _ZERO_LENGTH):
             return
         direction = _write_direction(self.direction[: self.network.dimension])
         closes = "do not close"
@@ -237,11 +246,12 @@ class Course:
         raise InputError(fault, reason, f"Take a shorter distance, {remedy}")
 
     def _describe_cell(self) -> tuple[str, str]:
-        """Return two parts of a message: a sentence with the lengths of the cell along the
-        direction, if there are several, and the array that would have a longer period.
+        """Return two parts of the message of :meth:`require_period`: a sentence with the lengths of
+        the cell along the direction, empty if only one is not zero; and words for an array that
+        would have a longer period.
         """
         heights = np.abs(self.network.cell[list(self.network.pbc)] @ self.direction)
-        rounding = _FLAT * float(np.max(heights))
+        rounding = _ZERO_LENGTH * float(np.max(heights))
         sides = [f"{height:.6g}" for height in heights if height > rounding]
         if len(sides) < 2:
             return "", "a longer array"
@@ -253,17 +263,18 @@ class Course:
         return cell, "an array whose numbers of cells make these lengths equal"
 
     def _find_directions(self, shortest: float) -> list[tuple[Array, float]]:
-        """Return the two directions (d,) nearest to this one whose planes have a period of
-        ``shortest``, m, or more; with the periods, m.
+        """Return the two directions (d,) nearest to this one whose planes have a period of at least
+        ``shortest``, m, each with its period, m; fewer if there are fewer.
 
         The candidates are the normals of planes whose Miller indices in the periodic cell have no
         common divisor; the period of a plane is one over the length of its reciprocal vector.
         """
         periods = self.network.cell[list(self.network.pbc)]
         reciprocal = np.linalg.pinv(periods).T  # rows b with b_i . a_j = delta_ij
-        # higher indices have shorter periods; all indices are (2 n + 1)^p, at most _MANY
+        # higher indices have shorter periods; of (2 n + 1)^p indices at most _MOST_DIRECTIONS are
+        # tried
         highest = np.floor(np.linalg.norm(periods, axis=1) / shortest).astype(int)
-        affordable = int(0.5 * (_MANY ** (1.0 / len(periods)) - 1.0))
+        affordable = int(0.5 * (_MOST_DIRECTIONS ** (1.0 / len(periods)) - 1.0))
         ranges = [range(-n, n + 1) for n in np.minimum(highest, affordable)]
         candidates = []
         for indices in itertools.product(*ranges):
@@ -281,20 +292,21 @@ class Course:
 
     @cached_property
     def crossings(self) -> NDArray[np.intp]:
-        """(n_c,) how often each contact, from ball i to ball j, passes the beginning: 1 for a
-        contact that leads from the end of the course to its beginning, -1 for the other way.
+        """(n_c,) how many times each contact, from ball i to ball j, passes the beginning of the
+        course: 1 for a contact that leads from the end of the course on to its beginning, -1 for
+        one that leads back from the beginning to the end, and 0 for most.
         """
         if math.isinf(self.period):
             return np.zeros(self.network.n_contacts, int)
         network = self.network
         place_step = self.places[network.j] - self.places[network.i]
-        # the vector leads between the centres, and not along the line of the contact
+        # vector is that between the centres, which the normal of a contact need not be along
         true_step = network.vector @ self.direction
         return np.rint((true_step - place_step) / self.period).astype(int)
 
     def with_ends(self, ends: str) -> Course:
-        """Return the course through the network with ``ends``, see
-        :data:`~granphon.waves.settings.ENDS`.
+        """Return the course through the network with the ``ends`` "periodic", "free" or "walls",
+        see :data:`~granphon.waves.settings.ENDS`.
 
         Raises :class:`~granphon.base.errors.InputError` for walls in a network without a period
         along the direction.
@@ -311,8 +323,8 @@ class Course:
         return self._hold_walls()
 
     def _cut_free(self) -> Course:
-        """Return the course through the network without contacts across the beginning, and without
-        balls that static forces then push over.
+        """Return the course through the network without the contacts that pass its beginning, and
+        without the balls that static forces then push over; see :func:`drop_falling`.
         """
         network = self.network
         is_kept = self.crossings == 0
@@ -321,7 +333,11 @@ class Course:
         return replace(self, network=stable_network, face=0.0, at_rest=True)
 
     def _hold_walls(self) -> Course:
-        """Return the course through the network whose balls before the beginning are held."""
+        """Return the course through the network in which the last balls, those with contacts that
+        pass the beginning, are held: they are the walls.
+
+        Raises :class:`~granphon.base.errors.InputError` if no ball is left that moves.
+        """
         network = self.network
         crosses = self.crossings != 0
         is_forward = self.crossings[crosses] > 0
@@ -339,14 +355,13 @@ class Course:
         return replace(self, network=replace(network, masses=masses), face=face)
 
     def find_plane(self, place: float, role: str) -> Index:
-        """Return the balls (n,) that move within a quarter of a diameter of the ball nearest to
-        ``place``, m, along the direction; ``role`` says in the message what the plane is for.
+        """Return the plane of balls, the indices (n,) of those that move, nearest to a ``place``,
+        m.
 
-        In a network of no lattice, which has no planes, the balls are those within nine twentieths
-        of a diameter.
-
-        Raises :class:`~granphon.base.errors.InputError` if no ball is within a diameter of
-        ``place``.
+        They are the balls that lie, along the direction, within a quarter of a diameter of the ball
+        nearest to the place; in a network of no lattice, which has no planes, within nine
+        twentieths. Raises :class:`~granphon.base.errors.InputError` if no ball is within a diameter
+        of the place; ``role`` says in the message what the plane is for.
         """
         moving = np.flatnonzero(self.network.moving)
         offsets = self._find_offset(self.places[moving] - place)
@@ -361,7 +376,9 @@ class Course:
             raise InputError(
                 f"there is no plane of balls for the {role} at {place:.6g} m", why, mend
             )
-        half_thickness = (_THICKER if self.network.lattice is None else _THICK) * self.spacing
+        half_thickness = (
+            _LAYER_THICKNESS if self.network.lattice is None else _PLANE_THICKNESS
+        ) * self.spacing
         from_nearest = np.abs(self._find_offset(offsets - offsets[nearest]))
         return moving[from_nearest <= half_thickness]
 
@@ -371,29 +388,34 @@ class Course:
         return math.isfinite(self.period) and math.isnan(self.face)
 
     def _find_offset(self, lengths: Array) -> Array:
-        """Return ``lengths`` (n,), m, less the whole periods that leave the shortest ones; on a
-        course with ends the lengths themselves.
+        """Return ``lengths`` (n,), m, less whole periods, so that each is as short as it can be,
+        of either sign; on a course that is not closed, the lengths themselves.
         """
         if not self._is_closed:
             return lengths
         return lengths - self.period * np.rint(lengths / self.period)
 
     def find_place(self, balls: Index) -> float:
-        """Return the mean place of ``balls``, which lie near each other along the direction."""
+        """Return the mean place, m, of ``balls`` (n,), which lie near each other along the
+        direction.
+        """
         places = self.places[balls]
         return float(places[0] + np.mean(self._find_offset(places - places[0])))
 
     def find_distance(self, start: float, balls: Index) -> float:
-        """Return the mean distance of ``balls`` ahead of the place ``start``, m."""
+        """Return the mean distance, m, of ``balls`` (n,) ahead of the place ``start``, m; on a
+        closed course in the sense of the direction.
+        """
         ahead = self.find_place(balls) - start
         return float(np.mod(ahead, self.period)) if self._is_closed else ahead
 
     def find_echo(self, start: float, balls: Index) -> float:
-        """Return how much longer the path of the first echo from an end is than the path from
-        ``start`` to ``balls``, m.
+        """Return the detour, m, of the first echo: the length of its path less that of the path
+        from the place ``start``, m, to ``balls`` (n,).
 
-        Balls within a diameter of an end send or hear the pulse and its reflection there as one.
-        Without ends the echo is the pulse that runs the other way round.
+        Balls within a diameter of an end send or hear the pulse and its reflection there as one, so
+        that this reflection is no echo. On a closed course the echo is the pulse that runs the
+        other way round.
         """
         if self._is_closed:
             return self.period - 2.0 * self.find_distance(start, balls)
@@ -413,19 +435,20 @@ class Course:
 
 
 def _write_direction(direction: Array) -> str:
-    """Return a vector (d,) in words."""
+    """Return the text of a vector (d,), such as "(0, 1)"."""
     return f"({', '.join(f'{x:.6g}' for x in direction)})"
 
 
 def _find_period(network: ContactNetwork, direction: Array) -> float:
-    """Return the distance after which planes across ``direction`` (3,) meet themselves, m: the
-    greatest length that measures the heights of all periods; infinity if there is none.
+    """Return the distance, m, after which planes across ``direction`` (3,) meet themselves in a
+    ``network``: the greatest length of which the lengths of all periods along the direction are
+    multiples; infinity if no period leads along it.
     """
     periods = network.cell[list(network.pbc)]
     heights = np.abs(periods @ direction)  # lengths along the direction
     lengths = np.linalg.norm(periods, axis=1)
-    rounding = _FLAT * float(np.max(lengths, initial=0.0))
-    periodic_heights = heights[heights > _FLAT * lengths].tolist()
+    rounding = _ZERO_LENGTH * float(np.max(lengths, initial=0.0))
+    periodic_heights = heights[heights > _ZERO_LENGTH * lengths].tolist()
     if not periodic_heights:
         return math.inf
     period: float = periodic_heights[0]
@@ -435,8 +458,8 @@ def _find_period(network: ContactNetwork, direction: Array) -> float:
 
 
 def _find_common_measure(longer: float, shorter: float, rounding: float) -> float:
-    """Return the greatest length that measures two lengths, m, by Euclid's algorithm; lengths up to
-    ``rounding`` are zero.
+    """Return the greatest length, m, of which the lengths ``longer`` and ``shorter``, m, are both
+    multiples, by Euclid's algorithm; lengths up to ``rounding``, m, are zero.
     """
     while shorter > rounding:
         remainder = abs(longer - shorter * round(longer / shorter))
@@ -449,13 +472,13 @@ def drop_falling(cut: ContactNetwork, whole: ContactNetwork) -> ContactNetwork:
     """Return a network ``cut`` from a ``whole`` one without the balls that its static forces push
     over.
 
-    The balls of a cut feel the forces of the contacts that they have lost as dead loads, which keep
-    the balance and do not change with small motions. A ball that hangs on one contact rolls off
-    that contact under such a load, and then carries nothing: in the returned network the ball does
-    not move and has no contacts. A ball hangs if fewer pressed contacts hold it than there are
-    dimensions, or do so once other such balls are gone. If static forces still push over several
-    balls that hang together, the ball that moves most in each of these motions is left out, until
-    the network is stable.
+    The balls of a cut still feel the forces of the contacts that they have lost, as dead loads,
+    which keep the balance and do not change with small motions. A ball that hangs on one contact
+    rolls off that contact under such a load, and then carries nothing: in the returned network the
+    ball does not move and has no contacts. A ball hangs if fewer pressed contacts hold it than
+    there are dimensions, also once other such balls are gone. If static forces still push over
+    several balls that hang together, the ball that moves most in each of these motions is left out,
+    again and again until the network is stable.
 
     Raises :class:`~granphon.base.errors.InstabilityError` if the whole network is not stable, if
     nothing of the cut network is held, or if the network is too large for its motions to be found.
@@ -463,7 +486,8 @@ def drop_falling(cut: ContactNetwork, whole: ContactNetwork) -> ContactNetwork:
     if not cut.prestress:
         return cut
     uncut_operator = make_operator(whole)
-    fall = find_fall(uncut_operator)  # the loads of the contacts that are cut are no imbalance
+    # that of the whole network, as the loads of the contacts that are cut are no imbalance
+    fall = find_allowed_fall(uncut_operator)
     if is_stable(make_operator(cut), fall):
         return cut
     require_stable(uncut_operator)
@@ -473,7 +497,7 @@ def drop_falling(cut: ContactNetwork, whole: ContactNetwork) -> ContactNetwork:
         operator = make_operator(remaining)
         if is_stable(operator, fall):
             return remaining
-        falls = operator.values(find_falls(operator, fall))  # (n_free, motions, falls)
+        falls = operator.values(find_falling_motions(operator, fall))  # (n_free, motions, falls)
         sizes = np.linalg.norm(falls, axis=1)
         most_moved = np.unique(np.argmax(sizes, axis=0))
         remaining = _detach(remaining, operator.balls[most_moved])
@@ -481,13 +505,14 @@ def drop_falling(cut: ContactNetwork, whole: ContactNetwork) -> ContactNetwork:
 
 
 def _find_hanging(network: ContactNetwork) -> Index:
-    """Return the balls (m,) that fewer contacts hold than there are dimensions, or do once such
-    balls are gone; held bodies do not hang.
+    """Return the indices (m,) of the balls that hang: fewer contacts hold them than there are
+    dimensions, when contacts with other balls that hang do not count. Held bodies do not hang.
     """
     i = network.i
     j = network.j
     n_balls = network.n_balls
-    # a contact that pulls counts as many: it holds a ball alone, as a rope does
+    # a contact that pulls counts as many contacts as there are dimensions: a ball hangs on it in a
+    # stable way, as on a rope
     weights = np.where(network.normal_force < 0.0, network.dimension, 1)
     is_hanging = np.zeros(n_balls, bool)
     count_before = -1
@@ -512,12 +537,15 @@ def _detach(network: ContactNetwork, balls: Index) -> ContactNetwork:
 
 
 def find_envelope(signals: Array) -> Array:
-    """Return the envelopes (..., n_t) of ``signals``: the magnitudes of their analytic signals."""
+    """Return the envelopes (..., n_t) of ``signals`` (..., n_t): the magnitudes of their analytic
+    signals.
+    """
     from scipy.fft import next_fast_len
     from scipy.signal import hilbert
 
     count = signals.shape[-1]
-    # zeros behind the record: its end is not joined to its beginning
+    # zeros behind the record keep the transform, which is periodic, from joining its end to its
+    # beginning
     analytic = hilbert(signals, next_fast_len(2 * count), axis=-1)
     return np.asarray(np.abs(analytic)[..., :count])
 
@@ -531,29 +559,31 @@ def _explain_unknown_time(signal: Array, shift: float, is_held: bool) -> str:
     if not np.any(signal):
         return "the signal is zero"
     if not is_held:
-        return _SHORT
-    return _EARLY if shift <= _AT_ONCE else ""
+        return _RECORD_TOO_SHORT
+    return _TOO_EARLY if shift <= _LEAST_SHIFT else ""
 
 
 def find_arrivals(
     times: Array, signals: Array, sent: Array, duration: float, method: str, threshold: float
 ) -> tuple[Array, list[str]]:
-    """Return the times (n,), s, by which ``signals`` (n, n_t) come after ``sent`` (n_t,), and why
-    times are not known; ``times`` (n_t,), s, are even.
+    """Return the times of flight of ``signals`` (n, n_t), by which they come after the signal
+    ``sent`` (n_t,), and why times are not known.
 
     Parameters
     ----------
-    duration : of what was sent, s: a record is to hold it, and the time of flight before it.
-    method : "envelope": between the maxima of the envelopes, of which the first counts that has
-        half the height of the greatest; "first": between the times at which the envelopes first
-        reach ``threshold`` of that maximum; "correlation": where the cross-correlation of both
-        signals is greatest.
+    times : (n_t,) even times of the readings, s.
+    duration : length of the signal that was sent, s. The record must be at least as long as the
+        time of flight and this duration.
+    method : "envelope": the time between the maxima of both envelopes; the maximum of an envelope
+        is the first one that has half the height of the greatest. "first": the time between the
+        moments at which the envelopes first reach the part ``threshold`` of that maximum.
+        "correlation": the shift at which the cross-correlation of both signals is greatest.
 
     Returns
     -------
-    times : nan of a signal that is zero, does not come after the burst, or is not over when the
-        record ends.
-    reasons : for each signal why its time is nan; empty if it is not.
+    flights : (n,) s; nan if a signal is zero, does not come after the burst, or is not over when
+        the record ends.
+    reasons : for each signal the reason why its time is nan; empty if it is known.
 
     Raises :class:`~granphon.base.errors.InputError` for an unknown method.
     """
@@ -563,8 +593,10 @@ def find_arrivals(
         shifts = np.array([_correlate(signal, sent) for signal in signals])
     else:
         envelopes = find_envelope(np.vstack([sent, signals]))
-        places = np.array([_find_place(envelope, method, threshold) for envelope in envelopes])
-        shifts = places[1:] - places[0]
+        positions = np.array(
+            [_find_pulse_position(envelope, method, threshold) for envelope in envelopes]
+        )
+        shifts = positions[1:] - positions[0]
     are_held = step * shifts + duration <= times[-1] + step
     reasons = [
         _explain_unknown_time(signal, shift, is_held)
@@ -590,14 +622,15 @@ def _correlate(signal: Array, sent: Array) -> float:
     return greatest + 0.5 * float((low - high) / curvature)
 
 
-def _find_place(envelope: Array, method: str, threshold: float) -> float:
-    """Return the place of a pulse in its envelope (n_t,), in readings: the first maximum that has
-    half the height of the greatest value, or for the ``method`` "first" the place where the
-    envelope first has the share ``threshold`` of that maximum; nan without a maximum.
+def _find_pulse_position(envelope: Array, method: str, threshold: float) -> float:
+    """Return the position of a pulse in its ``envelope`` (n_t,), in readings: that of the first
+    maximum that has half the height of the greatest value, or with the ``method`` "first" the
+    position at which the envelope first has the share ``threshold`` of this maximum; nan if there
+    is no such maximum.
     """
     inner = envelope[1:-1]
     peaks = 1 + np.flatnonzero((inner > envelope[:-2]) & (inner >= envelope[2:]))
-    high_peaks = peaks[envelope[peaks] >= _HALF * np.max(envelope)]
+    high_peaks = peaks[envelope[peaks] >= _MAXIMUM_SHARE * np.max(envelope)]
     if not high_peaks.size:
         return np.nan
     top = int(high_peaks[0])
@@ -607,8 +640,8 @@ def _find_place(envelope: Array, method: str, threshold: float) -> float:
 
 
 def _find_begin(envelope: Array, level: float) -> float:
-    """Return the place, in readings, at which an envelope (n_t,), linear between readings, first
-    has a ``level``.
+    """Return the position, in readings, at which an ``envelope`` (n_t,), taken as linear between
+    readings, first has a ``level``.
     """
     begin = int(np.argmax(envelope >= level))
     if begin == 0:
@@ -619,29 +652,30 @@ def _find_begin(envelope: Array, level: float) -> float:
 
 
 def _fit_top(envelope: Array, top: int) -> float:
-    """Return the place, in readings, of the maximum of the parabola that fits an envelope (n_t,)
-    about its highest reading, ``top``, where the envelope has the share :data:`_NEAR` of that.
+    """Return the position, in readings, of the maximum of the parabola that is fitted to an
+    ``envelope`` (n_t,) about its highest reading, of index ``top``: to all readings around it that
+    are above the share :data:`_TOP_SHARE` of this reading, and at least to three.
     """
-    low = np.flatnonzero(envelope < _NEAR * envelope[top])
+    low = np.flatnonzero(envelope < _TOP_SHARE * envelope[top])
     n_before = int(np.searchsorted(low, top))
     last_before = int(low[n_before - 1]) if n_before else -1
     first_after = int(low[n_before]) if n_before < low.size else envelope.size
     first = min(top - 1, last_before + 1)
     last = max(top + 1, first_after - 1)
     heights = envelope[first : last + 1] / envelope[top]
-    # weights that vanish at the ends: no reading counts more or less when the next one is left out
-    weights = np.sqrt(np.maximum(heights - _NEAR, _LEAST_WEIGHT))
+    # weights vanish towards the share, so that the result does not jump when a reading passes it
+    weights = np.sqrt(np.maximum(heights - _TOP_SHARE, _LEAST_WEIGHT))
     from_top = np.arange(first, last + 1) - top
-    curve, slope, _ = np.polyfit(from_top, heights, 2, w=weights)
-    return float(np.clip(top - 0.5 * slope / curve, first, last))
+    curvature, slope, _ = np.polyfit(from_top, heights, 2, w=weights)
+    return float(np.clip(top - 0.5 * slope / curvature, first, last))
 
 
 def _find_delay(signal: Array, times: Array, frequency: float) -> float:
-    """Return the size of the group delay of a ``signal`` (n_t,) at ``times`` (n_t,), s, at a
-    ``frequency``, Hz: -d phase / d omega of its Fourier integral, s.
+    """Return the size of the group delay, s, of a ``signal`` (n_t,) with ``times`` (n_t,), s, at a
+    ``frequency``, Hz: that of -d phase / d omega of its Fourier integral.
 
-    The delay of a burst that is even about the time zero is zero. It is nan for a signal without
-    that frequency.
+    The delay of a burst that is even or odd about the time zero is zero. The delay is nan if the
+    signal does not have the frequency.
     """
     integrand = signal * np.exp(-2j * np.pi * frequency * times)
     integral = np.sum(integrand)
@@ -654,9 +688,9 @@ def _find_delay_error(signals: Array, times: Array, frequency: float) -> float:
     """Return the standard error of the group delay of the mean of ``signals`` (n, n_t) at a
     ``frequency``, Hz, in s; ``times`` (n_t,) are in s.
 
-    The delay is a quotient of two means over signals, which are taken as independent; the error is
-    that of first order. It is zero for one signal, and where the mean has not the frequency, of
-    which there is no delay.
+    The delay is a quotient of two means over signals, which are taken as independent, and the error
+    of this quotient is found to first order. The error is zero for one signal, and if the mean does
+    not have the frequency and so has no delay.
     """
     wave = np.exp(-2j * np.pi * frequency * times)
     integrals = signals @ wave  # (n,)
@@ -666,13 +700,14 @@ def _find_delay_error(signals: Array, times: Array, frequency: float) -> float:
     if n < 2 or not abs(mean_integral) > 0.0:
         return 0.0
     delay = np.mean(first_moments) / mean_integral
-    additions = np.real((first_moments - delay * integrals) / mean_integral)
-    return float(np.linalg.norm(additions)) / math.sqrt(n * (n - 1))
+    # what each signal adds to the deviation of the quotient; the sum over signals is zero
+    deviations = np.real((first_moments - delay * integrals) / mean_integral)
+    return float(np.linalg.norm(deviations)) / math.sqrt(n * (n - 1))
 
 
 def _make_gate(times: Array, reach: float) -> Array:
-    """Return factors (n_t,) that are 1 around the time zero, and fall to 0 over the last third of
-    the ``reach``, s.
+    """Return factors (n_t,) at ``times`` (n_t,), s, that are 1 around the time zero, fall over the
+    last third of the ``reach``, s, to either side, and are 0 beyond.
     """
     return np.clip(3.0 * (1.0 - np.abs(times) / reach), 0.0, 1.0)
 
@@ -682,9 +717,10 @@ class _Flight(NamedTuple):
 
     Attributes
     ----------
-    time : s; nan if it is not known.
-    shape_error, scatter : errors of the time by the change of shape and by the speckle, s.
-    why_unknown : why the time is not known; empty if it is.
+    time : time of flight, s; nan if it is not known.
+    shape_error, scatter : errors of the time, s, because the pulse changes its shape, and because
+        of the speckle.
+    why_unknown : the reason why the time is not known; empty if it is known.
     """
 
     time: float
@@ -695,36 +731,39 @@ class _Flight(NamedTuple):
 
 @result_class
 class Pulse(Result):
-    """What was heard of a pulse; SI units. Signals are velocities along the polarisation.
+    """A pulse that was sent through a network, as receivers heard it. Signals are velocities of
+    balls along the polarisation.
 
     Attributes
     ----------
-    frequency, cycles : of the burst sin(omega (t - P/2)) (1 - cos(2 pi t/P))/2 that pushes the
-        source; P = cycles/frequency.
-    direction, polarisation : (3,) unit vectors.
+    frequency, cycles : frequency, Hz, and number of periods of the burst that pushes the source,
+        sin(omega (t - P/2)) (1 - cos(2 pi t/P))/2 with P = cycles/frequency.
+    direction, polarisation : (3,) unit vectors, in which the pulse travels and in which the source
+        pushes.
     damping, tangential_damping : s, the viscosity of contacts over their stiffness, in normal
-        motion and in all other, means over the contacts.
-    drag : (2,) 1/s, of displacements and of rotations.
-    distance : m, of the receiving plane from the source, along the direction.
-    times : (n_t,) s, from the beginning of the burst.
+        motion and in all other motions, means over the contacts.
+    drag : (2,) 1/s, drag of displacements and of rotations.
+    distance : distance of the receiving plane from the source along the direction, m.
+    times : (n_t,) times of the readings from the beginning of the burst, s.
     sent : (n_t,) force on each ball of the source, N.
     sources, receivers : indices of the balls that are pushed, and of those of the receiving plane.
-    samples : (n_r,) the number of the sample that each receiver belongs to; zeros for a single one.
+    samples : (n_r,) number of the sample that each receiver belongs to; zeros for a single sample.
     signals : (n_r, n_t) velocity of each receiver, m/s.
-    energies : (2,) J, kinetic and elastic, when the source has ended and at the end of the record,
-        from the displacements and velocities of all balls; means over samples.
-    plane_distances : (n_p,) m, of further planes, if there are any.
-    planes : (n_p, n_t) mean velocity on each of them, m/s; (0,) without any.
-    frames : (n_f,) s, if there are any.
-    velocities : (n_f, n, 3) of all balls at the times ``frames``, m/s; (0,) without any.
-    warnings : one sentence for each limit of the model that the network exceeds, why the time of
-        flight is not known, and how sure the velocity is if its error is above 3 percent.
-    echo : m, how much longer the way of the first echo from an end is than the distance, or the way
-        round a periodic network in the other direction.
-    fastest : (2,) m/s, upper bounds of the velocity of long waves: of this polarisation, and of
-        all.
-    left_out : number of balls that static forces push over where free ends are cut, and that are
-        left out.
+    energies : (2,) kinetic plus elastic energy of all balls at the end of the burst, and at the end
+        of the record, J; means over samples.
+    plane_distances : (n_p,) distances of further planes from the source, m; may be empty.
+    planes : (n_p, n_t) mean velocity of each further plane, m/s.
+    frames : (n_f,) times at which the motions of all balls were kept, s; may be empty.
+    velocities : (n_f, n, 3) velocities of all balls at the times ``frames``, m/s.
+    warnings : one sentence for each limit of the model that the network exceeds, one that says why
+        the time of flight is not known, or one that says how sure the velocity is if its error is
+        above 3 percent.
+    echo : detour of the first echo, m: how much longer its path is than the distance. The echo is
+        from an end, or in a closed network the pulse that runs round in the other direction.
+    fastest : (2,) upper bounds of the velocity of long waves, m/s: of this polarisation, and of all
+        polarisations.
+    left_out : number of balls that were left out because static forces push them over where free
+        ends were cut.
     """
 
     frequency: float = held(float, unit="Hz")
@@ -752,6 +791,9 @@ class Pulse(Result):
     left_out: int = held(int, default=0)
 
     def __post_init__(self) -> None:
+        """Give ``planes`` and ``velocities`` their shapes, also if they are empty, and check all
+        fields.
+        """
         # plain data do not keep the shape of an array without numbers
         if not self.planes.size:
             object.__setattr__(
@@ -791,25 +833,27 @@ class Pulse(Result):
 
     @property
     def damping_ratio(self) -> float:
-        """zeta of the frequency by the :attr:`damping` of normal motion and the :attr:`drag` of
-        displacements, (omega tau + gamma/omega)/2: over the critical one; a period leaves exp(-2 pi
-        zeta).
+        """Damping ratio zeta at the frequency of the burst, (omega tau + gamma/omega)/2, of which
+        the critical one is 1: with the :attr:`damping` tau of normal motion and the :attr:`drag`
+        gamma of displacements. In a period the amplitude falls to exp(-2 pi zeta).
         """
         return self._find_damping_ratio(self.damping)
 
     def _find_damping_ratio(self, damping: float) -> float:
-        """Return zeta of the frequency with a ``damping``, s, and the drag of displacements."""
+        """Return the damping ratio at the frequency of the burst, with a ``damping``, s, of
+        contacts and the drag of displacements.
+        """
         omega = 2.0 * math.pi * self.frequency
         return 0.5 * (omega * damping + float(self.drag[0]) / omega)
 
     @property
     def loss(self) -> float:
-        """Part of the energy that is lost from the end of the source to the end of the record."""
+        """Part of the energy that is lost from the end of the burst to the end of the record."""
         start, end = self.energies
         return float(1.0 - end / start)
 
-    def arrival(self, method: str = "envelope", threshold: float = _BEGINS) -> float:
-        """Return the time of flight of the coherent signal, s; nan where there is none, see
+    def arrival(self, method: str = "envelope", threshold: float = _THRESHOLD) -> float:
+        """Return the time of flight of the coherent signal, s; nan if it is not known, see
         :attr:`time_of_flight`.
 
         Parameters
@@ -820,7 +864,7 @@ class Pulse(Result):
             maximum. "correlation": the shift at which the cross-correlation of the signal and the
             burst is greatest; it follows single waves under the envelope, so for long pulses it
             tells the phase, up to whole periods.
-        threshold : for "first".
+        threshold : part of the maximum, above 0 and below 1, for the method "first".
 
         Raises :class:`~granphon.base.errors.InputError` for an unknown method, and a threshold that
         is not between 0 and 1.
@@ -828,8 +872,10 @@ class Pulse(Result):
         flights, _ = self._find_arrivals(self.coherent[None], method, threshold)
         return math.nan if self.why_unknown else float(flights[0])
 
-    def arrivals(self, method: str = "envelope", threshold: float = _BEGINS) -> Array:
-        """Return the time of flight (n_r,) of the signal of each ball, s; nan where there is none.
+    def arrivals(self, method: str = "envelope", threshold: float = _THRESHOLD) -> Array:
+        """Return the time of flight (n_r,), s, of the signal of each receiver; nan if a signal is
+        zero, does not come after the burst or is not over at the end of the record, and for all
+        receivers if an echo may come before the pulse is at its height.
 
         ``method`` and ``threshold`` are those of :meth:`arrival`.
         """
@@ -839,8 +885,11 @@ class Pulse(Result):
     def _find_arrivals(
         self, signals: Array, method: str, threshold: float
     ) -> tuple[Array, list[str]]:
-        """Return the times of flight (n,) of ``signals`` (n, n_t), s, and why each is not known, as
-        of :func:`find_arrivals`.
+        """Return the times of flight (n,), s, of ``signals`` (n, n_t), and for each the reason why
+        it is not known, as :func:`find_arrivals` does.
+
+        Raises :class:`~granphon.base.errors.InputError` for an unknown ``method``, and a
+        ``threshold`` that is not between 0 and 1.
         """
         threshold = positive("threshold", threshold)
         if threshold >= 1.0:
@@ -854,21 +903,21 @@ class Pulse(Result):
     @cached_property
     def _flight(self) -> _Flight:
         """The flight of the coherent signal, and its errors."""
-        times, reasons = self._find_arrivals(self.coherent[None], "envelope", _BEGINS)
+        times, reasons = self._find_arrivals(self.coherent[None], "envelope", _THRESHOLD)
         time = float(times[0])
         why = self._find_echo() or reasons[0] or self._explain_too_fast(time)
         if why:
             return _Flight(math.nan, why_unknown=why)
         since_middle, pulse_gate, long_gate = self._make_gates(time)
-        # the delay of the pulse alone, and with all that follows, as waves near the top of a band
-        # are late: either may agree with the envelope by chance
+        # two delays, of the pulse alone, and of the pulse with all that follows, as waves near the
+        # top of a band are late: one of the two may agree with the envelope by chance, hence both
         pulse = self.coherent * pulse_gate
         pulse_delay = _find_delay(pulse, since_middle, self.frequency)
         long_delay = _find_delay(self.coherent * long_gate, since_middle, self.frequency)
         shape_error = max(pulse_delay, long_delay)
         scatter = _find_delay_error(self.signals * pulse_gate, since_middle, self.frequency)
         share_kept = self._find_share(pulse) / self._find_share(self.sent)
-        is_error_small = shape_error < _UNKNOWN * time  # False for nan
+        is_error_small = shape_error < _LARGEST_ERROR * time  # False for nan
         if share_kept < _LEAST_SHARE or not is_error_small:
             why = (
                 f"what arrives are other waves of the burst than those of its frequency,"
@@ -879,16 +928,17 @@ class Pulse(Result):
         return _Flight(time, shape_error, scatter)
 
     def _make_gates(self, time: float) -> tuple[Array, Array, Array]:
-        """Return the times (n_t,), s, since a pulse with the ``time`` of flight, s, is at its
-        height, and two gates (n_t,) about that moment: of the pulse alone, and of all that comes
-        before an echo or the end of the record.
+        """Return the times (n_t,), s, of readings since the moment at which a pulse with the
+        ``time`` of flight, s, is at its height, and two gates (n_t,), which are factors about that
+        moment: one keeps the pulse alone, and one keeps all that comes before an echo or the end of
+        the record.
         """
         duration = self.cycles / self.frequency
         middle = time + 0.5 * duration
         echo_time = time + self.echo / float(self.fastest[0])
         reach_to_echo = min(echo_time, float(self.times[-1])) - middle
         since_middle = self.times - middle
-        pulse_gate = _make_gate(since_middle, min(_REACH * duration, reach_to_echo))
+        pulse_gate = _make_gate(since_middle, min(_GATE_REACH * duration, reach_to_echo))
         long_gate = _make_gate(since_middle, reach_to_echo)
         return since_middle, pulse_gate, long_gate
 
@@ -897,7 +947,7 @@ class Pulse(Result):
         can.
         """
         fastest = float(self.fastest[1])
-        if not self.distance > (1.0 + _FASTER) * fastest * time:
+        if not self.distance > (1.0 + _VELOCITY_EXCESS) * fastest * time:
             return ""
         return (
             f"the signal is highest {write_quantity(time, 's', 4)} after the burst, and"
@@ -906,8 +956,9 @@ class Pulse(Result):
         )
 
     def _find_share(self, signal: Array) -> float:
-        """Return the size of the spectrum of a signal (n_t,) at the frequency of the burst, over
-        its maximum: as for the burst if all waves travel alike.
+        """Return the size of the spectrum of a ``signal`` (n_t,) at the frequency of the burst,
+        over the maximum of the spectrum. It is that of the burst itself if waves of all frequencies
+        travel at one velocity.
         """
         wave = np.exp(-2j * np.pi * self.frequency * self.times)
         highest = float(np.max(np.abs(np.fft.rfft(signal, 2 * signal.size))))
@@ -917,7 +968,7 @@ class Pulse(Result):
         """Return why an echo makes times of flight unknown, if an echo may come before the pulse is
         at its height; else an empty text.
         """
-        # the height is known from the next reading
+        # that the pulse was at its height shows only at the next reading
         interval = float(self.times[1] - self.times[0])
         needed_time = 0.5 * self.cycles / self.frequency + interval
         least_detour = needed_time * float(self.fastest[0])
@@ -931,17 +982,18 @@ class Pulse(Result):
         )
 
     def judge(self) -> tuple[str, ...]:
-        """Return sentences: that waves are damped too much for a velocity; and why the time of
-        flight is not known, or how sure the velocity is if its error is above 3 percent.
+        """Return warnings about the pulse: one sentence if waves are damped too much for a
+        velocity; one that says why the time of flight is not known; or, if it is known, one that
+        says how sure the velocity is if its error is above 3 percent.
         """
         greatest_damping = max(self.damping, self.tangential_damping)
         damping_ratio = self._find_damping_ratio(greatest_damping)
-        remarks = [_DAMPED] if damping_ratio > _MOST_DAMPING else []
+        remarks = [_DAMPED_REMARK] if damping_ratio > _MOST_DAMPING else []
         if self.why_unknown:
             remarks.append(f"the arrival of the pulse is not known: {self.why_unknown}")
             return tuple(remarks)
         error = self.velocity_error / self.velocity
-        if error > _UNSURE:
+        if error > _WARNED_ERROR:
             accuracy = f"its velocity is known to {100.0 * error:.0f} % only: use"
             if self._flight.shape_error >= self._flight.scatter:
                 remarks.append(
@@ -968,24 +1020,27 @@ class Pulse(Result):
 
     @property
     def why_unknown(self) -> str:
-        """Why the time of flight is nan; empty if it is not."""
+        """The reason why the time of flight is nan; empty if it is known."""
         return self._flight.why_unknown
 
     @property
     def velocity(self) -> float:
-        """Distance over the time of flight by the envelope, m/s; nan where that is none."""
+        """Distance over the time of flight by the envelope, m/s; nan if the time is not known."""
         return self.distance / self.time_of_flight
 
     @property
     def velocity_error(self) -> float:
         """How far the velocity may be from the group velocity at the frequency of the burst, m/s.
 
-        The error has two parts, whose squares add up. The shape of the pulse changes: the
-        difference from the velocity by the group delay at that frequency, -d phase / d omega of the
-        signal, the larger of two, of the pulse alone and of all that comes before an echo or the
-        end of the record. And signals differ from ball to ball: the standard error of that delay,
-        as if the balls of the plane were independent. The error is a lower bound where an echo
-        comes so soon that only a part of the pulse counts, and where neighbours hear alike.
+        The error has two parts, whose squares add up. The first arises because the pulse changes
+        its shape: it is the difference from the velocity by the group delay, -d phase / d omega of
+        the signal at the frequency of the burst. Of two group delays, of the pulse alone and of all
+        that comes before an echo or the end of the record, the one with the larger difference
+        counts. The second part arises because signals differ from ball to ball: it is the standard
+        error of the group delay, as if the balls of the plane were independent.
+
+        The error is a lower bound if an echo comes so soon that only a part of the pulse counts,
+        and if the signals of neighbours are alike.
         """
         flight = self._flight
         time_error = math.hypot(flight.shape_error, flight.scatter)
@@ -993,21 +1048,22 @@ class Pulse(Result):
 
 
 def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
-    """Return one pulse with the receivers of all ``pulses``, each of other samples: its coherent
-    part is the mean over all receivers.
+    """Return one pulse with the receivers of all ``pulses``, each of which was sent through another
+    sample: its coherent signal is the mean over all receivers.
 
-    Records of different lengths end with the shortest. Frames are left out, as they are of one
-    sample.
+    All records are cut to the length of the shortest. Frames are left out, as they are of one
+    sample. Warnings are those of all pulses that do not judge their velocity, and those that judge
+    the velocity of the mean.
 
-    Raises :class:`~granphon.base.errors.InputError` for no pulse, or for pulses that were not sent
-    alike.
+    Raises :class:`~granphon.base.errors.InputError` if there is no pulse, or if the pulses were not
+    sent with the same settings.
     """
     if not pulses:
         raise InputError("there is no pulse to average", mend="Give one or more")
     first = pulses[0]
     count = min(pulse.times.size for pulse in pulses)
     for pulse in pulses[1:]:
-        _require_alike(pulse, first, count)
+        _require_same_settings(pulse, first, count)
     # samples of all pulses are numbered one after the other
     n_samples = [int(np.max(pulse.samples)) + 1 for pulse in pulses]
     first_samples = np.cumsum([0, *n_samples[:-1]])
@@ -1046,9 +1102,11 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
     return replace(mean_pulse, warnings=(*warnings, *mean_pulse.judge()))
 
 
-def _require_alike(pulse: Pulse, first: Pulse, count: int) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` for a pulse that was not sent as the
-    ``first`` was; ``count`` times are compared.
+def _require_same_settings(pulse: Pulse, first: Pulse, count: int) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if a ``pulse`` was not sent with the settings
+    of the ``first``; of the bursts, ``count`` times are compared.
+
+    Dampings and distances, which differ from sample to sample, need only be similar.
     """
     settings = (
         "frequency",
@@ -1065,7 +1123,7 @@ def _require_alike(pulse: Pulse, first: Pulse, count: int) -> None:
     # what depends on the balls differs a little from sample to sample
     for name in ("damping", "tangential_damping", "distance"):
         size = getattr(first, name)
-        if not unlike and abs(getattr(pulse, name) - size) > _SAME * size:
+        if not unlike and abs(getattr(pulse, name) - size) > _SIMILAR * size:
             unlike.append(name)
     rounding = _ROUNDING * np.max(np.abs(first.sent))
     if not unlike and not np.allclose(pulse.sent[:count], first.sent[:count], atol=rounding):
@@ -1077,8 +1135,9 @@ def _require_alike(pulse: Pulse, first: Pulse, count: int) -> None:
 
 @dataclass(frozen=True, eq=False)
 class PulseSource:
-    """A pulse to be sent: its fields are the arguments of
-    :meth:`~granphon.waves.waves.Waves.transmit`, see there, whose losses are one field.
+    """A pulse to be sent. Its fields are the arguments of
+    :meth:`~granphon.waves.waves.Waves.transmit`, which says what they are; the losses are one
+    field.
     """
 
     frequency: float
@@ -1098,12 +1157,13 @@ class PulseSource:
     def of(
         cls, settings: PulseSettings, network: ContactNetwork, direction: ArrayLike | None = None
     ) -> Self:
-        """Return the pulse of the ``settings`` of a scene, in a ``direction``, Cartesian, (p,);
-        None for x.
+        """Return the pulse of the ``settings`` of a scene in a ``direction`` (p,), Cartesian, or
+        along x for None.
 
-        Without a distance in the settings the receiving plane is half a period of the network away,
-        and a quarter where ends are periodic; of two planes that are as near to that place it is
-        the one nearer to the source, in all samples alike.
+        If the settings have no distance, it is half of the period of the ``network``, or a quarter
+        if ends are periodic, less a small part of a diameter: if two planes are equally near to
+        that place, the one nearer to the source is then taken, in all samples. Raises
+        :class:`~granphon.base.errors.InputError` if the period is too short for a pulse.
         """
         periods = sum(network.pbc)
         vector = np.eye(periods)[0] if direction is None else np.asarray(direction, float)
@@ -1114,7 +1174,7 @@ class PulseSource:
             course = Course.along(network, unit_vector)
             course.require_period(2.0 * course.spacing, "A pulse goes half of that way")
             share = 0.25 if settings.ends == "periodic" else 0.5
-            distance = share * course.period - _NEARER * course.spacing
+            distance = share * course.period - _DISTANCE_REDUCTION * course.spacing
         return cls(
             settings.frequency,
             vector,
@@ -1134,15 +1194,15 @@ class Route:
     Attributes
     ----------
     course : the network with its ends, and the order of its balls along the direction.
-    burst : the force in time.
+    burst : the course of the force in time.
     push : (3,) unit vector along which the source pushes.
-    start : place from which distances count, m.
-    sources : balls that are pushed.
-    groups : balls of the receiving plane, and of each further plane.
-    fastest : (2,) velocity of waves in which balls move in proportion, along ``push``, and in the
-        stiffest direction, m/s.
-    times : (n_t,) at which the pulse is heard, s.
-    frames : (n_f,) at which the motions of all balls are kept, s.
+    start : place from which distances are counted, m.
+    sources : indices of the balls that are pushed.
+    groups : indices of the balls of the receiving plane, and of those of each further plane.
+    fastest : (2,) upper bounds of the velocity of long waves, m/s, of :func:`_find_fastest`: along
+        ``push``, and in the stiffest direction.
+    times : (n_t,) times at which the pulse is read, s.
+    frames : (n_f,) times at which the motions of all balls are kept, s.
     """
 
     course: Course
@@ -1157,11 +1217,12 @@ class Route:
 
     @classmethod
     def of(cls, network: ContactNetwork, request: PulseSource, margin: float = 1.0) -> Self:
-        """Return the route of the pulse that is requested.
+        """Return the route through the ``network`` of the pulse of a ``request``.
 
-        In the network for which the pulse is meant, waves may be slower or faster than in this one
-        by the factor ``margin``. Raises what :meth:`~granphon.waves.waves.Waves.transmit` raises,
-        but for the frequency.
+        A ``margin`` above one says that the pulse is meant for another network, in which waves may
+        be slower or faster by this factor: a request is then refused only if it fails for all of
+        these. Raises what :meth:`~granphon.waves.waves.Waves.transmit` raises, but for frequencies
+        that the network does not have.
         """
         hertz = positive("frequency", request.frequency, "Hz")
         distance = positive("distance", request.distance, "m")
@@ -1195,7 +1256,7 @@ class Route:
         if request.duration is not None:
             duration = positive("duration", request.duration, "s")
         else:
-            duration = burst.duration + _LATE * farthest / float(fastest[0])
+            duration = burst.duration + _RECORD_LENGTH * farthest / float(fastest[0])
             if ends == "periodic":
                 # the record ends before the pulse that runs the other way round comes
                 flight_length = course.find_distance(start, receivers)
@@ -1217,7 +1278,9 @@ class Route:
 
     @property
     def last(self) -> float:
-        """The latest time to which the pulse is propagated, s."""
+        """The time to which the pulse is propagated, s: the later one of the last frame and of
+        :attr:`end`.
+        """
         return float(max([self.end, *self.frames]))
 
     @property
@@ -1244,7 +1307,7 @@ def _list_readings(burst: ToneBurst, duration: float) -> Array:
     Raises :class:`~granphon.base.errors.InputError` for too many times.
     """
     step = 1.0 / (READINGS * burst.frequency)
-    n_steps = duration / step if step else math.inf  # a step of zero is one that has underflowed
+    n_steps = duration / step if step else math.inf  # at huge frequencies the step underflows
     if not n_steps < _MOST_READINGS:
         fault = (
             f"a pulse of {burst.frequency:g} Hz and {burst.cycles:g} cycles is read more than"
@@ -1259,10 +1322,11 @@ def _list_readings(burst: ToneBurst, duration: float) -> Array:
 
 
 def _find_sources(course: Course, source: str | int | Sequence[int]) -> Index:
-    """Return the balls that are pushed: those given, the first plane along the direction, or its
-    ball of lowest index.
+    """Return the indices (n,) of the balls that are pushed. A ``source`` is the index of a ball or
+    several; "plane", the first plane along the direction; or "ball", the ball of lowest index of
+    this plane.
 
-    Raises :class:`~granphon.base.errors.InputError` for a ball that does not move, and another
+    Raises :class:`~granphon.base.errors.InputError` for a ball that does not move, and for another
     word.
     """
     moving = course.network.moving
@@ -1279,7 +1343,8 @@ def _find_sources(course: Course, source: str | int | Sequence[int]) -> Index:
         raise InputError(
             f"source is {brief(source)}", mend="Use plane, ball, or the index of a ball"
         )
-    # not the place 0: on a closed course the last plane may be as near to it as the first
+    # the first plane is sought at the least place, and not at the place 0, to which the last plane
+    # of a closed course may be nearer
     plane = course.find_plane(float(np.min(course.places[moving])), "source")
     return plane if source == "plane" else plane[:1]
 
@@ -1287,13 +1352,16 @@ def _find_sources(course: Course, source: str | int | Sequence[int]) -> Index:
 def _find_fastest(
     course: Course, push: Array, sources: Index, receivers: Index, may_have_fallen: bool
 ) -> Array:
-    """Return the velocities (2,) of long waves in which the balls of a piece move in proportion,
-    along ``push`` and in the stiffest direction, m/s: no wave of the piece is faster.
+    """Return upper bounds (2,), m/s, of the velocity of long waves, with motions along ``push``
+    (3,), and in the stiffest direction.
 
-    ``may_have_fallen`` says that balls were left out between free ends. Raises
-    :class:`~granphon.base.errors.InputError` if no contacts join the sources and the receivers
-    (:class:`~granphon.base.errors.InstabilityError` if balls may have fallen), or none resists
-    ``push``.
+    The bounds are the velocities of waves in which all balls move in proportion to a plane wave,
+    without the relative motions by which a network gives way, and without rotations. Of the pieces
+    that join the ``sources`` to the ``receivers``, the fastest counts.
+
+    Raises :class:`~granphon.base.errors.InputError` if no contacts join sources and receivers, or
+    none resists ``push``; if ``may_have_fallen``, as balls were left out between free ends,
+    :class:`~granphon.base.errors.InstabilityError` in the first case.
     """
     network = course.network
     piece_of_ball = number_pieces(network.i, network.j, network.moving)
@@ -1322,9 +1390,9 @@ def _find_fastest(
 
 
 def _find_stiffnesses(course: Course, piece_of_ball: Index, chosen: Index) -> Array:
-    """Return the stiffness of the ``chosen`` pieces over their mass, (m/s)^2, for waves along the
-    course in which balls move in proportion: (pieces, n_u, n_u), over the n_u axes along which
-    balls move.
+    """Return for each of the ``chosen`` pieces (k,), by their numbers, its stiffness over its mass,
+    (k, n_u, n_u), (m/s)^2, for waves along the course in which all balls move in proportion to a
+    plane wave; n_u is the number of axes along which balls move.
 
     ``piece_of_ball`` (n,) is the number of the piece of each ball.
     """
@@ -1335,7 +1403,8 @@ def _find_stiffnesses(course: Course, piece_of_ball: Index, chosen: Index) -> Ar
     piece_of_contact = piece_of_ball[moving_end]
     n_pieces = int(np.max(piece_of_ball)) + 1
     masses = np.bincount(piece_of_ball[moving], network.masses[moving], n_pieces)
-    # the two balls of a contact differ in their motion by its length along the course
+    # in a long wave the motions of the two balls of a contact differ in proportion to its length
+    # along the course
     squared_lengths = (network.vector @ course.direction) ** 2
     shear = network.shear_stiffness
     normals = network.normal.T
@@ -1350,9 +1419,10 @@ def _find_stiffnesses(course: Course, piece_of_ball: Index, chosen: Index) -> Ar
 
 
 def _require_room(period: float, distance: float, velocity: float, burst: ToneBurst) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if in a ``period``, m, the pulse that runs
-    the other way round comes before the pulse at a ``distance``, m, is over; ``velocity``, m/s, is
-    that of both.
+    """Raise :class:`~granphon.base.errors.InputError` if the pulse that runs round a ``period``, m,
+    the other way comes to receivers at a ``distance``, m, before the pulse is over there.
+
+    ``velocity``, m/s, is that of both pulses, which last as long as the ``burst``.
     """
     least_period = 2.0 * distance + velocity * burst.duration
     if least_period <= period:
@@ -1376,12 +1446,12 @@ def _require_room(period: float, distance: float, velocity: float, burst: ToneBu
 
 
 def require_sendable(network: ContactNetwork, request: PulseSource) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if it is known beforehand that a pulse cannot
-    be sent, or not be read.
+    """Raise :class:`~granphon.base.errors.InputError` if it is known beforehand that the pulse of a
+    ``request`` cannot be sent, or cannot be read.
 
-    ``network`` is the array of equal balls that stands for an array of differing balls before that
-    array is simulated. Requests that depend on the forces of contacts are refused only where no
-    forces could serve them.
+    ``network`` is an array of equal balls. It stands for an array of differing balls that is not
+    yet simulated, whose velocities and frequencies may differ by the factor :data:`MARGIN`: only
+    what fails for all such arrays is refused.
     """
     route = Route.of(network, request, MARGIN)
     burst = route.burst
@@ -1398,10 +1468,11 @@ def transmit(
     operator: WaveOperator | None = None,
     progress: Progress = silent,
 ) -> Pulse:
-    """Send a pulse through a network; see :meth:`granphon.waves.waves.Waves.transmit`.
+    """Send the pulse of a ``request`` through a ``network`` and return it; see
+    :meth:`granphon.waves.waves.Waves.transmit`, which says what is raised.
 
-    ``operator`` is that of the network, if it is known, and known to be stable; ``progress`` is
-    told how far the pulse has come where it is not known.
+    ``operator`` is that of the network, which then is known to be stable, or None. If it is None,
+    or the ends change the network, a new operator is made, whose work ``progress`` is told of.
     """
     route = Route.of(network, request)
     course = route.course
@@ -1444,48 +1515,52 @@ def transmit(
         fastest=route.fastest,
         left_out=fallen.size,
     )
-    remarks = _judge_fallen(course, fallen, receivers)
+    remarks = _warn_of_fallen(course, fallen, receivers)
     return replace(pulse, warnings=(*remarks, *pulse.judge()))
 
 
 def count_products(operator: WaveOperator, request: PulseSource) -> float:
-    """Return the number of products of D with a vector that a pulse through a network takes;
-    ``operator`` is that of the whole network, whose ends the request may cut.
+    """Return the number of products of D with a vector that the pulse of a ``request`` takes;
+    ``operator`` is that of the network before its ends are cut.
 
     Raises :class:`~granphon.base.errors.InputError` for a pulse that cannot be sent.
     """
     route = Route.of(operator.network, request)
     losses = Losses.of(route.course.network, request.losses)
     _require_short(operator, route.last, losses)
-    even = losses.find_even()
-    if even is None:
+    even_losses = losses.find_even()
+    if even_losses is None:
         return _UNEVEN_PRODUCTS * operator.top * route.last
-    _, time, drag = even
+    _, time, drag = even_losses
     no_push = np.zeros(0)
     return float(Propagation(operator, no_push, route.burst, route.last, time, drag).order)
 
 
 def _find_mean(values: Array) -> float:
-    """Return the mean of values (n,); of equal ones their value, without rounding."""
+    """Return the mean of ``values`` (n,); if they are equal, their value itself, without the
+    rounding of a mean.
+    """
     return float(values[0] if np.ptp(values) == 0.0 else np.mean(values))
 
 
 def _require_frames_memory(n_frames: int, n_balls: int, size: int) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if the frames do not fit into memory: the
-    velocities of all balls, and displacements and velocities as vectors (size,).
+    """Raise :class:`~granphon.base.errors.InputError` if ``n_frames`` frames of ``n_balls`` balls
+    do not fit into memory: each has the velocities of all balls, and displacements and velocities
+    as vectors (size,).
     """
     memory = 8.0 * n_frames * (3.0 * n_balls + 2.0 * size)  # 8 bytes for each number
     require_memory(f"{n_frames:,} frames of {n_balls:,} balls", memory, "Give fewer frames")
 
 
 class _HeardMotions(NamedTuple):
-    """The motions of balls that a pulse has reached.
+    """The motions that a pulse makes.
 
     Attributes
     ----------
-    signals : (n, n_t) velocities of the balls of each group of receivers, m/s.
-    energies : (2,) kinetic and elastic, at the ends of the burst and of the record, J.
-    velocities : (n_f, n, 3) of all balls at the frames, m/s.
+    signals : for each group of receivers the velocities (n, n_t) of its balls along the push, m/s.
+    energies : (2,) kinetic plus elastic energy at the end of the burst, and at the end of the
+        record, J.
+    velocities : (n_f, n, 3) velocities of all balls at the frames, m/s.
     """
 
     signals: list[Array]
@@ -1494,7 +1569,9 @@ class _HeardMotions(NamedTuple):
 
 
 def _propagate(route: Route, operator: WaveOperator, losses: Losses) -> _HeardMotions:
-    """Return the motions of the pulse of a route in a network with these ``losses``."""
+    """Return the motions that the pulse of a ``route`` makes in the network of the ``operator``
+    with these ``losses``; progress of the operator is told of the work.
+    """
     network = operator.network
     burst = route.burst
     axes = list(operator.motions.translations)
@@ -1504,11 +1581,11 @@ def _propagate(route: Route, operator: WaveOperator, losses: Losses) -> _HeardMo
     receivers = np.concatenate(route.groups)
     indices = operator.indices[receivers, : push.size]
     propagation: Propagation | ViscousPropagation
-    even = losses.find_even()
-    if even is None:
+    even_losses = losses.find_even()
+    if even_losses is None:
         propagation = ViscousPropagation(operator, forces, burst, losses)
     else:
-        _, time, drag = even
+        _, time, drag = even_losses
         propagation = Propagation(operator, forces, burst, route.last, time, drag)
 
     def listen(vector: Array) -> Array:
@@ -1517,7 +1594,7 @@ def _propagate(route: Route, operator: WaveOperator, losses: Losses) -> _HeardMo
         """
         return inverse_root[receivers] * (vector[indices] @ push)
 
-    # energies are found at the ends of the burst and of the record
+    # the first two states are for the energies, at the ends of the burst and of the record
     energy_times = [burst.duration, route.end]
     state_times = np.concatenate([energy_times, route.frames])
     signals, state_x, state_v = propagation.follow(listen, route.times, state_times)
@@ -1544,9 +1621,9 @@ def _find_ball_velocities(operator: WaveOperator, vectors: Array) -> Array:
     return velocities
 
 
-def _judge_fallen(course: Course, fallen: Index, receivers: Index) -> list[str]:
-    """Return a warning if balls that have ``fallen`` (n,) behind cut ends lie as far inside as the
-    ``receivers``; else nothing.
+def _warn_of_fallen(course: Course, fallen: Index, receivers: Index) -> list[str]:
+    """Return a warning if one of the balls that have ``fallen`` (n,) behind cut ends lies as far
+    inside as the first of the ``receivers`` (m,); else an empty list.
     """
     if not fallen.size:
         return []
@@ -1561,13 +1638,15 @@ def _judge_fallen(course: Course, fallen: Index, receivers: Index) -> list[str]:
 
 
 def _require_reached(operator: WaveOperator, hertz: float) -> None:
-    """Raise :class:`~granphon.base.errors.UnreachableFrequencyError` for a frequency above all
-    modes.
+    """Raise :class:`~granphon.base.errors.UnreachableFrequencyError` if the frequency ``hertz``,
+    Hz, is above those of all modes.
+
+    The highest mode is only computed if a bound does not decide.
     """
     from scipy.sparse.linalg import eigsh
 
     square = (2.0 * np.pi * hertz) ** 2
-    if square <= _SURE * operator.top**2 and not operator.network.prestress:
+    if square <= _SURELY_REACHED * operator.top**2 and not operator.network.prestress:
         return
     if operator.size > 2:
         start = np.random.default_rng(0).normal(size=operator.size)
@@ -1583,15 +1662,23 @@ def _require_reached(operator: WaveOperator, hertz: float) -> None:
 
 
 def _read_list(name: str, value: ArrayLike, unit: str, low: Low) -> Array:
-    """Return the numbers (n,) of an argument, in its ``unit``; the list may be empty."""
+    """Return the ``value`` of the argument ``name`` as numbers (n,), in its ``unit``; it may be
+    empty.
+
+    Raises :class:`~granphon.base.errors.InputError` for numbers that are not finite, or that the
+    lower bound ``low`` does not allow.
+    """
     if not real_array(name, value).size:
         return np.zeros(0)
     return finite_array(name, value, unit, low).ravel()
 
 
 def read_vector(name: str, value: Any, dimension: int) -> Array:
-    """Return the unit vector (3,) along a vector of 1 to 3 numbers; components that are not given
-    are zero. ``dimension`` is the number that the message asks for.
+    """Return the unit vector (3,) along the ``value`` of the argument ``name``, a vector of 1 to 3
+    numbers; components that are not given are zero.
+
+    Raises :class:`~granphon.base.errors.InputError` for anything else, and for zeros; the message
+    asks for ``dimension`` numbers.
     """
     components = np.atleast_1d(finite_array(name, value))
     is_vector = components.ndim == 1 and components.size <= 3
@@ -1605,15 +1692,16 @@ def read_vector(name: str, value: Any, dimension: int) -> Array:
 
 
 def require_moves(name: str, along: Array, network: ContactNetwork, turns: bool = False) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` unless the balls of a network move, or with
-    ``turns`` turn, along a vector (3,), or each ball along its own vector (n, 3).
+    """Raise :class:`~granphon.base.errors.InputError` unless the balls of a ``network`` can move in
+    the direction ``along`` (3,), or each ball in its own direction (n, 3); with ``turns``, unless
+    they can turn about it. ``name`` is that of the argument.
     """
     motions = network.ball_motions
     vectors = np.atleast_2d(along)
     axes = motions.rotations if turns else motions.translations
     forbidden = np.abs(np.delete(vectors, list(axes), axis=1))  # components off these axes
     largest_forbidden = forbidden.max(axis=1, initial=0.0)
-    rounding = _FLAT * np.abs(vectors).max(initial=0.0)
+    rounding = _ZERO_LENGTH * np.abs(vectors).max(initial=0.0)
     if largest_forbidden.max(initial=0.0) <= rounding:
         return
     ball = int(np.argmax(largest_forbidden))
@@ -1632,8 +1720,11 @@ def require_moves(name: str, along: Array, network: ContactNetwork, turns: bool 
 
 
 def read_push(network: ContactNetwork, along: Array, polarisation: Any) -> Array:
-    """Return the unit vector (3,) along which a source with a ``polarisation`` pushes; its waves
-    travel along the unit vector ``along`` (3,).
+    """Return the unit vector (3,) along which a source with a ``polarisation``, a word or a vector,
+    pushes; its waves travel along the unit vector ``along`` (3,).
+
+    Raises :class:`~granphon.base.errors.InputError` for another word, and if balls do not move
+    along the push.
     """
     if not isinstance(polarisation, str):
         push = read_vector("polarisation", polarisation, network.dimension)
@@ -1651,8 +1742,10 @@ def read_push(network: ContactNetwork, along: Array, polarisation: Any) -> Array
 
 
 def _find_transverse(network: ContactNetwork, along: Array) -> Array:
-    """Return the unit vector (3,) across ``along`` (3,) in the plane of the balls; in space the
-    axis farthest from ``along``, made perpendicular to that vector.
+    """Return a unit vector (3,) perpendicular to the unit vector ``along`` (3,): in a plane the one
+    in the plane, in space the part across ``along`` of the axis that is farthest from it.
+
+    Raises :class:`~granphon.base.errors.InputError` if balls move along less than two of the axes.
     """
     axes = network.ball_motions.translations
     candidates = [axis for axis in range(max(network.dimension, 2)) if axis in axes]
@@ -1674,16 +1767,16 @@ def _explain_unreachable(hertz: float, limit: str) -> UnreachableFrequencyError:
 
 
 def _require_short(operator: WaveOperator, duration: float, losses: Losses | None = None) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` for a record of a ``duration``, s, that takes
-    more than :data:`_MOST` products with D, and for ``losses`` with which nothing moves.
+    """Raise :class:`~granphon.base.errors.InputError` if a record of a ``duration``, s, takes more
+    than :data:`_MOST_PRODUCTS` products with D, or if ``losses`` are so strong that nothing moves.
     """
     damping = 0.0
     drag = 0.0
-    uneven = False
+    is_uneven = False
     if losses is not None:
         damping = float(np.max(losses.times))
         drag = float(np.max(losses.drag))
-        uneven = losses.find_even() is None
+        is_uneven = losses.find_even() is None
     tau = write_quantity(damping, "s", 3)
     top = write_quantity(operator.top / (2.0 * math.pi), "Hz", 3)
     ratio = operator.top * damping
@@ -1694,7 +1787,7 @@ def _require_short(operator: WaveOperator, duration: float, losses: Losses | Non
             mend=f"Give {longest_damping} at most",
         )
     viscous_products = (ratio * operator.top + drag) * duration
-    if uneven and viscous_products > _MOST:
+    if is_uneven and viscous_products > _MOST_PRODUCTS:
         fault = f"a damping of {tau} takes {viscous_products:.3g} products"
         raise InputError(
             f"{fault} with the matrix of the network",
@@ -1702,11 +1795,11 @@ def _require_short(operator: WaveOperator, duration: float, losses: Losses | Non
             "Give less, or one for both",
         )
     products = 0.5 * operator.top * duration
-    if products > _MOST:
+    if products > _MOST_PRODUCTS:
         record = write_quantity(duration, "s", 3)
-        longest = write_quantity(2.0 * _MOST / operator.top, "s", 3)
+        longest = write_quantity(2.0 * _MOST_PRODUCTS / operator.top, "s", 3)
         raise InputError(
             f"a record of {record} takes {products:.3g} products with the matrix of the network",
-            f"Its frequencies go up to {top}, and {_MOST:,} products reach {longest}",
+            f"Its frequencies go up to {top}, and {_MOST_PRODUCTS:,} products reach {longest}",
             "Use a higher frequency, fewer cycles, or a shorter distance or duration",
         )

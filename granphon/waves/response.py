@@ -6,45 +6,46 @@ With forces F exp(i omega t) on balls, mass-weighted motions x = M^1/2 u obey Z 
     Z(omega) = D(omega) + i omega Gamma - omega^2,
     D(omega) = A^T (1 + i eta + i omega tau) A + static forces,
 
-with the losses of :mod:`granphon.dynamics.damping`; a wall that is moved pulls at the balls that
+with the losses of :mod:`granphon.dynamics.damping`. A wall that is moved pulls at the balls that
 touch it with the same springs and dashpots. A sensor of force hears the elongations e of contacts:
-their forces are -k (1 + i eta + i omega tau) e, those of dashpots included, and drag, a force on
-balls, is none of them. There are two ways to solve it.
+the forces of the contacts are -k (1 + i eta + i omega tau) e. They include the forces of dashpots,
+but not the drag, which acts on balls. There are two methods to solve Z x = M^-1/2 F.
 
-Directly: sparse factors of Z at each frequency, in an order of the motions that is found once.
-Further solutions, of the residual, mend the first solution until it changes no more. The error is
-the last change, and the effect of the rounding of Z and omega, which is large next to modes that
-lose no energy.
+Directly: Z is factorised at each frequency, in an order of the motions that is found once. Further
+solutions, of the residual, correct the first solution until it no longer changes. The error is the
+last change plus the effect of the rounding of Z and omega, which is large next to modes that lose
+no energy.
 
-By one Krylov space for all frequencies, of the source and a matrix H that does not depend on them:
-each step multiplies the last vector by H and makes the result orthogonal to the two before it. On
-these vectors H is a tridiagonal matrix, with which the shifted systems of all frequencies are
-solved (R. W. Freund, in Numerical Linear Algebra, de Gruyter, 1993). Of the vectors only the
-signals of receivers are kept, and a step takes one product and a few sums.
+By one Krylov space for all frequencies: it is that of the source and a matrix H, both independent
+of the frequency. Each step multiplies the last vector by H and makes the result orthogonal to the
+two vectors before it. On these vectors H is a tridiagonal matrix, with which the shifted systems of
+all frequencies are solved (R. W. Freund, in Numerical Linear Algebra, de Gruyter, 1993). Of the
+vectors only the signals of receivers are kept, and a step takes one product and a few sums. What H
+is depends on the losses:
 
-If all contacts are damped alike, and all motions have the same drag gamma, Z = s (D - z) with a
-number s and z = (omega^2 - i omega gamma)/s, and H is D: the process of Lanczos. If they have
-different loss factors alone, H is A^T (1 + i eta) A, complex and symmetric, and vectors are
-orthogonal in the product x.y without conjugation. With different dashpots, or drag besides, H is
-that of velocities v = x' and deformations y = i (1 + i eta)^1/2 A x, with which the equations of
-motion are of first order,
+- All contacts have the same losses, and all motions the same drag gamma. Then Z = s (D - z) with a
+  number s and z = (omega^2 - i omega gamma)/s, and H is D: the process of Lanczos.
+- Only loss factors differ. Then H is A^T (1 + i eta) A, complex and symmetric, and vectors are made
+  orthogonal in the product x.y without conjugation.
+- Dashpots differ, or act beside drag. Then H is that of velocities v = x' and deformations
+  y = i (1 + i eta)^1/2 A x, with which the equations of motion are of first order,
 
-    (i omega + ((A^T tau A + Gamma, -B^T), (-B, 0))) (v, y) = (M^-1/2 F, 0),
-    B = i (1 + i eta)^1/2 A.
+      (i omega + ((A^T tau A + Gamma, -B^T), (-B, 0))) (v, y) = (M^-1/2 F, 0),
+      B = i (1 + i eta)^1/2 A.
 
-It is symmetric too. But if its vectors were real in v and imaginary in y, a vector would be
-orthogonal to itself as soon as both have the same energy. So the space is that of 1 - i H times the
-source: without losses its vectors are as real as those of Lanczos. x follows from the solution x'
-there, x = (x' + i source)/(1 + omega). With strong dashpots this process loses its digits, and
-vectors are made orthogonal in the product with conjugation, to the last two only: the process of
-Arnoldi, incomplete (Y. Saad, Linear Algebra Appl. 34, 269 (1980)), which is stable and takes many
-more steps. A static force adds deformations of imaginary stiffness^1/2.
+  This H is symmetric too. But if its vectors were real in v and imaginary in y, a vector would be
+  orthogonal to itself as soon as both have the same energy. So the space begins with 1 - i H times
+  the source: without losses its vectors are as real as those of Lanczos. From the solution x' there
+  follows x = (x' + i source)/(1 + omega). With strong dashpots this process loses its digits: then
+  vectors are made orthogonal in the product with conjugation, to the last two only. This is the
+  incomplete process of Arnoldi (Y. Saad, Linear Algebra Appl. 34, 269 (1980)), which is stable and
+  takes many more steps. Static forces that press add deformations of imaginary stiffness^1/2.
 
-The residual has the norm of the next vector times the last coefficient. With g the least eta +
-omega tau of all contacts, and gamma the least drag, |Z^-1| is at most one over the distance of
-omega^2 - i omega gamma from all d (1 + i g'), d >= 0 and g' >= g, which bounds the error. The
+The norm of the residual is that of the next vector times the last coefficient. If g is the least
+eta + omega tau of all contacts, and gamma the least drag, |Z^-1| is at most one over the distance
+of omega^2 - i omega gamma from all d (1 + i g') with d >= 0 and g' >= g; this bounds the error. The
 number of steps follows from g beforehand (:class:`ResponseWork`), and frequencies at which factors
-are less work are left to factors.
+take less time are left to factors.
 """
 
 from __future__ import annotations
@@ -88,62 +89,63 @@ QUANTITIES = {
     "transmissibility": "1",
     "stiffness": "N/m",
 }
-#: those of a wall that is moved
+#: quantities whose source is a wall that is moved
 OF_MOVED_WALL = ("transmissibility", "stiffness")
-#: those of sensors of force
+#: quantities whose receivers are sensors of force
 OF_FORCE = ("force", "stiffness")
-#: ways to solve
+#: names of the methods that solve the equations
 METHODS = ("direct", "krylov")
-#: motions up to which factors are always taken, as they lose no digits
-_FEW = 2_000
+#: number of motions up to which Z is factorised at all frequencies, as factors lose no digits
+_ALWAYS_FACTORISED = 2_000
 #: bound of the error of a response, over the largest value at its frequency, with which the
 #: response counts as found
 TOLERANCE = 1e-9
-#: root of the square of a vector, in the product that has either sign, over its norm, up to which
-#: the space ends
+#: root of x.x, in the product without conjugation, over the norm of a vector x, up to which the
+#: vector is nearly orthogonal to itself and the space ends
 _DEGENERATE = 1e-4
-#: most products of a space
-_MOST = 100_000
-#: products for which signals and coefficients have room at first
-_FIRST = 256
+#: most steps of a space
+_MOST_STEPS = 100_000
+#: steps for whose signals and coefficients memory is allocated at first
+_FIRST_ROOM = 256
 #: longest time of a response whose method is not named, s
-_LONGEST = 3600.0
-#: longest time of factors where a space has not enough digits, s
-_AGAIN = 10.0
-#: least pace of a Krylov space, over the mean distance of modes in a network, which the space comes
-#: to tell apart
+_LONGEST_TIME = 3600.0
+#: longest time, s, that is spent on factors at frequencies at which a space has not enough digits,
+#: unless the space took longer itself
+_FACTOR_TIME = 10.0
+#: rate at which the error falls once a Krylov space tells single modes apart, over the mean
+#: distance of modes
 _MODE_PACE = 5.0
-#: time of a step with loss factors that differ, over that of Lanczos
-_LOSSY = 2.5
-#: time of a step with dashpots that differ, likewise
-_FIRST_ORDER = 4.5
-#: steps with dashpots that differ, over those of Lanczos: of the symmetric process, and of the
-#: incomplete one
-_SYMMETRIC = 2.0
-_INCOMPLETE = 3.0
-#: greatest damping, over the top frequency, up to which the symmetric process of first order keeps
-#: its digits
-_STRONG = 0.45
-#: residual, over the source, at which the first solution is tried
+#: time of a step if loss factors differ, over that of a step of Lanczos
+_LOSSY_TIME = 2.5
+#: time of a step if dashpots differ, over that of a step of Lanczos
+_FIRST_ORDER_TIME = 4.5
+#: number of steps if dashpots differ, over those of Lanczos: of the symmetric process, and of the
+#: incomplete process of Arnoldi
+_SYMMETRIC_STEPS = 2.0
+_INCOMPLETE_STEPS = 3.0
+#: greatest omega tau plus drag over omega, at the top frequency, up to which the symmetric process
+#: of first order keeps its digits
+_STRONGEST_SYMMETRIC = 0.45
+#: residual, over the source, at which a solution in the space is first computed
 _FIRST_TRIAL = 1e-3
-#: least residual of the next trial, over that of the last
+#: least residual at which a solution is computed again, over the residual of the last one
 _NEXT_TRIAL = 0.02
-#: norm of the residual of a step, over the largest, at which the space holds all that D makes of
-#: the source
+#: norm of the next vector, over the largest entry of the matrix, up to which the space is complete:
+#: it holds all that H makes of the source
 _COMPLETE = 1e-13
-#: solutions by the same factors, of which each mends the one before
+#: most solutions by the same factors, each of which corrects the one before
 _SOLUTIONS = 4
 #: error above which a response has a warning
-_UNSURE = 1e-6
-#: last change of a solution by factors, over the solution, above which there is none
-_UNKNOWN = 1e-2
-#: residual of Lanczos, over the source, from which on the residual is rounding alone
+_WARNED_ERROR = 1e-6
+#: last change of a solution by factors, over the solution, above which the solution is not found
+_LARGEST_CHANGE = 1e-2
+#: residual in a space, over the source, up to which the residual is rounding alone
 _ROUNDING = 1e-16
-#: residual over the source, from which on a frequency is never found
-_LOST = 1e100
-#: loss factors that are tried for an advice
+#: residual in a space, over the source, at which the solution has diverged
+_DIVERGED = 1e100
+#: loss factors that are tried to advise the least sufficient one
 _ADVISED_LOSSES = (0.01, 0.02, 0.05, 0.1)
-#: derivatives by the time, from displacements to other quantities
+#: order of the derivative by the time that makes the quantity of a displacement
 _DERIVATIVES = {"velocity": 1, "acceleration": 2}
 
 
@@ -160,23 +162,26 @@ class Response(Result, array="values"):
     quantity : "displacement" (receptance, m/N), "velocity" (mobility, m/(N s)), "acceleration"
         (accelerance, 1/kg), "force" (1), "transmissibility" (1), or "stiffness" (N/m), the force
         over the displacement of a wall.
-    sources : (n_s,) balls that are pushed, each with the same force, or bodies that are moved.
+    sources : (n_s,) indices of the balls that are pushed, each with the same force, or of the
+        bodies that are moved.
     pushes : (n_s, 3) unit vectors along which sources are pushed or moved.
-    receivers : (n_r,) balls that are heard; of a contact its first ball.
+    receivers : (n_r,) indices of the balls that are heard; of a contact its first ball.
     directions : (n_r, 3) unit vectors along which receivers are heard; of a contact its normal.
     error : (n_f,) error of the values at each frequency, over the largest of them.
     factorisations : number of frequencies whose values were found by factors of the matrix.
-    steps : number of steps of the Krylov space by which the others were found; 0 without any.
+    steps : number of steps of the Krylov space by which the others were found; 0 without a space.
     warnings : one sentence for the frequencies whose error is above 1e-6, as next to modes without
-        losses; and one where contacts are more viscous than stiff, as a damping is a time.
-    partners : (n_r,) second balls of contacts that are heard, -1 of balls and walls; None if no
-        force is heard.
+        losses; and one if contacts are more viscous than stiff, which suggests that the damping,
+        a time, was meant in another unit.
+    partners : (n_r,) indices of the second balls of contacts that are heard, -1 of balls and walls;
+        None if no force is heard.
     """
 
     _notebook_fields = ("method",)
-    #: solves at other frequencies; empty where no network is at hand, or nothing loses energy
+    #: function that returns values at other frequencies; empty if the response was read from data,
+    #: or if nothing loses energy
     _solver: ClassVar[tuple[Solve, ...]] = ()
-    #: finds derivatives; empty where no network is at hand
+    #: function that returns the derivatives; empty if the response was read from data
     _find_slopes: ClassVar[tuple[Callable[[], ResponseSensitivities], ...]] = ()
 
     frequencies: Array = held(float, "f", "Hz")
@@ -193,31 +198,31 @@ class Response(Result, array="values"):
     partners: Index | None = held(int, "r?", default=None)
 
     def _field_units(self) -> dict[str, str]:
-        """The SI unit of each attribute; that of the values depends on the quantity."""
+        """Return the SI unit of each attribute; that of ``values`` depends on the quantity."""
         return {**self.units, "values": QUANTITIES[self.quantity]}
 
     @property
     def names(self) -> tuple[str, ...]:
-        """(n_r,) each receiver in words, such as "ball 3" or "contact 3-4"."""
+        """(n_r,) name of each receiver, such as "ball 3" or "contact 3-4"."""
         partners = np.full(len(self.receivers), -1) if self.partners is None else self.partners
         pairs = zip(self.receivers.tolist(), partners.tolist(), strict=True)
         return tuple(f"ball {i}" if j < 0 else f"contact {i}-{j}" for i, j in pairs)
 
     @property
     def magnitude(self) -> Array:
-        """(n_f, n_r) in the unit of the quantity."""
+        """(n_f, n_r) sizes of the values, in the unit of the quantity."""
         return np.abs(self.values)
 
     @property
     def phase(self) -> Array:
-        """(n_f, n_r) rad, without jumps by 2 pi from one frequency to the next; the first is
-        between -pi and pi.
+        """(n_f, n_r) phases of the values, rad, without jumps by 2 pi from one frequency to the
+        next; those of the first frequency are between -pi and pi.
         """
         return np.unwrap(np.angle(self.values), axis=0)
 
     @property
     def coherent(self) -> NDArray[np.complex128]:
-        """(n_f,) mean over the receivers, as that of a plane."""
+        """(n_f,) mean of the values over the receivers, such as the balls of a plane."""
         return np.asarray(np.mean(self.values, axis=1))
 
     @cached_property
@@ -225,11 +230,11 @@ class Response(Result, array="values"):
         """Derivatives of ``values`` with respect to the stiffnesses and static forces of all
         contacts, and the masses and moments of inertia of all balls.
 
-        They take factors at each frequency, and one more solution for each receiver. Raises
-        :class:`~granphon.base.errors.InputError` for a response that was read from a file or a
-        copy, for arrays larger than the memory, and at the frequency of a mode that loses no
-        energy; :class:`~granphon.base.errors.ConvergenceError` for a network too large to be
-        factorised.
+        When they are first asked for, the matrix is factorised at each frequency, and solved once
+        more for each receiver. Raises :class:`~granphon.base.errors.InputError` for a response that
+        was read from a file or a copy, for arrays larger than the memory, and at the frequency of a
+        mode that loses no energy; :class:`~granphon.base.errors.ConvergenceError` for a network too
+        large to be factorised.
         """
         if not self._find_slopes:
             raise InputError(
@@ -241,19 +246,20 @@ class Response(Result, array="values"):
 
     @cached_property
     def peaks(self) -> tuple[Peaks, ...]:
-        """For each receiver its peaks, each that of a mode over a constant background: frequencies,
-        heights, Q factors.
+        """The peaks of each receiver: their frequencies, heights and Q factors.
 
-        Lines narrower than the step of the frequencies are solved for between these. A response
-        that was read from a file or a copy, or that loses no energy, has their frequencies to a
-        step, and neither heights nor Q, which are nan.
+        The response is solved anew about each peak, between the frequencies. This is not possible
+        for a response that was read from a file or a copy, or in which nothing loses energy: peaks
+        are then those of modes through three values, and of lines narrower than the step of the
+        frequencies, the frequencies are known to a step, and heights and Q are nan.
         """
         return self.peaks_of_means([[place] for place in range(len(self.receivers))])
 
     def peaks_of_means(self, groups: Sequence[Any]) -> tuple[Peaks, ...]:
-        """Return the :attr:`peaks` of means over receivers, as those of planes.
+        """Return the :attr:`peaks` of means over receivers, such as the balls of a plane.
 
-        ``groups`` has for each mean the numbers of its receivers, a list or a slice.
+        ``groups`` has for each mean the positions of its receivers among those of the response, as
+        a list or a slice.
         """
 
         def take_means(values: Complex) -> Complex:
@@ -269,7 +275,9 @@ class Response(Result, array="values"):
 
     @property
     def method(self) -> str:
-        """How the response was found, in words."""
+        """Words that say how many frequencies were solved by factors, and how many by a Krylov
+        space.
+        """
         n_by_krylov = len(self.frequencies) - self.factorisations
         methods = []
         if self.factorisations:
@@ -282,8 +290,8 @@ class Response(Result, array="values"):
 
     @property
     def labelled(self) -> dict[str, tuple[tuple[str, ...], Any, dict[str, str]]]:
-        """What ``xarray.Dataset`` takes: dimensions, numbers and units of magnitude, phase, error
-        and balls.
+        """The variables of an ``xarray.Dataset``, as its argument: by their names the dimensions,
+        numbers and units of magnitude, phase, error and balls.
         """
         unit = QUANTITIES[self.quantity]
         return {
@@ -303,9 +311,11 @@ class Response(Result, array="values"):
 def require_places(
     network: ContactNetwork, name: str, value: Any, quantity: str, **options: Any
 ) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` unless a network has the balls and directions
-    of a source or receiver, ``value``, whose ``name`` the message has, for a response of this
-    ``quantity``; ``options`` are the fields of :class:`Places`.
+    """Raise :class:`~granphon.base.errors.InputError` unless a ``network`` has the balls and
+    directions of a source or receiver for a response of this ``quantity``.
+
+    ``name`` is "source" or "receiver", ``value`` is that argument of ``Waves.response``, and
+    ``options`` are the further arguments of :class:`Places`.
     """
     places = Places(network, **options)
     if name == "source":
@@ -318,8 +328,13 @@ def require_places(
 
 
 class ResponseOptions(NamedTuple):
-    """Which response is found, and how: a quantity of :data:`QUANTITIES`, one of the
-    :data:`METHODS` or None, and the bound of the error of a Krylov space.
+    """Which response is found, and how.
+
+    Attributes
+    ----------
+    quantity : one of :data:`QUANTITIES`.
+    method : one of :data:`METHODS`, or None for the faster one.
+    tolerance : bound of the error at which a Krylov space ends.
     """
 
     quantity: str
@@ -328,7 +343,11 @@ class ResponseOptions(NamedTuple):
 
     @classmethod
     def read(cls, quantity: str, method: str | None, tolerance: float) -> ResponseOptions:
-        """Return the options, which are arguments of ``Waves.response``, checked."""
+        """Return the options of these arguments of ``Waves.response``.
+
+        Raises :class:`~granphon.base.errors.InputError` for other words, and a tolerance that is
+        not above zero.
+        """
         quantity = one_of("quantity", quantity, QUANTITIES)
         tolerance = positive("tolerance", tolerance, "")
         if method is not None:
@@ -345,18 +364,20 @@ def find_response(
     losses: Losses,
     places: Places,
 ) -> Response:
-    """Return the response of a network, with its ``losses``, at frequencies ``hertz`` (n_f,).
+    """Return the response of a network with ``losses`` at the frequencies ``hertz`` (n_f,), Hz,
+    ascending.
 
-    ``source`` and ``receiver`` are sought among the ``places`` of the network, as
-    :meth:`granphon.waves.waves.Waves.response` describes them, and raises what that raises. Unless
-    nothing loses energy, the response keeps what it takes to solve at other frequencies.
+    ``source`` and ``receiver`` are those of :meth:`granphon.waves.waves.Waves.response`, which also
+    says what is raised; ``places`` finds their balls and directions in the network. The response
+    keeps functions that compute its derivatives and, unless nothing loses energy, its values at
+    other frequencies.
     """
     options = options._replace(quantity=places.refine(options.quantity, source))
     is_moved = options.quantity in OF_MOVED_WALL
     sources, pushes = places.find("source", source, held=is_moved)
     problem: _Problem
     partners = None
-    driven = _Driven.of(operator, losses, (sources, pushes), is_moved)
+    driven = _DrivenNetwork.of(operator, losses, (sources, pushes), is_moved)
     if options.quantity in OF_FORCE:
         sensors = places.find_sensors(receiver)
         receivers = np.array([sensor.body for sensor in sensors])
@@ -368,12 +389,12 @@ def find_response(
         problem = _Problem.of_balls(driven, receivers, directions)
     require_memory(
         f"responses of {len(receivers):,} balls at {hertz.size:,} frequencies",
-        _RESPONSE_BYTES * hertz.size * (1.0 + len(problem.heard)),
+        _RESPONSE_BYTES * hertz.size * (1.0 + len(problem.heard_motions)),
         "Take fewer frequencies",
     )
     solution = _solve_for_quantity(problem, hertz, options)
     warnings = losses.find_warnings(float(np.max(hertz)))
-    if np.any(solution.error > _UNSURE):
+    if np.any(solution.error > _WARNED_ERROR):
         unit = QUANTITIES[options.quantity]
         warnings = (*warnings, _explain_error(hertz, solution.values, solution.error, unit))
     response = Response(
@@ -409,8 +430,8 @@ def find_response(
 def _solve_for_quantity(
     problem: _Problem, frequencies: Array, options: ResponseOptions
 ) -> _Solution:
-    """Return the solution whose values (n_f, n_r) are those of the quantity of the ``options``, at
-    ``frequencies`` (n_f,), Hz.
+    """Return the solution of a ``problem`` at ``frequencies`` (n_f,), Hz, with values (n_f, n_r) in
+    the quantity of the ``options``.
     """
     omega = 2.0 * math.pi * frequencies
     solution = problem.solve(omega, options.method, options.tolerance)
@@ -421,10 +442,11 @@ def _solve_for_quantity(
 
 
 def _explain_error(hertz: Array, values: Complex, error: Array, unit: str) -> str:
-    """Return the warning of the frequencies among ``hertz`` (n_f,) whose ``error`` (n_f,), over the
-    largest of the ``values`` (n_f, n_r) at each, is large; ``unit`` is that of the values.
+    """Return the warning that at some of the frequencies ``hertz`` (n_f,), Hz, the ``error``
+    (n_f,), over the largest of the ``values`` (n_f, n_r) there, is above :data:`_WARNED_ERROR`;
+    ``unit`` is that of the values.
     """
-    unsure = np.flatnonzero(error > _UNSURE)
+    unsure = np.flatnonzero(error > _WARNED_ERROR)
     worst = unsure[np.argmax(error[unsure])]
     frequencies = (
         f"{counted(unsure.size, 'frequency', 'frequencies')}, up to {error[worst]:.1e} at"
@@ -436,19 +458,22 @@ def _explain_error(hertz: Array, values: Complex, error: Array, unit: str) -> st
     if largest_unknown > 0.0:
         bound = write_quantity(float(largest_unknown), unit, 2)
         why += f"; where it is above 1, all that is known is that they are below {bound}"
-    return f"the error of the response is above {_UNSURE:g} at {frequencies}: {why}."
+    return f"the error of the response is above {_WARNED_ERROR:g} at {frequencies}: {why}."
 
 
 # -- sources and receivers -------------------------------------------------------------------------
 
 
 def _list_items(value: Any) -> list[Any]:
-    """Return the items of a source or receiver, one or a list."""
+    """Return the items of a source or receiver as a list; ``value`` is one item or a list."""
     return value if isinstance(value, list) else [value]
 
 
 class Places:
-    """The balls and directions in which a network is pushed and heard; the arguments are those of
+    """Finds the balls of a network that are sources and receivers, and the directions in which they
+    are pushed and heard.
+
+    ``direction``, ``polarisation`` and ``distance``, m, of planes are arguments of
     ``Waves.response``.
     """
 
@@ -464,8 +489,8 @@ class Places:
         self._sensor_places = SensorPlaces.of(network)
 
     def refine(self, quantity: str, source: Any) -> str:
-        """Return the quantity of a response: "stiffness" in place of "force" where the ``source``
-        is held, and so is moved.
+        """Return the quantity of a response: the given ``quantity``, or "stiffness" in place of
+        "force" if the bodies of the ``source`` are held, as these are moved and not pushed.
         """
         if quantity != "force":
             return quantity
@@ -475,11 +500,12 @@ class Places:
         return "stiffness" if is_held else "force"
 
     def find_sensors(self, value: Any) -> list[Sensor]:
-        """Return the sensors of force of a receiver, or of a list of these: of contacts (i, j), of
-        the floor, of balls and bodies, each with a direction.
+        """Return the sensors of force of a receiver or a list of receivers, ``value``: a contact
+        (i, j), the floor, or balls and bodies with a direction.
 
-        Raises :class:`~granphon.base.errors.InputError` for no sensor, for balls that are not
-        there or do not touch, and for no floor, or several.
+        Raises :class:`~granphon.base.errors.InputError` if there is no receiver, for balls that are
+        not there or do not touch, for no floor or several, and if no motion of balls changes the
+        forces.
         """
         sensors = list[Sensor]()
         for item in _list_items(value):
@@ -502,12 +528,12 @@ class Places:
         return sensors
 
     def find(self, name: str, value: Any, held: bool = False) -> tuple[Index, Array]:
-        """Return balls (n,) and unit vectors (n, 3) of a source or receiver, or of a list of these.
+        """Return the balls (n,) and the unit vectors (n, 3) of a source or receiver.
 
-        ``value`` is the argument of ``Waves.response`` with this ``name``; ``held`` says that its
-        bodies must not move by themselves. Raises :class:`~granphon.base.errors.InputError` for no
-        ball, balls that are not there, directions in which they do not move, and bodies that move
-        or are held against ``held``.
+        ``value`` is the argument of ``Waves.response`` with this ``name``, one item or a list; all
+        of its bodies must be ``held``, or all must move. Raises
+        :class:`~granphon.base.errors.InputError` if there is no ball, for balls that are not there,
+        directions in which balls do not move, and bodies that move or are held against ``held``.
         """
         items = _list_items(value)
         balls = [np.zeros(0, int)]
@@ -526,8 +552,11 @@ class Places:
         return all_balls, np.concatenate(vectors)
 
     def _read_item(self, name: str, item: Any, *, held: bool) -> tuple[Index, Array]:
-        """Return the balls (n,) and the unit vector (3,) of one ``item`` of a source or receiver:
-        "plane", "floor", or (ball, direction).
+        """Return the balls (n,) and the unit vector (3,) of one ``item`` of a source or receiver,
+        the argument ``name``: "plane", "floor", or (ball, direction); ``held`` says that a plane is
+        one of held bodies.
+
+        Raises :class:`~granphon.base.errors.InputError` for any other item.
         """
         if isinstance(item, str) and item == "plane":
             balls = self._find_plane(name, held)
@@ -553,16 +582,16 @@ class Places:
         ``held``, unless they do not move and touch balls that move.
         """
         network = self.network
-        unfit = balls[network.moving[balls] == held]
-        if unfit.size and held:
+        why_no_space = balls[network.moving[balls] == held]
+        if why_no_space.size and held:
             raise InputError(
-                f"ball {unfit[0]} of the {name} moves",
+                f"ball {why_no_space[0]} of the {name} moves",
                 "A wall or floor is moved here, and no ball",
                 "Give a body of infinite mass",
             )
-        if unfit.size:
+        if why_no_space.size:
             raise InputError(
-                f"ball {unfit[0]} of the {name} does not move",
+                f"ball {why_no_space[0]} of the {name} does not move",
                 "It is held: its mass is infinite",
                 "Ask for the transmissibility, to move it" if name == "source" else "",
             )
@@ -574,8 +603,10 @@ class Places:
             raise InputError(fault, "Nothing moves when it does", mend)
 
     def _read_direction(self, value: Any) -> Array:
-        """Return the unit vector (3,) of a direction: the name x, y or z of an axis, or a vector
-        (1,) to (3,).
+        """Return the unit vector (3,) of a direction, ``value``: the name x, y or z of an axis, or
+        a vector (1,) to (3,).
+
+        Raises :class:`~granphon.base.errors.InputError` for any other value.
         """
         if isinstance(value, str):
             if value not in ("x", "y", "z"):
@@ -585,10 +616,13 @@ class Places:
         return read_vector("direction", value, self.network.dimension)
 
     def _find_plane(self, name: str, held: bool) -> Index:
-        """Return the balls (n,) of a plane across the direction: the first for the ``name``
-        "source"; for a receiver that at the distance from the first, or the last; or the first
-        bodies that are ``held``. InputError for a receiver without a distance in a network that
-        repeats along the direction, and where there is no such plane or body.
+        """Return the balls (n,) of a plane across the direction.
+
+        The plane of a source (``name`` "source") is the first one. That of a receiver is at the
+        given distance from the first one, or without a distance the last one. If ``held``, it is
+        the first plane of held bodies. Raises :class:`~granphon.base.errors.InputError` for a
+        receiver without a distance in a network that repeats along the direction, and if there is
+        no such plane or body.
         """
         course = Course.along(self.network, self.along)
         if held:
@@ -609,8 +643,10 @@ class Places:
         return course.find_plane(float(np.max(places)), name)
 
     def _find_held_plane(self, course: Course) -> Index:
-        """Return the bodies that do not move, up to half a diameter behind the first of these;
-        InputError if all balls move.
+        """Return the held bodies (n,) that lie along the ``course`` up to half a diameter behind
+        the first one.
+
+        Raises :class:`~granphon.base.errors.InputError` if no body is held.
         """
         held_bodies = np.flatnonzero(~self.network.moving)
         if not held_bodies.size:
@@ -626,8 +662,14 @@ class Places:
 
 
 class _Solution(NamedTuple):
-    """Signals of receivers ``values`` (n_f, n_r), their ``error`` (n_f,) over the largest at each
-    frequency, the number of factorisations, and that of the steps of a Krylov space.
+    """A solution at all frequencies.
+
+    Attributes
+    ----------
+    values : (n_f, n_r) signals of receivers.
+    error : (n_f,) error of the signals over the largest one at each frequency.
+    factorisations : number of frequencies that were solved by factors.
+    steps : number of steps of the Krylov space that solved the others.
     """
 
     values: Complex
@@ -637,10 +679,18 @@ class _Solution(NamedTuple):
 
 
 class _Space(NamedTuple):
-    """A matrix H, the product in which its vectors become orthogonal, and (H - shift) x = start.
+    """A Krylov space in which (H - shift) x = start is solved for the shifts of all frequencies.
 
-    Receivers hear ``scale`` (n_f,) times x, and ``direct`` (n_f, n_r) from the source. The error of
-    scale x is at most scale times ``bound`` (n_f,) times the residual.
+    Attributes
+    ----------
+    apply : function that multiplies a vector by H.
+    product : scalar product in which the vectors of the space become orthogonal.
+    start : first vector of the space.
+    shifts : (n_f,) shift at each frequency.
+    scale : (n_f,) factor of x in the signals of receivers.
+    bound : (n_f,) bound of the norm of (H - shift)^-1: the error of scale x is at most scale times
+        this bound times the residual.
+    direct : (n_f, n_r) signals that receivers have directly from the source, beside scale x.
     """
 
     apply: Callable[[NDArray[Any]], NDArray[Any]]
@@ -658,8 +708,8 @@ class ResponseWork:
 
     Attributes
     ----------
-    operator, losses : D of the network, and what the network loses.
-    omega : (n_f,) rad/s.
+    operator, losses : D of the network, and the losses of the network.
+    omega : (n_f,) angular frequencies, rad/s.
     tolerance : bound of the error at which a Krylov space ends.
     """
 
@@ -670,59 +720,64 @@ class ResponseWork:
 
     @cached_property
     def even_losses(self) -> tuple[float, float, float] | None:
-        """(eta, tau, gamma) where all motions are damped alike, and no static forces act."""
+        """The loss factor eta, the time tau, s, and the drag gamma, 1/s, of all contacts and
+        motions; None if they differ, or if static forces act together with losses of contacts.
+        """
         return self.losses.find_even()
 
     @cached_property
-    def of_rows(self) -> Array:
-        """(2, springs) eta and tau, 1 and s, of the rows of A that have a stiffness; tension is a
-        stiffness that loses no energy.
+    def row_losses(self) -> Array:
+        """(2, rows) loss factors eta, and times tau, s, of all deformations that resist motions:
+        springs, and static forces that pull, which lose no energy.
         """
-        factors = self.operator.of_rows(self.losses.factors)
-        times = self.operator.of_rows(self.losses.times)
-        has_stiffness = self.operator.of_rows() > 0.0
+        factors = self.operator.row_weights(self.losses.factors)
+        times = self.operator.row_weights(self.losses.times)
+        has_stiffness = self.operator.row_weights() > 0.0
         return np.stack([factors, times])[:, has_stiffness]
 
     @cached_property
-    def least(self) -> Array:
-        """(n_f,) the least eta + omega tau of all springs."""
-        factors, times = self.of_rows
+    def least_losses(self) -> Array:
+        """(n_f,) the least eta + omega tau of all :attr:`row_losses` at each frequency."""
+        factors, times = self.row_losses
         return np.array([np.min(factors + omega * times) for omega in self.omega.tolist()])
 
     @cached_property
     def drags(self) -> Array:
-        """(m,) gamma of the motions of a ball, over the top frequency."""
+        """(m,) drag gamma of each motion of a ball, over the top frequency."""
         return self.losses.drag_of(self.operator.motions) / self.operator.top
 
     @cached_property
     def distance(self) -> Array:
-        """(n_f,) lower bound of the distance of omega^2 - i omega gamma from all d (1 + i g'), 0 <=
-        d <= top^2 and g' >= g, over top^2; no bound if not above zero.
+        """(n_f,) lower bound of the distance of omega^2 - i omega gamma from all d (1 + i g') with
+        0 <= d <= top^2 and g' >= g, over top^2, where g is :attr:`least_losses` and gamma the least
+        drag. At frequencies where it is not above zero, nothing bounds the error.
         """
         w = self.omega / self.operator.top
-        depth = w**2 * self.least + w * np.min(self.drags)
-        from_line = depth / np.hypot(1.0, self.least)  # from all d (1 + i g), d >= 0
+        depth = w**2 * self.least_losses + w * np.min(self.drags)
+        from_line = depth / np.hypot(1.0, self.least_losses)  # from all d (1 + i g), d >= 0
         from_top = w**2 - 1.0
         return np.asarray(np.maximum(from_line, from_top))
 
     @property
     def is_strong(self) -> bool:
-        """Whether dashpots or drags differ, and are too strong for a process that is symmetric."""
-        strongest = float(np.max(self.of_rows[1])) * self.operator.top + float(np.max(self.drags))
-        return self.has_order_one and strongest > _STRONG
+        """Whether dashpots or drags differ, and are too strong for the symmetric process."""
+        strongest = float(np.max(self.row_losses[1])) * self.operator.top + float(
+            np.max(self.drags)
+        )
+        return self.has_order_one and strongest > _STRONGEST_SYMMETRIC
 
     @cached_property
-    def unfit(self) -> str:
-        """Why no Krylov space serves all frequencies; empty if one does."""
+    def why_no_space(self) -> str:
+        """The reason why no Krylov space solves all frequencies; empty if one does."""
         if self.even_losses is not None:
             return ""
         if self.operator.whole is not None:
             return (
                 "Static tangential forces act, or levers of slip exceed arms: without a potential"
             )
-        loses_none = np.sum(self.of_rows, axis=0) == 0.0
-        has_still = bool(np.any(loses_none)) and not np.all(self.drags > 0.0)
-        return "Some motions lose energy, and others lose none" if has_still else ""
+        loses_none = np.sum(self.row_losses, axis=0) == 0.0
+        has_lossless_motions = bool(np.any(loses_none)) and not np.all(self.drags > 0.0)
+        return "Some motions lose energy, and others lose none" if has_lossless_motions else ""
 
     @property
     def has_order_one(self) -> bool:
@@ -734,12 +789,12 @@ class ResponseWork:
     @cached_property
     def step_time(self) -> float:
         """Expected time of a step of the Krylov space, s: that of a step of Lanczos, times a factor
-        where losses are uneven.
+        if losses differ between contacts or motions.
         """
         if self.has_order_one:
-            time_over_lanczos = _FIRST_ORDER
+            time_over_lanczos = _FIRST_ORDER_TIME
         elif self.even_losses is None:
-            time_over_lanczos = _LOSSY
+            time_over_lanczos = _LOSSY_TIME
         else:
             time_over_lanczos = 1.0
         product_time = float(self.operator.product_time[self.operator.network.dimension])
@@ -747,69 +802,76 @@ class ResponseWork:
 
     @cached_property
     def factor_time(self) -> float:
-        """Time of factors at a frequency, s; infinite if the network is too large."""
-        return estimate_factors(self.operator.size, self.operator.network.dimension)[0]
+        """Expected time of factors at one frequency, s; infinite if the network is too large."""
+        seconds, _ = estimate_factors(self.operator.size, self.operator.network.dimension)
+        return seconds
 
     @property
     def factor_bytes(self) -> float:
         """Memory of factors while they are made, bytes; infinite if the network is too large."""
-        return estimate_factors(self.operator.size, self.operator.network.dimension)[1]
+        _, memory = estimate_factors(self.operator.size, self.operator.network.dimension)
+        return memory
 
     @cached_property
     def steps(self) -> Array:
-        """(n_f,) steps of the Krylov space; infinite without a bound.
+        """(n_f,) expected number of steps of the Krylov space for each frequency; infinite if
+        nothing bounds it.
 
-        With w = omega/top, and g = eta + omega tau and gamma/top the least of all, a step of
-        Lanczos makes the error smaller by exp(-2 Im arccos(((w^2 - i w gamma)/(1 + i g))^1/2)), as
-        the polynomials of Chebyshev do.
-        Where modes are few, the space tells them apart sooner; the incomplete process does not.
+        With w = omega/top, the least g = eta + omega tau and the least drag gamma over top, a step
+        of Lanczos makes the error smaller by exp(-2 Im arccos(((w^2 - i w gamma)/(1 + i g))^1/2)),
+        as Chebyshev's polynomials do. If modes are few, the space tells them apart before, and the
+        error falls faster; in the incomplete process of Arnoldi it does not.
         """
         w = self.omega / self.operator.top
         n = self.operator.size
         d = self.operator.network.dimension
-        square = (w**2 - 1j * w * np.min(self.drags)) / (1.0 + 1j * self.least)
+        square = (w**2 - 1j * w * np.min(self.drags)) / (1.0 + 1j * self.least_losses)
         pace = 2.0 * np.abs(np.arccos(np.sqrt(square)).imag)
         is_bounded = (self.distance > 0.0) & (pace > 0.0)
         if not self.is_strong:
-            # modes in an interval of w as long as one, by Debye's law, and not fewer than n^(1/d)
+            # number of modes for a unit of w, by Debye's law, and not fewer than n^(1/d)
             mode_density = np.maximum(n ** (1.0 / d), n * d * w ** (d - 1))
             pace += 2.0 * _MODE_PACE / mode_density
         counts = np.full(w.shape, np.inf)
         reductions = np.maximum(1.0 / self.distance[is_bounded], 1.0) / self.tolerance
         counts[is_bounded] = np.log(reductions) / pace[is_bounded]
         if self.is_strong:
-            return counts * _INCOMPLETE
-        return counts * _SYMMETRIC if self.has_order_one else counts
+            return counts * _INCOMPLETE_STEPS
+        return counts * _SYMMETRIC_STEPS if self.has_order_one else counts
 
     def choose(self, method: str | None) -> tuple[NDArray[np.bool_], float]:
-        """Return at which frequencies (n_f,) the matrix is factorised, and the time for all
-        frequencies, s.
+        """Return whether the matrix is factorised at each frequency, (n_f,), and the expected time
+        for all frequencies, s; the Krylov space solves all other frequencies at once.
 
-        The Krylov space serves all others at once. Without a ``method`` the matrix of a small
-        network is factorised at all of them, as where no space serves. Raises
-        :class:`~granphon.base.errors.ConvergenceError` if neither method serves, or takes too long
-        and is not named.
+        With the ``method`` "direct" the matrix is factorised at all frequencies, also if no space
+        serves, and if no method is named and the network is small. Raises
+        :class:`~granphon.base.errors.ConvergenceError` if the network is too large for factors that
+        are needed, or the steps of the space are too many, and if no method is named and the time
+        is above an hour.
         """
-        is_small = method is None and self.operator.size <= _FEW
-        if method == "direct" or self.unfit or is_small:
+        is_small = method is None and self.operator.size <= _ALWAYS_FACTORISED
+        if method == "direct" or self.why_no_space or is_small:
             if not math.isfinite(self.factor_time):
                 raise self.explain("is not found by factors")
             by_factors = np.ones(self.omega.size, bool)
             seconds = self.factor_time * self.omega.size
         else:
-            by_factors, seconds = self._share_frequencies(may_factorise=method is None)
+            by_factors, seconds = self._divide_frequencies(may_factorise=method is None)
             most_steps = float(np.max(self.steps, where=~by_factors, initial=0.0))
-            if most_steps > _MOST:
-                raise self.explain(f"is not found by a Krylov space of {_MOST:,} steps", most_steps)
-        if method is None and seconds > _LONGEST:
+            if most_steps > _MOST_STEPS:
+                raise self.explain(
+                    f"is not found by a Krylov space of {_MOST_STEPS:,} steps", most_steps
+                )
+        if method is None and seconds > _LONGEST_TIME:
             raise self.explain("takes longer than an hour", float(np.max(self.steps)))
         return by_factors, seconds
 
-    def _share_frequencies(self, may_factorise: bool) -> tuple[NDArray[np.bool_], float]:
-        """Return at which frequencies (n_f,) the matrix is factorised, and the time for all, s,
-        which is the least: factors serve the frequencies that take most steps of a Krylov space.
+    def _divide_frequencies(self, may_factorise: bool) -> tuple[NDArray[np.bool_], float]:
+        """Return whether the matrix is factorised at each frequency, (n_f,), and the expected time
+        for all frequencies, s.
 
-        Unless ``may_factorise``, the space serves all frequencies.
+        The frequencies that take most steps of a Krylov space are left to factors, as many as make
+        the time the least; none unless ``may_factorise``.
         """
         count = self.omega.size
         slowest_first = np.argsort(-self.steps, kind="stable")
@@ -824,11 +886,11 @@ class ResponseWork:
         return by_factors, float(times[n_factors])
 
     def explain(self, failure: str, steps: float = math.inf) -> ConvergenceError:
-        """Return the error of a response that is not found, with the time that each method would
-        take, and a loss factor that would do.
+        """Return the error of a response that is not found; the message has the time that each
+        method would take, and a loss factor that would be enough.
 
-        ``failure`` goes on from "the response", such as "takes longer than an hour"; ``steps`` are
-        those of the Krylov space.
+        ``failure`` is the end of a sentence that begins with "the response", such as "takes longer
+        than an hour"; ``steps`` is the number of steps of the Krylov space.
         """
         lowest = write_quantity(float(self.omega[0]) / (2.0 * math.pi), "Hz", 4)
         fault = f"the response of {self.operator.size:,} motions from {lowest} on {failure}"
@@ -842,10 +904,12 @@ class ResponseWork:
         mend = self._suggest_damping()
         if "longer" in failure:
             mend += "; or name the method, to wait for it"
-        return ConvergenceError(fault, self.unfit or why, mend)
+        return ConvergenceError(fault, self.why_no_space or why, mend)
 
     def _list_methods(self, steps: float) -> list[str]:
-        """Return how long each method takes, in words; ``steps`` are those of the Krylov space."""
+        """Return for each method that is possible words that say how long it takes; ``steps`` is
+        the number of steps of the Krylov space.
+        """
         from granphon.media.cost import write_duration
 
         methods = []
@@ -859,8 +923,8 @@ class ResponseWork:
         return methods
 
     def _suggest_damping(self) -> str:
-        """Return how to mend the request: by the least loss factor with which a Krylov space serves
-        in time, if there is one.
+        """Return an advice for the message: the least of :data:`_ADVISED_LOSSES` with which a
+        Krylov space solves all frequencies within an hour, or if there is none another one.
         """
         from granphon.media.cost import write_duration
 
@@ -871,7 +935,7 @@ class ResponseWork:
                 continue
             steps = float(np.max(damped_work.steps))
             seconds = steps * damped_work.step_time
-            if steps <= _MOST and seconds <= _LONGEST:
+            if steps <= _MOST_STEPS and seconds <= _LONGEST_TIME:
                 return (
                     f"Damp all contacts alike and more: a loss_factor of {eta:g} takes about"
                     f" {write_duration(seconds)}"
@@ -879,22 +943,22 @@ class ResponseWork:
         return "Leave out the lowest frequencies, or take a smaller network"
 
 
-class _Driven(NamedTuple):
-    """A network that is driven.
+class _DrivenNetwork(NamedTuple):
+    """A network with its source.
 
     Attributes
     ----------
-    operator, losses : D of the network, and what the network loses.
-    drives : three parts (size,) of the source: without damping, by loss factors, and, over omega,
-        by dashpots.
-    moved : whether the source is a wall that is moved.
+    operator, losses : D of the network, and the losses of the network.
+    drives : three parts (size,) of the source: the part without losses, that by loss factors, and
+        that by dashpots over omega; the source is their sum with the factors 1, i and i omega.
+    is_moved : whether the source is a wall that is moved.
     amplitude : (n, motions) forces on balls, N, or displacements of walls, m.
     """
 
     operator: WaveOperator
     losses: Losses
     drives: Sequence[Array]
-    moved: bool
+    is_moved: bool
     amplitude: Array
 
     @classmethod
@@ -904,9 +968,9 @@ class _Driven(NamedTuple):
         losses: Losses,
         source: tuple[Index, Array],
         is_moved: bool,
-    ) -> _Driven:
-        """Return a network with a ``source``: balls (k,) and unit vectors (k, 3) along which these
-        are pushed, or with ``is_moved`` moved.
+    ) -> _DrivenNetwork:
+        """Return the network of the ``operator`` with a ``source``: bodies (k,) and the unit
+        vectors (k, 3) along which these are pushed with 1 N, or if ``is_moved`` displaced by 1 m.
         """
         network = operator.network
         sources, pushes = source
@@ -925,13 +989,13 @@ class _Driven(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _SensorReadings:
-    """How forces of sensors follow from the elongations of contacts.
+    """The readings of sensors of force, from the elongations of contacts.
 
     Attributes
     ----------
-    contacts : (n_h,) numbers of the contacts that are heard.
-    weights : (n_r, n_h) of each of their forces in a sensor.
-    stiffness : (n_h,) of these contacts, N/m.
+    contacts : (n_h,) indices of the contacts that are heard.
+    weights : (n_r, n_h) weight of the force of each of these contacts in each sensor.
+    stiffness : (n_h,) normal stiffness of these contacts, N/m.
     factors, times : (n_h,) loss factors, and times of all dashpots, s, of these contacts.
     """
 
@@ -942,34 +1006,36 @@ class _SensorReadings:
     times: Array
 
     def find_factors(self, omega: Any) -> NDArray[Any]:
-        """Return the stiffnesses (n_f, n_h) of the contacts at ``omega`` (n_f,), rad/s, over those
-        without losses; (n_h,) at a number.
+        """Return the complex stiffnesses (n_f, n_h) of the contacts at ``omega`` (n_f,), rad/s,
+        over those without losses; (n_h,) if ``omega`` is a number.
         """
         return np.asarray(1.0 + 1j * (self.factors + np.asarray(omega)[..., None] * self.times))
 
     def read(self, omega: Array, solution: _Solution) -> _Solution:
-        """Return forces (n_f, n_r), above zero where contacts are pressed more, of a ``solution``
-        of elongations (n_f, n_h) at ``omega`` (n_f,), rad/s.
+        """Return the solution with forces (n_f, n_r), N, of sensors, above zero where contacts are
+        pressed more, from a ``solution`` with elongations (n_f, n_h), m, at ``omega`` (n_f,),
+        rad/s; its error becomes that of the forces.
         """
-        softening = self.find_factors(omega) * self.stiffness
-        forces: Complex = -(solution.values * softening) @ self.weights.T.astype(complex)
-        # an error of the largest elongation counts in each contact of a sensor
+        stiffness = self.find_factors(omega) * self.stiffness
+        forces: Complex = -(solution.values * stiffness) @ self.weights.T.astype(complex)
+        # the error is given over the largest elongation: each contact of a sensor may have as much
         largest = np.max(np.abs(solution.values), axis=1)
-        error = largest * np.max(np.abs(softening) @ self.weights.T, axis=1)
+        error = largest * np.max(np.abs(stiffness) @ self.weights.T, axis=1)
         loudest = np.max(np.abs(forces), axis=1)
         share = np.divide(error, loudest, out=np.ones_like(error), where=loudest > 0.0)
         return solution._replace(values=forces, error=solution.error * share)
 
-    def hear(self, w: float) -> NDArray[Any]:
-        """Return the weights (n_h, n_r) of elongations in the forces at the angular frequency
-        ``w``, rad/s; real where nothing loses energy.
+    def find_weights(self, w: float) -> NDArray[Any]:
+        """Return the weights (n_h, n_r), N/m, of elongations in the forces of sensors at the
+        angular frequency ``w``, rad/s; they are real if nothing loses energy.
         """
         stiffness = self.find_factors(w) * self.stiffness
         return np.real_if_close(-stiffness[:, None] * self.weights.T)
 
-    def stiffen(self, w: float, elongations: NDArray[Any]) -> NDArray[Any]:
-        """Return the derivatives (n_r, n_h) of the forces of ``elongations`` (n_h,) by the
-        stiffness of each contact.
+    def find_stiffness_slopes(self, w: float, elongations: NDArray[Any]) -> NDArray[Any]:
+        """Return the derivatives (n_r, n_h), m, of the forces of sensors with respect to the
+        stiffness of each contact, at given ``elongations`` (n_h,), m, and the angular frequency
+        ``w``, rad/s.
         """
         return np.asarray(-(self.find_factors(w) * elongations) * self.weights)
 
@@ -978,35 +1044,40 @@ class _SensorReadings:
 class _Problem:
     """The equations Z x = source, and the signals of receivers.
 
+    If receivers are sensors of force, the n_r receivers of this problem are the contacts that the
+    sensors hear, and signals are the elongations of these contacts.
+
     Attributes
     ----------
     driven : the network and its source.
-    heard, ears : a receiver hears the sum of x at the indices ``heard`` (n_r, axes), with the
-        weights ``ears`` (n_r, axes).
-    shift : (n_r,) what receivers hear beside, of walls that are moved.
-    sensors : of force; None of receivers that are balls.
+    heard_motions, motion_weights : (n_r, axes) indices of motions in x, and their weights: the
+        signal of a receiver is the sum of these motions times their weights, plus its ``shift``.
+    shift : (n_r,) signals that walls which are moved make directly, by stretching contacts.
+    sensors : readings of sensors of force; None if receivers are balls.
     """
 
-    driven: _Driven
-    heard: Index
-    ears: Array
+    driven: _DrivenNetwork
+    heard_motions: Index
+    motion_weights: Array
     shift: Array
     sensors: _SensorReadings | None = None
 
     @classmethod
-    def of_balls(cls, driven: _Driven, receivers: Index, directions: Array) -> _Problem:
-        """Return the problem of ``receivers`` (n_r,), which are heard along unit vectors (n_r,
-        3).
+    def of_balls(cls, driven: _DrivenNetwork, receivers: Index, directions: Array) -> _Problem:
+        """Return the problem whose ``receivers`` (n_r,) are balls, heard along unit vectors,
+        ``directions`` (n_r, 3).
         """
         operator = driven.operator
         axes = list(operator.motions.translations)
-        heard = operator.indices[receivers, : len(axes)]
-        ears = directions[:, axes] / np.sqrt(operator.network.masses[receivers])[:, None]
-        return cls(driven, heard, ears, np.zeros(len(receivers)))
+        heard_motions = operator.indices[receivers, : len(axes)]
+        motion_weights = directions[:, axes] / np.sqrt(operator.network.masses[receivers])[:, None]
+        return cls(driven, heard_motions, motion_weights, np.zeros(len(receivers)))
 
     @classmethod
-    def of_sensors(cls, driven: _Driven, sensors: Sequence[Sensor]) -> _Problem:
-        """Return the problem of sensors of force: receivers are the elongations of contacts."""
+    def of_sensors(cls, driven: _DrivenNetwork, sensors: Sequence[Sensor]) -> _Problem:
+        """Return the problem of ``sensors`` of force, in which receivers are the contacts that they
+        hear, each once.
+        """
         operator = driven.operator
         network = operator.network
         axes = list(operator.motions.translations)
@@ -1027,14 +1098,14 @@ class _Problem:
         normal = network.normal[contacts][:, axes]
         root_mass_i, root_mass_j = (np.sqrt(network.masses[end])[:, None] for end in (i, j))
         shift = np.zeros(contacts.size)
-        if driven.moved:
+        if driven.is_moved:
             displacement = driven.amplitude[:, : len(axes)]
             shift = np.sum(normal * (displacement[j] - displacement[i]), axis=1)
         indices = operator.indices[:, : len(axes)]
         return cls(
             driven,
-            heard=np.hstack([indices[i], indices[j]]),
-            ears=np.hstack([-normal / root_mass_i, normal / root_mass_j]),
+            heard_motions=np.hstack([indices[i], indices[j]]),
+            motion_weights=np.hstack([-normal / root_mass_i, normal / root_mass_j]),
             shift=shift,
             sensors=readings,
         )
@@ -1046,27 +1117,29 @@ class _Problem:
 
     @property
     def losses(self) -> Losses:
-        """What the network loses."""
+        """The losses of the network."""
         return self.driven.losses
 
     @single_products()
     def solve(self, omega: Array, method: str | None, tolerance: float) -> _Solution:
-        """Return the signals of the receivers at ``omega`` (n_f,), rad/s, by the ``method``, or by
-        what is faster: then factors mend what a Krylov space has not found, or not well enough if
-        that is little work.
+        """Return the signals of the receivers at ``omega`` (n_f,), rad/s, by the ``method``.
 
-        Raises :class:`~granphon.base.errors.InputError` for a Krylov space that is named and serves
-        not all frequencies, and for a frequency at which factors find a mode without losses, and
-        :class:`~granphon.base.errors.ConvergenceError` as :meth:`ResponseWork.choose` does, and
-        where a Krylov space finds no values and there are no factors, or the space was named.
+        Without a method each frequency is solved by the faster one. Then, in a second pass, factors
+        solve the frequencies that a Krylov space has not found, and those that it has found with
+        too large an error if this takes little time.
+
+        Raises :class:`~granphon.base.errors.InputError` if a Krylov space is named and cannot solve
+        all frequencies, and for the frequency of a mode without losses. Raises
+        :class:`~granphon.base.errors.ConvergenceError` as :meth:`ResponseWork.choose` does, and if
+        a Krylov space finds no values and was named, or the network is too large for factors.
         """
         work = ResponseWork(self.operator, self.losses, omega, tolerance)
-        if work.unfit and method == "krylov":
+        if work.why_no_space and method == "krylov":
             raise InputError(
-                "no Krylov space serves all frequencies", work.unfit, "Use the direct method"
+                "no Krylov space serves all frequencies", work.why_no_space, "Use the direct method"
             )
         by_factors, _ = work.choose(method)
-        values = np.zeros((omega.size, len(self.heard)), complex)
+        values = np.zeros((omega.size, len(self.heard_motions)), complex)
         error = np.full(omega.size, np.inf)  # infinite where no value is found yet
         steps = 0
         by_krylov = np.flatnonzero(~by_factors)
@@ -1081,9 +1154,10 @@ class _Problem:
             values[by_krylov], error[by_krylov], steps = in_space
         # a response deep in a gap is less than the rounding of a Krylov space; factors keep all of
         # its digits
-        deep = np.flatnonzero(np.isfinite(error) & (error > max(_UNSURE, tolerance)))
-        if may_factorise and deep.size * work.factor_time <= max(steps * work.step_time, _AGAIN):
-            error[deep] = np.inf
+        imprecise = np.flatnonzero(np.isfinite(error) & (error > max(_WARNED_ERROR, tolerance)))
+        affordable_time = max(steps * work.step_time, _FACTOR_TIME)
+        if may_factorise and imprecise.size * work.factor_time <= affordable_time:
+            error[imprecise] = np.inf
         unsolved = np.flatnonzero(np.isinf(error))
         if unsolved.size:
             if method == "krylov" or not has_factors:
@@ -1095,7 +1169,9 @@ class _Problem:
         return _Solution(values, error, int(unsolved.size), steps)
 
     def _make_space(self, work: ResponseWork) -> _Space:
-        """Return the space that serves all frequencies of the ``work`` at once."""
+        """Return the Krylov space in which all frequencies of the ``work`` are solved; the head of
+        this module says which one.
+        """
         if work.has_order_one:
             return self._make_first_order(work)
         if work.even_losses is not None:
@@ -1108,21 +1184,22 @@ class _Problem:
             shifts=omega**2,
             scale=np.ones(omega.size),
             bound=_invert(self.operator.top**2 * work.distance),
-            direct=self._hear_shift(omega.size),
+            direct=self._list_shift(omega.size),
         )
 
     def _make_even(self, omega: Array, loss: float, time: float, drag: float) -> _Space:
-        """Return the space of D for contacts that all have one ``loss`` factor, and one ``time`` of
-        their dashpots, s, and for one ``drag``, 1/s, of all motions.
+        """Return the space of D, for contacts that all have the same ``loss`` factor and the same
+        ``time`` of their dashpots, s, and motions that all have the same ``drag``, 1/s, at
+        ``omega`` (n_f,), rad/s.
         """
         top_square = self.operator.top**2
         stiffness_factor = 1.0 + 1j * (loss + omega * time)  # over the stiffness without losses
         shifts = (omega**2 - 1j * omega * drag) / stiffness_factor
-        # from the shifts to the eigenvalues of D, between 0 and top^2
+        # distance of each shift from the eigenvalues of D, which lie between 0 and top^2
         along_axis = np.maximum(np.maximum(shifts.real - top_square, -shifts.real), 0.0)
         distance = np.hypot(shifts.imag, along_axis)
         # a wall pulls with the same factor as the springs
-        scale = np.ones(omega.size, complex) if self.driven.moved else 1.0 / stiffness_factor
+        scale = np.ones(omega.size, complex) if self.driven.is_moved else 1.0 / stiffness_factor
         return _Space(
             apply=lambda x: self.operator @ x,
             product=np.dot,
@@ -1130,12 +1207,13 @@ class _Problem:
             shifts=shifts,
             scale=scale,
             bound=_invert(distance),
-            direct=self._hear_shift(omega.size),
+            direct=self._list_shift(omega.size),
         )
 
     def _make_first_order(self, work: ResponseWork) -> _Space:
-        """Return the space of velocities and deformations, with H over the top frequency; see the
-        head of this module. Static forces are further rows of A.
+        """Return the space of velocities and deformations for the frequencies of the ``work``; H is
+        that of the head of this module over the top frequency, with static forces as further rows
+        of A.
         """
         top = self.operator.top
         n = self.operator.size
@@ -1148,7 +1226,7 @@ class _Problem:
         drag = self.operator.drag(self.losses) / top
 
         def apply(vector: Complex) -> Complex:
-            """Return H times a ``vector`` of velocities (size,), then deformations (rows,)."""
+            """Return H times a ``vector`` (size + rows,) of velocities and deformations."""
             strain = parts.deform(vector[:n])
             stress = vector[n:] * spring
             stress -= dashpots * strain
@@ -1158,9 +1236,11 @@ class _Problem:
             return product
 
         source = self._make_first_order_source(spring, times)
-        strength: Any = -1.0 / top * (np.ones(w.size) if self.driven.moved else _invert(1j * omega))
+        strength: Any = (
+            -1.0 / top * (np.ones(w.size) if self.driven.is_moved else _invert(1j * omega))
+        )
         # |(H - i w)^-1| is at most this, with the largest |1 + i eta|^1/2 of a spring
-        largest_spring = math.sqrt(math.hypot(1.0, float(np.max(work.of_rows[0]))))
+        largest_spring = math.sqrt(math.hypot(1.0, float(np.max(work.row_losses[0]))))
         bound = np.where(w > 0.0, (w + largest_spring) * _invert(work.distance), np.inf)
         if work.is_strong:
             return _Space(
@@ -1170,9 +1250,9 @@ class _Problem:
                 shifts=1j * w,
                 scale=strength,
                 bound=bound,
-                direct=self._hear_shift(w.size),
+                direct=self._list_shift(w.size),
             )
-        # the space is that of 1 - i H times the source
+        # the space begins with 1 - i H times the source, from which x follows as the head says
         scale = strength / (1.0 + w)
         return _Space(
             apply=apply,
@@ -1185,10 +1265,11 @@ class _Problem:
         )
 
     def _make_first_order_source(self, spring: NDArray[Any], times: Array) -> NDArray[Any]:
-        """Return the source of velocities (size,), then deformations (rows,); ``spring`` and
-        ``times`` (rows,) are those of :meth:`_make_first_order`.
+        """Return the source (size + rows,) of velocities and deformations; ``spring`` (rows,),
+        roots of stiffnesses over the top frequency, and ``times`` (rows,), s, of dashpots are those
+        of :meth:`_make_first_order`.
         """
-        if not self.driven.moved:
+        if not self.driven.is_moved:
             return np.concatenate([self.driven.drives[0], np.zeros(spring.size, complex)])
         # (H - i w) (v, y) = i omega (-A^T tau s, spring s) for walls that stretch contacts by s
         stretched = self.operator.stretch(self.driven.amplitude)  # of the rows of A
@@ -1196,20 +1277,22 @@ class _Problem:
         on_contacts = self.operator.top * spring * stretched
         return np.concatenate([on_balls, on_contacts])
 
-    def _hear_shift(self, n_frequencies: int) -> Array:
-        """Return what receivers hear of walls alone, (n_f, n_r)."""
+    def _list_shift(self, n_frequencies: int) -> Array:
+        """Return the shifts of receivers, which do not depend on the frequency, as
+        (``n_frequencies``, n_r).
+        """
         return np.broadcast_to(self.shift, (n_frequencies, len(self.shift)))
 
     def _listen(self, x: NDArray[Any]) -> NDArray[Any]:
-        """Return the signals (n_r,) of receivers for motions x (size,)."""
-        return np.asarray(np.sum(x[self.heard] * self.ears, axis=1))
+        """Return the signals (n_r,) of receivers for motions x (size,), without their shifts."""
+        return np.asarray(np.sum(x[self.heard_motions] * self.motion_weights, axis=1))
 
     def _solve_by_factors(self, omega: Array) -> tuple[Complex, Array]:
-        """Return values (n_f, n_r) and errors (n_f,) at ``omega`` (n_f,), rad/s, by factors of Z at
-        each frequency.
+        """Return the signals (n_f, n_r) at ``omega`` (n_f,), rad/s, and their errors (n_f,), by
+        factors of Z at each frequency, of which the progress of the operator is told.
         """
         equations = _Equations(self)
-        values = np.zeros((omega.size, len(self.heard)), complex)
+        values = np.zeros((omega.size, len(self.heard_motions)), complex)
         error = np.zeros(omega.size)
         with self.operator.progress.step("response by factors", omega.size) as step:
             for row, w in enumerate(omega.tolist()):
@@ -1219,14 +1302,15 @@ class _Problem:
 
     def _solve_directly(self, equations: _Equations, w: float) -> tuple[Complex, float]:
         """Return the signals (n_r,) at the angular frequency ``w``, rad/s, and their error over the
-        loudest signal.
+        largest signal.
 
+        The error is the change by the last correction, plus that by the rounding of Z and omega.
         Raises :class:`~granphon.base.errors.InputError` at the frequency of a mode that loses no
         energy.
         """
         matrix, drive = equations.at(w)
         x = np.zeros(drive.size, matrix.dtype)
-        signals = np.zeros(len(self.heard), complex)
+        signals = np.zeros(len(self.heard_motions), complex)
         try:
             factors = equations.elimination.factorise(matrix)
             for solution in range(_SOLUTIONS):
@@ -1245,24 +1329,25 @@ class _Problem:
             error += float(np.max(np.abs(self._listen(rounding))) / loudest)
         except RuntimeError:  # exactly singular
             raise _explain_resonance(w) from None
-        stands = np.linalg.norm(change) <= _UNKNOWN * np.linalg.norm(x)  # False for nan
-        if not stands:
+        is_solved = np.linalg.norm(change) <= _LARGEST_CHANGE * np.linalg.norm(x)  # False for nan
+        if not is_solved:
             raise _explain_resonance(w)
         return signals, error
 
     def _solve_in_space(
         self, work: ResponseWork, most_steps: float, step: Step
     ) -> tuple[Complex, Array, int]:
-        """Return values (n_f, n_r) and errors (n_f,) by a Krylov space, and the number of its
-        steps; errors are infinite where the space ends before the error is within the tolerance or
-        rounding alone. A source of zero takes no step.
+        """Return the signals (n_f, n_r) at the frequencies of the ``work`` and their errors (n_f,),
+        by a Krylov space, and the number of its steps.
 
-        The space ends, at the latest, after ``most_steps``, or ``_MOST``, of each of which ``step``
-        is told.
+        A frequency is found when its error is within the tolerance, or is rounding alone; errors of
+        frequencies that are not found are infinite. The space ends at the latest after
+        ``most_steps`` or :data:`_MOST_STEPS`; the progress ``step`` is told of each step. A source
+        of zeros takes no step.
         """
         n_frequencies = work.omega.size
         space = self._make_space(work)
-        values = self._hear_shift(n_frequencies).astype(complex)
+        values = self._list_shift(n_frequencies).astype(complex)
         error = np.zeros(n_frequencies)
         if not np.any(space.start):
             return values, error, 0
@@ -1271,7 +1356,7 @@ class _Problem:
         # residual, over the source, at which the next solution of each frequency is tried
         trial_residual = np.full(n_frequencies, _FIRST_TRIAL)
         active = np.isfinite(space.bound)
-        while process.steps < min(most_steps, _MOST):
+        while process.steps < min(most_steps, _MOST_STEPS):
             process.advance()
             step.advance()
             if process.is_degenerate:
@@ -1284,7 +1369,7 @@ class _Problem:
                 error[number] = trial.rounding + trial.cut
                 trial_residual[number] = trial.find_next_residual(process, work.tolerance)
                 active[number] = trial_residual[number] > 0.0
-            may_improve = active & (process.last_entry < _LOST)
+            may_improve = active & (process.last_entry < _DIVERGED)
             if process.is_complete or not np.any(may_improve):
                 break
         error[active] = np.inf
@@ -1292,30 +1377,37 @@ class _Problem:
 
     @single_products()
     def find_sensitivities(self, hertz: Array, quantity: str) -> ResponseSensitivities:
-        """Return the derivatives of the signals of a ``quantity`` at frequencies (n_f,), Hz, by
-        factors; see :attr:`Response.sensitivities` for what is raised.
+        """Return the derivatives of the response in a ``quantity`` at frequencies ``hertz`` (n_f,),
+        Hz, by factors at each frequency and an adjoint solution for each receiver; see
+        :attr:`Response.sensitivities` for what is raised.
         """
         omega = 2.0 * math.pi * hertz
         work = ResponseWork(self.operator, self.losses, omega, TOLERANCE)
-        work.choose("direct")  # raises where there are no factors
+        work.choose("direct")  # raises the error of a network too large for factors
         amplitude = self.driven.amplitude
-        moved = amplitude if self.driven.moved else np.zeros_like(amplitude)
+        moved = amplitude if self.driven.is_moved else np.zeros_like(amplitude)
         slopes = ResponseSlopes(self.operator, self.losses, moved)
         sensors = self.sensors
-        count = len(self.heard) if sensors is None else len(sensors.weights)
+        count = len(self.heard_motions) if sensors is None else len(sensors.weights)
         slopes.require_memory(hertz.size * count)
-        ears = np.zeros((self.operator.size, len(self.heard)))
-        for receiver, (heard, weights) in enumerate(zip(self.heard, self.ears, strict=True)):
-            np.add.at(ears[:, receiver], heard, weights)
+        receiver_vectors = np.zeros((self.operator.size, len(self.heard_motions)))
+        for receiver, (motions, weights) in enumerate(
+            zip(self.heard_motions, self.motion_weights, strict=True)
+        ):
+            np.add.at(receiver_vectors[:, receiver], motions, weights)
         equations = _Equations(self)
         parts = []
         for frequency, w in zip(hertz.tolist(), omega.tolist(), strict=True):
-            ears_at_w = ears if sensors is None else ears @ sensors.hear(w)
-            motions = self._solve_adjoint(equations, w, ears_at_w)
+            vectors_at_w = (
+                receiver_vectors if sensors is None else receiver_vectors @ sensors.find_weights(w)
+            )
+            motions = self._solve_adjoint(equations, w, vectors_at_w)
             fields = slopes.find(motions[:, 0], motions[:, 1:], frequency)
             if sensors is not None:
                 elongations = self._listen(motions[:, 0]) + self.shift
-                fields["normal_stiffness"][:, sensors.contacts] += sensors.stiffen(w, elongations)
+                fields["normal_stiffness"][:, sensors.contacts] += sensors.find_stiffness_slopes(
+                    w, elongations
+                )
             rate = (1j * w) ** _DERIVATIVES.get(quantity, 0)
             parts.append({name: None if f is None else rate * f for name, f in fields.items()})
         stacked: dict[str, Any] = {
@@ -1325,30 +1417,39 @@ class _Problem:
         unit = QUANTITIES[quantity]
         return ResponseSensitivities(**stacked, frequencies=hertz, quantity_unit=unit)
 
-    def _solve_adjoint(self, equations: _Equations, w: float, ears: Array) -> NDArray[Any]:
-        """Return the motions (size, 1 + n_r) that the source makes, and the adjoint ones of the
-        ``ears`` (size, n_r), at the angular frequency ``w``, rad/s; InputError at the frequency of
-        a mode that loses no energy.
+    def _solve_adjoint(
+        self, equations: _Equations, w: float, receiver_vectors: Array
+    ) -> NDArray[Any]:
+        """Return the motions (size, 1 + n_r) at the angular frequency ``w``, rad/s: first those
+        that the source makes, then for each receiver its adjoint motions, the solution with its
+        vector among ``receiver_vectors`` (size, n_r) in place of the source.
+
+        Raises :class:`~granphon.base.errors.InputError` at the frequency of a mode that loses no
+        energy.
         """
         matrix, drive = equations.at(w)
-        right = np.column_stack([drive, ears / equations.top_square]).astype(matrix.dtype)
+        right = np.column_stack([drive, receiver_vectors / equations.top_square]).astype(
+            matrix.dtype
+        )
         try:
             factors = equations.elimination.factorise(matrix)
             motions = factors.solve(right)
             change = factors.solve(right - matrix @ motions)
         except RuntimeError:  # exactly singular
             raise _explain_resonance(w) from None
-        if not np.linalg.norm(change) <= _UNKNOWN * np.linalg.norm(motions):
+        if not np.linalg.norm(change) <= _LARGEST_CHANGE * np.linalg.norm(motions):
             raise _explain_resonance(w)
         return np.asarray(motions + change)
 
     @cached_property
-    def _most_heard(self) -> float:
-        """The greatest signal of a receiver that motions x of norm one make."""
-        return float(np.max(np.linalg.norm(self.ears, axis=1)))
+    def _greatest_signal(self) -> float:
+        """The greatest signal that motions x of norm one can make in any receiver."""
+        return float(np.max(np.linalg.norm(self.motion_weights, axis=1)))
 
     def _try_solution(self, process: _KrylovProcess, number: int) -> _Trial:
-        """Return the solution at the frequency of this ``number`` in the space so far."""
+        """Return the solution at the frequency of this ``number``, an index, in the space of the
+        steps so far, with its residual and errors.
+        """
         space = process.space
         steps = process.steps
         scale = space.scale[number]
@@ -1358,8 +1459,8 @@ class _Problem:
         in_space, of_rounding = signals_of_solutions
         signals = in_space + space.direct[number]
         residual = process.find_residual(number)
-        bound = abs(scale) * self._most_heard * residual * space.bound[number]
-        # before receivers hear anything the bound stands for what they may hear
+        bound = abs(scale) * self._greatest_signal * residual * space.bound[number]
+        # the first vectors may not reach the receivers: then the bound stands for their signals
         loudest = float(np.max(np.abs(signals))) or bound or 1.0
         rounding_of_vectors = np.finfo(float).eps * math.sqrt(steps) * process.growth
         rounding_of_matrix = np.max(np.abs(of_rounding)) / loudest
@@ -1372,10 +1473,10 @@ class _Trial(NamedTuple):
 
     Attributes
     ----------
-    signals : (n_r,) of the receivers.
+    signals : (n_r,) signals of the receivers.
     residual : norm of the residual, in the unit of the source.
-    cut : error by the steps that are not made, over the loudest signal.
-    rounding : error by rounding, likewise.
+    cut : error because the space ends here, over the largest signal.
+    rounding : error by rounding, over the largest signal.
     """
 
     signals: Complex
@@ -1384,22 +1485,23 @@ class _Trial(NamedTuple):
     rounding: float
 
     def find_next_residual(self, process: _KrylovProcess, tolerance: float) -> float:
-        """Return the residual, over the source, at which the next solution is tried; zero if none
-        is needed, or none would be better.
+        """Return the residual, over the source, at which the next solution is to be computed; zero
+        if this one is within the ``tolerance``, or no later one would be better.
         """
         size = float(abs(process.size))
-        # before receivers hear anything nothing is known
+        # as long as no signal reaches the receivers, the residual is not taken as rounding
         rounding = _ROUNDING * size * process.growth if np.any(self.signals) else 0.0
         is_precise = self.cut <= tolerance
         if process.is_complete or is_precise or self.residual <= rounding:
             return 0.0
-        # the error falls with the residual: half of the tolerance is aimed at, but not too far
+        # the error falls with the residual: the aim is half of the tolerance, but not too far ahead
         reduction = max(0.5 * tolerance / self.cut, _NEXT_TRIAL)
         return self.residual / size * reduction
 
 
 class _Equations:
-    """Z x = source, over top^2; all matrices have their entries at the same places.
+    """The equations Z x = source of a ``problem``, both sides over top^2, as sparse matrices. All
+    matrices have their entries in the same places, so that Z has one order of elimination.
 
     Attributes
     ----------
@@ -1414,7 +1516,8 @@ class _Equations:
         self.top_square = operator.top**2
         unit = eye_array(operator.size)
         losses = problem.losses
-        # loss factors go with omega^0, dashpots and drag with omega^1
+        # power of omega with which each matrix of losses counts: 0 for loss factors, and 1 for
+        # dashpots and drag
         self._powers = []
         matrices: list[Any] = [operator.matrix]
         if np.any(losses.factors):
@@ -1429,8 +1532,8 @@ class _Equations:
         self._drives = [drive / self.top_square for drive in problem.driven.drives]
 
     def at(self, w: float) -> tuple[Any, NDArray[Any]]:
-        """Return Z (size, size), sparse, and the source (size,), at the angular frequency ``w``,
-        rad/s; the next call overwrites the matrix.
+        """Return Z (size, size), sparse, and the source (size,), both over top^2, at the angular
+        frequency ``w``, rad/s; the next call overwrites the matrix.
         """
         entries = self._elastic - w**2 / self.top_square * self._ones
         drive = self._drives[0]
@@ -1444,19 +1547,22 @@ class _Equations:
 
 
 class _KrylovProcess:
-    """The vectors of a Krylov space, one after the other, with the signals that each makes and the
-    tridiagonal matrix that H is on these vectors.
+    """The process that makes the vectors of a Krylov space one after the other, with the signals
+    that each makes and the tridiagonal matrix that H is on these vectors.
+
+    ``listen`` returns the signals (n_r,) of receivers for a vector.
 
     Attributes
     ----------
-    space : H, its product, its start, and the shifts (n_f,).
+    space : the space: H, its scalar product, its start, and the shifts (n_f,).
     size : root of the square of the start, in the product of the space.
     steps : number of vectors that H has been applied to.
     bands : (3, steps or more) entries of the matrix above, on and below the diagonal, column by
         column.
-    signals : (steps or more, n_r) of the vectors.
-    last_entry : (n_f,) size of the last entry of each solution for a start of one.
-    length : norm of the residual of the last step, which becomes the next vector.
+    signals : (steps or more, n_r) signals of the vectors.
+    last_entry : (n_f,) size of the last entry of the solution at each frequency, for a start of
+        size one.
+    length : norm of the next vector before it is scaled.
     largest : greatest entry of the matrix so far.
     growth : greatest square of the norm of a vector so far.
     is_complete : whether the space holds all that H makes of the start.
@@ -1475,8 +1581,8 @@ class _KrylovProcess:
         self._current = space.start / self.size
         self._following = self._current
         first_signals = listen(self._current)
-        self.bands = np.zeros((3, _FIRST), complex)
-        self.signals = np.zeros((_FIRST, first_signals.size), self._current.dtype)
+        self.bands = np.zeros((3, _FIRST_ROOM), complex)
+        self.signals = np.zeros((_FIRST_ROOM, first_signals.size), self._current.dtype)
         self._pivot = np.ones(space.shifts.size, complex)
         self.last_entry = np.ones(space.shifts.size)
         self._below: Any = 1.0
@@ -1487,8 +1593,11 @@ class _KrylovProcess:
         self.is_degenerate = False
 
     def advance(self) -> None:
-        """Apply H to the next vector, make the product orthogonal to the last two vectors, and add
-        a column to the tridiagonal matrix.
+        """Make a step: apply H to the next vector, make the product orthogonal to the last two
+        vectors, and add a column to the tridiagonal matrix.
+
+        Sets the signals of the vector, the last entries of all solutions, and whether the space
+        ends.
         """
         if self.steps:
             self._previous = self._current
@@ -1507,27 +1616,27 @@ class _KrylovProcess:
         self._following = following
         self.bands[:, self.steps] = (above, diagonal, self._below)
         self.steps += 1
-        self._judge(abs(diagonal))
+        self._check_end(abs(diagonal))
 
     def _make_room(self) -> None:
-        """Double the room for columns and signals where it is used up."""
+        """Double the length of ``bands`` and ``signals`` if they are full."""
         if self.steps == len(self.signals):
             self.bands = np.pad(self.bands, ((0, 0), (0, self.steps)))
             self.signals = np.pad(self.signals, ((0, self.steps), (0, 0)))
 
     def _eliminate(self, above: Any, diagonal: Any) -> None:
-        """Find the pivots (n_f,) of the new column, with its entries ``above`` and on the
-        ``diagonal``, in the elimination of the shifted matrices, and the last entries of the
+        """Eliminate the new column, with its entries ``above`` and on the ``diagonal``, in the
+        shifted matrices of all frequencies: set their pivots (n_f,) and the last entries of their
         solutions.
         """
         pivot = diagonal - self.space.shifts - above * self._below / self._pivot
         divisor = np.where(pivot == 0.0, np.finfo(float).tiny, pivot)
         quotient = np.abs(self._below / divisor)
         self._pivot = pivot
-        self.last_entry = np.minimum(self.last_entry * quotient, _LOST)
+        self.last_entry = np.minimum(self.last_entry * quotient, _DIVERGED)
 
-    def _judge(self, diagonal_size: float) -> None:
-        """Find whether the space is complete, or ends with a vector that is orthogonal to itself;
+    def _check_end(self, diagonal_size: float) -> None:
+        """Set whether the space is complete or degenerate, and the greatest sizes so far;
         ``diagonal_size`` is the size of the last entry on the diagonal.
         """
         self.length = math.sqrt(np.vdot(self._following, self._following).real)
@@ -1540,18 +1649,21 @@ class _KrylovProcess:
             self.growth = max(self.growth, (self.length / abs(self._below)) ** 2)
 
     def find_residual(self, number: int) -> float:
-        """Return the norm of the residual at the frequency of this ``number``."""
+        """Return the norm of the residual, in the unit of the source, of the solution at the
+        frequency of this ``number``, an index.
+        """
         if self.is_complete:
             return 0.0
         return float(abs(self.size) * self.length * float(self.last_entry[number]))
 
 
 def _solve_tridiagonal(bands: Complex, shift: complex, largest: float) -> Complex:
-    """Return two solutions (2, n) of a tridiagonal matrix less its ``shift``: y for the first unit
-    vector, and the solution for the rounding of the matrix times y.
+    """Return two solutions (2, n) of a tridiagonal matrix less a ``shift``: y, with the first unit
+    vector as the right side, and a second one that estimates the change of y by the rounding of the
+    matrix.
 
-    ``bands`` (3, n) are the entries above, on and below the diagonal, column by column; ``largest``
-    is the greatest entry.
+    ``bands`` (3, n) are the entries of the matrix above, on and below the diagonal, column by
+    column, and ``largest`` is the size of the greatest entry.
     """
     from scipy.linalg import solve_banded
 
@@ -1566,13 +1678,15 @@ def _solve_tridiagonal(bands: Complex, shift: complex, largest: float) -> Comple
 
 
 def _invert(values: NDArray[Any]) -> NDArray[Any]:
-    """Return one over values; infinite of zeros."""
+    """Return one over ``values`` (...); infinite where these are zero."""
     inverse = np.full(values.shape, np.inf, values.dtype)
     return np.asarray(np.divide(1.0, values, out=inverse, where=values != 0.0))
 
 
 def _explain_resonance(omega: float) -> InputError:
-    """Return the error of a response at the angular frequency of a mode, rad/s."""
+    """Return the error of a response at the angular frequency ``omega``, rad/s, of a mode that
+    loses no energy.
+    """
     fault = f"the response at {write_quantity(omega / (2.0 * math.pi), 'Hz', 6)} has no bound"
     why = "The network has a mode of this frequency that loses no energy"
     return InputError(fault, why, "Give a loss, such as a damping, or another frequency")

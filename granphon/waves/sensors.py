@@ -1,11 +1,11 @@
 """Sensors of force: at a contact, in a wall, and in a ball.
 
 A sensor adds up the normal forces of contacts, each times a weight. At a contact there is one
-force, and its weight is one. A wall bears the components of the forces of its contacts along a
-direction. A ball with a sensor in it, as of a disc of piezoelectric ceramic between its halves,
-reads the mean of the forces on the two halves; so each contact has the weight |n.a|/2, with the
-normal n of the contact and the axis a of the sensor. In a chain this is the mean of the two
-contacts (C. Daraio, V. F. Nesterenko, E. B. Herbold and S. Jin, Phys. Rev. E 73, 026610 (2006)).
+force, and its weight is one. In a wall the sensor reads the sum of the components of forces along
+its axis a: a contact with the normal n has the weight |n.a|. In a ball, such as one with a disc of
+piezoelectric ceramic between its halves, the sensor reads the mean of the forces on both halves: a
+contact has the weight |n.a|/2. In a chain this is the mean of the two contacts (C. Daraio, V. F.
+Nesterenko, E. B. Herbold and S. Jin, Phys. Rev. E 73, 026610 (2006)).
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError
 from granphon.networks.network import ContactNetwork
 
-#: word for the one flat wall of a network
+#: word by which users name the one flat wall of a network
 FLOOR = "floor"
-#: component of a normal along the axis of a sensor that is zero but for rounding
+#: greatest component of a normal along the axis of a sensor that is zero but for rounding
 _ACROSS = 1e-9
 
 
@@ -31,11 +31,12 @@ class Sensor(NamedTuple):
 
     Attributes
     ----------
-    body : the ball or wall with the sensor; of a contact its first ball.
-    partner : the second ball of a contact; -1 of a ball or wall.
-    direction : (3,) unit vector: the axis of the sensor, or the normal of the contact.
-    contacts : (k,) numbers of the contacts whose forces are added up.
-    weights : (k,) of these forces.
+    body : index of the ball or wall with the sensor; at a contact, that of its first body.
+    partner : index of the second body of a contact; -1 for a sensor in a ball or wall.
+    direction : (3,) unit vector along the axis of the sensor; at a contact it is the normal from
+        ``body`` to ``partner``.
+    contacts : (k,) indices of the contacts whose normal forces are added up.
+    weights : (k,) weights of these forces.
     """
 
     body: int
@@ -47,14 +48,14 @@ class Sensor(NamedTuple):
 
 @dataclass(frozen=True)
 class SensorPlaces:
-    """The contacts at which sensors of force may be.
+    """The contacts and bodies of a network in which sensors of force may be.
 
     Attributes
     ----------
-    i, j : (n_c,) bodies of each contact.
-    normal : (n_c, 3) unit vectors from the first to the second.
-    moving : (n,) whether each body moves by itself.
-    walls : the normals (3,) of flat walls, by their numbers.
+    i, j : (n_c,) indices of the first and the second body of each contact.
+    normal : (n_c, 3) unit vectors from the first to the second body.
+    moving : (n,) whether each body can move; the others are held.
+    walls : the normals (3,) of flat walls, by the indices of the walls.
     """
 
     i: Index
@@ -65,12 +66,15 @@ class SensorPlaces:
 
     @classmethod
     def of(cls, network: ContactNetwork) -> Self:
-        """Return the contacts of a network."""
+        """Return the contacts and bodies of a ``network``."""
         walls = {wall: normal for wall, (_, normal) in network.walls.items()}
         return cls(network.i, network.j, network.normal, network.moving, walls)
 
     def at_contact(self, i: int, j: int) -> Sensor:
-        """Return the sensor at the contact of two bodies; InputError unless they have one."""
+        """Return the sensor at the contact of the bodies ``i`` and ``j``, two indices.
+
+        Raises :class:`~granphon.base.errors.InputError` if they have no contact, or several.
+        """
         joins = ((self.i == i) & (self.j == j)) | ((self.i == j) & (self.j == i))
         contacts = np.flatnonzero(joins)
         if contacts.size != 1:
@@ -84,8 +88,11 @@ class SensorPlaces:
         return Sensor(i, j, outward, contacts, np.ones(1))
 
     def in_body(self, body: int, direction: Array) -> Sensor:
-        """Return the sensor in a ball that moves, or in a body that is held, whose axis is the unit
-        vector ``direction`` (3,); InputError for a body without a contact along it.
+        """Return the sensor in a ``body``, an index, whose axis is the unit vector ``direction``
+        (3,). If the body moves, it is a ball, and weights have the factor 1/2 of balls.
+
+        Raises :class:`~granphon.base.errors.InputError` for a body without a contact along this
+        axis.
         """
         contacts = np.flatnonzero((self.i == body) | (self.j == body))
         cosines = np.abs(self.normal[contacts] @ direction)
@@ -100,12 +107,17 @@ class SensorPlaces:
         return Sensor(body, -1, direction, contacts[is_along], share * cosines[is_along])
 
     def in_floor(self) -> Sensor:
-        """Return the sensor in the flat wall; InputError unless there is one."""
+        """Return the sensor in the one flat wall, whose axis is the normal of the wall; raises what
+        :meth:`find_floor` raises.
+        """
         wall = self.find_floor()
         return self.in_body(wall, self.walls[wall])
 
     def find_floor(self) -> int:
-        """Return the number of the one flat wall; InputError unless there is one."""
+        """Return the index of the one flat wall.
+
+        Raises :class:`~granphon.base.errors.InputError` if there is none, or several.
+        """
         if len(self.walls) != 1:
             number = f"{len(self.walls)} floors" if self.walls else "no floor"
             raise InputError(
@@ -116,16 +128,17 @@ class SensorPlaces:
 
 
 def is_contact(value: Any) -> bool:
-    """Whether a receiver is a contact, two numbers of bodies."""
+    """Whether the ``value`` of a receiver is a contact: a tuple of two whole numbers, of bodies."""
     if not isinstance(value, tuple) or len(value) != 2:
         return False
     return all(isinstance(n, int | np.integer) and not isinstance(n, bool) for n in value)
 
 
 def find_open_axis(network: ContactNetwork) -> Array:
-    """Return the unit vector (3,) of the first axis along which a network does not repeat, or of x
-    without such an axis.
+    """Return the unit vector (3,) of the first axis along which a ``network`` does not repeat, or
+    of x if it repeats along all axes.
     """
+    # an axis along which the network repeats has a component of a period
     open_axes = [axis for axis in range(network.dimension) if not np.any(network.cell[:, axis])]
     axis = open_axes[0] if open_axes else 0
     return np.asarray(np.eye(3)[axis])

@@ -1,6 +1,9 @@
-"""Settings of waves: the blocks ``spectrum`` and ``pulse`` of a scene, of a simulated array,
-``surface``, of an edge, and ``response``, ``motion`` and ``modes``, of the network of any state,
-with what drives balls: impacts, shakers, forces over time.
+"""Settings of waves: the blocks of a scene that say which waves are found, and how.
+
+The blocks ``spectrum`` and ``pulse`` are about a simulated array, ``surface`` is about an edge,
+``bands`` about the losses of branches, and ``response``, ``motion`` and ``modes`` are about the
+network of any state. A motion has drives of balls: impacts, shakers, forces and displacements over
+time.
 """
 
 from __future__ import annotations
@@ -76,24 +79,27 @@ from granphon.dynamics.damping import LEAST_RESTITUTION, read_loss
 from granphon.networks.network import ContactNetwork
 from granphon.waves.sensors import FLOOR
 
-#: results of the waves in a simulated array
+#: names of the results of the waves in a simulated array
 WAVES = ("dos", "spectrum", "pulse")
 #: polarisations of the waves of a spectrum
 POLARISATIONS = ("longitudinal", "transverse", "rotational")
 #: Chebyshev moments of a spectrum, if none are given: a resolution of 0.6 % of the top frequency
 MOMENTS = 256
-#: times of a motion that are kept, the start and the end among them, if no number is given
+#: number of times of a motion that are kept if no number is given, with the start and the end
 FRAMES = 201
 #: readings of the signal of a pulse in a period of its burst
 READINGS = 24
-#: the two ends of a network
+#: ends of a network through which a pulse travels: balls at the ends are free, or held as walls, or
+#: neighbours of those at the other end
 ENDS = ("free", "walls", "periodic")
-#: directions of contacts in a motion, and schemes of its steps
+#: directions of contacts in a motion: those of the lattice at rest, or the true ones
 GEOMETRIES = ("lattice", "exact")
+#: schemes of the steps of a motion
 SCHEMES = ("verlet", "midpoint")
+#: polarisations in which a source pushes, and sources of a pulse
 _PUSHES = ("longitudinal", "transverse", "out_of_plane")
 _SOURCES = ("plane", "ball")
-#: quantities of a response, and the names of such responses
+#: quantities of a response, each with the name of the response
 RESPONSES = {
     "displacement": "receptance",
     "velocity": "mobility",
@@ -104,12 +110,13 @@ RESPONSES = {
 }
 #: the faces of an array
 FACES = ("lower", "upper")
-#: a receiver that is a contact: the numbers of its two balls
+#: text of a receiver that is a contact: the indices of its two balls
 _CONTACT = re.compile(r"([0-9]+)-([0-9]+)")
 #: kinds of drives of balls
 DRIVES = ("impact", "shaker", "force", "displacement")
-#: whether dashpots may pull in a motion, and of what normal force Coulomb's limit is
+#: words that say whether dashpots may pull in a motion
 VISCOUS_PULLS = ("whole", "limited")
+#: words that say to which forces Coulomb's limit applies in a motion
 COULOMB_LIMITS = ("elastic", "total")
 
 
@@ -126,20 +133,24 @@ def _loss_kind(name: str, quantity: Quantity | None) -> Kind:
     number_kind = with_unit_unless_zero(quantity)
 
     def read(value: Any, context: ValueContext) -> Any:
+        """Return the loss in SI units, with a unit in a scene file unless it is zero."""
         return read_loss(name, value, number_kind.rule(context))
 
     def write(value: Any, context: ValueContext) -> Any:
+        """Return the loss as a text with its unit; zero stays a number."""
         return number_kind.write(value, context) if value else value
 
     return number_kind._replace(read=read, write=write)
 
 
 def _of_both_motions(kind: Kind, parts: str = "of normal motion, and of all other") -> Kind:
-    """Return the kind of a value of all motions, or, as a list of two, of the two ``parts``."""
+    """Return the kind of a setting that is one value of this ``kind`` for all motions, or a list of
+    two values, for the two ``parts`` of motions that a message names.
+    """
     pair = listed(kind)
 
     def read(value: Any, context: ValueContext) -> Any:
-        """Return one value, or the two of a list."""
+        """Return one value, or a tuple of two; Refused for a list of another length."""
         if not isinstance(value, list | tuple):
             return kind.read(value, context)
         if len(value) != 2:
@@ -147,6 +158,7 @@ def _of_both_motions(kind: Kind, parts: str = "of normal motion, and of all othe
         return pair.read(value, context)
 
     def write(value: Any, context: ValueContext) -> Any:
+        """Return the one value as written, or the list of two."""
         return (pair if isinstance(value, tuple) else kind).write(value, context)
 
     return Kind(read, write, kind.unit)
@@ -157,7 +169,9 @@ LOSS_KINDS = {name: _loss_kind(name, quantity) for name, quantity in LOSS_QUANTI
 
 
 def _read_frequencies(value: Any, context: ValueContext) -> tuple[float, ...]:
-    """Read frequencies, ascending: a list or a range of a file, or an array in Hz."""
+    """Return frequencies, Hz, ascending, read from a list or a range of a scene file, or from an
+    array in Hz.
+    """
     values = read_values(value, FREQUENCY.read) if context.written else value
     return tuple(frequencies(values).tolist())
 
@@ -168,7 +182,10 @@ _FREQUENCIES = Kind(
 
 
 def _read_place(value: Any) -> str:
-    """Return one place of a source or receiver, with single spaces between its words."""
+    """Return the text of one place of a source or receiver, with single spaces between its words.
+
+    Raises :class:`Refused` for a text that :func:`find_place` does not understand.
+    """
     words = value.split() if isinstance(value, str) else []
     if words in (["plane"], [FLOOR]) or (len(words) == 1 and _CONTACT.fullmatch(words[0])):
         return words[0]
@@ -185,8 +202,8 @@ def _read_place(value: Any) -> str:
 
 
 def find_place(text: str) -> Any:
-    """Return the place of a source or receiver that a ``text`` of a scene names, as an argument of
-    ``Waves.response``: "plane", "floor", (ball, direction), or the contact (i, j).
+    """Return the place of a source or receiver that a ``text`` of a scene names, in the form that
+    ``Waves.response`` takes: "plane", "floor", (ball, direction), or the contact (i, j).
     """
     ball, *direction = text.split()
     if not direction:
@@ -198,7 +215,7 @@ def find_place(text: str) -> Any:
 
 
 def _is_vector(words: list[Any]) -> bool:
-    """Return whether ``words`` are one to three finite numbers, not all zero."""
+    """Whether ``words`` are one to three finite numbers, or texts of such numbers, not all zero."""
     components: list[Any] = []
     for word in words:
         is_number = isinstance(word, str) and re.fullmatch(NUMBER, word)
@@ -210,7 +227,9 @@ def _is_vector(words: list[Any]) -> bool:
 
 def read_direction(value: Any) -> tuple[float, ...]:
     """Return the one to three components of a Cartesian vector, read from a list of numbers or
-    fractions, or from a text of these.
+    fractions such as "1/2", or from a text of these.
+
+    Raises :class:`Refused` for another number of components, and for zeros.
     """
     words: Any = value.split() if isinstance(value, str) else value
     if not isinstance(words, list | tuple):
@@ -221,7 +240,7 @@ def read_direction(value: Any) -> tuple[float, ...]:
     return components
 
 
-# both are written as lists, also if there is one
+# places and polarisations are written as lists, also if there is only one
 _PLACES = Kind(one_or_more(Kind.plain(_read_place), "places", "each place once").read)
 _POLARISATION = one_or_more(
     word_of(*POLARISATIONS), "polarisations", f"{', '.join(POLARISATIONS)}, each once"
@@ -234,13 +253,13 @@ _POINTS = whole_from(2, 10_000)
 
 
 def _read_repeat(value: Any) -> tuple[int, ...]:
-    """Return the numbers of cells along each period; none of an empty tuple."""
+    """Return the numbers of cells along each period; an empty tuple stays empty."""
     return () if value == () else read_counts(value, "numbers of cells", 1, 1_000_000)
 
 
 def _read_cut(value: Any, context: ValueContext) -> tuple[Any, int, tuple[str | Wall, str | Wall]]:
-    """Return the axis, the number of layers, and the two edges of a block of a cut, or of a tuple
-    of them; edges are free by default.
+    """Return the axis, the number of layers, and the two edges of a cut, read from a block of a
+    scene file or from a tuple of these three; edges are free by default.
     """
     entries = dict(zip(_CUT_KEYS, value, strict=False)) if isinstance(value, tuple) else value
     cut = block_of(_CUT_KEYS, ("axis", "layers")).read(entries, context)
@@ -251,18 +270,21 @@ _MATERIAL = block_kind(Material)
 
 
 def _read_wall(value: Any, context: ValueContext) -> Any:
-    """Return the wall of a block {wall: material}, or {wall: kind of balls}; else the value."""
+    """Return the wall of a block {wall: material}, or {wall: kind of balls}; a ``value`` that is no
+    block is returned as it is.
+    """
     if not isinstance(value, dict):
         return value
 
     def read_material(material: Any) -> Any:
-        """Return a material, or the name of the kind of balls whose material it is."""
+        """Return a material, or the name of a kind of balls, of whose material the wall is."""
         return label(material) if isinstance(material, str) else _MATERIAL.read(material, context)
 
     return Wall(block(value, {"wall": read_material}, ("wall",))["wall"])
 
 
 def _write_edge(edge: str | Wall, context: ValueContext) -> Any:
+    """Return an ``edge`` as a scene file has it: a word, or a block of a wall."""
     if isinstance(edge, str):
         return edge
     is_name = isinstance(edge.material, str)
@@ -270,7 +292,9 @@ def _write_edge(edge: str | Wall, context: ValueContext) -> Any:
 
 
 def _read_edges(value: Any, context: ValueContext) -> tuple[str | Wall, str | Wall]:
-    """Return how the lower and the upper edge are held."""
+    """Return the lower and the upper edge, read from a list of two or from one text or block; each
+    is a word that says how it is held, or a wall.
+    """
     edges = value if isinstance(value, list | tuple) else [value]
     read_each = enumerate(edges)
     walls = [read_inside(n, partial(_read_wall, context=context), edge) for n, edge in read_each]
@@ -278,12 +302,16 @@ def _read_edges(value: Any, context: ValueContext) -> tuple[str | Wall, str | Wa
 
 
 def _write_edges(edges: tuple[str | Wall, str | Wall], context: ValueContext) -> Any:
+    """Return both ``edges`` as a scene file has them: one text of two words, or a list if one is a
+    wall.
+    """
     written = [_write_edge(edge, context) for edge in edges]
     return written if any(isinstance(edge, dict) for edge in written) else " ".join(written)
 
 
-#: how one edge is held
+#: kind of one edge: a word that says how it is held, or a wall
 _EDGE = Kind(lambda value, context: read_edge(_read_wall(value, context)), _write_edge)
+#: keys of the block of a cut, with their kinds
 _CUT_KEYS = {
     "axis": Kind.plain(read_axis),
     "layers": whole_from(1, 1_000_000),
@@ -298,9 +326,9 @@ _CUTS = one_or_more(
     ),
     "cuts",
 )
-#: cells along each period of a supercell or network
+#: kind of the numbers of cells along each period of a supercell or network
 REPEAT = Kind.plain(_read_repeat, lambda counts: list(counts) or None)
-#: the cuts of a crystal or network; none of an empty tuple
+#: kind of the cuts of a crystal or network; an empty tuple is written as nothing
 CUT = Kind(
     lambda value, context: () if value == () else _CUTS.read(value, context),
     lambda cuts, context: _CUTS.write(cuts, context) if cuts else None,
@@ -315,10 +343,13 @@ class LossSettings(Block, kw_only=True):
 
     Attributes
     ----------
-    damping : s, of all motions of a contact, or of normal and of other motion.
-    drag : 1/s, of all motions of a ball, or of displacements and of rotations; None for none.
-    dashpot : N s/m, of all motions of a contact, or of normal motion and of slip; None for none.
-    restitution : of a collision; None for none.
+    damping : viscosity of a contact over its stiffness, s, in all motions, or that in normal motion
+        and that in all other.
+    drag : rate at which balls slow down by themselves, 1/s, in all motions, or that of
+        displacements and that of rotations; None for no drag.
+    dashpot : viscosity of a contact whatever its stiffness, N s/m, in all motions, or that in
+        normal motion and that in slip; None for none.
+    restitution : restitution of a collision, whose dashpot each contact has; None for none.
     """
 
     damping: float | tuple[float, float] = setting(
@@ -351,7 +382,7 @@ class LossSettings(Block, kw_only=True):
 
     @property
     def has_dashpots(self) -> bool:
-        """Whether contacts have dashpots."""
+        """Whether contacts have dashpots: a damping, a dashpot or a restitution."""
         dashpots = (self.damping, self.dashpot)
         return self.restitution is not None or any(loss and np.any(loss) for loss in dashpots)
 
@@ -362,8 +393,9 @@ class LossSettings(Block, kw_only=True):
         return {name: loss for name, loss in losses.items() if loss is not None}
 
     def list_given(self) -> list[str]:
-        """Return the :data:`~granphon.balls.packing.LOSS_PARAMETERS` that are given: both of a
-        pair, and of one value for all motions the first.
+        """Return the names of the losses that are given, as parameters of a sweep
+        (:data:`~granphon.balls.packing.LOSS_PARAMETERS`). A loss that is a pair has two names; a
+        loss with one value for all motions has the first of these.
         """
         names = []
         for setting_of_loss in fields(self):
@@ -374,9 +406,11 @@ class LossSettings(Block, kw_only=True):
         return names
 
     def with_losses(self, values: Mapping[str, float]) -> Self:
-        """Return the settings with other ``values`` of losses that they have, by the names of
-        :data:`~granphon.balls.packing.LOSS_PARAMETERS`. The second of a pair is the first unless it
-        has a value of its own.
+        """Return the settings with other ``values``, SI, of losses, by the names of
+        :data:`~granphon.balls.packing.LOSS_PARAMETERS`; names that these settings do not have are
+        passed over.
+
+        If only the first of a pair gets a value, the second gets it too.
         """
         changed: dict[str, Any] = {}
         for name in dict.fromkeys(LOSS_PARAMETERS[parameter] for parameter in values):
@@ -393,11 +427,12 @@ class LossSettings(Block, kw_only=True):
 
 
 class LinearLossSettings(LossSettings, kw_only=True):
-    """Losses of waves of one frequency.
+    """Losses of waves that have one frequency, which may also have loss factors.
 
     Attributes
     ----------
-    loss_factor : of all motions of a contact, or of normal and of other motion.
+    loss_factor : loss factor of a contact in all motions, or that in normal motion and that in all
+        other.
     """
 
     loss_factor: float | tuple[float, float] = setting(
@@ -409,8 +444,8 @@ class LinearLossSettings(LossSettings, kw_only=True):
 
 
 def require_losses(names: Iterable[str], settings: Sequence[Block | None]) -> None:
-    """Raise :class:`InputError` for a loss, of ``names`` of swept parameters, that none of the
-    ``settings`` of what is observed has, or that one of them gives.
+    """Raise :class:`InputError` if one of the swept parameters, of these ``names``, is a loss that
+    none of the ``settings`` of observed results has, or that one of them already gives.
     """
     for name in names:
         loss = LOSS_PARAMETERS.get(name)
@@ -435,12 +470,12 @@ def require_losses(names: Iterable[str], settings: Sequence[Block | None]) -> No
 class EdgeSettings(Block, kw_only=True):
     """Settings with edges, at which walls may stand."""
 
-    #: key of the block that holds the edges
+    #: key of the block under which its edges are given
     key_of_edges: ClassVar[str] = "cut"
 
     @property
     def edges(self) -> tuple[str | Wall, ...]:
-        """How each edge is held."""
+        """Each edge: a word that says how it is held, or a wall."""
         raise NotImplementedError
 
     def with_edges(self, edges: Sequence[str | Wall]) -> Self:
@@ -449,12 +484,14 @@ class EdgeSettings(Block, kw_only=True):
 
     @property
     def kinds_of_walls(self) -> set[str]:
-        """Names of the kinds of balls of whose materials walls are."""
+        """Names of the kinds of balls after whose materials walls are made."""
         walls = [edge for edge in self.edges if isinstance(edge, Wall)]
         return {wall.material for wall in walls if isinstance(wall.material, str)}
 
     def with_materials(self, kinds: Mapping[str, Ball]) -> Self:
-        """Return the settings with the materials of ``kinds`` in place of the names of these."""
+        """Return the settings in which walls that name one of ``kinds`` of balls have the material
+        of that kind.
+        """
         return self.with_edges(
             [
                 find_material(edge, kinds)
@@ -465,15 +502,16 @@ class EdgeSettings(Block, kw_only=True):
         )
 
     def list_walls(self, kinds: Mapping[str, Ball]) -> dict[str, Wall]:
-        """Return the walls at the edges, "response.wall" by name; ``kinds`` are the kinds of balls,
-        of whose materials walls may be.
+        """Return the walls at the edges by their names, such as "response.wall"; ``kinds`` are the
+        kinds of balls, after whose materials walls may be made.
         """
         walls = [edge for edge in name_walls(self.edges, kinds, ()) if isinstance(edge, Wall)]
         return {f"{self.block}.{wall.name}": wall for wall in walls}
 
     def with_walls(self, values: Mapping[str, float], kinds: Mapping[str, Ball]) -> Self:
-        """Return the settings with other ``values``, SI, of the parameters of their walls, by name,
-        as "response.wall.young_modulus".
+        """Return the settings with other ``values``, SI, of the parameters of their walls, by names
+        such as "response.wall.young_modulus"; other names are passed over. ``kinds`` are the kinds
+        of balls, after whose materials walls may be made.
         """
         walls = self.list_walls(kinds)
         for name, value in values.items():
@@ -485,15 +523,16 @@ class EdgeSettings(Block, kw_only=True):
         changed = list[str | Wall]()
         for edge, named in zip(self.edges, name_walls(self.edges, kinds, ()), strict=True):
             if isinstance(edge, Wall) and isinstance(named, Wall):
-                # a wall without a name keeps none: that of the block may be one of a wall at rest
+                # a wall without a name stays without one: a wall of the state at rest may have the
+                # name that it has in this block
                 edge = replace(walls[f"{self.block}.{named.name}"], name=edge.name)
             changed.append(edge)
         return self.with_edges(changed)
 
 
 def is_of_wall(name: str) -> bool:
-    """Return whether a swept parameter has the ``name`` of one of a wall at an edge of a block, as
-    "response.wall.young_modulus".
+    """Whether the ``name`` of a swept parameter is that of a parameter of a wall at an edge of a
+    block, such as "response.wall.young_modulus".
     """
     first, _, rest = name.partition(".")
     wall, _, parameter = rest.rpartition(".")
@@ -503,8 +542,9 @@ def is_of_wall(name: str) -> bool:
 def require_walls(
     names: Iterable[str], settings: Sequence[Block | None], kinds: Mapping[str, Ball]
 ) -> None:
-    """Raise :class:`InputError` for a parameter of a wall, of ``names`` of swept parameters, that
-    no edge of the ``settings`` of what is observed has; ``kinds`` are the kinds of balls.
+    """Raise :class:`InputError` if one of the swept parameters, of these ``names``, is that of a
+    wall which stands at no edge of the ``settings`` of observed results; ``kinds`` are the kinds of
+    balls, after whose materials walls may be made.
     """
     of_walls = list(filter(is_of_wall, names))
     if not of_walls:
@@ -529,9 +569,9 @@ class SpectrumSettings(Block):
     Attributes
     ----------
     polarisation : "longitudinal", "transverse", "rotational", one or more.
-    resolution : standard deviation of the kernel, Hz; None for that of :data:`MOMENTS`, 0.6 % of
-        the top frequency.
-    points : wave vectors between two corners of the path, both counted.
+    resolution : standard deviation of the kernel at frequency zero, Hz; None for that of
+        :data:`MOMENTS`, 0.6 % of the top frequency.
+    points : number of wave vectors between two corners of the path, both counted.
     """
 
     block = "spectrum"
@@ -562,13 +602,14 @@ class PulseSettings(LossSettings):
 
     Attributes
     ----------
-    frequency : Hz.
-    distance : m; None for half the length of the array along the direction, a quarter where ends
-        are periodic.
-    cycles : periods of the burst.
-    polarisation : "longitudinal", "transverse" or "out_of_plane".
-    source : "plane" or "ball".
-    ends : "free", "walls" or "periodic".
+    frequency : frequency of the burst, Hz.
+    distance : distance of the receiving plane from the source, m; None for half the length of the
+        array along the direction, or a quarter if ends are periodic.
+    cycles : number of periods of the burst.
+    polarisation : "longitudinal", "transverse" or "out_of_plane": the way in which the source
+        pushes.
+    source : "plane" for the first plane of balls, "ball" for one of its balls.
+    ends : one of :data:`ENDS`.
     """
 
     block = "pulse"
@@ -613,7 +654,7 @@ class SurfaceSettings(EdgeSettings):
     ----------
     axis : across the edge: the number of a vector of the cell, or integer Miller indices.
     edge : "free", "clamped", "floor", or a :class:`~granphon.Wall`.
-    points : wave vectors between two corners of the path, both counted.
+    points : number of wave vectors between two corners of the path, both counted.
     """
 
     block = "surface"
@@ -637,11 +678,11 @@ class SurfaceSettings(EdgeSettings):
 
     @property
     def edges(self) -> tuple[str | Wall, ...]:
-        """How the one edge is held."""
+        """The one edge, as a tuple: a word that says how it is held, or a wall."""
         return (self.edge,)
 
     def with_edges(self, edges: Sequence[str | Wall]) -> Self:
-        """Return the settings with another edge."""
+        """Return the settings with another edge, the one in ``edges``."""
         (edge,) = edges
         return replace(self, edge=edge)
 
@@ -651,11 +692,12 @@ class NetworkSettings(EdgeSettings, kw_only=True):
 
     Attributes
     ----------
-    repeat : cells along each period of the network; empty for one.
-    cut : axis, number of layers, and (lower, upper) edge of each cut of that network, in turn.
+    repeat : number of cells of the network along each period; empty for one cell.
+    cut : for each cut of the repeated network, one after the other, its axis, its number of layers,
+        and its (lower, upper) edges.
     """
 
-    #: keys whose values a network may not have
+    #: keys of settings that depend on the network: a network may turn out not to allow their values
     of_network: ClassVar[tuple[str, ...]] = ("repeat", "cut")
 
     repeat: tuple[int, ...] = setting(
@@ -670,24 +712,26 @@ class NetworkSettings(EdgeSettings, kw_only=True):
 
     @property
     def edges(self) -> tuple[str | Wall, ...]:
-        """How the lower and the upper edge of each cut are held, one after the other."""
+        """The lower and the upper edge of each cut, one cut after the other: words that say how
+        they are held, or walls.
+        """
         return tuple(edge for _, _, edges in self.cut for edge in edges)
 
     def with_edges(self, edges: Sequence[str | Wall]) -> Self:
-        """Return the settings with other edges of the cuts."""
+        """Return the settings with other ``edges`` of the cuts, in the order of :attr:`edges`."""
         pairs = zip(edges[::2], edges[1::2], strict=True)
         cuts = zip(self.cut, pairs, strict=True)
         return replace(self, cut=tuple((axis, layers, pair) for (axis, layers, _), pair in cuts))
 
     def count_balls(self, number: int) -> int:
-        """Return the number of balls, or of cells, of a network once it is repeated and cut;
-        ``number`` is the number in the network as it is.
+        """Return the number of balls of a network after it is repeated and cut, if it has
+        ``number`` of them before; likewise of cells.
         """
         n_layers = math.prod(layers for _, layers, _ in self.cut)
         return number * math.prod(self.repeat) * n_layers
 
     def shape(self, network: Any) -> Any:
-        """Return a network repeated and cut."""
+        """Return the ``network`` after it is repeated and cut as these settings say."""
         if self.repeat:
             network = network.repeat(self.repeat)
         for axis, layers, edges in self.cut:
@@ -697,7 +741,7 @@ class NetworkSettings(EdgeSettings, kw_only=True):
 
     @property
     def coordinates(self) -> dict[str, tuple[tuple[Any, ...], str]]:
-        """Values and unit of each dimension of what is found, by name."""
+        """Values and unit of each dimension of the result in a data set, by its name."""
         raise NotImplementedError
 
 
@@ -707,15 +751,15 @@ class ResponseSettings(NetworkSettings, LinearLossSettings):
     Attributes
     ----------
     frequencies : (n_f,) Hz, ascending.
-    source, receiver : "plane", "floor", or a ball and a direction, such as "12 x" or "12 0.6 0.8",
-        one or more; of a force also a contact, such as "3-4". What is heard on a plane is the mean
-        over its balls.
-    quantity : "displacement", "velocity", "acceleration", "force", "transmissibility" or
-        "stiffness".
-    direction : across planes; None for the first axis along which the network does not repeat, or
-        x.
-    polarisation : "longitudinal", "transverse" or "out_of_plane".
-    distance : m, of the receiving plane from the first; None for the last.
+    source, receiver : one or more places: "plane", "floor", or a ball and a direction, such as
+        "12 x" or "12 0.6 0.8"; a receiver of a force may also be a contact, such as "3-4". The
+        response of a plane is the mean over its balls.
+    quantity : one of :data:`RESPONSES`.
+    direction : Cartesian vector across planes; None for the first axis along which the network does
+        not repeat, or x.
+    polarisation : "longitudinal", "transverse" or "out_of_plane": the way in which a plane is
+        driven and heard.
+    distance : distance of the receiving plane from the first one, m; None for the last plane.
     """
 
     block = "response"
@@ -762,7 +806,7 @@ class ResponseSettings(NetworkSettings, LinearLossSettings):
 
     @property
     def coordinates(self) -> dict[str, tuple[tuple[Any, ...], str]]:
-        """Values and unit of each dimension of what is found, by name."""
+        """Values and unit of each dimension of the result in a data set, by its name."""
         return {
             "response_frequency": (self.frequencies, FREQUENCY.unit),
             "receiver": (self.receiver, ""),
@@ -780,12 +824,13 @@ class BandsSettings(LinearLossSettings):
 
 @dataclass(frozen=True)
 class Signal:
-    """A quantity over time, linear between the ``times`` and constant before and after them.
+    """A quantity as a function of time: linear between the ``times``, and constant before the first
+    and after the last.
 
     Attributes
     ----------
-    times : s, ascending.
-    values : a displacement, m, or a force, N, at each of them.
+    times : (n,) s, ascending.
+    values : (n,) displacement, m, or force, N, at each of the times.
     """
 
     times: tuple[float, ...]
@@ -811,7 +856,7 @@ class Signal:
             )
 
     def __call__(self, time: float) -> float:
-        """Return the value at a time, s."""
+        """Return the value, m or N, at a ``time``, s."""
         return float(np.interp(time, self.times, self.values))
 
     @property
@@ -820,10 +865,11 @@ class Signal:
         return max(map(abs, self.values))
 
     def lost(self, step: float, end: float) -> float:
-        """Return the share of the area under the signal up to ``end``, s, that values at each
-        ``step``, s, do not show: the area between the signal and the line through these values.
+        """Return which share of the area under the signal, from the time zero to ``end``, s, is
+        lost if the signal is sampled at each ``step``, s: the area between the signal and straight
+        lines through the samples, over the area under the signal.
         """
-        # of all samples, those beside the times of the signal: elsewhere the signal is straight
+        # only samples beside the times of the signal matter, as elsewhere the signal is straight
         step_numbers = np.floor(np.divide(self.times, step))
         sample_times = step * np.union1d(step_numbers, step_numbers + 1.0)
         times = np.union1d([*self.times, end], sample_times)
@@ -838,35 +884,40 @@ class Signal:
 
 
 def _read_table(folder: Path, file: str, name: str, kind: Quantity) -> Signal:
-    """Return the signal of the columns time and ``name``, a quantity of this ``kind``, of a table,
-    a ``file`` of a ``folder``.
+    """Return the signal that a table has in its columns time and ``name``, a quantity of this
+    ``kind``; the table is a ``file`` in a ``folder``.
+
+    Raises :class:`Refused` for a file that is no such table, and for its values.
     """
     try:
         table = Table.read(folder / file, quoted=False)
         times = table.column("time", SINCE)
         values = table.column(name, kind)
-    except Refused:  # of a value: its message names the row
+    except Refused:  # a value is wrong, and the message names its row
         raise
-    except InputError as error:  # of the file
+    except InputError as error:  # the file is missing, or is no such table
         allowed = f"a table with the columns time and {name}"
         raise Refused(show(file), allowed, str(error)) from None
     return Signal(tuple(times.tolist()), tuple(values.tolist()))
 
 
 def _signal_kind(name: str, kind: Quantity) -> Kind:
-    """Return the kind of a signal of a quantity called ``name``: a table of the columns time and
-    ``name``, read from the name of a file, from a block of two lists, or from a signal.
+    """Return the kind of a signal of the quantity ``name``, of this ``kind``. It is read from the
+    name of a file with a table, from a block of two lists, time and ``name``, or from a signal, and
+    is written as such a block.
     """
     columns = {"time": listed(with_unit(SINCE)), name: listed(with_unit(kind))}
     lists = block_of(columns, tuple(columns))
 
     def read(value: Any, context: ValueContext) -> Signal:
+        """Return the signal of a file, of a block or of a signal."""
         if isinstance(value, str) and context.written:
             return _read_table(context.folder, value, name, kind)
         written = split(value) if isinstance(value, Signal) else value
         return Signal(*lists.read(written, context).values())
 
     def split(signal: Signal) -> dict[str, Any]:
+        """Return the two lists of the block of a signal, by name."""
         return {"time": signal.times, name: signal.values}
 
     return Kind(read, lambda signal, context: lists.write(split(signal), context))
@@ -894,15 +945,18 @@ class Shaker(Block):
     )
 
     def __call__(self, time: float) -> float:
-        """Return the displacement at a time, s; m."""
-        turns = self.frequency * time
-        rise = 0.5 - 0.5 * np.cos(np.pi * turns / self.ramp) if turns < self.ramp else 1.0
-        return float(self.amplitude * rise * np.sin(2.0 * np.pi * turns))
+        """Return the displacement, m, at a ``time``, s."""
+        periods = self.frequency * time
+        rise = 1.0
+        if periods < self.ramp:
+            rise = 0.5 - 0.5 * np.cos(np.pi * periods / self.ramp)
+        return float(self.amplitude * rise * np.sin(2.0 * np.pi * periods))
 
 
 def _read_balls(value: Any) -> tuple[int, ...] | str:
-    """Return the word of a face, or numbers of balls; raise :class:`Refused` for a ball that is
-    given twice.
+    """Return one of :data:`FACES`, or the indices of balls.
+
+    Raises :class:`Refused` for another word, and for a ball that is given twice.
     """
     if isinstance(value, str) and not value[:1].isdecimal():
         return choice(value, FACES)
@@ -917,12 +971,14 @@ class DriveSettings(Block):
 
     Attributes
     ----------
-    balls : numbers of the balls; or "lower" or "upper": the floor at this face of the array, its
-        clamped balls, or its outer layer.
-    direction : Cartesian; None for x.
-    impact : velocity at the start, m/s.
-    shaker : :class:`Shaker`.
-    force, displacement : :class:`Signal` of the force on each ball, N, or of the displacement, m.
+    balls : indices of the balls; or "lower" or "upper", a face of the array: its floor, or if there
+        is none its clamped balls, or if there are none the balls of its outer layer.
+    direction : Cartesian vector of the drive; None for x.
+    impact : velocity of the balls at the start, m/s.
+    shaker : a displacement to and fro.
+    force, displacement : the force on each ball, N, or the displacement, m, over time.
+
+    Exactly one of ``impact``, ``shaker``, ``force`` and ``displacement`` is not None.
     """
 
     block = "drive"
@@ -951,7 +1007,7 @@ class DriveSettings(Block):
 
     @property
     def kind(self) -> str:
-        """Which of the four kinds the drive is."""
+        """The kind of the drive, one of :data:`DRIVES`."""
         return next(name for name in DRIVES if getattr(self, name) is not None)
 
     @property
@@ -967,8 +1023,10 @@ class DriveSettings(Block):
         }
 
     def find_balls(self, network: ContactNetwork) -> Index:
-        """Return the numbers (n,) of the balls, or of the floor; raises :class:`InputError` where
-        the network has no such face.
+        """Return the indices (n,) of the balls, or of the floor, that the drive moves in a
+        ``network``.
+
+        Raises :class:`InputError` for a face of a network that repeats along all its axes.
         """
         if not isinstance(self.balls, str):
             return np.array(self.balls, np.intp)
@@ -985,10 +1043,10 @@ class DriveSettings(Block):
 
 
 def _find_face(network: ContactNetwork, heights: Array) -> Index:
-    """Return the numbers of the bodies at the face of greatest height: of the floor, or else of the
-    clamped balls, or else of the balls of the outer layer.
+    """Return the indices of the bodies at the face with the greatest heights: the floor if there is
+    one, else the clamped balls, or if there are none the balls of the outer layer.
 
-    ``heights`` (n,), m, are those of the balls and walls, from one face to the other.
+    ``heights`` (n,), m, are those of all balls and walls, and grow towards the face.
     """
     is_ball = np.isfinite(network.radii)
     top = float(np.max(heights[is_ball]))
@@ -1006,7 +1064,10 @@ def _find_face(network: ContactNetwork, heights: Array) -> Index:
 
 
 def _read_drive(value: Any, context: ValueContext) -> DriveSettings:
-    """Return a drive, read from one or from a block; Refused unless it is of one kind."""
+    """Return the drive that a block of a scene file gives, or a drive itself.
+
+    Raises :class:`Refused` unless exactly one of :data:`DRIVES` is given.
+    """
     entries = value
     if isinstance(value, DriveSettings):
         entries = {field.name: getattr(value, field.name) for field in fields(value)}
@@ -1026,15 +1087,15 @@ class MotionSettings(NetworkSettings, LossSettings):
 
     Attributes
     ----------
-    duration : s.
-    drive : one or more :class:`~granphon.waves.settings.DriveSettings`.
-    friction_coefficient : of Coulomb's limit; None: contacts do not slide.
-    viscous_pull : "whole" or "limited".
-    coulomb : "elastic" or "total".
-    frames : number of times that are kept.
-    step : s; None for one that the stiffest contact allows.
-    geometry : "lattice" or "exact", the directions of contacts.
-    scheme : "verlet" or "midpoint", of the steps.
+    duration : how long the balls move, s.
+    drive : one or more drives of balls.
+    friction_coefficient : mu of Coulomb's limit of slip; None if contacts do not slide.
+    viscous_pull : one of :data:`VISCOUS_PULLS`.
+    coulomb : one of :data:`COULOMB_LIMITS`.
+    frames : number of times at which the motion is kept.
+    step : time step, s; None for one that the stiffest contact allows.
+    geometry : directions of contacts, one of :data:`GEOMETRIES`.
+    scheme : scheme of the steps, one of :data:`SCHEMES`.
     """
 
     block = "motion"
@@ -1101,7 +1162,7 @@ class MotionSettings(NetworkSettings, LossSettings):
 
     @property
     def coordinates(self) -> dict[str, tuple[tuple[Any, ...], str]]:
-        """Values and unit of each dimension of what is found, by name."""
+        """Values and unit of each dimension of the result in a data set, by its name."""
         times = self.duration / (self.frames - 1) * np.arange(self.frames)
         return {"motion_time": (tuple(times.tolist()), TIME.unit)}
 
@@ -1126,7 +1187,7 @@ class ModesSettings(NetworkSettings):
 
     @property
     def coordinates(self) -> dict[str, tuple[tuple[Any, ...], str]]:
-        """Values and unit of each dimension of what is found, by name."""
+        """Values and unit of each dimension of the result in a data set, by its name."""
         return {"mode": (tuple(range(1, self.count + 1)), "")}
 
 
@@ -1155,18 +1216,18 @@ NETWORK_BLOCKS: dict[str, type[NetworkSettings]] = {
 
 @dataclass(frozen=True)
 class WaveSettings:
-    """Settings of the waves in each sample of a simulation, and in the networks of any states;
-    plain data.
+    """Settings of all waves that a scene requests: those in each sample of a simulation, and those
+    in the network of any state; plain data.
 
     Attributes
     ----------
     dos : whether the density of states is requested.
-    spectrum : the spectral functions along a path; None for none.
-    path, labels : pieces of that path, corners in fractions of the reciprocal cell, and a label for
-        each corner.
-    pulse : a pulse; None for none.
-    direction : of the pulse, Cartesian, (p,); None for x.
-    of_networks : settings for the network of each state.
+    spectrum : settings of the spectral functions along a path; None if not requested.
+    path, labels : pieces of that path, each with its corners in fractions of the reciprocal cell,
+        and a label for each corner.
+    pulse : settings of the pulse; None if not requested.
+    direction : direction of the pulse, Cartesian, (p,); None for x.
+    of_networks : settings of the results for the network of each state.
     """
 
     dos: bool = False
@@ -1178,7 +1239,9 @@ class WaveSettings:
     of_networks: tuple[NetworkSettings, ...] = ()
 
     def with_losses(self, losses: Mapping[str, float]) -> WaveSettings:
-        """Return the settings with other ``losses``, by name, wherever they have them."""
+        """Return the settings with other ``losses``, SI, by name, in the pulse and in all results
+        of networks that have these losses; see :meth:`LossSettings.with_losses`.
+        """
         networks = (
             settings.with_losses(losses) if isinstance(settings, LossSettings) else settings
             for settings in self.of_networks
@@ -1187,21 +1250,21 @@ class WaveSettings:
         return replace(self, pulse=pulse, of_networks=tuple(networks))
 
     def with_walls(self, values: Mapping[str, float], kinds: Mapping[str, Ball]) -> WaveSettings:
-        """Return the settings with other ``values`` of the parameters of walls, by name, at the
-        edges of networks; ``kinds`` are the kinds of balls.
+        """Return the settings with other ``values``, SI, of the parameters of walls at the edges of
+        networks, by name; see :meth:`EdgeSettings.with_walls`. ``kinds`` are the kinds of balls.
         """
         networks = tuple(settings.with_walls(values, kinds) for settings in self.of_networks)
         return replace(self, of_networks=networks)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Those of "dos", "spectrum" and "pulse" that are requested."""
+        """Those of :data:`WAVES` that are requested."""
         return tuple(name for name in WAVES if getattr(self, name) not in (None, False))
 
 
 def named_tables(drives: Any) -> list[str]:
-    """Return the names of the files with signals in the ``drives`` of a valid scene file: one block
-    or a list of blocks.
+    """Return the names of the files with signals that the ``drives`` of a valid scene file, one
+    block or a list of blocks, refer to.
     """
     drive_blocks = drives if isinstance(drives, list) else [drives]
     names = []

@@ -1,8 +1,8 @@
-"""Spectral functions of finite networks: the frequencies of a plane wave in an array that is not
-perfect, and its line.
+"""Spectral functions of finite networks: which frequencies a plane wave has in an array that is not
+perfect, as a line with a peak and a width.
 
-A plane wave has a wave vector that the cell of the network has, and a polarisation; its vector is
-one of the operator's.
+A plane wave has a polarisation and a wave vector q. The periodic cell of the network *has* a wave
+vector if the wave repeats with the cell: q . L is a multiple of 2 pi for each of its vectors L.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from granphon.waves.pulses import read_vector
 from granphon.waves.settings import POLARISATIONS
 
 #: largest deviation of q . L / 2 pi from a whole number that counts as rounding
-_WHOLE = 1e-6
-#: largest phase of a wave across a network, rad: of a larger one no digit within a turn is left
+_WHOLE_ROUNDING = 1e-6
+#: largest phase of a wave across a network, rad: a larger phase has no digits within a turn
 _MOST_PHASE = 1e15
 #: length of the component of a direction across q, over that of the direction, below which the
 #: component is zero
@@ -43,20 +43,25 @@ _MOST_PARTS = 24
 #: Lorentz curve of the full width L. A Gaussian kernel has l = 0.5346, Voigt's curve (Olivero and
 #: Longbothum, J. Quant. Spectrosc. Radiat. Transf. 17, 233 (1977)). The Jackson kernel is nearly a
 #: Gaussian, and the formula holds to 3e-3 with this l
-_LINEAR = 0.465
+_LORENTZ_SHARE = 0.465
 #: width of a line over that of the kernel, from which it counts as resolved
 _RESOLVED = 0.2
-#: memory of a spectrum for each moment, bytes
+#: memory of a spectrum, bytes for each moment
 _MOMENT_BYTES = 40.0
 #: greatest relative difference of the wave vectors of spectral functions that are averaged
-_SAME = 1e-9
-#: greatest relative difference of their resolutions
-_ALIKE = 0.02
+_SAME_WAVEVECTOR = 1e-9
+#: greatest relative difference of the resolutions of spectral functions that are averaged
+_SAME_RESOLUTION = 0.02
 
 
 class PeriodicCell(NamedTuple):
-    """The cell of a network, without its balls: vectors (3, 3), m, which of them are periods, and
-    the dimension.
+    """The cell of a network, without its balls.
+
+    Attributes
+    ----------
+    cell : (3, 3) vectors of the cell, m.
+    pbc : which of the vectors are periods.
+    dimension : 1, 2 or 3 for balls on a line, in a plane, in space.
     """
 
     cell: Array
@@ -68,18 +73,18 @@ class PeriodicCell(NamedTuple):
 
 
 def read_wavevectors(network: ContactNetwork, q: ArrayLike) -> Array:
-    """Return ``q`` as (n, d), 1/m; along axes with a period the wave vectors are those that the
-    cell has, to rounding.
+    """Return the wave vectors (n, d), 1/m, that ``q`` (d,) or (n, d) gives, without its rounding:
+    along periods they are exactly those that the cell of the ``network`` has.
 
     Raises :class:`~granphon.base.errors.InputError` for another shape, and for a q that the cell
-    does not have.
+    does not have by more than rounding; and what :func:`_as_wavevectors` raises.
     """
     requested = _as_wavevectors(network, q)
     nearest = _find_nearest_of_cell(network, requested)
     periods = network.cell[list(network.pbc), : network.dimension]
     # phases (n, p) across the periods, rad
     deviation = np.abs((requested - nearest) @ periods.T)
-    rounding = 2.0 * np.pi * _WHOLE * np.maximum(1.0, np.abs(nearest @ periods.T))
+    rounding = 2.0 * np.pi * _WHOLE_ROUNDING * np.maximum(1.0, np.abs(nearest @ periods.T))
     is_wrong = deviation > rounding
     if np.any(is_wrong):
         row = int(np.argmax(np.any(is_wrong, axis=1)))
@@ -99,13 +104,13 @@ def read_wavevectors(network: ContactNetwork, q: ArrayLike) -> Array:
 
 
 def _write_vector(vector: Array) -> str:
-    """Return a vector (d,) in words."""
+    """Return the text of a ``vector`` (d,), such as "(0, 1)"."""
     return "(" + ", ".join(f"{component:.9g}" for component in vector) + ")"
 
 
 def nearest_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) -> Array:
-    """Return the wave vectors nearest to ``q`` (d,) or (n, d), 1/m, that the periodic cell has, in
-    the same shape.
+    """Return the wave vectors nearest to ``q`` (d,) or (n, d), 1/m, that the periodic cell of the
+    ``network`` has, in the same shape; raises what :func:`_as_wavevectors` raises.
     """
     requested = _as_wavevectors(network, q)
     nearest = _find_nearest_of_cell(network, requested)
@@ -113,14 +118,15 @@ def nearest_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) ->
 
 
 def fold_wavevectors(network: ContactNetwork, q: Array) -> Array | None:
-    """Return for wave vectors ``q`` (n, d) of a lattice, 1/m, the shortest wave vectors (n, d),
-    1/m, in whose waves all balls move as in those of q.
+    """Return for each wave vector of ``q`` (n, d), 1/m, the shortest wave vector (n, d), 1/m, whose
+    wave moves all balls of a lattice in the same way.
 
-    The two differ by a reciprocal vector G with exp(i G . t) = 1 for the steps t between all balls
-    of a cell. With one ball in a cell every G is such a vector, and the shortest wave vector lies
-    in the first zone; along the axis of hcp every second G is one. None for a network of no
-    lattice, and for a lattice whose sites are no multiples of a 24th, or of a larger part, of the
-    lattice vectors.
+    The two differ by a reciprocal vector G of the lattice with exp(i G . t) = 1 for the steps t
+    between all balls of its cell. With one ball in the cell every G is such a vector, and the
+    shortest wave vector lies in the first zone; along the axis of hcp every second G is one.
+
+    Returns None for a network of no lattice, and if no whole number up to :data:`_MOST_PARTS` makes
+    all sites whole multiples of its inverse, in fractions of the lattice vectors.
     """
     if network.lattice is None or network.shape is None:
         return None
@@ -140,20 +146,23 @@ def fold_wavevectors(network: ContactNetwork, q: Array) -> Array | None:
 
 
 def _find_denominator(fractions: Array) -> int | None:
-    """Return the least whole number that makes all ``fractions`` whole; None if it is too large."""
+    """Return the least whole number whose products with all ``fractions`` (n, p) are whole; None if
+    it is above :data:`_MOST_PARTS`.
+    """
     for number in range(1, _MOST_PARTS + 1):
         multiples = number * fractions
-        if np.all(np.abs(multiples - np.round(multiples)) <= _WHOLE):
+        if np.all(np.abs(multiples - np.round(multiples)) <= _WHOLE_ROUNDING):
             return number
     return None
 
 
 def _find_repeats(steps: NDArray[np.intp], denominator: int) -> NDArray[np.intp]:
-    """Return reciprocal vectors, as rows of whole numbers (p, p), that span all G with exp(i G . t)
-    = 1 for the ``steps`` t (n, p) in fractions of 1/``denominator``.
+    """Return a basis, as rows of whole numbers (p, p) in the reciprocal lattice, of all reciprocal
+    vectors G with exp(i G . t) = 1 for the ``steps`` t (n, p), which are whole numbers in units of
+    1/``denominator`` of the lattice vectors.
 
-    The denominator times any reciprocal vector is such a G, so that those of 0 to the denominator
-    contain a triangular basis.
+    The denominator times any reciprocal vector is such a G. So the vectors with components from 0
+    to the denominator contain a triangular basis.
     """
     p = steps.shape[1]
     all_vectors = np.indices((denominator + 1,) * p).reshape(p, -1).T
@@ -169,10 +178,11 @@ def _find_repeats(steps: NDArray[np.intp], denominator: int) -> NDArray[np.intp]
 
 
 def _as_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) -> Array:
-    """Return ``q`` (d,) or (n, d) as (n, d), 1/m.
+    """Return the wave vectors (n, d), 1/m, that ``q`` (d,) or (n, d), 1/m, gives.
 
     Raises :class:`~granphon.base.errors.InputError` for another shape, and
-    :class:`~granphon.base.errors.PrecisionError` for phases that lose their digits.
+    :class:`~granphon.base.errors.PrecisionError` if phases across the ``network`` are so large that
+    they have no digits within a turn.
     """
     vectors = finite_array("q", q, "1/m")
     d = network.dimension
@@ -194,14 +204,16 @@ def _as_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) -> Arr
 
 
 def _find_shortest(network: ContactNetwork | PeriodicCell) -> float:
-    """Return the length of the shortest of the reciprocal vectors of the periodic cell, 1/m."""
+    """Return the length, 1/m, of the shortest reciprocal basis vector of the periodic cell of the
+    ``network``.
+    """
     periods = network.cell[list(network.pbc), : network.dimension]
     return float(2.0 * np.pi * np.min(np.linalg.norm(np.linalg.pinv(periods), axis=0)))
 
 
 def _find_nearest_of_cell(network: ContactNetwork | PeriodicCell, q: Array) -> Array:
-    """Return the wave vectors (n, d), 1/m, nearest to ``q`` (n, d) that the cell of a network has;
-    across its periods they are ``q``.
+    """Return the wave vectors (n, d), 1/m, nearest to ``q`` (n, d), 1/m, that the cell of the
+    ``network`` has; their components across the periods are those of ``q``.
     """
     periods = network.cell[list(network.pbc), : network.dimension]
     if not len(periods):
@@ -214,8 +226,8 @@ def _find_nearest_of_cell(network: ContactNetwork | PeriodicCell, q: Array) -> A
 
 
 def _find_nearest(periods: Array, q: Array) -> Array:
-    """Return the wave vectors (n, d) that are nearest to ``q`` among those that repeat with
-    ``periods`` (p, d).
+    """Return the wave vectors (n, d), 1/m, nearest to ``q`` (n, d), 1/m, whose waves repeat with
+    all ``periods`` (p, d), m.
     """
     # (p, d) rows b with b_i . L_j = delta_ij
     reciprocal = np.asarray(np.linalg.pinv(periods).T, float)
@@ -227,10 +239,10 @@ def _find_nearest(periods: Array, q: Array) -> Array:
     candidates = np.floor(coordinates)[:, None] + corners  # (n, corners, p)
     vectors = (candidates - coordinates[:, None]) @ (to_shortest @ reciprocal)
     squares = np.sum(vectors**2, axis=-1)
-    # the first of those that are equally near but for rounding: the same one at all loads
+    # of candidates that are equally near but for rounding the first is taken, the same at all loads
     nearest = np.argmin(np.round(squares / np.sum(reciprocal**2), 9), axis=1)
-    # from whole numbers, not as a step from q: the same wave vector has the same digits, and Gamma
-    # is zero, where the sum makes 0 of -0
+    # made from whole numbers, and not as a step from q, the same wave vector always has the same
+    # digits, and Gamma is zero; adding zero makes 0 of -0
     numbers = candidates[np.arange(len(q)), nearest] @ to_shortest
     return np.asarray(2.0 * np.pi * numbers @ reciprocal + 0.0)
 
@@ -241,8 +253,9 @@ def _find_nearest(periods: Array, q: Array) -> Array:
 def find_polarisations(
     operator: WaveOperator, q: Array, polarisation: str | ArrayLike, direction: ArrayLike | None
 ) -> Array:
-    """Return the polarisations of a wave with the wave vector ``q`` (d,), 1/m: orthonormal rows
-    (b, motions), over which a spectral function is averaged.
+    """Return the b polarisations that a word means for a wave with the wave vector ``q`` (d,), 1/m,
+    as orthonormal rows (b, motions); a spectral function is the mean over these. By numbers there
+    is one.
 
     ``polarisation`` and ``direction`` are the arguments of ``Waves.spectral_function``. Raises
     :class:`~granphon.base.errors.InputError` if the balls do not move in that polarisation, or if a
@@ -252,15 +265,15 @@ def find_polarisations(
     letters = ", ".join(motions.letters)
     if not isinstance(polarisation, str):
         if direction is not None:
-            finite_array("polarisation", polarisation)  # what is no numbers is refused as such
+            finite_array("polarisation", polarisation)  # raises if it is not numbers
             raise InputError(
                 "a direction is given besides the polarisation by numbers", "They say the same"
             )
         return _read_polarisation(operator, polarisation)
     name = one_of("polarisation", polarisation, POLARISATIONS)
-    turns = name == "rotational"
-    axes = motions.rotations if turns else motions.translations
-    free = np.eye(3)[list(axes)]  # (a, 3) directions in which balls move
+    is_rotational = name == "rotational"
+    axes = motions.rotations if is_rotational else motions.translations
+    free = np.eye(3)[list(axes)]  # (a, 3) directions in which balls move, or about which they turn
     directions = np.atleast_2d(_choose_directions(operator.network, q, name, free, direction))
     held_components = np.abs(np.delete(directions, axes, axis=1))
     may_move = len(directions) > 0 and len(axes) > 0
@@ -272,7 +285,7 @@ def find_polarisations(
     if np.any(lengths < _ACROSS):
         raise InputError(f"the direction of a {name} wave is across all motions {letters}")
     unit_vectors = directions / lengths  # (b, 3)
-    columns = motions.turning if turns else motions.translating
+    columns = motions.turning if is_rotational else motions.translating
     rows = np.zeros((len(directions), motions.count))
     rows[:, columns] = unit_vectors[:, list(axes)]
     return rows
@@ -282,11 +295,12 @@ def _choose_directions(
     network: ContactNetwork, q: Array, name: str, free: Array, direction: ArrayLike | None
 ) -> Array:
     """Return the directions (3,) or (b, 3) in which balls move, or about which they turn, in a wave
-    of the polarisation ``name`` and a wave vector ``q`` (d,).
+    with the polarisation ``name`` and the wave vector ``q`` (d,), 1/m.
 
-    ``free`` (a, 3) are those that balls can have; ``direction`` (d,) is the requested one, or None.
-    Raises :class:`~granphon.base.errors.InputError` for q = 0 without a direction, and for a
-    direction of a transverse wave along q.
+    ``free`` (a, 3) are the axes along which, or about which, balls can move at all; ``direction``
+    (d,) is the one that the user requests, or None. Raises
+    :class:`~granphon.base.errors.InputError` for q = 0 without a direction, and for a direction of
+    a transverse wave along q.
     """
     requested = None
     if direction is not None:
@@ -297,7 +311,7 @@ def _choose_directions(
         return np.asarray((requested @ free.T) @ free)  # the part along free axes
     if not np.any(q):
         if requested is None:
-            raise _explain_still(network, name)
+            raise _explain_no_direction(network, name)
         return requested
     directions = _find_directions(network, q, name, free, requested)
     if requested is not None and np.linalg.norm(directions) < _ACROSS:
@@ -308,11 +322,12 @@ def _choose_directions(
 def _find_directions(
     network: ContactNetwork, q: Array, name: str, free: Array, requested: Array | None
 ) -> Array:
-    """Return the directions (3,) or (b, 3) in which balls move in a longitudinal or transverse wave
-    of a wave vector ``q`` (d,).
+    """Return the directions (3,) or (b, 3) in which balls move in a wave with the polarisation
+    ``name``, longitudinal or transverse, and a wave vector ``q`` (d,) that is not zero.
 
-    ``free`` (a, 3) are those in which balls can move, and ``requested`` (3,) is one of which a
-    transverse wave has the part across q.
+    A longitudinal wave moves along q. A transverse wave moves along the part of the ``requested``
+    direction (3,) that is across q; without a request, along all directions across q among the
+    axes ``free`` (a, 3) along which balls can move, within the plane of the balls if there are any.
     """
     unit_q = np.zeros(3)
     unit_q[: q.size] = q
@@ -321,14 +336,16 @@ def _find_directions(
         return unit_q
     if requested is not None:
         return np.asarray(requested - (requested @ unit_q) * unit_q)
-    # within the plane of the balls, if they move across q there
+    # axes of the plane of the balls first
     in_plane = free[np.argmax(free, axis=1) < network.dimension]
     directions = _find_transverse(in_plane, unit_q)
     return directions if len(directions) else _find_transverse(free, unit_q)
 
 
-def _explain_still(network: ContactNetwork, name: str) -> InputError:
-    """Return the error of a wave with q = 0, of which no direction is given."""
+def _explain_no_direction(network: ContactNetwork, name: str) -> InputError:
+    """Return the error for a wave with q = 0 and the polarisation ``name`` in a ``network``, if no
+    direction is given.
+    """
     mend = "Give direction=, the one in which balls move"
     if any(network.pbc):
         shortest = _find_shortest(network)
@@ -337,8 +354,10 @@ def _explain_still(network: ContactNetwork, name: str) -> InputError:
 
 
 def _read_polarisation(operator: WaveOperator, polarisation: ArrayLike) -> Array:
-    """Return the row (1, motions) of a polarisation by numbers: of all displacements, or of all
-    motions.
+    """Return the ``polarisation`` by numbers, of all displacements or of all motions, as a row
+    (1, motions) of norm one.
+
+    Raises :class:`~granphon.base.errors.InputError` for another number of numbers, and for zeros.
     """
     motions = operator.motions
     letters = ", ".join(motions.letters)
@@ -357,8 +376,8 @@ def _read_polarisation(operator: WaveOperator, polarisation: ArrayLike) -> Array
 
 
 def _find_transverse(free: Array, along: Array) -> Array:
-    """Return orthonormal directions (b, 3) that are the parts of the directions ``free`` (a, 3),
-    themselves orthonormal, across the unit vector ``along`` (3,).
+    """Return orthonormal directions (b, 3) that span the part of the space of the orthonormal
+    directions ``free`` (a, 3) that is perpendicular to the unit vector ``along`` (3,).
     """
     if not len(free):
         return free
@@ -373,13 +392,14 @@ def _find_transverse(free: Array, along: Array) -> Array:
 
 
 def make_plane_wave(operator: WaveOperator, q: Array, polarisation: Array, sine: bool) -> Array:
-    """Return the vector (size,) of balls that all move with the velocity cos(q . r), or with
-    ``sine`` sin(q . r), times ``polarisation`` (motions,); ``q`` (d,) is in 1/m.
+    """Return the mass-weighted vector (size,) of a plane wave, in which a ball at r moves by
+    cos(q . r), or with ``sine`` by sin(q . r), times ``polarisation`` (motions,); ``q`` (d,) is in
+    1/m.
 
-    Vectors are weighted with masses: displacements, and rotations given with them, by the root of
-    the mass, so that q = 0 is the motion of all balls together. In a wave of rotations alone balls
-    turn at that rate, weighted by the root of the moment of inertia. Balls that touch none take no
-    part, as no wave reaches them.
+    Displacements, and rotations that are given with them, are weighted by the root of the mass, so
+    that q = 0 is the motion of all balls together. In a wave of rotations alone, rotations are
+    weighted by the root of the moment of inertia. Balls without contacts take no part, as no wave
+    reaches them.
     """
     network = operator.network
     balls = operator.balls
@@ -396,8 +416,9 @@ def make_plane_wave(operator: WaveOperator, q: Array, polarisation: Array, sine:
 
 
 def find_mean_free_path(velocity: Array, width: Array) -> Array:
-    """Return the mean free path (n,) of the energy of waves, m: the phase ``velocity`` (n,), m/s,
-    over 2 pi times the ``width`` (n,) of their lines, Hz; infinite where the width is zero.
+    """Return the mean free path (n,), m, of the energy of waves: their phase ``velocity`` (n,),
+    m/s, over 2 pi times the full ``width`` (n,) of their lines, Hz; infinite where the width is
+    zero.
     """
     paths = np.full(np.shape(width), math.inf)
     np.divide(velocity, 2.0 * math.pi * width, out=paths, where=width > 0.0)
@@ -405,8 +426,8 @@ def find_mean_free_path(velocity: Array, width: Array) -> Array:
 
 
 def find_attenuation(velocity: Array, width: Array) -> Array:
-    """Return the attenuation (n,) of the amplitude of waves, 1/m: half the inverse mean free path,
-    of their phase ``velocity`` (n,), m/s, and the ``width`` (n,) of their lines, Hz; infinite where
+    """Return the attenuation (n,), 1/m, of the amplitude of waves with a phase ``velocity`` (n,),
+    m/s, and lines of the full ``width`` (n,), Hz: half the inverse mean free path; infinite where
     the velocity is zero.
     """
     rates = np.full(np.shape(width), math.inf)
@@ -415,15 +436,17 @@ def find_attenuation(velocity: Array, width: Array) -> Array:
 
 
 def find_lines(kernel: Kernel, values: Array) -> tuple[Array, Array]:
-    """Return the highest line of each of the spectra ``values`` (n, n_f), 1/Hz, at the points of
-    ``kernel``: the peaks (n,), Hz, and the full widths (n,) at half the height, Hz.
+    """Return for the highest line of each of the spectra ``values`` (n, n_f), 1/Hz, at the
+    frequencies of the ``kernel``, the frequency of its peak (n,), Hz, and its full width (n,) at
+    half the height, Hz.
 
-    Between points, which are even in theta, the logarithm is a parabola at the peak and a straight
-    line on the flanks: both are right for a Gaussian, as the kernel is one. The spectrum goes on
-    evenly below zero. If a line falls to half its height on one side only, the width is twice the
-    half width of this side.
+    Between the points, which are even in the angle theta of the kernel, the logarithm of a spectrum
+    is taken as a parabola at the peak, and as a straight line on the flanks; the first is exact for
+    a Gaussian, and nearly so is the kernel. The spectrum is continued as an even function below
+    zero. If a line falls to half its height on one side only, the width is twice the half width of
+    this side.
 
-    Raises :class:`~granphon.base.errors.InputError` if a line does so on neither side.
+    Raises :class:`~granphon.base.errors.InputError` if a line falls so far on neither side.
     """
     peaks = np.empty(len(values))
     widths = np.empty(len(values))
@@ -433,10 +456,10 @@ def find_lines(kernel: Kernel, values: Array) -> tuple[Array, Array]:
 
 
 def _find_line(kernel: Kernel, spectrum: Array) -> tuple[float, float]:
-    """Return the peak and the width of the highest line of a ``spectrum`` (n_f,), Hz; see
-    :func:`find_lines`.
+    """Return the peak, Hz, and the full width, Hz, of the highest line of a ``spectrum`` (n_f,), as
+    :func:`find_lines` does.
     """
-    step = math.pi / (2 * kernel.count - 1)  # of the angle from point to point
+    step = math.pi / (2 * kernel.count - 1)  # difference of theta from point to point
     highest = int(np.argmax(spectrum))
     log = np.log(np.maximum(spectrum, np.finfo(float).tiny))
     peak_point, height = _fit_peak(log, highest)
@@ -447,9 +470,10 @@ def _find_line(kernel: Kernel, spectrum: Array) -> tuple[float, float]:
         # the point at which the flank falls to half the height, if it does
         below = np.flatnonzero(flank < half_height)
         if below.size:
-            k = int(below[0])
-            share = (flank[k - 1] - half_height) / (flank[k - 1] - flank[k])
-            crossing = highest + sign * float(k - 1 + share)
+            n_steps = int(below[0])
+            last_above = flank[n_steps - 1]
+            share = (last_above - half_height) / (last_above - flank[n_steps])
+            crossing = highest + sign * float(n_steps - 1 + share)
             half_widths.append(abs(kernel.top * math.sin(step * crossing) - peak))
     if not half_widths:
         fault = f"the highest line, at {peak:.6g} Hz, falls to half its height on neither side"
@@ -460,42 +484,46 @@ def _find_line(kernel: Kernel, spectrum: Array) -> tuple[float, float]:
     return peak, width
 
 
-def _fit_peak(log: Array, n: int) -> tuple[float, float]:
-    """Return the place of the top, in points, and its height, a logarithm, of the parabola through
-    the logarithms ``log`` (n_f,) at the highest point ``n`` and beside it.
+def _fit_peak(log: Array, highest: int) -> tuple[float, float]:
+    """Return the position, in points, and the height, a logarithm, of the top of the parabola
+    through the logarithms ``log`` (n_f,) at the ``highest`` point, an index, and at both points
+    beside it; at the last point those of the point itself.
     """
-    height = float(log[n])
-    if n == log.size - 1:
-        return float(n), height
-    previous = float(log[abs(n - 1)])  # the spectrum goes on evenly below zero
-    following = float(log[n + 1])
+    height = float(log[highest])
+    if highest == log.size - 1:
+        return float(highest), height
+    previous = float(log[abs(highest - 1)])  # the spectrum is even about zero
+    following = float(log[highest + 1])
     curvature = previous - 2.0 * height + following
     shift = 0.0 if curvature >= 0.0 else 0.5 * (previous - following) / curvature
-    return float(n) + shift, height - 0.25 * (previous - following) * shift
+    return float(highest) + shift, height - 0.25 * (previous - following) * shift
 
 
 def find_true_width(broadened: Array, kernel_width: Array) -> Array:
-    """Return the widths L (n,) of Lorentz curves which a kernel has broadened, from ``broadened`` =
-    l L + ((1 - l)^2 L^2 + G^2)^1/2, where l = :data:`_LINEAR` and G = ``kernel_width``, all in Hz.
+    """Return the full widths L (n,), Hz, of Lorentz curves to which a kernel of the full width
+    ``kernel_width`` G (n,), Hz, has given the ``broadened`` full widths (n,), Hz.
 
-    A curve that is not wider than the kernel has the width zero.
+    L follows from broadened = l L + ((1 - l)^2 L^2 + G^2)^1/2 with l = :data:`_LORENTZ_SHARE`. A
+    curve that is not wider than the kernel has the width zero.
     """
     width = np.maximum(broadened, kernel_width)
     # the positive root of (1 - 2 l) L^2 + 2 l B L = B^2 - G^2, B the broadened width
-    square = (1.0 - _LINEAR) ** 2
-    leading = square - _LINEAR**2  # 1 - 2 l
+    square = (1.0 - _LORENTZ_SHARE) ** 2
+    leading = square - _LORENTZ_SHARE**2  # 1 - 2 l
     root = np.sqrt(square * width**2 - leading * kernel_width**2)
-    return np.asarray(np.maximum((root - _LINEAR * width) / leading, 0.0))
+    return np.asarray(np.maximum((root - _LORENTZ_SHARE * width) / leading, 0.0))
 
 
 def find_ioffe_regel(
     wavenumber: Array, peak: Array, width: Array, product: float = 1.0
 ) -> float | None:
-    """Return the frequency, Hz, from which ``wavenumber`` (n,), 1/m, times the mean free path of
-    lines at ``peak`` (n,) with ``width`` (n,), Hz, is below ``product``; None if never.
+    """Return the frequency, Hz, from which the ``wavenumber`` (n,), 1/m, times the mean free path
+    is below ``product``, of waves whose lines have the ``peak`` (n,), Hz, and the full ``width``
+    (n,), Hz; None if it is below for none.
 
-    See :meth:`granphon.waves.spectral_functions.SpectralFunction.ioffe_regel`. After a line without
-    width, to which nothing can be interpolated, the frequency is that of the next peak.
+    See :meth:`granphon.waves.spectral_functions.SpectralFunction.ioffe_regel`, which says how it is
+    interpolated and what is raised. If the last line with a larger product has the width zero,
+    nothing can be interpolated, and the frequency is that of the next peak.
     """
     log_product = math.log(positive("product", product))
     ascending = np.argsort(wavenumber, kind="stable")
@@ -514,7 +542,7 @@ def find_ioffe_regel(
     if not below.size:
         return None
     first = int(below[0])
-    last_excess = log_excess[first - 1]  # of the wave before
+    last_excess = log_excess[first - 1]  # that of the last wave with a larger product
     if math.isinf(last_excess):
         return float(peaks[first])
     share = last_excess / (last_excess - log_excess[first])
@@ -523,28 +551,29 @@ def find_ioffe_regel(
 
 @result_class
 class SpectralFunction(Refinable):
-    """A(q, f) of plane waves on a network: the spectrum of ``<s| delta(f - D^1/2 / 2 pi) |s>``, s
-    the wave of norm one.
+    """Spectral function A(q, f) of plane waves s of norm one on a network: the spectrum
+    ``<s| delta(f - D^1/2 / 2 pi) |s>``.
 
-    It is exact for the network but for the kernel, which broadens each line. A plane wave that is
+    It is exact for the network, but for the kernel, which broadens each line. A plane wave that is
     no mode of the network scatters into other modes, and its line has a width.
 
     Attributes
     ----------
     q : (n, d) wave vectors, Cartesian, 1/m.
-    polarisation : "longitudinal", "transverse", "rotational", or "given" by numbers.
-    direction : the direction that was given, or the numbers of the polarisation; empty if none was
-        given.
+    polarisation : "longitudinal", "transverse", "rotational", or "given" if given by numbers.
+    direction : the direction that was given, or the numbers of the polarisation; empty if there
+        were none.
     frequencies : (n_f,) Hz, from zero; Chebyshev nodes, four within the standard deviation of the
         kernel.
-    values : (n, n_f) 1/Hz; the integral over frequencies is 1.
-    top : bound of all frequencies, Hz, on which the polynomials are made.
+    values : (n, n_f) 1/Hz; the integral over all frequencies is 1 for each wave vector.
+    top : bound of all frequencies, Hz, to which the polynomials are scaled.
     moments : number of Chebyshev moments.
-    shortest : (n, d) the shortest wave vectors, 1/m, for which all balls of the lattice move as for
-        q. They differ from q by reciprocal vectors G with exp(i G . t) = 1 for the steps t between
-        all balls of a cell. With one ball in a cell these are all G, and the shortest lie in the
-        first zone. None where the network has no lattice, and where the sites of the lattice are no
-        multiples of a 24th, or of a larger part, of its vectors.
+    shortest : (n, d) shortest wave vectors, 1/m, whose waves move all balls of the lattice as those
+        of ``q``. They differ from q by reciprocal vectors G with exp(i G . t) = 1 for the steps t
+        between all balls of a cell. With one ball in a cell every G is such a vector, and the
+        shortest wave vectors lie in the first zone. None if the network has no lattice, or if no
+        whole number up to 24 makes all sites of the lattice whole multiples of its inverse, in
+        fractions of the lattice vectors.
     warnings : one sentence for each limit of the contact law that the network exceeds.
     """
 
@@ -567,7 +596,9 @@ class SpectralFunction(Refinable):
 
     @cached_property
     def _lines(self) -> tuple[Array, Array]:
-        """The peaks (n,) and the widths (n,) of the highest lines, with the kernel, Hz."""
+        """The peaks (n,), Hz, and the full widths (n,), Hz, of the highest lines as the kernel has
+        broadened them.
+        """
         return find_lines(self._kernel, self.values)
 
     @cached_property
@@ -575,37 +606,41 @@ class SpectralFunction(Refinable):
         """(n,) the full width at half maximum that the kernel alone gives to a line at each peak,
         Hz.
         """
-        return find_lines(self._kernel, self._kernel.line(self.peak))[1]
+        _, widths = find_lines(self._kernel, self._kernel.line(self.peak))
+        return widths
 
     @property
     def peak(self) -> Array:
         """(n,) frequency of the highest maximum, Hz: the dispersion of the coherent wave."""
-        return self._lines[0]
+        peaks, _ = self._lines
+        return peaks
 
     @cached_property
     def width(self) -> Array:
         """(n,) full width at half maximum of the highest line, Hz, without the width of the kernel.
 
-        The kernel's part is taken off as from a Lorentz curve that the kernel has broadened; a line
-        that is not wider than the kernel has the width zero. See :attr:`resolved`. If the line
-        falls to half its height on one side only, the width is twice the half width of this side.
+        The line is taken as a Lorentz curve that the kernel has broadened, and the width is that of
+        the Lorentz curve; a line that is not wider than the kernel has the width zero. See
+        :attr:`resolved`. If the line falls to half its height on one side only, the width is twice
+        the half width of this side.
 
-        Raises :class:`~granphon.base.errors.InputError`, as :attr:`peak` does, if it does so on
-        neither side: the resolution is too coarse.
+        Raises :class:`~granphon.base.errors.InputError`, as :attr:`peak` does, if the line falls so
+        far on neither side: the resolution is too coarse.
         """
-        return find_true_width(self._lines[1], self._kernel_width)
+        _, broadened = self._lines
+        return find_true_width(broadened, self._kernel_width)
 
     @property
     def resolved(self) -> NDArray[np.bool_]:
-        """(n,) whether the width of each line is a fifth of the kernel's or more; a smaller width
-        is not to be relied on.
+        """(n,) whether the width of each line is at least a fifth of that of the kernel; a smaller
+        width is not to be relied on.
         """
         return np.asarray(self.width >= _RESOLVED * self._kernel_width)
 
     @property
     def wavenumber(self) -> Array:
-        """(n,) length of the wave vector, 1/m: of :attr:`shortest` where it exists, else of
-        ``q``.
+        """(n,) lengths of the wave vectors, 1/m: those of :attr:`shortest`, or of ``q`` if it is
+        None.
         """
         wavevectors = self.q if self.shortest is None else self.shortest
         return np.asarray(np.linalg.norm(wavevectors, axis=1))
@@ -617,7 +652,7 @@ class SpectralFunction(Refinable):
         Raises :class:`~granphon.base.errors.InputError` for q = 0, and for a q at which all balls
         move as at q = 0.
         """
-        rounding = _SAME * np.linalg.norm(self.q, axis=1)
+        rounding = _SAME_WAVEVECTOR * np.linalg.norm(self.q, axis=1)
         if np.any(self.wavenumber <= rounding):
             why = (
                 "Where exp(i q . r) is the same at all sites of a lattice, all balls move"
@@ -631,8 +666,9 @@ class SpectralFunction(Refinable):
         """(n,) mean free path of the energy of a wave, m: phase velocity over 2 pi width; infinite
         where the width is zero.
 
-        The energy of a coherent wave falls as exp(-2 pi width t). Where bands bend, its group
-        velocity is not the phase velocity, and the path is so much longer or shorter.
+        The energy of a coherent wave falls as exp(-2 pi width t). Where bands bend, the wave
+        travels at a group velocity that is not the phase velocity: its path is then longer or
+        shorter than this number by the ratio of both.
         """
         return find_mean_free_path(self.phase_velocity, self.width)
 
@@ -645,14 +681,14 @@ class SpectralFunction(Refinable):
 
     def ioffe_regel(self, product: float = 1.0) -> float | None:
         """Return the frequency, Hz, from which wavenumber times mean free path is below
-        ``product``; None if never.
+        ``product``; None if it is below for no wave.
 
-        With 1 the mean free path is the wavelength over 2 pi, and the width the frequency; with pi
-        it is half the wavelength. The frequency lies between two wave vectors, in the order of
-        their lengths, of which the first has a larger product and the next a smaller one; the
-        logarithm of peak/width is interpolated. Raises
-        :class:`~granphon.base.errors.InputError` if already the shortest wave vector has a smaller
-        product.
+        For a product of 1 the mean free path is the wavelength over 2 pi, and the width of the line
+        its frequency; for a product of pi the path is half the wavelength. In the order of the
+        lengths of wave vectors, the frequency lies between the first wave with a smaller product
+        and the one before it; the logarithm of peak/width is interpolated between their peaks.
+        Raises :class:`~granphon.base.errors.InputError` if already the shortest wave vector has a
+        smaller product, and for a ``product`` that is not above zero.
         """
         return find_ioffe_regel(self.wavenumber, self.peak, self.width, product)
 
@@ -660,14 +696,15 @@ class SpectralFunction(Refinable):
 
     @classmethod
     def average(cls, found: Sequence[SpectralFunction]) -> SpectralFunction:
-        """Return the mean over arrays of one shape, at the points of the array with the highest
-        ``top``.
+        """Return the mean of the spectral functions ``found`` of arrays with one shape, at the
+        frequencies of the one with the highest ``top``.
 
-        The others are interpolated (cubic splines), to about 1e-3 of their peaks. The mean does not
-        refine.
+        The others are interpolated to these frequencies by cubic splines, to about 1e-3 of their
+        peaks. More moments cannot be computed of the mean.
 
-        Raises :class:`~granphon.base.errors.InputError` if wave vectors or polarisations differ, or
-        resolutions by more than 2 %: give all of them the same ``resolution``.
+        Raises :class:`~granphon.base.errors.InputError` if there is none, if wave vectors or
+        polarisations differ, or if resolutions differ by more than 2 %: give all of them the same
+        ``resolution``.
         """
         if not found:
             raise InputError("there are no spectral functions to average", mend="Give one or more")
@@ -676,7 +713,7 @@ class SpectralFunction(Refinable):
             spectrum._require_like(highest)
         interpolated = [spectrum._interpolate(highest.frequencies) for spectrum in found]
         values = np.mean(interpolated, axis=0)
-        # interpolation changes the integral, which is 1, a little
+        # interpolation changes the integral a little: it is made 1 again
         integrals = highest._kernel.integral(values)
         return replace(highest, values=values / integrals[:, None])
 
@@ -686,8 +723,8 @@ class SpectralFunction(Refinable):
         """
         has_same_q = self.q.shape == reference.q.shape
         if has_same_q:
-            rounding = _SAME * np.max(np.abs(reference.q))
-            has_same_q = np.allclose(self.q, reference.q, rtol=_SAME, atol=rounding)
+            rounding = _SAME_WAVEVECTOR * np.max(np.abs(reference.q))
+            has_same_q = np.allclose(self.q, reference.q, rtol=_SAME_WAVEVECTOR, atol=rounding)
         has_same_word = self.polarisation == reference.polarisation
         has_same_direction = self.direction == reference.direction
         if not (has_same_q and has_same_word and has_same_direction):
@@ -695,7 +732,7 @@ class SpectralFunction(Refinable):
                 "spectral functions of other wave vectors or polarisations have no mean"
             )
         difference = abs(self.resolution - reference.resolution)
-        if difference > _ALIKE * reference.resolution:
+        if difference > _SAME_RESOLUTION * reference.resolution:
             fault = (
                 f"the spectral functions have resolutions of {self.resolution:.6g} and"
                 f" {reference.resolution:.6g} Hz"
@@ -715,13 +752,17 @@ class SpectralFunction(Refinable):
 
 
 class PlaneWaves:
-    """Moments of plane waves: of the cosine and the sine of each polarisation, which add up.
+    """Plane waves on a network, and their Chebyshev moments, from which :meth:`find` makes spectral
+    functions.
+
+    For each wave vector there are real waves: the cosine and the sine of each polarisation. Their
+    moments are summed. Moments that were computed are kept.
 
     Parameters
     ----------
     operator : D of the network.
-    q, polarisation, direction : as for :meth:`granphon.waves.waves.Waves.spectral_function`, which
-        says what raises InputError.
+    q, polarisation, direction : arguments of
+        :meth:`granphon.waves.waves.Waves.spectral_function`, which says what is raised.
     """
 
     def __init__(
@@ -743,7 +784,7 @@ class PlaneWaves:
         self._polarisation = str(polarisation) if is_word else "given"
         components = direction if is_word else polarisation
         self._direction = () if components is None else finite_list("direction", components)
-        # the number of the wave vector of each wave, and the function that makes its vector
+        # of each real wave the index of its wave vector, and the function that makes its vector
         self._numbers: list[int] = []
         starts = list[Callable[[], Array]]()
         for n, wavevector in enumerate(wavevectors):
@@ -757,11 +798,15 @@ class PlaneWaves:
 
     @property
     def n_waves(self) -> int:
-        """Number of real waves: of the cosine and the sine of each polarisation."""
+        """Number of real waves: cosines and sines of all polarisations and wave vectors."""
         return len(self._numbers)
 
     def find(self, moments: int) -> SpectralFunction:
-        """Return the spectral function of this number of moments."""
+        """Return the spectral function by this number of ``moments``.
+
+        Raises :class:`~granphon.base.errors.InputError` for more than memory holds, and for a wave
+        in which no ball with contacts moves.
+        """
         kernel = Kernel(self._operator.top / (2.0 * math.pi), moments)
         require_memory(
             f"spectra of {moments:,} moments at {len(self._q):,} wave vectors",
