@@ -40,7 +40,6 @@ from granphon.base.errors import InconsistencyWarning, InputError, brief, warn_c
 from granphon.base.text import list_names
 from granphon.base.validation import spell_out
 from granphon.contacts.laws import ContactLaws
-from granphon.contacts.placed import ContactForces, find_overlaps
 from granphon.networks.network import ContactNetwork
 from granphon.networks.sources import Completion, CompletionOptions
 from granphon.networks.tables import read_tables
@@ -274,6 +273,8 @@ class BallContacts(ContactCalculator):
         ASE gives the names of the ``properties`` that it asks for, and of the ``system_changes``
         since the last call.
         """
+        from granphon.contacts.placed import ContactForces, find_overlaps  # bands move no balls
+
         super().calculate(atoms, properties, system_changes)
         balls = self.atoms
         radii = self.find_radii(balls)[1]
@@ -300,6 +301,8 @@ class BallContacts(ContactCalculator):
         The ``options`` are as for :meth:`ContactNetwork.from_table`. The masses are those of the
         balls; those of Atoms are atomic, and are not read.
         """
+        from granphon.contacts.placed import find_overlaps  # bands move no balls
+
         kinds, radii = self.find_radii(atoms)
         i, j, shift, vector, laws, ratio = self.find_contacts(atoms)
         overlap, _ = find_overlaps(vector, radii[i] + radii[j], 0.0)
