@@ -76,8 +76,7 @@ class ExactPlace:
 
     Attributes
     ----------
-    direction : (contacts, 3) unit vectors of contacts on the lattice, along the axes of space.
-    vector : (contacts, 3) from centre to centre, in d.
+    vector : (contacts, 3) from centre to centre, in d, along the axes of space.
     normal : (contacts, 3) unit vectors n.
     size : (n_c, L1, ..., Lp) distances |w| of the centres, in d.
     uneven : (n_c, L1, ..., Lp) half of the difference of the radii of ball j and ball i, in d.
@@ -115,7 +114,6 @@ class ExactPlace:
         spacing = 1.0 - ratio * overlap
         unit = ratio or 1.0
         is_flat = np.full(means.size, not ratio)
-        self.direction = np.repeat(grid.normal, grid.n_cells, axis=0)
         vector = np.repeat(spacing * grid.vector, grid.n_cells, axis=0)
         displacement = np.zeros((grid.n_balls * grid.n_cells, 3))
         displacement[:, :p] = unit * list_displacements(stencils, balls)
@@ -131,6 +129,14 @@ class ExactPlace:
         self.size = distance.reshape(means.shape)
         self.differences = means - loss.reshape(means.shape) / unit
         self.overlaps = overlap + self.differences
+
+    @property
+    def direction(self) -> Array:
+        """(contacts, 3) unit vectors of contacts on the lattice; made anew at each call, as they
+        take memory.
+        """
+        grid = find_lattice_grid(self.stencils.shape, self.stencils.lattice)
+        return np.repeat(grid.normal, grid.n_cells, axis=0)
 
     @property
     def boundary(self) -> float:

@@ -162,13 +162,13 @@ class TrueEquilibrium(Equilibrium):
 
 
 class SmallMotions:
-    """The small motions of balls at rest in the true geometry, without friction, and what contacts
-    do in them; displacements are in W.
+    """The small motions of balls at rest in the true geometry, without friction, and the forces of
+    contacts against them. Displacements are in W.
 
     Attributes
     ----------
-    even : (contacts, 3) displacements of balls j against balls i by a unit of y, which balls follow
-        that stay where they are in the cell.
+    even : (contacts, 3) displacements of balls j less those of balls i where y grows by one and
+        balls keep their places in the cell.
     """
 
     def __init__(self, state: TrueEquilibrium) -> None:
@@ -204,8 +204,8 @@ class SmallMotions:
         return self._response.find_motions(forces[..., None])[..., 0]
 
     def relax(self, affine: Array) -> Array:
-        """Return the motions (n, p) with which balls come into balance again, once displacements
-        (contacts, 3) of balls j against balls i are made.
+        """Return the motions (n, p) with which balls come into balance again, after the
+        displacements ``affine`` (contacts, 3) of balls j less those of balls i.
         """
         return self.find(-self.collect(self.resist(affine))[0])
 
@@ -217,8 +217,8 @@ class SmallMotions:
         return apart
 
     def strain(self, strain: Array) -> Array:
-        """Return the displacements (contacts, 3) of balls j against balls i once balls have
-        followed a ``strain`` (p, p) of the cell, in W/d.
+        """Return the displacements (contacts, 3) of balls j less those of balls i under a
+        ``strain`` (p, p) of the cell, in W/d, after the balls have come into balance again.
         """
         affine = np.zeros_like(self._directions)
         p = len(strain)

@@ -6,9 +6,9 @@ A contact has the vector r from the centre of ball i to that of ball j, and the 
     o - (|r| - l)     along r
     o - (n.r - l)     along a direction n that does not turn
 
-where o is its overlap at the distance l. It pushes along r or n by its law, and resists
-deformations, which are the rows of :mod:`granphon.dynamics.deformation_rows`, as springs do. Units
-are those of whoever asks.
+where o is the overlap at the distance l. The contact pushes along r or n by its law. As a spring
+does, the contact resists deformations, which are the rows of
+:mod:`granphon.dynamics.deformation_rows`. All arguments are in the units of the caller.
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ def find_overlaps(
 
 
 class ContactForces:
-    """What contacts exert on balls.
+    """Forces and torques of contacts on balls: empty at first, to which :meth:`press` and
+    :meth:`resist` add.
 
     Parameters
     ----------
@@ -60,7 +61,8 @@ class ContactForces:
 
     Attributes
     ----------
-    energy : that of the springs.
+    energy : that of the springs that :meth:`resist` has added; the energy of normal forces is not
+        in it.
     pull : (n_c, d) forces on balls j.
     torque : (count, r) torques on balls.
     """
@@ -75,14 +77,17 @@ class ContactForces:
         self.torque = np.zeros((count, len(motions.rotations)))
 
     def press(self, force: Array, normal: Array) -> None:
-        """Add forces (n_c,) along normals (n_c, d)."""
+        """Add a ``force`` (n_c,) on ball j of each contact along its ``normal`` (n_c, d), and the
+        opposite one on ball i.
+        """
         self.pull += force[:, None] * normal
 
     def resist(self, row: Row, stiffness: Array, apart: Array, turns: Array) -> None:
-        """Add the energy and the forces of springs of a ``stiffness`` (n_c,) against a ``row``.
+        """Add the energy, the forces and the torques of springs of a ``stiffness`` (n_c,) that
+        resist the deformation ``row``.
 
-        ``apart`` (n_c, d) are displacements of balls j against balls i, and ``turns`` (count, r)
-        rotations of balls, in the coordinates of the row.
+        ``apart`` (n_c, d) are the displacements of balls j less those of balls i, and ``turns``
+        (count, r) are the rotations of the balls, in the coordinates of the row.
         """
         from granphon.contacts.deformation import add_row  # averages need no Numba
 

@@ -40,7 +40,6 @@ from granphon.base.errors import InconsistencyWarning, InputError, brief, warn_c
 from granphon.base.text import list_names
 from granphon.base.validation import spell_out
 from granphon.contacts.laws import ContactLaws
-from granphon.contacts.placed import ContactForces, find_overlaps
 from granphon.networks.network import ContactNetwork
 from granphon.networks.sources import Completion, CompletionOptions
 from granphon.networks.tables import read_tables
@@ -287,6 +286,8 @@ class BallContacts(ContactCalculator):
         since the last call. Raises :class:`~granphon.base.errors.InputError` if ASE asks for the
         stress and the cell has no volume.
         """
+        from granphon.contacts.placed import ContactForces, find_overlaps  # bands move no balls
+
         super().calculate(atoms, properties, system_changes)
         balls = self.atoms
         _, radii = self.find_radii(balls)
@@ -314,6 +315,8 @@ class BallContacts(ContactCalculator):
         The ``options`` are those of :meth:`ContactNetwork.from_table`. The masses are those of the
         balls that the calculator was given; those of Atoms are atomic, and are not read.
         """
+        from granphon.contacts.placed import find_overlaps  # bands move no balls
+
         kinds, radii = self.find_radii(atoms)
         i, j, shift, vector, laws, ratio = self.find_contacts(atoms)
         overlap, _ = find_overlaps(vector, radii[i] + radii[j], 0.0)

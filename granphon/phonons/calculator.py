@@ -47,7 +47,6 @@ from granphon.base.errors import InputError, PrecisionError, brief
 from granphon.base.memory import require_memory
 from granphon.base.scales import Units
 from granphon.base.validation import is_one_of, one_of
-from granphon.contacts.placed import ContactForces, find_overlaps
 from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.deformation_rows import Row, contact_rows
@@ -58,6 +57,8 @@ from granphon.phonons.phonopy_atoms import choose_symbols, name_balls
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
+
+    from granphon.contacts.placed import ContactForces
 
 
 #: least delta/d at which double-precision positions still hold six digits of the overlap
@@ -205,6 +206,8 @@ class HarmonicContacts(ContactCalculator):
         Raises :class:`~granphon.base.errors.InputError` for other Atoms, for displacements that are
         not small, and if ASE asks for a stress and there is none.
         """
+        from granphon.contacts.placed import ContactForces  # bands move no balls
+
         super().calculate(atoms, properties, system_changes)
         balls = self.atoms
         lattice = self.state.contact_lattice()
@@ -285,6 +288,8 @@ class HarmonicContacts(ContactCalculator):
 
     def _find_static_stress(self) -> Array:
         """Return the stress of the normal forces times the volume of the cell, (3, 3), k d^2."""
+        from granphon.contacts.placed import ContactForces  # bands move no balls
+
         lattice = self.state.contact_lattice()
         table = lattice.contacts
         network = self.state.network
@@ -627,6 +632,8 @@ class HertzMindlin(ContactCalculator):
         positions do not hold the digits, and :class:`~granphon.base.errors.InputError` for Atoms
         that are not balls of the state, and if ASE asks for a stress and there is none.
         """
+        from granphon.contacts.placed import ContactForces  # bands move no balls
+
         super().calculate(atoms, properties, system_changes)
         balls: Atoms = self.atoms
         overlap = self._overlap - self._least_overlap
@@ -678,6 +685,8 @@ class HertzMindlin(ContactCalculator):
 
     def _find_closed(self, balls: Atoms, law: Law) -> _ClosedContacts:
         """Return the contacts that are closed under the ``law`` at the positions of ``balls``."""
+        from granphon.contacts.placed import find_overlaps  # bands move no balls
+
         i, j, _, vector = self._find_pairs(balls, balls.positions[:, : self._coordinates])
         deviations = balls.arrays["diameter_deviations"]
         # the diameters add this much to the distance at which the balls touch
