@@ -544,7 +544,7 @@ def _cost_dos(scene: Any) -> CostPart:
 
 
 def _cost_design(scene: Any) -> CostPart:
-    return ("design",), "Take fewer starts or steps", scene.posed_design.cost
+    return ("design",), "Take fewer balls, steps or restarts", scene.posed_design.cost
 
 
 # -- how it is written -----------------------------------------------------------------------------
