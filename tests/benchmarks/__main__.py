@@ -19,6 +19,7 @@ import bench_motion
 import bench_networks
 import bench_ordered
 import bench_pulses
+import bench_sensitivities
 import bench_simulation
 import bench_statics
 import bench_sweeps
@@ -37,7 +38,7 @@ PARTS = (
 )
 PARTS |= bench_effective.PARTS | bench_pulses.PARTS | bench_waves.PARTS | bench_sweeps.PARTS
 PARTS |= bench_friction.PARTS | bench_motion.PARTS | bench_times.PARTS | bench_networks.PARTS
-PARTS |= {"factors": bench_waves.factors}
+PARTS |= {"factors": bench_waves.factors} | bench_sensitivities.PARTS
 
 if __name__ == "__main__":
     sys.exit(

@@ -24,6 +24,7 @@ import bench_effective
 import bench_motion
 import bench_ordered
 import bench_pulses
+import bench_sensitivities
 import bench_simulation
 import bench_statics
 import bench_waves
@@ -39,6 +40,7 @@ TABLES = {
     "simulation": (*bench_simulation.PARTS, *bench_arrays.PARTS),
     "statics": tuple(part for part in bench_statics.PARTS if part != "limit"),
     "waves": (*bench_pulses.PARTS, *bench_waves.PARTS),
+    "sensitivities": tuple(bench_sensitivities.PARTS),
     "motion": tuple(bench_motion.PARTS),
 }
 _HEAD = "| what | measured | | bound |\n|---|---|---|---|\n"
