@@ -269,7 +269,7 @@ class WaveEstimate:
         periods = int(np.count_nonzero(operator.network.pbc))
         if periods == 3 and operator.size > MOST_RELAXED_BY_FACTORS:
             together = periods**2  # all gradients of a displacement
-            iterations = _RELAXATIONS * _ITERATIONS * operator.balls.size ** (1.0 / 3.0)
+            iterations = _RELAXATIONS * _ITERATIONS * operator.balls.size ** (1.0 / periods)
             held = 2.0 * 8.0 * _HELD_VECTORS * operator.size * together + self._matrix_bytes
             return self._cost_products(words, iterations * together, together, held)
         return self._cost_factors(words, _FACTORS_OF_MODULI)
