@@ -1153,7 +1153,7 @@ class DirectSimulation(Medium[SimulatedState]):
 
     @property
     def is_quick(self) -> bool:
-        """Whether the states of the medium take less than 0.1 s: those of arrays may take longer."""
+        """Whether the states of the medium take less than 0.1 s: those of arrays may not."""
         return False
 
     @property
