@@ -359,9 +359,10 @@ class Arrangement:
         """
         cuts = []
         for (axis, layers, edges), face in zip(self.cut, self.crystal.faces, strict=True):
+            # the edge at the face of the crystal has a name, which the edge of the cut may lack
             changed = [
-                walls.get(named.name, edge) if isinstance(named, Wall) else edge
-                for edge, named in zip(edges, face.edges, strict=True)
+                walls.get(at_face.name, edge) if isinstance(at_face, Wall) else edge
+                for edge, at_face in zip(edges, face.edges, strict=True)
             ]
             cuts.append((axis, layers, tuple(changed)))
         return tuple(cuts)
@@ -428,8 +429,9 @@ def find_kinds(balls: Balls) -> dict[str, Ball]:
 
 
 def given_balls(packing: Any) -> Packing | Arrangement:
-    """Return ``packing``, the argument of a public call: a packing, or an arrangement, also of a
-    crystal. Raises InputError for any other, as files, which have one load and no parameters.
+    """Return ``packing``, the argument of a public call, as a packing or an arrangement; a crystal
+    becomes its arrangement. Raises InputError for any other argument, also for a packing in files,
+    which has one load and no parameters.
     """
     if isinstance(packing, Crystal):
         return Arrangement.of(packing)
@@ -571,8 +573,8 @@ class CrystalMedium(Medium[Any]):
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> Any:
         """Return the state at a load, with the shape of the values of the load.
 
-        The values of a stress or strain multiply its tensor of size one; gravity is an acceleration
-        towards the face that is held.
+        Under a stress or a strain each value of the load is a size that multiplies the tensor of
+        the load. Gravity is an acceleration towards the face that is held.
         """
         crystal = self.packing.crystal
         sizes = load.array

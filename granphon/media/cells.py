@@ -88,7 +88,7 @@ def _fill_cell(
     """
     sites = positions.copy()
     if not len(vectors):
-        # the cluster and its image, centre to centre, are two diameters of the largest ball apart
+        # the nearest centres of the cluster and its image are two largest diameters apart
         length = float(np.ptp(sites[:, 0])) + 4.0 * float(np.max(radii))
         vectors = np.eye(sites.shape[1])[:1] * length
     p = len(vectors)

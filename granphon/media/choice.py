@@ -555,7 +555,7 @@ class MediumChoice:
         """
         self.require_for(packing)
         options: Any = dict(self.options)
-        # a worker may not know a medium that was registered
+        # a worker process may not know a medium that the user registered: the name is read again
         medium: type[Any] = find_medium(require("medium", _read_name, self.name))
         return medium(packing, **options)  # type: ignore[no-any-return]
 

@@ -716,8 +716,8 @@ class Crystal(Result):
         return crystal
 
     def cut(self, axis: Any, layers: int, edges: Any = "free") -> Self:
-        """Return so many layers of the crystal, which no longer repeat across them: a strip, slab
-        or column.
+        """Return a number of layers of the crystal, a strip, slab or column, which does not repeat
+        across its layers.
 
         Parameters
         ----------
@@ -726,7 +726,7 @@ class Crystal(Result):
             hexagonal cell. The cells of fcc, bcc, diamond and NaCl are primitive: the conventional
             plane (h, k, l) has the indices ``cell @ [h, k, l]``, made whole numbers, in these. So
             fcc's conventional (0, 0, 1) is (1, 1, 0), and (1, 1, 1) is (1, 1, 1).
-        layers : their number, in cells.
+        layers : the number of layers, each as thick as a cell.
         edges : how the two faces are held: "free"; "clamped", the outer layer does not move by
             itself, as beads that are glued to a wall; "floor", a rigid plane touches the outer
             balls; or a :class:`~granphon.Wall`, an elastic plane touches them. Give one edge for
@@ -748,8 +748,9 @@ class Crystal(Result):
         face_edges = (lower_edge, upper_edge)
         layering = Layers.across(axis, self.cell)
         n = self.n_balls
-        normal_axis = self.periods - 1
+        normal_axis = self.periods - 1  # the last period becomes the axis across the layers
         table = self.contacts
+        # the balls of one layer, and then the contacts within and between all layers
         sites, gathered_shift = layering.gather(self.positions, table.i, table.j, table.shift)
         i, j, rows, shift = layering.unfold(table.i, table.j, gathered_shift, n, count)
         contacts = table.take(rows, i, j, shift, layering.turn)
@@ -898,8 +899,8 @@ class Crystal(Result):
         raise error
 
     def _take_least_of_ends(self, quantity: Array) -> Array:
-        """Return the smaller number of a ``quantity`` (n,) of balls at the two ends of each
-        contact, (n_c,); at a floor the number of the ball.
+        """Return (n_c,) for each contact the smaller of the two values that a ``quantity`` (n,) of
+        balls has at its two ends; for a contact with a floor, the value of the ball.
         """
         table = self.contacts
         between_balls = np.minimum(quantity[table.i], quantity[table.j])
@@ -1634,11 +1635,11 @@ class Crystal(Result):
         tolerance = SAMPLED if differ else MEAN
         for _ in range(MOST_MEANS):
             load = self._load_hydrostatic(pressure, acceleration, f"{words} {pressure:.6g}")
-            # in small overlaps, from which the search for the exact geometry starts
             lattice_state = self._find_rest(load, "lattice", boundary, start)
             if is_exact:
-                # where balls differ the search goes on from the last state: from another state
-                # loose balls would come to rest elsewhere, and the mean would jump
+                # the state in the exact geometry is found from that in the directions of the sites.
+                # But where balls differ it is found from the last one: from another state loose
+                # balls would come to rest elsewhere, and the mean would jump
                 nearest = state if differ and state else lattice_state
                 state = self._find_rest(load, "exact", boundary, nearest)
             else:
@@ -1660,27 +1661,36 @@ class Crystal(Result):
                 # gravity alone presses more than the goal, and less pressure changes nothing
                 break
             last_error = error
-            # the state from which the next state is found has overlaps larger by the factor growth
-            pressure_growth, growth = contacts.find_growth(kind, goal, mean)
+            pressure_growth, overlap_growth = contacts.find_growth(kind, goal, mean)
             guess = pressure * pressure_growth
             if differ:  # overlaps on the sites do not grow, and their mean follows no power
-                growth = 1.0
+                overlap_growth = 1.0
                 guess = search.extrapolate(pressure, mean, guess)
-            start = lattice_state.scale(growth)
+            # the next state is found from this one with the overlaps that are expected there
+            start = lattice_state.scale(overlap_growth)
             next_pressure = search.choose(pressure, excess, guess)
             if next_pressure is None:
                 if error <= rounding:
                     return state, load
                 break
             pressure = next_pressure
+        has_gravity = acceleration is not None
+        raise self._explain_unreached_mean(kind, goal, pressure, mean, has_gravity)
+
+    def _explain_unreached_mean(
+        self, kind: str, goal: float, pressure: float, mean: float, has_gravity: bool
+    ) -> InputError:
+        """Return the error for a ``goal``, a mean force (N) or overlap (m) as the ``kind`` says,
+        that contacts have at no pressure; at the last ``pressure`` their mean was ``mean``.
+        """
         problem = (
             f"contacts of crystal {self.name!r} do not have a mean {kind} of {goal:g} at any"
             f" pressure"
         )
         mean_at_last = f"At a pressure of {pressure:.4g} it is {mean:.4g}"
-        if acceleration is None:
-            raise InputError(problem, mean_at_last)
-        raise InputError(problem, f"{mean_at_last}, as gravity presses more", "Give a larger one")
+        if not has_gravity:
+            return InputError(problem, mean_at_last)
+        return InputError(problem, f"{mean_at_last}, as gravity presses more", "Give a larger one")
 
     def _estimate_pressure(self, kind: str, goal: float) -> float:
         """Return the first guess of a search for the pressure, N, N/m or Pa, at which contacts have
@@ -2078,8 +2088,8 @@ class CrystalState(Result):
         return np.pad(on_site, ((0, len(self.crystal._floors)), (0, 0)))
 
     def _list_bodies(self) -> dict[str, Any]:
-        """Return the cell, and the bodies, first the balls and then the floors, as arguments of a
-        network, by name: lengths in m, masses in kg.
+        """Return the cell and the bodies, first the n balls and then the floors, as arguments of a
+        network, by name: lengths in m, masses in kg, moments of inertia in kg m^2.
         """
         crystal = self.crystal
         floors = crystal._floors
@@ -2095,6 +2105,7 @@ class CrystalState(Result):
         cell[:p, :d] = crystal.cell @ deformation.T
         positions = np.zeros((n + len(floors), 3))
         positions[:n, :d] = crystal.positions @ deformation.T + displacements
+        # a floor stands where the balls at its face touch it, on average
         for number, floor in enumerate(floors, start=n):
             radii = crystal._mean_radii[floor.balls]
             heights = positions[floor.balls, floor.axis] + floor.sign * radii

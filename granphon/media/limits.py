@@ -169,8 +169,9 @@ class Check(Result):
         condition fails there.
         """
         worst = float(np.ravel(self.value)[self.worst_index])
-        least, most = (worst, self.limit) if self.at_least else (self.limit, worst)
-        return most / least if least > 0.0 else math.inf
+        # the value that should be the larger one is the divisor
+        divisor, dividend = (worst, self.limit) if self.at_least else (self.limit, worst)
+        return dividend / divisor if divisor > 0.0 else math.inf
 
     def join(self, other: Check) -> Check:
         """Return the condition with the values of this one followed by those of ``other``, which
@@ -191,7 +192,7 @@ class Check(Result):
         loads = np.size(self.value)
         if not failing:
             return None
-        if self.fault:
+        if self.fault:  # the condition of a network has words of its own
             return message(self.fault, self.reason)
         place = f" ({where})" if where else ""
         value = np.asarray(self.value)

@@ -109,8 +109,8 @@ class MeanContacts(NamedTuple):
 
     def find_growth(self, kind: str, goal: float, mean: float) -> tuple[float, float]:
         """Return the factor by which the pressure, and the factor by which the overlaps, are to
-        grow so that the ``mean`` becomes the ``goal``. Both are a force (N) or an overlap (m), as
-        the ``kind`` says.
+        grow so that the ``mean`` becomes the ``goal``. Mean and goal are forces (N) or overlaps
+        (m), as the ``kind`` says.
         """
         # a mean of the wrong sign says nothing about the size of the step
         growth = goal / mean if mean / goal > 0.0 else 2.0
@@ -124,13 +124,15 @@ class MeanContacts(NamedTuple):
         """
         rounding = _ROUNDED_MEAN
         if differ:
-            # ten times the error at which the mean of a sample is reached; loose balls leave more,
-            # as the mean is small against its terms
+            # ten times the error at which the mean of a sample is reached; more where loose balls
+            # make the mean small against the overlaps of single contacts
             ratio = float(np.mean(np.abs(self.overlap)) / np.abs(np.mean(self.overlap)))
             rounding = 10.0 * SAMPLED * max(1.0, ratio)
         if not adhere:
             return rounding
-        # the mean may be small against its terms, attraction and repulsion
+        # where contacts adhere, the mean may be small against its parts, attraction and repulsion,
+        # which are as large as the change of a force with its overlap, or of an overlap with its
+        # force
         if kind == "force":
             terms = np.abs(self.stiffness * self.overlap)
         else:

@@ -399,7 +399,11 @@ class LawMedium(Medium[ContactState]):
         return state, [self._follow(state, load.applied, change) for change in changes]
 
     def _follow(self, state: ContactState, load: Load, change: Change) -> Course[Any]:
-        """Return the course of a ``state`` under an applied ``load`` with a ``change``."""
+        """Return the course of a ``state`` under an applied ``load`` with a ``change``.
+
+        A given overlap changes as the load says. Under a force or a pressure the changed contacts
+        at the old overlap lack some force; the overlap changes by this force over the resistance.
+        """
         overlap = state.overlap
         shrinkage = overlap if state.finite_overlap else 0.0
 
@@ -416,11 +420,12 @@ class LawMedium(Medium[ContactState]):
             required_force, _ = medium._ask_force(changed_load, shrinkage)
             return required_force - law.force(overlap)
 
-        # of the overlap, m, by the step
+        # the derivative of the overlap, m, by the step
         if load.kind == "overlap":
             derivative = differentiate(lambda step: change(step)[1].applied.array, _STEP_OF_LAW)
         else:
-            # a larger overlap adds k, and lowers the required force if the boundary shrinks
+            # by the overlap the force of contacts rises with k, and the required force falls if the
+            # boundary shrinks
             _, slope = self._ask_force(load, shrinkage)
             resistance = state.normal_stiffness - (slope if state.finite_overlap else 0.0)
             derivative = differentiate(find_lack, _STEP_OF_LAW) / resistance
@@ -559,8 +564,8 @@ class EffectiveMedium(LawMedium):
 
     @property
     def seconds(self) -> float:
-        """Rough time to solve the law, s, for any number of loads: long lists have many
-        pairs of diameters that open.
+        """Rough time, s, in which the law is solved once for all loads. For listed diameters the
+        time grows with the number of overlaps at which contacts open, one for each pair.
         """
         if not (self.packing.spread and self.packing.width):
             return 0.0

@@ -289,9 +289,8 @@ class NetworkFiles(Block, kw_only=True):
             for name in self._settings
             if name not in _OF_FILES and getattr(self, name) is not None
         }
-        if (
-            self.format == "liggghts" and len(files) == 3
-        ):  # the third file is an option of the reader
+        # the third file of LIGGGHTS is an option of the reader
+        if self.format == "liggghts" and len(files) == 3:
             options["walls"] = files.pop()
         # a reader may be the user's own: what it takes is read from its signature
         known = inspect.signature(READERS[self.format]).parameters
@@ -387,8 +386,8 @@ class NetworkFiles(Block, kw_only=True):
         common.
         """
         ratios = self.network.shear_stiffness / self.network.normal_stiffness
-        is_one = ratios.size and np.ptp(ratios) <= 1e-9 * np.max(ratios)
-        return float(ratios[0]) if is_one else None
+        have_one_ratio = ratios.size and np.ptp(ratios) <= 1e-9 * np.max(ratios)  # to rounding
+        return float(ratios[0]) if have_one_ratio else None
 
     def describe(self) -> list[tuple[str, Any, str]]:
         """Return the rows of the table of the packing: name, value and SI unit of each quantity."""

@@ -86,8 +86,8 @@ def estimate_memory(
 
 
 def _estimate_list(packing: Packing, motions: int) -> float:
-    """Return the bytes for each ball of a list of contacts while it responds to strains; balls have
-    so many ``motions`` each.
+    """Return the memory, bytes for each ball, of a list of contacts while its response to all
+    strains of the cell is solved. Each ball has so many ``motions``.
     """
     structure = packing.structure
     contacts = len(structure.contacts) / structure.n_balls

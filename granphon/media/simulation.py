@@ -306,7 +306,8 @@ class SimulatedState(ContactState):
         return first if self.shape else first[()]
 
     def over_samples(self, of: Callable[[Any], ArrayLike]) -> Array:
-        """Return the quantity ``of`` every sample, in its own unit.
+        """Return a quantity of every sample, in its own unit; ``of`` is the function that returns
+        the quantity of a sample.
 
         The shape is that of the load, then (n_samples,), then that of the quantity.
         """
@@ -863,7 +864,7 @@ class DirectSimulation(Medium[SimulatedState]):
         has_friction = history.is_loaded and history.friction_coefficient != 0
         if has_friction and history.from_gas:
             return
-        soft_waves = _explain_fall(structure, motions)
+        soft_waves = _explain_soft_waves(structure, motions)
         if soft_waves is not None:
             raise MechanismError(
                 f"the {structure.name} lattice is not simulated, because it does not stand without"
@@ -1303,10 +1304,10 @@ class DirectSimulation(Medium[SimulatedState]):
         return [self._share(equilibria_of_sample) for equilibria_of_sample in equilibria]
 
     def _share(self, equilibria: dict[int, Equilibrium]) -> dict[int, Equilibrium]:
-        """Return the equilibria of a sample with deviations and stencils in common, by the index of
-        the load.
+        """Return the equilibria of one sample, by the index of the load, which share one copy of
+        the deviations and one of the stencils.
 
-        Each equilibrium from another process has copies of both, which would fill the memory.
+        Each equilibrium from another process has copies of its own, which would fill the memory.
         """
         first = next(iter(equilibria.values()))
         stencils = Stencils(first.stencils.shape, workers=self.workers, lattice=first.lattice)
@@ -1530,6 +1531,7 @@ class DirectSimulation(Medium[SimulatedState]):
         are_forces = [reduced.overlap is None for reduced in self.prescribed(load)]
         if all(is_force == starts_at_force for is_force in are_forces):
             return 0.0  # loads of the kind of the start are compared with it unsolved
+        # a start at a low force takes longer, and so does one in the exact geometry
         slowness = 1.0 + _SLOW_FORCE / start.force if starts_at_force else 1.0
         balls = self.balls
         if self.is_exact:
@@ -1576,7 +1578,7 @@ def _compute_exponent(means: Array) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _explain_fall(structure: Lattice, motions: Motions) -> str | None:
+def _explain_soft_waves(structure: Lattice, motions: Motions) -> str | None:
     """Return the sentence of a message on the waves of the lattice without friction that cost no
     energy; None if the lattice stands.
 

@@ -90,8 +90,9 @@ def ideal_lattice(
 ) -> ContactLattice:
     """Return the lattice of contacts in the paper's limit, in reduced units.
 
-    The lattice is the same under every load, except for the torsion of a Hertz contact, which is
-    left out. ``torsion`` and ``bending``, over k d^2, replace those of the packing.
+    ``torsion`` and ``bending``, over k d^2, replace those of the packing if they are given. The
+    torsion of a Hertz contact, which depends on the load, is left out unless it is given. All else
+    is the same under every load.
     """
     if torsion is None:
         torsion = 0.0 if packing.torsion == MINDLIN else float(packing.torsion)
