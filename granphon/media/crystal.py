@@ -1304,7 +1304,8 @@ class Crystal(Result):
         boundary: Boundary = "stress",
     ) -> CrystalState:
         """Return the state at rest under the hydrostatic pressure at which contacts have the mean
-        ``overlap``, m. The other arguments and the errors are those of :meth:`at_force`.
+        ``overlap``, m. ``gravity``, ``finite_overlap``, ``boundary`` and the errors are as in
+        :meth:`at_force`.
         """
         return self._at_mean("overlap", overlap, gravity, finite_overlap, boundary)
 
@@ -1521,13 +1522,18 @@ class Crystal(Result):
         return np.concatenate([on_balls.ravel(), on_walls])
 
     def _explain_lift(self, acceleration: Array, pressure: float) -> tuple[str, str] | None:
-        """Return why gravity lifts balls off the face on which they stand, and what mends that;
-        None if gravity does not, if the pressure is larger than the weight, or if both faces are
-        clamped.
+        """Return why gravity, an ``acceleration`` (d,), m/s^2, lifts balls off the face of a cut on
+        which they stand, and what mends that, both in words.
+
+        Return None if gravity lifts them off no face. It does not if the ``pressure`` is larger
+        than their weight, if both faces of the cut are clamped, or if both are free, so that
+        balls stand on neither.
         """
         mass = float(np.sum(self.masses[self._bodies.ball_number >= 0]))
         for face in self.faces:
             low, high = face.edges
+            if low == high == "free":
+                continue
             stands_on_low = low != "free"
             along = acceleration[face.axis]
             lift = along if stands_on_low else -along  # m/s^2, away from the face that holds
@@ -1539,6 +1545,8 @@ class Crystal(Result):
             unit = _PRESSURE_UNITS[self.periods + len(self.faces)]
             edge = low if stands_on_low else high
             support = edge.name if isinstance(edge, Wall) else edge
+            if support == "clamped":
+                support = "clamp"
             sign = "" if stands_on_low else "-"
             why = (
                 f"Gravity acts along {sign}{'xyz'[face.axis]}, away from the {support} on which"

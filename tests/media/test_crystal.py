@@ -1058,7 +1058,11 @@ ERRORS = {
     ),
     "lifted down": (
         lambda: SQUARE.cut(1, 3, ("free", "clamped")).at_pressure(1.0, gravity=(0.0, -G)),
-        "along -y, .*clamped",
+        "along -y, .*clamp ",
+    ),
+    "lifted off nothing": (  # the free faces of a column that a clamp holds below
+        lambda: SQUARE.cut(1, 3, ("clamped", "free")).cut(0, 3).at_pressure(0.0, gravity=(-G, 0.0)),
+        "cannot bear .* only push",
     ),
     "pulled as hard": (
         lambda: gp.Crystal.on("chain", [PLAIN]).at_stress([5.0]),
