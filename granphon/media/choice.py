@@ -126,6 +126,7 @@ class AutoMedium(Medium[ContactState]):
     }
 
     def __post_init__(self) -> None:
+        """Read the options, and replace each by the value that was read."""
         given_packing(self.packing)
         tolerance = require("tolerance", self.options["tolerance"].rule, self.tolerance)
         options = {name: self.truth.options[name] for name in REFERENCE_OPTIONS}
@@ -199,8 +200,8 @@ class AutoMedium(Medium[ContactState]):
 
     def _explain_failure(self, load: Load, least_error: float, largest: MediumChoice) -> InputError:
         """Return the error for a ``load`` at which the ``least_error`` of all candidates is above
-        the tolerance. It is that of the ``largest`` simulation, or infinite if no error is known at
-        so low a load.
+        the tolerance. The least error is that of the ``largest`` simulation, or infinite if no
+        error is known at so low a load.
         """
         load_in_words = load.describe(self.packing.structure.periods)
         if self.truth.is_loaded:
@@ -334,6 +335,7 @@ class MediumChoice:
     )
 
     def __post_init__(self) -> None:
+        """Read name and options, and leave out the options that are at their default."""
         name = require("medium", _read_name, self.name)
         options = require(f"medium.{name}", partial(_read_options, name), dict(self.options))
         # options at their default are dropped, so that choices with the same meaning compare equal
@@ -755,7 +757,9 @@ _REPLACEMENTS = {
 
 
 def _read_name(value: Any) -> str:
-    """Read the name of a medium: a rule of :mod:`granphon.base.validation`."""
+    """Return the name of a medium if there is one of this name; a name of former versions is
+    refused with what to take. The function is a rule of :mod:`granphon.base.validation`.
+    """
     if is_one_of(value, MEDIA) or is_one_of(value, _OF_BALLS):
         return str(value)
     if is_one_of(value, _REPLACEMENTS):

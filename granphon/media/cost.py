@@ -528,13 +528,13 @@ def array_waves(
     heard: float = 0.0,
     readings: float = 0.0,
 ) -> Cost:
-    """Return the estimated cost of waves in an array with ``contacts`` and ``rows`` of their
-    deformations for each of the ``balls``.
+    """Return the estimated cost of waves in an array of so many ``balls``.
 
-    ``products`` is the number of products of the dynamical matrix with a vector, whose time per
-    ball, s, is ``measure()``. ``heard`` is the number of products of a pulse times the number of
-    balls that hear the pulse, and ``readings`` the number of these balls times the number of times
-    at which they are read, in all samples.
+    Each ball has on average so many ``contacts``, and these have in all so many ``rows``,
+    components of their deformations. ``products`` is the number of products of the dynamical matrix
+    with a vector, whose time per ball, s, is ``measure()``. Of a pulse, ``heard`` is the number of
+    products in one sample times the number of balls at which the pulse is read; ``readings`` is the
+    number of these balls times the number of times at which they are read, in all samples.
     """
     memory = _CONTACT_BYTES * balls * contacts + _HEARD_BYTES * heard
     ball_products = products * balls + readings * _READING_ROWS / rows

@@ -358,7 +358,7 @@ class Crystal(Result):
         tolerance = TOUCH * float(np.mean(radii))
 
         def differ(numbers: Array, expected: Array) -> bool:
-            """Return whether some of the numbers, m, are not as expected."""
+            """Return whether some of the numbers, m, are not the expected ones, to rounding."""
             return not np.all(np.abs(numbers - expected) <= tolerance)
 
         has_wrong_arm = differ(table.arm_i, radii[table.i]) or differ(table.arm_j, radii[table.j])
@@ -368,8 +368,8 @@ class Crystal(Result):
         return [
             *faults,
             ("a contact does not lead from ball to ball", differ(table.vector, separations)),
-            ("a normal is not along it", differ(along_normal, separations)),
-            ("an arm is not the radius", has_wrong_arm),
+            ("a normal is not along its contact", differ(along_normal, separations)),
+            ("an arm is not the radius of its ball", has_wrong_arm),
             ("a cut has no thickness", not has_thickness),
         ]
 
@@ -600,7 +600,8 @@ class Crystal(Result):
         sample_shape = (*counts, n) if n > 1 or not self.periods else counts
         for number, ball in enumerate(self.kinds):
             if ball.spread is not None:
-                # drawn for all sites, so that a ball does not depend on the kinds of the others
+                # drawn for all sites, also of other kinds, so that the diameter of a ball does not
+                # depend on the kinds of the others
                 deviations_of_sites = ball.spread.sample(sample_shape, seed).ravel()
                 is_of_kind = kind == number
                 deviations[is_of_kind] = deviations_of_sites[is_of_kind]
@@ -880,8 +881,8 @@ class Crystal(Result):
     @property
     def downward(self) -> Array:
         """(d,) unit vector across the layers of a cut, towards the face that is held; towards the
-        lower face if both are held. Where springs to the ground alone hold the balls it is the last
-        axis, downwards.
+        lower face if both are held. Where springs to the ground alone hold the balls, the vector
+        points down the last axis.
 
         Raises :class:`~granphon.base.errors.InputError` if nothing holds the balls.
         """
@@ -992,7 +993,7 @@ class Crystal(Result):
                 check_law(law, ContactConstants.of(first, second).radius)
                 checked.add(id(law))
             laws.append(law)
-        # the contacts of each pair, in their order
+        # the numbers of the contacts of each pair: contacts are sorted by pairs, and split there
         order = np.argsort(pair_of_contact, kind="stable")
         starts = np.searchsorted(pair_of_contact[order], np.arange(1, len(pairs)))
         contacts_of_pairs = np.split(order, starts)[: len(pairs)]
@@ -1117,7 +1118,7 @@ class Crystal(Result):
         d = self.dimension
         table = self.contacts
         bulges = self._bulges
-        # walls that move follow the balls, and what is held comes last
+        # numbers of bodies: the balls that move, the walls that move, and one for all that is held
         wall_or_held = np.where(
             bodies.wall_of_ball >= 0, bodies.n_balls + bodies.wall_of_ball, bodies.held
         )
@@ -1132,6 +1133,7 @@ class Crystal(Result):
             wall = bodies.n_balls + floor.wall if floor.wall >= 0 else bodies.held
             first_bodies.append(body_of_ball[floor.balls])
             second_bodies.append(np.full(len(floor.balls), wall))
+            # from the centre of the ball to the flat body
             vectors.append(floor.sign * radii[:, None] * np.eye(d)[floor.axis])
             offsets.append(bulges[floor.balls])
         spring_balls, spring_axes, constants = self._springs
@@ -1142,6 +1144,7 @@ class Crystal(Result):
         i = np.concatenate(first_bodies).astype(np.int64)
         vector = np.zeros((len(i), 3))
         vector[:, :d] = np.concatenate(vectors)
+        # one law for all springs of the same stiffness, with the numbers of these springs
         spring_laws = [
             (SpringLaw(constant), np.flatnonzero(constants == constant))
             for constant in np.unique(constants).tolist()
@@ -1152,12 +1155,12 @@ class Crystal(Result):
             i=i,
             j=np.concatenate(second_bodies).astype(np.int64),
             vector=vector,
-            is_flat=np.arange(len(i)) >= len(table),
+            is_flat=np.arange(len(i)) >= len(table),  # all but the contacts between balls
             offset=np.concatenate(offsets),
             laws=self._laws.append(spring_laws, len(constants)),
             cell=self.cell[:, : self.periods],
             dimension=d,
-            directions=np.eye(d)[axes].reshape(len(axes), d),
+            directions=np.eye(d)[axes].reshape(len(axes), d),  # also with no wall that moves
             wall_balls=np.array([float(len(face.balls[1])) for face in bodies.walls]),
         )
 
@@ -1389,8 +1392,10 @@ class Crystal(Result):
         return self._solve_each(values, applied, finite_overlap, 2)
 
     def _read_tensor(self, name: str, given: ArrayLike, shear_factor: float) -> Array:
-        """Return tensors (..., p, p), from such tensors or from vectors in Voigt's order, whose
-        shears are multiplied by ``shear_factor``; InputError for other shapes.
+        """Return symmetric tensors (..., p, p) from such tensors, or from their components in
+        Voigt's order (..., p (p + 1)/2), of which the shears are multiplied by ``shear_factor``: 1
+        of a stress, 1/2 of a strain. Raises InputError for other shapes, and for tensors that are
+        not symmetric.
 
         ``name`` is what messages call the tensor.
         """
@@ -1946,13 +1951,20 @@ class CrystalState(Result):
 
         The exponent of a contact is f k'/2k^2, with the slope k' of the stiffness of its law:
         (a - 1)/2a where f goes as delta^a. Raises :class:`~granphon.base.errors.InputError` if
-        contacts do not have one exponent in common: the velocities then follow no power.
+        contacts do not have one exponent in common, as the velocities then follow no power, and if
+        no contact is closed.
         """
         exponents = np.empty(self.shape)
         for index in np.ndindex(self.shape):
             force = self.normal_force[index]
             k = self.normal_stiffness[index]
             loaded = k > 0.0
+            if not np.any(loaded):
+                raise InputError(
+                    f"no contact of crystal {self.crystal.name!r} is closed",
+                    "Without contacts there is no sound whose velocity could grow",
+                    "Press the crystal",
+                )
             slope = self.crystal._laws.stiffness_slope(self.overlap[index])
             contact_exponents = 0.5 * (force[loaded] / k[loaded]) * (slope[loaded] / k[loaded])
             if np.ptp(contact_exponents) > _SAME_EXPONENT:

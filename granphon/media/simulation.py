@@ -258,6 +258,9 @@ class SimulatedState(ContactState):
         )
 
     def __post_init__(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` for finite overlap that samples in the
+        directions of the lattice do not have.
+        """
         simulation = self._simulation
         may_be_exact = simulation is not None and simulation.geometry != LATTICE
         if self.finite_overlap and not may_be_exact:
@@ -495,7 +498,8 @@ class SimulatedState(ContactState):
     ) -> tuple[Array, Array]:
         """Return the velocities, m/s, and unit displacements of waves, of the shapes of
         :meth:`polarised_waves`, from elastic tensors (..., s, s) in Voigt order, Pa (N on a line),
-        and densities (...), kg/m^3 (kg/m). These are those of each sample, or their means.
+        and densities (...), kg/m^3 (kg/m). Tensors and densities are those of each sample, or means
+        over the samples.
         """
         structure = self.packing.structure
         along = as_direction(direction, structure.periods)
@@ -814,6 +818,9 @@ class DirectSimulation(Medium[SimulatedState]):
     words = "simulation"
 
     def __post_init__(self) -> None:
+        """Read the options, replace each by the value that was read, and raise the errors that the
+        class lists.
+        """
         given_packing(self.packing)
         for name, value in self.history.options.items():
             object.__setattr__(self, name, value)

@@ -1074,6 +1074,12 @@ ERRORS = {
     ),
     "no load of velocities": (lambda: gp.sound_velocities(SQUARE), "has no load"),
     "no load of an exponent": (lambda: gp.local_exponent(SQUARE), "has no load"),
+    "exponent of open contacts": (  # springs alone hold the balls, which fall alike
+        lambda: (
+            gp.Crystal.on("square", [S], on_site=1e3).at_pressure(0.0, gravity=(0.0, -G)).exponent
+        ),
+        "no contact .* closed",
+    ),
     "no load of a picture": (lambda: gp.plot(SQUARE), "has no load"),
     "millimetres": (
         lambda: gp.Crystal([gp.Ball(STEEL, 1e-2)], [[10.0]], [[0.0]]),
