@@ -38,15 +38,17 @@ DEVIATIONS = 1.9
 
 @cache
 def read_table() -> Mapping[str, Any]:
-    """Read the table that comes with the package, once."""
+    """Return the table that comes with the package, which is read once; the module says what it
+    holds.
+    """
     path = files("granphon") / "data" / "accuracy.json"
     table: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     return table
 
 
 def compute_form_coefficients(shape: Shape) -> tuple[float, float]:
-    """Return skewness and excess kurtosis of a distribution; both are zero for a normal
-    distribution without cutoff.
+    """Return the skewness and the excess kurtosis of a distribution of diameters. Both are zero for
+    a normal distribution without cutoff.
     """
     x, weights = shape.nodes(0.0, 64, whole=True)  # the mean of x is zero
     second_moment = float(np.sum(weights * x**2))
@@ -72,7 +74,9 @@ def _find_lattices(truth: FrictionHistory) -> Mapping[str, Any]:
 
 
 def explain_uncovered(packing: Packing, truth: FrictionHistory = REST) -> str | None:
-    """Return the reason why the table does not cover a packing, or a truth; None if it does."""
+    """Return the reason, in words, why the table has no errors for a packing relative to the arrays
+    of a ``truth``; None if it has them.
+    """
     if not packing.spread_matters:
         return None
     rows = find_rows(packing.structure, truth)
@@ -118,7 +122,7 @@ def _explain_friction(eta: float, truth: FrictionHistory, rows: Mapping[str, Any
     """
     clause = "against arrays loaded with friction they were measured for"
     low, high = rows["mindlin_ratios"]
-    is_measured_eta = low * (1.0 - 1e-9) <= eta <= high * (1.0 + 1e-9)  # but for rounding
+    is_measured_eta = low * (1.0 - 1e-9) <= eta <= high * (1.0 + 1e-9)  # allows for rounding
     if not is_measured_eta:
         return f"{clause} Mindlin ratios from {low:.3g} to {high:.3g}, not for {eta:.3g}"
     mu = truth.friction_coefficient
@@ -139,11 +143,11 @@ def find_error(
     """Return the largest expected relative error of velocities and frequencies, with the shape of a
     load.
 
-    ``medium`` is one of :data:`AVERAGES`, or "simulation" for samples of the ``truth`` with so many
-    ``balls`` in all. The error is zero for equal balls and on a line, where every medium is
-    exact, and +inf for what the table does not cover. Above the greatest load of the table the
-    error falls as the square of the spread over the overlap, the law of high loads; with partial
-    slip, whose contacts are softer by |T|/(3 mu f), as the first power.
+    ``medium`` is one of :data:`AVERAGES`, or "simulation" for samples with the friction of the
+    ``truth`` and so many ``balls`` in all. The error is zero for equal balls and on a line, where
+    every medium is exact, and +inf for what the table does not cover. Above the greatest load of
+    the table the error falls as the square of the spread over the overlap, the law of high loads;
+    with partial slip, whose contacts are softer by |T|/(3 mu f), as the first power.
     """
     if not packing.spread_matters:
         return np.zeros(load.shape)
@@ -155,26 +159,29 @@ def find_error(
     table_errors = _find_row(rows, medium, packing, axis, truth)
     reduced_load = np.maximum(reduce_load(packing, load), 0.0)
     power = 1.0 if _find_response(packing, truth) == "partial_slip" else 2.0
-    # the logarithm of a load of zero is -inf, and its error that of the least load
+    # a load of zero has the logarithm -inf: the error of the least load is found, and replaced by
+    # +inf below
     with np.errstate(over="ignore", divide="ignore"):
         table_error = _interpolate(reduced_load, table_loads, table_errors)
         growth = _find_growth_of_overlap(reduced_load, table_loads[-1], axis)
         error = table_error / growth**power
     if medium == SIMULATION:
+        # the table has the standard deviation of one ball
         error = error * (DEVIATIONS / math.sqrt(balls))
     return np.asarray(np.where(reduced_load >= table_loads[0], error, np.inf))
 
 
 def _find_axis(load: Load) -> str:
-    """Return the name of the axis of the table for a kind of load: "overlap" (a*) or "force"
-    (f*).
+    """Return the axis of the table on which a load is found: "overlap" (values are a*) for an
+    overlap, "force" (values are f*) for a force or a pressure.
     """
     return "overlap" if load.kind == "overlap" else "force"
 
 
 def _find_response(packing: Packing, truth: FrictionHistory) -> str:
-    """Return the key of the table for the friction of the arrays: their response to sound, or of
-    arrays at rest whether contacts resist slip.
+    """Return the key of the table for the friction of the arrays. For arrays loaded with friction
+    the key is their response to sound; for arrays at rest it is "slip" or "none", as contacts
+    resist slip under sound or not.
     """
     if truth.is_loaded:
         return truth.shear_response
@@ -222,8 +229,8 @@ def _find_growth_of_overlap(reduced_load: Array, greatest: float, axis: str) -> 
 
 
 def find_least_load(packing: Packing, load: Load, truth: FrictionHistory = REST) -> float:
-    """Return the least a* of loads given as overlaps, or else f*, from which errors are known; zero
-    where every medium is exact, and for lattices on which no error is known.
+    """Return the least reduced load from which errors are known: an a* if ``load`` is an overlap,
+    else an f*. It is zero where every medium is exact, and for lattices on which no error is known.
     """
     rows = find_rows(packing.structure, truth)
     if rows is None or not packing.spread_matters:

@@ -109,11 +109,15 @@ class Arrangement:
 
     @classmethod
     def of(cls, crystal: Crystal) -> Arrangement:
-        """Return the arrangement that is a crystal; its faces stand as cuts of no layers."""
+        """Return the arrangement of a crystal that exists already, which it keeps as ``given``.
+
+        The other attributes describe the crystal as it is: each ball with its position, and each
+        pair of faces as a cut of zero layers.
+        """
         kind_of_ball = np.array(crystal.names, object)[crystal.kind].tolist()
         positions = map(tuple, crystal.positions.tolist())
         options = {name: getattr(crystal, name) for name in _OPTIONS}
-        if crystal.on_site is not None:  # an arrangement can be hashed
+        if crystal.on_site is not None:  # tuples, as an arrangement can be hashed
             options["on_site"] = tuple(map(tuple, crystal.on_site.tolist()))
         return cls(
             tuple(zip(crystal.names, crystal.kinds, strict=True)),
@@ -140,7 +144,7 @@ class Arrangement:
             return self.given
         cell = self._make_cell()
         has_spread = any(ball.spread for ball in cell.kinds)
-        if not has_spread:
+        if not has_spread:  # nothing is drawn: any supercell can be cut
             supercell = cell.repeat(self.repeat) if self.repeat else cell
             return self._cut(supercell)
         has_defects = bool(self.replace or self.remove)
@@ -166,8 +170,9 @@ class Arrangement:
         return crystal
 
     def _find_edge(self, edge: str | Wall) -> str | Wall:
-        """Return an edge of a cut: a wall of the material of a kind, which the crystal need not
-        have, with this material. InputError if there is no such kind.
+        """Return an edge of a cut. A wall whose material is the name of a kind gets the material of
+        the ball of that kind, of which the crystal need not have a ball. Raises InputError if there
+        is no such kind.
         """
         if isinstance(edge, Wall) and isinstance(edge.material, str):
             return replace(edge, material=self._find_ball(edge.material).material)
@@ -176,7 +181,8 @@ class Arrangement:
     def _make_cell(self) -> Crystal:
         """Return the crystal of one cell, without defects."""
         options = {name: getattr(self, name) for name in _OPTIONS}
-        for name in ("law", "on_site"):  # pairs stand for a mapping
+        # a tuple of pairs stands for a mapping, as an arrangement can be hashed
+        for name in ("law", "on_site"):
             value = options[name]
             options[name] = dict(value) if isinstance(value, tuple) else value
         if self.lattice is None:
@@ -188,7 +194,7 @@ class Arrangement:
         return Crystal.on(self.lattice, balls, **options)
 
     def _find_ball(self, name: str) -> Ball:
-        """Return the ball of the kind of a ``name``; InputError if there is no such kind."""
+        """Return the ball of the kind ``name``; InputError if there is no such kind."""
         balls = self._named_balls
         if name not in balls:
             guess = closest(name, balls)
@@ -220,12 +226,12 @@ class Arrangement:
 
     @cached_property
     def structure(self) -> Lattice:
-        """The cell, in units of the mean diameter."""
+        """The cell of the crystal, in units of the mean diameter, in the place of a lattice."""
         return CrystalCell.of(self.crystal, self.diameter)
 
     @property
     def ball_motions(self) -> Motions:
-        """The motions of each ball."""
+        """The motions that each ball has."""
         return self.crystal.ball_motions
 
     @property
@@ -291,9 +297,10 @@ class Arrangement:
         {"A.diameter": 8e-3}, m.
 
         A mass that was given stays if the material or the diameter changes. The diameter of a kind
-        changes the distances of balls, so that balls must lie on a lattice. Springs change of all
-        balls. Raises :class:`~granphon.base.errors.InputError` for a parameter that the crystal
-        does not have, and for balls that make no crystal.
+        changes the distances of balls, so that balls must lie on a named lattice. The springs to
+        the ground of all balls take the value of a spring. Raises
+        :class:`~granphon.base.errors.InputError` for a parameter that the crystal does not have,
+        and for balls that make no crystal.
         """
         balls = dict(self.kinds)
         walls = dict[str, Wall]()
@@ -305,7 +312,7 @@ class Arrangement:
                     f"It has {', '.join(self.parameters)}",
                     "Use one of these",
                 )
-            owner, _, parameter = name.rpartition(".")
+            owner, _, parameter = name.rpartition(".")  # "A.density", of a kind or a wall
             if name in SPRING_PARAMETERS:
                 springs[name] = value
             elif owner in self._walls:
@@ -326,7 +333,9 @@ class Arrangement:
     def _change_given(
         self, balls: Mapping[str, Ball], walls: Mapping[str, Wall], springs: Mapping[str, float]
     ) -> Crystal:
-        """Return the crystal that was given with other balls, walls and springs."""
+        """Return the given crystal with other balls and walls, by their names, and with springs to
+        the ground of other stiffnesses, by the names of their parameters, N/m or N m.
+        """
         assert self.given is not None
         crystal = self.given.with_balls(balls).with_walls(walls)
         if not springs:
@@ -336,19 +345,24 @@ class Arrangement:
         return crystal.with_springs(changed)
 
     def _change_springs(self, changes: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
-        """Return ``on_site`` with other stiffnesses, as names of motions with their stiffness."""
+        """Return :attr:`on_site` with the ``changes``, stiffnesses by the names of parameters, N/m
+        or N m: a pair of each motion and its stiffness, which holds for every ball.
+        """
         motions = self.crystal.named_motions
         value = dict(self.on_site) if isinstance(self.on_site, tuple) else self.on_site
         (springs,) = change_springs(read_on_site(value, motions, 1), changes, motions, 1)
         return tuple(zip(name_springs(motions), springs.tolist(), strict=True))
 
     def _change_cuts(self, walls: Mapping[str, Wall]) -> tuple[Any, ...]:
-        """Return ``cut`` with other walls at the faces of these names."""
+        """Return :attr:`cut` with other ``walls``, by the names that the walls have at the faces of
+        the crystal.
+        """
         cuts = []
         for (axis, layers, edges), face in zip(self.cut, self.crystal.faces, strict=True):
+            # the edge at the face of the crystal has a name, which the edge of the cut may lack
             changed = [
-                walls.get(named.name, edge) if isinstance(named, Wall) else edge
-                for edge, named in zip(edges, face.edges, strict=True)
+                walls.get(at_face.name, edge) if isinstance(at_face, Wall) else edge
+                for edge, at_face in zip(edges, face.edges, strict=True)
             ]
             cuts.append((axis, layers, tuple(changed)))
         return tuple(cuts)
@@ -387,7 +401,8 @@ def _describe_kind(name: str, ball: Ball) -> list[tuple[str, Any, str]]:
 def _change_ball(ball: Ball, parameter: str, value: Any) -> Ball:
     """Return the ball with another ``value``, SI, of a ``parameter`` of its own or of its material.
 
-    The mass and the moment of inertia of a solid ball follow; those that were given stay.
+    If the mass or the moment of inertia is that of a solid ball, it is computed again; if not, it
+    was given, and stays.
     """
     changes: dict[str, Any] = {}
     solid_mass = ball.material.ball_mass(ball.diameter)
@@ -414,8 +429,9 @@ def find_kinds(balls: Balls) -> dict[str, Ball]:
 
 
 def given_balls(packing: Any) -> Packing | Arrangement:
-    """Return ``packing``, the argument of a public call: a packing, or an arrangement, also of a
-    crystal. Raises InputError for any other, as files, which have one load and no parameters.
+    """Return ``packing``, the argument of a public call, as a packing or an arrangement; a crystal
+    becomes its arrangement. Raises InputError for any other argument, also for a packing in files,
+    which has one load and no parameters.
     """
     if isinstance(packing, Crystal):
         return Arrangement.of(packing)
@@ -427,8 +443,11 @@ def given_balls(packing: Any) -> Packing | Arrangement:
 
 
 class LoadedCrystal(NetworkState):
-    """States of a crystal as sweeps and scenes have them: with means over the contacts that carry
-    load, of a sample over all contacts.
+    """The states of a crystal as scenes and sweeps take them: one number at each load for the many
+    contacts.
+
+    The numbers are means over the contacts that carry load; of a sample, over all contacts.
+    Attributes have the shape of the load.
     """
 
     medium = CRYSTAL
@@ -533,9 +552,7 @@ class LoadedCrystal(NetworkState):
 
 
 class CrystalMedium(Medium[Any]):
-    """The medium of an :class:`Arrangement`: balls of several kinds, each contact with its own law
-    and force.
-    """
+    """The medium of an :class:`Arrangement`: each contact has its own law and force."""
 
     name = CRYSTAL
     words = "crystal"
@@ -547,7 +564,7 @@ class CrystalMedium(Medium[Any]):
 
     @property
     def is_quick(self) -> bool:
-        """Whether its states take little time: those of up to 500 balls count as quick."""
+        """Whether the states take little time: those of up to 500 balls count as quick."""
         return bool(self.packing.crystal.n_balls <= QUICK_BALLS)
 
     def require_sound(self, pushed: bool = False) -> None:
@@ -556,8 +573,8 @@ class CrystalMedium(Medium[Any]):
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> Any:
         """Return the state at a load, with the shape of the values of the load.
 
-        The values of a stress or strain multiply its tensor of size one; gravity is an acceleration
-        towards the face that is held.
+        Under a stress or a strain each value of the load is a size that multiplies the tensor of
+        the load. Gravity is an acceleration towards the face that is held.
         """
         crystal = self.packing.crystal
         sizes = load.array
@@ -579,22 +596,27 @@ class CrystalMedium(Medium[Any]):
     def follow(
         self, load: Load, changes: Sequence[Change], finite_overlap: bool | None = None
     ) -> tuple[Any, list[Course[Any]]]:
-        """Return the state at a single load, and how it follows each of the ``changes``, by the
-        linear response of the balls at rest.
+        """Return the state at a single load, and its course with each of the ``changes``, found by
+        the linear response of the balls at rest; see :meth:`Medium.follow`.
         """
         state = self.at(load, finite_overlap=finite_overlap)
         follower = CrystalFollower(state.source, load)
 
-        def follow(change: Change) -> Course[Any]:
-            """Return the course of the crystal along a ``change`` of its medium and load."""
+        def follow_change(change: Change) -> Course[Any]:
+            """Return the course of the state with a ``change`` of the medium and the load."""
 
             def change_crystal(step: float) -> tuple[Crystal, Load]:
+                """Return the crystal of the changed medium, and the changed load."""
                 medium, changed_load = change(step)
                 return medium.packing.crystal, changed_load
 
             course = follower.follow(change_crystal)
-            return Course(
-                lambda step: LoadedCrystal(change(step)[0].packing, course.at(step)), course.step
-            )
 
-        return state, [follow(change) for change in changes]
+            def find_state(step: float) -> LoadedCrystal:
+                """Return the state at a ``step`` with the means over its contacts."""
+                medium, _ = change(step)
+                return LoadedCrystal(medium.packing, course.at(step))
+
+            return Course(find_state, course.step)
+
+        return state, [follow_change(change) for change in changes]

@@ -37,14 +37,14 @@ from granphon.media.medium import Option
 DEFAULT_SHAPES = {1: (16_384,), 2: (128, 128), 3: (24, 24, 24)}
 #: rule of validation for the numbers of cells in a scene; ``periods`` says how many there must be
 read_cells = partial(lengths, low=1, high=20_000)
-#: the attributes that only samples with a history of friction have, with their units
+#: the attributes of a state that only samples with a history of friction have, with their units
 HISTORY_UNITS = {
     "sliding_fraction": "1",
     "tangential_ratio": "1",
     "work": "J",
     "dissipated_energy": "J",
 }
-#: those that only samples have, with their units
+#: the attributes of a state that only states of samples have, with their units
 SAMPLE_UNITS = {"contact_force_fluctuation": "1", **HISTORY_UNITS}
 #: least and greatest reduced spacing a* that may be given as a start
 _STARTS = (-1.0, 1e6)
@@ -71,12 +71,13 @@ def reduce_load(packing: Packing, load: Load) -> Array:
 
 
 def prescribe(packing: Packing, load: Load, is_exact: bool = False) -> list[ReducedLoad]:
-    """Return the prescribed force or overlap, in units of the width, of each value of an applied
-    load, in C order.
+    """Return the prescribed force or overlap, in reduced units of the width, of each value of an
+    applied load, in C order.
 
-    In the exact geometry the boundary on which a pressure acts shrinks with the cell.
+    In the exact geometry (``is_exact``) the boundary on which a pressure acts shrinks with the
+    cell.
     """
-    if load.kind == "overlap":  # a* would lose the digits of a small overlap
+    if load.kind == "overlap":  # not a*, which would lose the digits of a small overlap
         overlaps = packing.width_units.reduced_overlap(load.array).ravel().tolist()
         return [ReducedLoad(overlap=overlap) for overlap in overlaps]
     on_boundary = is_exact and load.kind == "pressure"
@@ -87,9 +88,9 @@ def prescribe(packing: Packing, load: Load, is_exact: bool = False) -> list[Redu
 def sort_by_load(prescribed: Sequence[ReducedLoad]) -> list[int]:
     """Return the indices of the loads, from the highest load down.
 
-    Each equilibrium is found from the one at the next higher load. The starting point affects only
-    digits beyond the tolerance. In the true geometry the starting point decides where loose balls
-    come to rest: there each equilibrium has a starting point of its own.
+    In the directions of the lattice each equilibrium is found from that at the next higher load,
+    which affects only digits beyond the tolerance. In the true geometry the starting point decides
+    where loose balls come to rest: there no equilibrium is found from another.
     """
     return sorted(range(len(prescribed)), key=lambda index: prescribed[index], reverse=True)
 
@@ -121,8 +122,8 @@ class FrictionHistory:
 
     @classmethod
     def read(cls, options: Mapping[str, Any]) -> Self:
-        """Return the history that the ``options`` of a medium or a trade-off name; other options
-        are left alone.
+        """Return the history that is given among the ``options`` of a medium or a trade-off, by
+        their names; options that are not those of a history are ignored.
 
         The method is a rule of :mod:`granphon.base.validation`: it raises
         :class:`~granphon.base.errors.Refused` for an option out of range, a history without a
@@ -142,6 +143,7 @@ class FrictionHistory:
             )
         if has_history:
             return cls(**history_options)
+        # without a history only defaults are allowed
         for name, value in history_options.items():
             if value != HISTORY_OPTIONS[name].default:
                 raise Refused(
@@ -165,8 +167,8 @@ class FrictionHistory:
 
     @property
     def reference(self) -> Self:
-        """The same friction in the arrays that errors are measured against, see
-        :data:`REFERENCE_OPTIONS`.
+        """The history of the arrays that errors are measured against: the same friction, loaded
+        from the default start in one direction, see :data:`REFERENCE_OPTIONS`.
         """
         return type(self)(self.friction_coefficient, self.shear_response)
 
@@ -189,7 +191,9 @@ class FrictionHistory:
         return ReducedLoad(overlap=self.start - 0.5)  # y = a* - 1/2
 
     def sort(self, prescribed: Sequence[ReducedLoad]) -> list[int]:
-        """Return the indices of the loads in the order in which they are applied."""
+        """Return the indices of the ``prescribed`` loads in the order in which they are applied: as
+        given if the history is ordered, else from the lowest up.
+        """
         indices = list(range(len(prescribed)))
         if not self.ordered:
             indices.sort(key=lambda index: prescribed[index])
@@ -208,7 +212,8 @@ class FrictionHistory:
 
 
 def read_friction_coefficient(value: Any) -> float | None:
-    """Read a friction coefficient: a number, zero or above, infinity too; None means no history.
+    """Return a friction coefficient: a number, zero or above, or infinity, also as a word. None is
+    returned as it is, and means no history.
 
     The function is a rule of :mod:`granphon.base.validation`.
     """
@@ -223,12 +228,12 @@ def read_friction_coefficient(value: Any) -> float | None:
 
 
 def read_start(value: Any, load: Callable[[str, Any], float] | None = None) -> float | Load | str:
-    """Read the start of a loading: a reduced spacing a*, {force: ...}, {pressure: ...}, {overlap:
-    ...}, or "gas".
+    """Return the start of a loading: a reduced spacing a*, a load, or "gas".
 
-    The function is a rule of :mod:`granphon.base.validation`; ``load(kind, value)`` reads the value
-    of a load, in SI; without it the value is a plain number in SI. A ``value`` of None is the
-    default start, a* = 1/2.
+    ``value`` is a number, a :class:`~granphon.balls.loads.Load`, one of {force: ...}, {pressure:
+    ...} and {overlap: ...}, "gas", or None for the default start, a* = 1/2. ``load(kind, value)``
+    reads the value of a load and returns it in SI; without that function the value is a plain
+    number in SI. The function is a rule of :mod:`granphon.base.validation`.
     """
     if isinstance(value, Load):
         if value.size != 1:

@@ -21,10 +21,11 @@ QUICK_BALLS = 500
 
 @dataclass(frozen=True)
 class CrystalCell(Lattice):
-    """The cell of a crystal, in units of the mean diameter; ``sites`` are fractions, or distances
-    across the periods.
+    """The cell of a crystal or a packing, in units of the mean diameter.
 
-    A cluster without periods is put into a cell along x, beyond the reach of its neighbours.
+    A coordinate of ``sites`` is a fraction of the vector of the cell, for each period; the
+    coordinates across the periods are in mean diameters. A cluster without periods is put into a
+    cell along x that is so long that the cluster does not touch its images.
     """
 
     #: length of the longest contact, in mean diameters
@@ -49,8 +50,8 @@ class CrystalCell(Lattice):
             reach=longest_contact,
             pressed_axes=max(1, crystal.periods + len(crystal.faces)),
         )
-        # the cached property of Lattice, which would search for contacts of equal balls; lengths of
-        # this table are in m
+        # the value of the cached property of Lattice, which would search for contacts of equal
+        # balls; the lengths of this table are in m
         cell.__dict__["contacts"] = crystal.contacts
         return cell
 
@@ -79,13 +80,15 @@ class CrystalCell(Lattice):
 def _fill_cell(
     vectors: Array, positions: Array, radii: Array, diameter: float
 ) -> tuple[tuple[tuple[float, ...], ...], tuple[tuple[float, ...], ...]]:
-    """Return the vectors (p, d) of a cell in mean diameters, and the sites (n, d) of balls at
-    ``positions`` (n, d), m, in fractions of them, or in diameters across them; a cluster without
-    periods is put into a cell along x.
+    """Return the vectors (p, d) of a cell in mean diameters, and the sites (n, d) of its balls.
+
+    ``vectors`` (p, d), ``positions`` (n, d), ``radii`` (n,) and the mean ``diameter`` are in m. The
+    first p coordinates of a site are fractions of the vectors, the others mean diameters. A cluster
+    without periods is put into a cell along x.
     """
     sites = positions.copy()
     if not len(vectors):
-        # the centres of a cluster and of its image are two diameters of the largest ball apart
+        # the nearest centres of the cluster and its image are two largest diameters apart
         length = float(np.ptp(sites[:, 0])) + 4.0 * float(np.max(radii))
         vectors = np.eye(sites.shape[1])[:1] * length
     p = len(vectors)

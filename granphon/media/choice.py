@@ -141,6 +141,7 @@ class AutoMedium(Medium[ContactState]):
     }
 
     def __post_init__(self) -> None:
+        """Read the options, and replace each by the value that was read."""
         given_packing(self.packing)
         tolerance = require("tolerance", self.options["tolerance"].rule, self.tolerance)
         options = {name: self.truth.options[name] for name in REFERENCE_OPTIONS}
@@ -149,20 +150,21 @@ class AutoMedium(Medium[ContactState]):
 
     @cached_property
     def truth(self) -> FrictionHistory:
-        """The simulated arrays that expected errors are relative to."""
+        """The friction of the simulated arrays that expected errors are relative to."""
         options = {name: getattr(self, name) for name in REFERENCE_OPTIONS}
         return require("AutoMedium", FrictionHistory.read, options)  # type: ignore[no-any-return]
 
     def choose(self, kind: str, loads: ArrayLike) -> list[ServingMedium]:
-        """Choose the first sufficient medium for each load of a ``kind`` ("force", "pressure",
-        "overlap"; SI).
+        """Choose for each of the ``loads`` the first medium that is accurate enough.
 
-        Each medium that is chosen is one :class:`ServingMedium`; the cheapest comes first. Raises
-        as the class says.
+        The loads are of one ``kind``: "force" (N), "pressure" (N/m in the plane, Pa in space) or
+        "overlap" (m). Each medium that is chosen is returned once, as a :class:`ServingMedium` with
+        its loads; the cheapest comes first. Raises the errors that the class lists.
         """
         load = Load(kind, loads).flat
         candidates, errors = self._find_errors(load)
-        candidate_of_load = np.argmax(errors <= self.tolerance, axis=0)  # (n_loads,)
+        # (n_loads,) the first candidate within the tolerance: argmax finds the first True
+        candidate_of_load = np.argmax(errors <= self.tolerance, axis=0)
         serving_media = []
         for candidate in np.unique(candidate_of_load):
             served = np.flatnonzero(candidate_of_load == candidate)
@@ -212,8 +214,9 @@ class AutoMedium(Medium[ContactState]):
         return candidates, errors
 
     def _explain_failure(self, load: Load, least_error: float, largest: MediumChoice) -> InputError:
-        """Return the error for a load at which the least expected error is too large; ``largest``
-        is the simulation that has it.
+        """Return the error for a ``load`` at which the ``least_error`` of all candidates is above
+        the tolerance. The least error is that of the ``largest`` simulation, or infinite if no
+        error is known at so low a load.
         """
         load_in_words = load.describe(self.packing.structure.periods)
         if self.truth.is_loaded:
@@ -252,30 +255,34 @@ class AutoMedium(Medium[ContactState]):
     def follow(
         self, load: Load, changes: Sequence[Change], finite_overlap: bool | None = None
     ) -> tuple[ContactState, list[Course[Any]]]:
-        """Return the state at a single load, and how it follows each of the ``changes``, in the
-        medium that serves the load.
+        """Return the state at a single load, and its course with each of the ``changes``, in the
+        medium that serves the load; see :meth:`Medium.follow`. The medium stays the same along a
+        course.
         """
         if read_finite_overlap(finite_overlap):
             raise no_finite_overlap(self.name)
         choice = self.serving(load.applied.kind, load.applied.array)
 
-        def choose(change: Change) -> Change:
-            """Return the ``change`` of a medium as one of the medium that is chosen."""
+        def convert(change: Change) -> Change:
+            """Return a ``change`` of the automatic medium as one of the medium that is chosen."""
 
             def change_chosen(step: float) -> tuple[Any, Load]:
+                """Return the chosen medium of the changed packing, and the changed load."""
                 medium, changed_load = change(step)
                 return choice.of(medium.packing), changed_load
 
             return change_chosen
 
-        def mark(course: Course[Any]) -> Course[Any]:
+        def mark_states(course: Course[Any]) -> Course[Any]:
+            """Return the course, whose states say that the medium was chosen automatically."""
             return course._replace(
                 at=lambda step: replace(course.at(step), chosen_automatically=True)
             )
 
         medium: Any = choice.of(self.packing)
-        state, courses = medium.follow(load, [choose(change) for change in changes])
-        return replace(state, chosen_automatically=True), [mark(course) for course in courses]
+        state, courses = medium.follow(load, [convert(change) for change in changes])
+        marked_courses = [mark_states(course) for course in courses]
+        return replace(state, chosen_automatically=True), marked_courses
 
 
 #: the classes of media of packings by the names that scenes and sweeps use
@@ -294,13 +301,13 @@ _OF_BALLS = {
 
 
 def register_medium(medium: T) -> T:
-    """Make a medium known by its ``name``: to sweeps, scenes and fits, with its ``words``, by
-    default the name, in figures.
+    """Make a class of media known, by its ``name``, to sweeps, scenes and fits.
 
     ``medium`` is a subclass of :class:`~granphon.LawMedium`, or of another medium, with a ``name``
-    of its own, which is made of a packing. Returns it, so that it may stand above the class as a
-    decorator. Raises :class:`~granphon.base.errors.InputError` for what is no such class, and for a
-    name that is taken.
+    of its own; it is called with a packing. Figures call it by its ``words``; a class without
+    ``words`` of its own gets its name as these. The class is returned, so that the function may
+    stand above it as a decorator. Raises :class:`~granphon.base.errors.InputError` for an argument
+    that is no such class, and for a name that is taken.
     """
     candidate: Any = medium
     is_medium = isinstance(candidate, type) and issubclass(candidate, Medium)
@@ -315,8 +322,8 @@ def register_medium(medium: T) -> T:
 
 
 def find_medium(name: str) -> type[Any]:
-    """Return the class of a medium by its name, those of :data:`_OF_BALLS` among them; KeyError if
-    there is none.
+    """Return the class of the medium with a ``name``, also of the media of crystals and of packings
+    in files. Raises KeyError if there is none.
     """
     return _OF_BALLS[name].load() if name in _OF_BALLS else MEDIA[name]
 
@@ -343,6 +350,7 @@ class MediumChoice:
     )
 
     def __post_init__(self) -> None:
+        """Read name and options, and leave out the options that are at their default."""
         name = require("medium", _read_name, self.name)
         options = require(f"medium.{name}", partial(_read_options, name), dict(self.options))
         # options at their default are dropped, so that choices with the same meaning compare equal
@@ -367,11 +375,11 @@ class MediumChoice:
         return medium
 
     def settings_on(self, lattice: Lattice) -> dict[str, Any]:
-        """Every option with its value on a lattice, as a scene would give it: the default of a
-        shape depends on the lattice.
+        """Return every option of the medium with its value on a ``lattice``, by name, as a scene
+        would give it. The lattice decides on the default shape of a sample, and on units.
 
-        A history of friction is left out where there is none, with its options, and so is a
-        geometry that is not named.
+        Options whose value is None, as a geometry that is not named, are left out. So are all
+        options of a history of friction if there is none.
         """
         settings = self.settings
         if "shape" in settings:
@@ -413,8 +421,8 @@ class MediumChoice:
 
     @property
     def history(self) -> FrictionHistory:
-        """How the simulated arrays that it names come to their load: with friction if it has a
-        history, else at rest.
+        """How the simulated arrays of the choice come to their load: by a history of friction if
+        the options name one, else at rest without friction.
         """
         return FrictionHistory.read(dict(self.options))
 
@@ -424,14 +432,15 @@ class MediumChoice:
         """Return the expected relative error of velocities and frequencies, with the shape of the
         load.
 
-        It is +inf where the error is not known, for example of a simulation whose history of
-        friction is not that of the arrays that it is compared ``against``. It is zero where every
-        medium is exact: for equal balls, and on a line.
+        The error is relative to arrays with the friction ``against``. It is +inf where it is not
+        known, for example of a simulation whose history of friction is another. It is zero where
+        every medium is exact: for equal balls, and on a line.
 
-        The arrays of the truth have true directions at the W/d of the packing, and those of the
-        table at another W/d. Half of the relative difference of the shear modulus, which is the
-        difference of the transverse velocity, is added to the error of an average. To that of a
-        simulation is added what its own directions leave out.
+        The error is that of the table of measured errors, and a term for the shear modulus, of
+        which half is the error of the transverse velocity. The contacts of a simulation may have
+        the directions of the lattice: the term is then the part of the modulus that these leave
+        out. The averages were measured against arrays of one W/d: their term is the difference that
+        the W/d of the packing makes to what the directions of the lattice leave out.
         """
         if not packing.spread_matters:
             return np.zeros(load.shape)
@@ -443,7 +452,7 @@ class MediumChoice:
             balls = simulation.balls * simulation.samples
             missing_modulus = find_left_out(deficit, simulation.geometry)
         else:
-            balls = 1
+            balls = 1  # the table has the error of an average itself, not that of one ball
             rows = find_rows(packing.structure, against)
             table_ratio = rows["width_ratio"] if rows else 0.0
             table_deficit = expect_shear_deficit(packing, load, against.is_loaded, table_ratio)
@@ -453,7 +462,9 @@ class MediumChoice:
         return error + 0.5 * missing_modulus
 
     def _has_known_error(self, against: FrictionHistory) -> bool:
-        """Return whether the error of the medium is known against the arrays of a truth."""
+        """Return whether the table has the error of the medium relative to arrays with the friction
+        ``against``.
+        """
         settings = self.settings
         if not self.simulates:
             return self.name in AVERAGES and settings.get("local_field") != "paper"
@@ -463,16 +474,17 @@ class MediumChoice:
 
     @property
     def simulates(self) -> bool:
-        """Whether it is a :class:`~granphon.media.simulation.DirectSimulation`."""
+        """Whether the medium is a :class:`~granphon.media.simulation.DirectSimulation`."""
         return self.name == SIMULATION
 
     @property
     def is_exact(self) -> bool:
-        """Whether it simulates balls in their exact geometry, which have finite overlap whether or
-        not it is asked for.
+        """Whether the medium simulates balls in their exact geometry at every load. Such states
+        have finite overlap whether or not the user asks for it.
 
-        That is so by name, or after a history of friction; otherwise the geometry is left to the
-        load (:meth:`by_geometry`).
+        The geometry is exact if the options name it, or if they name none and there is a history of
+        friction. Otherwise a simulation without a named geometry leaves it to the load
+        (:meth:`by_geometry`), and this is False.
         """
         geometry = dict(self.options).get("geometry")
         if geometry is None:
@@ -480,43 +492,43 @@ class MediumChoice:
         return bool(geometry == EXACT)
 
     def has_finite_overlap(self, asked: bool) -> bool:
-        """Whether its states have the terms of relative order delta/d, where they are ``asked`` for
-        or not.
+        """Return whether the states of the medium have the terms of relative order delta/d, if the
+        user has ``asked`` for them or not.
         """
         return asked or self.is_exact
 
     def by_geometry(
         self, packing: Balls, load: Load, finite_overlap: bool = False
     ) -> list[tuple[MediumChoice, list[int]]]:
-        """Return the choice for each geometry that the medium of a packing has at a load, and the
-        indices of the values of the load in that geometry.
+        """Return pairs: the choice for one geometry, and the indices, in C order, of the values of
+        the applied ``load`` that have this geometry.
 
-        The choice names the geometry if the load decides on it; otherwise it is the choice itself,
-        with all values. With ``finite_overlap`` all values on which the load would decide are
-        exact.
+        If the load decides on the geometry, each choice returned names its geometry as an option;
+        with ``finite_overlap`` all values are then exact. Otherwise there is one pair, of this
+        choice and all values.
         """
         medium = self.of(packing)
         choices = []
         for medium_in_geometry, indices in medium.by_geometry(load, finite_overlap or None):
             choice_of_geometry = self
-            is_other = medium_in_geometry is not medium
-            for array in medium_in_geometry.arrays if is_other else ():
-                options = (*self.options, ("geometry", array.geometry))
+            if medium_in_geometry is not medium:  # a simulation, whose geometry the load decides on
+                (simulation,) = medium_in_geometry.arrays
+                options = (*self.options, ("geometry", simulation.geometry))
                 choice_of_geometry = MediumChoice(self.name, options)
             choices.append((choice_of_geometry, indices))
         return choices
 
     def settle(self, packing: Packing, load: Load, finite_overlap: bool = False) -> MediumChoice:
-        """Return the choice in one geometry: exact if it is :meth:`by_geometry` at any value of the
-        load.
+        """Return the choice in one geometry for all values of the applied ``load``: in the exact
+        geometry if :meth:`by_geometry` has this for any value.
         """
         choices = [medium for medium, _ in self.by_geometry(packing, load, finite_overlap)]
         return next((medium for medium in choices if medium.is_exact), choices[0])
 
     @property
     def stand_in(self) -> MediumChoice:
-        """The medium that stands in for it where so many states are needed that its own would take
-        long: the effective medium for a simulation; itself for any other.
+        """The medium to take in place of this one where very many states are needed: the effective
+        medium in place of a simulation, whose states take long; any other medium itself.
         """
         return MediumChoice(EffectiveMedium.name) if self.simulates else self
 
@@ -542,8 +554,8 @@ class MediumChoice:
             )
 
     def require_for(self, balls: Balls) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if the choice is no medium of these
-        balls, of one kind or of several.
+        """Raise :class:`~granphon.base.errors.InputError` if the medium is not one of these balls:
+        crystals and packings in files have one medium each, which no other balls have.
         """
         own = self.name if self.name in _OF_BALLS else ""
         if balls.medium_name != own:
@@ -555,10 +567,12 @@ class MediumChoice:
             )
 
     def of(self, packing: Balls) -> Medium[Any]:
-        """Return the medium for this packing; InputError if the choice is none of such balls."""
+        """Return the medium of this packing with the options of the choice; InputError if the
+        medium is not one of such balls.
+        """
         self.require_for(packing)
         options: Any = dict(self.options)
-        # a worker may not know a medium that was registered
+        # a worker process may not know a medium that the user registered: the name is read again
         medium: type[Any] = find_medium(require("medium", _read_name, self.name))
         return medium(packing, **options)  # type: ignore[no-any-return]
 
@@ -580,9 +594,9 @@ class ServingMedium:
     Attributes
     ----------
     medium : the medium.
-    loads : (n,) indices of the loads that it serves.
+    loads : (n,) indices, among the many, of the n loads that it serves.
     packing : the balls.
-    load : these loads, with their values in SI.
+    load : the load with these n values, in SI.
     chosen_automatically : whether an :class:`AutoMedium` chose the medium for its expected error.
     truth : simulated arrays that the error is relative to.
     is_part : whether the same medium serves other loads in another geometry.
@@ -598,8 +612,8 @@ class ServingMedium:
 
     @property
     def is_quick(self) -> bool:
-        """Whether its states take less than 0.1 s, unlike simulations and an effective medium
-        of long lists.
+        """Whether the states of the medium take less than 0.1 s; those of simulations, and of the
+        effective medium of long lists of diameters, take longer.
         """
         return self.medium.of(self.packing).is_quick
 
@@ -610,8 +624,8 @@ class ServingMedium:
 
     @property
     def samples(self) -> list[ServingMedium]:
-        """The simulation of each sample alone, which is the same however many samples there are;
-        none of other media.
+        """The simulation of each sample alone, by its own seed; none of a medium that simulates no
+        arrays. A sample is the same in simulations of one and of many samples.
         """
         options = {name: value for name, value in self.medium.options if name != "samples"}
         samples = []
@@ -623,17 +637,17 @@ class ServingMedium:
         return samples
 
     def at(self, load: Load, *, finite_overlap: bool = False) -> ContactState:
-        """Return the state of the medium at a load, any of those that it serves; the state says
-        whether it was chosen.
+        """Return the state of the medium at a ``load``, one or more of those that it serves. The
+        state says whether the medium was chosen automatically.
         """
         medium = self.medium.of(self.packing)
-        # False is the default of a scene, and counts as no wish of the user
+        # False is the default of a scene, and must not forbid the exact geometry: None does not
         state: ContactState = medium.at(load, finite_overlap=finite_overlap or None)
         return replace(state, chosen_automatically=True) if self.chosen_automatically else state
 
     def by_geometry(self, finite_overlap: bool = False) -> list[ServingMedium]:
-        """Return the medium in each geometry in which a simulation serves some of the loads, see
-        :meth:`MediumChoice.by_geometry`.
+        """Return this serving medium split by geometry, see :meth:`MediumChoice.by_geometry`: for
+        each geometry that its loads have, the medium in that geometry with these loads.
         """
         choices = self.medium.by_geometry(self.packing, self.load, finite_overlap)
         if len(choices) == 1:
@@ -649,9 +663,10 @@ class ServingMedium:
 
     @cached_property
     def errors(self) -> Array:
-        """Expected relative error at each load, (n,).
+        """Expected relative error at each load, (n,), see :meth:`MediumChoice.expected_error`.
 
-        It is found when it is first asked for: a scene that names its medium does not need it.
+        The error is computed when it is first asked for, as a scene that names its medium does not
+        need it.
         """
         return self.medium.expected_error(self.packing, self.load, self.truth).ravel()
 
@@ -659,8 +674,8 @@ class ServingMedium:
 def list_candidates(packing: Packing, truth: FrictionHistory = REST) -> list[MediumChoice]:
     """Return the media that an :class:`AutoMedium` chooses among, the cheapest first.
 
-    The last is the largest simulation of the ``truth``, the most accurate one. An effective medium
-    that is slow, as of a long list of diameters, is left out.
+    The last is the largest and most accurate simulation, with the friction of the ``truth``. An
+    effective medium that is slow, as that of a long list of diameters, is left out.
     """
     if not packing.spread_matters:
         return [MediumChoice(AveragedLattice.name)]  # exact for equal balls, and on a line
@@ -702,8 +717,8 @@ def is_exact_label(label: str) -> bool:
 
 
 def _split_medium(value: Any) -> tuple[Any, Any]:
-    """Return the name of a medium and its options, or None where there are no options, from a
-    ``value`` as :func:`read_medium` takes it.
+    """Return the name and the options, unread, of a medium from a ``value`` as :func:`read_medium`
+    takes it; the options are None if it has none.
     """
     if isinstance(value, MediumChoice):
         return value.name, dict(value.options)
@@ -714,8 +729,8 @@ def _split_medium(value: Any) -> tuple[Any, Any]:
 
 
 def read_medium(value: Any, lattice: Lattice | None = None, written: bool = False) -> MediumChoice:
-    """Read a medium given as its name or as {name: {option: value}}: a rule of
-    :mod:`granphon.base.validation`.
+    """Return the choice of a medium that is given as its name or as {name: {option: value}}. The
+    function is a rule of :mod:`granphon.base.validation`.
 
     With a ``lattice``, the shape of a sample has one length for each of its periods, and a shape
     that is the default on that lattice is left out. What is ``written`` in a file has units;
@@ -732,18 +747,17 @@ def read_medium(value: Any, lattice: Lattice | None = None, written: bool = Fals
 
 
 def default_medium(balls: Balls, differ: bool = False) -> str:
-    """Return the name of the medium of balls for which none is named, and whose diameters
-    ``differ`` or not.
+    """Return the name of the medium that balls have if none is named: that of crystals or of
+    packings in files, or else an average that depends on whether diameters ``differ``.
     """
     name = EffectiveMedium.name if differ else AveragedLattice.name
     return balls.medium_name or name
 
 
 def require_finite_overlap(media: Iterable[MediumChoice]) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if a medium is a simulation without terms of
-    finite overlap.
-
-    It has none in the directions of the lattice, which an automatic medium may choose.
+    """Raise :class:`~granphon.base.errors.InputError` if one of the ``media`` has no terms of
+    finite overlap: a simulation in the directions of the lattice, or an automatic medium, which may
+    choose such a simulation.
     """
     for medium in media:
         if medium.name == AutoMedium.name or medium.settings.get("geometry") == LATTICE:
@@ -758,7 +772,9 @@ _REPLACEMENTS = {
 
 
 def _read_name(value: Any) -> str:
-    """Read the name of a medium: a rule of :mod:`granphon.base.validation`."""
+    """Return the name of a medium if there is one of this name; a name of former versions is
+    refused with what to take. The function is a rule of :mod:`granphon.base.validation`.
+    """
     if is_one_of(value, MEDIA) or is_one_of(value, _OF_BALLS):
         return str(value)
     if is_one_of(value, _REPLACEMENTS):
@@ -769,8 +785,8 @@ def _read_name(value: Any) -> str:
 def _read_options(
     name: str, values: Any, lattice: Lattice | None = None, written: bool = False
 ) -> dict[str, Any]:
-    """Return the options of the medium ``name`` by name, each read by its rule; see
-    :func:`read_medium` for the other arguments.
+    """Return the options of the medium ``name``, by their names, from the block ``values``; each is
+    read by its rule. :func:`read_medium` says what the other arguments do.
     """
     rules = {option: known.rule for option, known in find_medium(name).options.items()}
     if lattice is not None and "shape" in rules:
@@ -785,6 +801,7 @@ def _read_options(
 
         rules["start"] = partial(read_start, load=read_load)
     options = block(values, rules)
+    # each option is right by itself: this refuses options of a history that do not go together
     if options and "friction_history" in rules:
         FrictionHistory.read(options)
     return options

@@ -99,8 +99,8 @@ _TOLD_BYTES = 1e8
 
 
 class Units(NamedTuple):
-    """A number of equal units of work, such as balls brought to rest, and what measures the time of
-    one, s.
+    """A ``number`` of equal units of work, such as balls brought to rest, and the function
+    ``measure`` that times one unit and returns its time, s.
     """
 
     number: float
@@ -133,7 +133,9 @@ class Cost:
     libraries: float = _PYTHON_BYTES
 
     def __add__(self, other: Cost) -> Cost:
-        """Return the cost of two results in turn: memory that is released counts once."""
+        """Return the cost of two pieces of work, one after the other. Of the memory that each gives
+        back, the larger counts.
+        """
         return Cost(
             working=max(self.working, other.working),
             kept=self.kept + other.kept,
@@ -146,7 +148,9 @@ class Cost:
         )
 
     def times(self, count: float) -> Cost:
-        """Return the cost of ``count`` pieces of this kind, one after the other."""
+        """Return the cost of ``count`` such pieces, one after the other. The memory that each gives
+        back counts once.
+        """
         return replace(
             self,
             kept=self.kept * count,
@@ -168,15 +172,17 @@ class Cost:
         return sum(number * measure() for number, measure in self.units)
 
     def takes_longer(self, seconds: float) -> bool:
-        """Return whether the time is above ``seconds``, s. Nothing is timed if the number of units
-        alone says that it is not.
+        """Return whether the time on one processor is above ``seconds``, s. Nothing is timed if the
+        units are so few that even on the slowest machine it is not.
         """
         longest = _SLOWEST_UNIT * sum(number for number, _ in self.units)
         return longest > seconds and self.seconds > seconds
 
     @property
     def tells(self) -> bool:
-        """Whether the estimate is worth showing to the user; for a simulation it always is."""
+        """Whether the estimate is worth showing to the user: always for a simulation, for other
+        work above 1 s or 100 MB.
+        """
         if self.equilibria or self.working + self.kept > _TOLD_BYTES:
             return True
         return self.takes_longer(_TOLD_SECONDS)
@@ -218,7 +224,9 @@ def _write_digits(value: float) -> str:
 
 
 def time_once(do_piece: Callable[[], object]) -> float:
-    """Return the processor's time of ``do_piece()``, s, the shortest of some repetitions."""
+    """Return the processor time, s, of a call ``do_piece()``: the shortest of the calls that are
+    made within :data:`_REPEATED_SECONDS`.
+    """
     shortest = math.inf
     first_start = process_time()
     start = first_start
@@ -233,11 +241,12 @@ def _measure_ball(simulation: DirectSimulation, load: Load) -> float:
     """Return the time per ball, s, of one equilibrium of an array at the middle value of a load;
     with a history of friction, the mean over some of the values.
 
-    The time is that of a small array of the same kind. Where contacts are open, an equilibrium
-    takes more steps in a larger array: the time per ball grows with the number of balls to the
-    power of the fraction of open contacts, as was counted on the triangular lattice from 32^2 to
-    256^2 balls and in fcc from 10^3 to 24^3, from f* = 0.005 to 1. For a history of friction the
-    power is 1/4 or more.
+    A small array of the same kind is timed, and its time per ball is multiplied by two factors.
+    First, where contacts are open, an equilibrium takes more steps in a larger array: the time per
+    ball grows as the number of balls to the power of the fraction of open contacts. This was
+    counted on the triangular lattice from 32^2 to 256^2 balls and in fcc from 10^3 to 24^3, from f*
+    = 0.005 to 1. For a history of friction the power is 1/4 or more. Second, a part of the time
+    does not depend on the balls, which is more per ball in a small array.
     """
     balls = simulation.balls
     most_balls = _SMALL_LOADED_BALLS if simulation.history.is_loaded else _SMALL_BALLS
@@ -248,22 +257,25 @@ def _measure_ball(simulation: DirectSimulation, load: Load) -> float:
         small = replace(simulation, shape=shape, diameters=None, samples=1, executor=None)
     small_seconds, growth = _time_array(small, load)
     size_ratio = balls / small.balls
-    # a small array takes longer per ball, as what does not depend on the balls is shared by few
     few_balls_factor = (1.0 + _FEW_BALLS / balls) / (1.0 + _FEW_BALLS / small.balls)
     return small_seconds / small.balls * few_balls_factor * math.pow(size_ratio, growth)
 
 
 @lru_cache(maxsize=32)
 def _time_array(simulation: DirectSimulation, load: Load) -> tuple[float, float]:
-    """Return the time, s, of an equilibrium of a small array with its moduli, and the exponent by
-    which the time per ball grows with the number of balls; means over the loads that are solved.
-    The exponent is 1/2 if the array does not bear a load.
+    """Solve a small array at some values of a load, and return the processor time, s, of one
+    equilibrium with its moduli, and the exponent with which the time per ball grows with the number
+    of balls.
+
+    The values are the middle one, or with a history of friction up to :data:`_SMALL_LOADS` of its
+    path. The exponent is the mean fraction of open contacts, or 1/2 if the array does not bear a
+    load.
     """
     is_loaded = simulation.history.is_loaded
     indices = [(load.size - 1) // 2]
     if is_loaded:  # a path passes the loads between
         indices = np.unique(np.linspace(0, load.size - 1, _SMALL_LOADS).astype(int)).tolist()
-    if not simulation.ordered:  # the middle, or a path, by the size of the load
+    if not simulation.ordered:  # indices count the loads by their size, not in their order
         indices = np.argsort(load.array, axis=None)[indices].tolist()
     _pay_for_imports()
     start = process_time()
@@ -280,7 +292,9 @@ def _time_array(simulation: DirectSimulation, load: Load) -> tuple[float, float]
 
 @cache
 def _pay_for_imports() -> None:
-    """Solve an array of four balls, once in a process, as the first one imports what all need."""
+    """Solve an array of four balls, once in a process: the first array that a process solves
+    imports modules, whose time must not be counted.
+    """
     from granphon.media.simulation import DirectSimulation
 
     packing = Packing(Material(1e9, 0.3, 1e3), 1e-2, Uniform(1e-5))
@@ -297,14 +311,14 @@ def _measure_number() -> float:
 
 @cache
 def _measure_matrix(eigenvectors: bool) -> float:
-    """Return the time of the eigenvalues of a complex matrix over the cube of its size, s; also of
-    its ``eigenvectors`` if they are wanted.
+    """Return the time, s, in which the eigenvalues of a complex matrix are found, and its
+    ``eigenvectors`` if these are wanted, over the cube of the size of the matrix.
     """
     real, imaginary = np.random.default_rng(0).normal(size=(2, _SMALL_MATRIX, _SMALL_MATRIX))
     matrix = real + real.T + 1j * (imaginary - imaginary.T)  # Hermitian
 
     def solve() -> Any:
-        """Find the eigenvalues of the matrix, once."""
+        """Find the eigenvalues, and eigenvectors if wanted, of the matrix once."""
         return np.linalg.eigh(matrix) if eigenvectors else np.linalg.eigvalsh(matrix)
 
     return time_once(solve) / _SMALL_MATRIX**3
@@ -318,9 +332,8 @@ def estimate(simulation: DirectSimulation, load: Load, exponents: bool = False) 
     processor of this machine.
 
     With ``exponents`` the estimate includes the two neighbouring equilibria of each state, and
-    their moduli, from which the local exponent is found. The time follows from that of an array of
-    at most a thousand balls at the middle one of the loads; with a history of friction, from that
-    of at most 300 balls at some loads of the path.
+    their moduli, from which the local exponent is found. The time follows from that of a small
+    array, see :func:`_measure_ball`.
     """
     packing = simulation.packing
     balls = simulation.balls
@@ -340,10 +353,11 @@ def estimate(simulation: DirectSimulation, load: Load, exponents: bool = False) 
 
 
 def estimate_sensitivities(simulation: DirectSimulation, load: Load, parameters: int) -> Cost:
-    """Return the estimated memory and time of the derivatives of the moduli of the states at a load
-    by so many ``parameters``, beside those of the states.
+    """Return the estimated cost of the derivatives, by so many ``parameters``, of the moduli of the
+    states at a load. The cost of the states themselves is not included.
 
-    The linear response at each value of a difference takes about as long as an equilibrium.
+    Each derivative is a difference of :data:`~granphon.base.differences.N_VALUES` values. The
+    linear response at each takes about as long as an equilibrium.
     """
     states = estimate(simulation, load)
     return replace(
@@ -428,13 +442,13 @@ _STATE_NUMBERS = 125.0
 
 
 def bands(points: int, branches: int, eigenvectors: bool = True, file: bool = True) -> Cost:
-    """Return the estimated cost of a band structure at ``points`` wave vectors, and of its
-    ``file``; of frequencies alone without ``eigenvectors``, whether or not there is a file.
+    """Return the estimated cost of bands at ``points`` wave vectors with ``eigenvectors``, and of
+    their ``file`` if there is one; or of frequencies alone.
 
-    Eigenvectors, phonopy's dynamical matrices and the lines of the file take bytes as measured with
-    2, 3 and 9 branches, and the time of so many numbers of text for each wave vector. Matrices go
-    as the square of the number of branches. In large cells eigenvalues take the most time, which
-    goes as the cube of that number: a small matrix is timed.
+    Memory and time of a wave vector grow as the square of the number of ``branches``, as measured
+    with 2, 3 and 9 branches; the time is that in which a number of numbers is written as text. With
+    more than :data:`~granphon.dynamics.linalg.MANY_COLUMNS` branches the time of the eigenvalues is
+    added, which grows as the cube of the number of branches: a small matrix is timed.
     """
     square = branches * branches
     kept = points * _FREQUENCY_BYTES * branches
@@ -457,13 +471,14 @@ def bands(points: int, branches: int, eigenvectors: bool = True, file: bool = Tr
 
 
 def density_of_states(mesh: tuple[int, ...], branches: int) -> Cost:
-    """Return the estimated cost of a density of states on a ``mesh`` of wave vectors.
+    """Return the estimated cost of a density of states on a ``mesh`` of wave vectors, given by the
+    numbers of points along its sides.
 
-    Each point of the mesh needs phonopy's tables of the grid. Each point that symmetry leaves (at
-    most an eighth of a mesh with equal sides; of others it may be all) needs its modes, whose
-    matrices are held for 4096 points at a time. Bytes, and the numbers of text that take as long as
-    a point, were measured on the triangular, kagome, fcc and hcp lattice, with 60 x 61 to 400^2 and
-    24^3 to 48^3 wave vectors. In space two equal sides suffice.
+    Each point of the mesh needs phonopy's tables of the grid. Each point that symmetry leaves needs
+    its modes, whose matrices are held for 4096 points at a time. Symmetry leaves at most an eighth
+    of the points if two sides of the mesh are equal, and may leave all of another mesh. Bytes, and
+    the numbers of text that take as long to write as a point, were measured on the triangular,
+    kagome, fcc and hcp lattice, with 60 x 61 to 400^2 and 24^3 to 48^3 wave vectors.
     """
     points = math.prod(mesh)
     has_equal_sides = len(set(mesh)) < len(mesh)
@@ -481,14 +496,15 @@ def density_of_states(mesh: tuple[int, ...], branches: int) -> Cost:
 def band_edges(
     states: int, points: int, branches: int, of_all: bool, *, of_network: bool = False
 ) -> Cost:
-    """Return the estimated cost of the edges of the bands of so many ``states``, sought from so
-    many ``points`` of a mesh: of the edges ``of_all`` branches, or of those beside gaps.
+    """Return the estimated cost of the edges of bands in so many ``states``: of the edges of all
+    ``branches`` (``of_all``), or of those beside gaps.
 
-    q and -q have the same frequencies. From the best points each edge is followed, and so are
-    narrow gaps to where two branches may cross; measured on lattices and on samples of 4 to 36
-    balls, of whose branches one in ten is below a gap, and on a packing in files (``of_network``)
-    of 29 balls of three sizes, of whose branches every second one is. A wave vector takes as long
-    as one of a density of states, and in large cells as a matrix that is timed.
+    The frequencies are found at half of the ``points`` of a mesh, as those of q and -q are equal.
+    Then the edges beside each gap are followed from the best points, which takes
+    :data:`_EDGE_SOLVES` wave vectors for a gap. One in ten branches is taken to be below a gap, as
+    measured on lattices and on samples of 4 to 36 balls; of a packing in files (``of_network``)
+    every second branch, as measured on 29 balls of three sizes. A wave vector takes as long as one
+    of a density of states. In large cells a matrix is timed, too.
     """
     part = _PART_BELOW_GAPS_OF_NETWORKS if of_network else _PART_BELOW_GAPS
     gaps = branches if of_all else math.ceil(part * branches)
@@ -526,13 +542,13 @@ def array_waves(
     heard: float = 0.0,
     readings: float = 0.0,
 ) -> Cost:
-    """Return the estimated cost of waves in an array with ``contacts`` and ``rows`` of their
-    deformations for each of the ``balls``.
+    """Return the estimated cost of waves in an array of so many ``balls``.
 
-    ``products`` is the number of products of the dynamical matrix with a vector, whose time per
-    ball, s, is ``measure()``. ``heard`` is the number of products of a pulse times the number of
-    balls that hear the pulse, and ``readings`` the number of these balls times the number of times
-    at which they are read, in all samples.
+    Each ball has on average so many ``contacts``, and these have in all so many ``rows``,
+    components of their deformations. ``products`` is the number of products of the dynamical matrix
+    with a vector, whose time per ball, s, is ``measure()``. Of a pulse, ``heard`` is the number of
+    products in one sample times the number of balls at which the pulse is read; ``readings`` is the
+    number of these balls times the number of times at which they are read, in all samples.
     """
     memory = _CONTACT_BYTES * balls * contacts + _HEARD_BYTES * heard
     ball_products = products * balls + readings * _READING_ROWS / rows
@@ -588,8 +604,8 @@ def response(
     ``frequencies``.
 
     ``products`` is the number of products of the dynamical matrix with a vector at all frequencies,
-    whose time per ball, s, is ``measure()``; sums and narrow lines take several times as long. The
-    ``factors`` of the matrix take so many bytes.
+    whose time per ball, s, is ``measure()``. The whole response takes :data:`_RESPONSE_PRODUCTS`
+    times as long. ``factors`` is the memory of the factors of the matrix, bytes.
     """
     noun = "frequency" if frequencies == 1 else "frequencies"
     description = f"response of {balls:,} balls at {frequencies:,} {noun}"
@@ -602,9 +618,10 @@ def sweep_states(cases: int, loads: int, frequencies: int) -> Cost:
     """Return the estimated cost of a sweep of ``cases`` (a medium with a packing), each at
     ``loads`` loads.
 
-    Each state has ``frequencies`` frequencies of bands, and some thirty numbers that are held as
-    results, stacked, and written; each case has tables. Bytes, and the numbers of text that take as
-    long, were measured with 40 to 40 000 states, and up to 1e7 frequencies.
+    Each state has ``frequencies`` frequencies of bands, and some thirty other numbers; all are held
+    as results, stacked in one data set, and written. Each case has tables of its own. Bytes, and
+    the numbers of text that take as long to write, were measured with 40 to 40 000 states, and up
+    to 1e7 frequencies.
     """
     states = cases * loads
     description = f"{states:,} states"

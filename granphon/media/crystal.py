@@ -137,7 +137,7 @@ class Faces:
 
     @property
     def is_pressed(self) -> bool:
-        """Whether both faces are walls, of which a load moves the upper one."""
+        """Whether a load moves the upper face against the lower: neither face is free."""
         return "free" not in self.edges
 
 
@@ -305,15 +305,20 @@ class Crystal(Result):
         )
 
     def _set(self, **attributes: Any) -> None:
-        """Set the attributes, of which arrays become read-only; raise if a pair lacks a law."""
+        """Set the attributes by their names, and make arrays read-only.
+
+        Raises :class:`~granphon.base.errors.InputError` if a pair of kinds lacks a law.
+        """
         for name, value in attributes.items():
             frozen = read_only(value) if isinstance(value, np.ndarray) else value
             object.__setattr__(self, name, frozen)
-        _ = self._laws
+        _ = self._laws  # found once here, so that a missing law is an error at once
 
     @classmethod
     def _of_fields(cls, *values: Any) -> Self:
-        """Make a crystal of the values of its fields, unchecked."""
+        """Make a crystal of the values of its fields, in the order of the class, without checks of
+        the values.
+        """
         crystal = object.__new__(cls)
         names = [field.name for field in fields(cls)]
         crystal._set(**dict(zip(names, values, strict=True)))
@@ -333,7 +338,9 @@ class Crystal(Result):
                 raise InputError(problem, mend="Make the crystal again")
 
     def _find_faults(self) -> list[tuple[str, bool]]:
-        """Return what may be wrong with the data of a crystal, in words, and whether it is."""
+        """Return each fault that the data of a crystal may have, in words, and whether they have
+        it. If contacts or faces name balls that are not there, no later fault is looked for.
+        """
         table = self.contacts
         radii = self._mean_radii
         ends = np.concatenate([table.i, table.j, *(side.balls for side in self._sides)])
@@ -344,14 +351,14 @@ class Crystal(Result):
             ("there are not as many names as kinds", len(self.names) != len(self.kinds)),
             ("a contact or a face names a ball that is not there", not has_ends),
         ]
-        if not has_ends:  # the numbers below belong to the balls at both ends
+        if not has_ends:  # what follows reads the positions and radii of these balls
             return faults
         separations = self.positions[table.j] + table.shift @ self.cell - self.positions[table.i]
         along_normal = table.normal * np.linalg.norm(separations, axis=1)[:, None]
         tolerance = TOUCH * float(np.mean(radii))
 
         def differ(numbers: Array, expected: Array) -> bool:
-            """Return whether some of the numbers, m, are not as expected."""
+            """Return whether some of the numbers, m, are not the expected ones, to rounding."""
             return not np.all(np.abs(numbers - expected) <= tolerance)
 
         has_wrong_arm = differ(table.arm_i, radii[table.i]) or differ(table.arm_j, radii[table.j])
@@ -361,13 +368,13 @@ class Crystal(Result):
         return [
             *faults,
             ("a contact does not lead from ball to ball", differ(table.vector, separations)),
-            ("a normal is not along it", differ(along_normal, separations)),
-            ("an arm is not the radius", has_wrong_arm),
+            ("a normal is not along its contact", differ(along_normal, separations)),
+            ("an arm is not the radius of its ball", has_wrong_arm),
             ("a cut has no thickness", not has_thickness),
         ]
 
     def _derive(self, **changes: Any) -> Self:
-        """Return the crystal with other values of some attributes."""
+        """Return the crystal with ``changes``: other values of some attributes, by name."""
         attributes = {field.name: getattr(self, field.name) for field in fields(self)}
         attributes |= changes
         return self._of_fields(*attributes.values())
@@ -383,7 +390,7 @@ class Crystal(Result):
         # the kinds that remain, in the order in which their balls come
         _, first_balls = np.unique(kind, return_index=True)
         used_kinds = kind[np.sort(first_balls)]
-        # the number of each ball's kind among these
+        # the number of each ball's kind among the used kinds, which are not in ascending order
         new_kind = np.argsort(used_kinds)[np.searchsorted(np.sort(used_kinds), kind)]
         faces = []
         for face in self.faces:
@@ -559,7 +566,7 @@ class Crystal(Result):
             sizes = given_diameters.ravel().astype(float)
         sample = supercell._derive(deviations=supercell._centre_sizes(sizes))
         if p == self.dimension and not self._floors and self.on_site is None:
-            # what a sample knows of its cells saves time alone
+            # with the grid of its cells the sample comes to rest sooner, in the same state
             vars(sample)["_grid"] = Grid.of(self.contacts, counts, self.n_balls)
         return sample
 
@@ -593,7 +600,8 @@ class Crystal(Result):
         sample_shape = (*counts, n) if n > 1 or not self.periods else counts
         for number, ball in enumerate(self.kinds):
             if ball.spread is not None:
-                # drawn for all sites, so that a ball does not depend on the kinds of the others
+                # drawn for all sites, also of other kinds, so that the diameter of a ball does not
+                # depend on the kinds of the others
                 deviations_of_sites = ball.spread.sample(sample_shape, seed).ravel()
                 is_of_kind = kind == number
                 deviations[is_of_kind] = deviations_of_sites[is_of_kind]
@@ -654,7 +662,7 @@ class Crystal(Result):
         to balls, a name without a kind, and a ball of another diameter.
         """
         kinds = dict(zip(self.names, self.kinds, strict=True))
-        mapping: object = balls
+        mapping: object = balls  # the caller may have given anything
         are_balls = isinstance(mapping, Mapping) and all(
             isinstance(ball, Ball) for ball in mapping.values()
         )
@@ -709,8 +717,8 @@ class Crystal(Result):
         return crystal
 
     def cut(self, axis: Any, layers: int, edges: Any = "free") -> Self:
-        """Return so many layers of the crystal, which no longer repeat across them: a strip, slab
-        or column.
+        """Return a number of layers of the crystal, a strip, slab or column, which does not repeat
+        across its layers.
 
         Parameters
         ----------
@@ -719,11 +727,11 @@ class Crystal(Result):
             hexagonal cell. The cells of fcc, bcc, diamond and NaCl are primitive: the conventional
             plane (h, k, l) has the indices ``cell @ [h, k, l]``, made whole numbers, in these. So
             fcc's conventional (0, 0, 1) is (1, 1, 0), and (1, 1, 1) is (1, 1, 1).
-        layers : their number, in cells.
+        layers : the number of layers, each as thick as a cell.
         edges : how the two faces are held: "free"; "clamped", the outer layer does not move by
             itself, as beads that are glued to a wall; "floor", a rigid plane touches the outer
-            balls; or a :class:`~granphon.Wall`, an elastic one does. One for both, or (lower,
-            upper).
+            balls; or a :class:`~granphon.Wall`, an elastic plane touches them. Give one edge for
+            both faces, or (lower, upper).
 
         The layers follow each other along the first axis that is no longer a period, the lower face
         first: y of a crystal cut from a plane, z from space, x from a chain. If need be the crystal
@@ -741,8 +749,9 @@ class Crystal(Result):
         face_edges = (lower_edge, upper_edge)
         layering = Layers.across(axis, self.cell)
         n = self.n_balls
-        normal_axis = self.periods - 1
+        normal_axis = self.periods - 1  # the last period becomes the axis across the layers
         table = self.contacts
+        # the balls of one layer, and then the contacts within and between all layers
         sites, gathered_shift = layering.gather(self.positions, table.i, table.j, table.shift)
         i, j, rows, shift = layering.unfold(table.i, table.j, gathered_shift, n, count)
         contacts = table.take(rows, i, j, shift, layering.turn)
@@ -776,7 +785,7 @@ class Crystal(Result):
         if not self.n_contacts:
             problem = f"no balls of crystal {self.name!r} touch"
             raise InputError(problem, mend="Give more layers, or remove fewer balls")
-        held = np.zeros(n, bool)  # by a wall, which extends along all periods
+        held = np.zeros(n, bool)  # a floor or clamp extends along all periods and joins its balls
         for side in self._sides:
             if side.edge != "free":
                 held[side.balls] = True
@@ -848,7 +857,7 @@ class Crystal(Result):
 
     @property
     def _bulges(self) -> Array:
-        """(n,) radii of the balls less those of their kinds, m."""
+        """(n,) radii of the balls minus those of their kinds, m; zeros if none were drawn."""
         return np.zeros(self.n_balls) if self.deviations is None else 0.5 * self.deviations
 
     @property
@@ -872,8 +881,8 @@ class Crystal(Result):
     @property
     def downward(self) -> Array:
         """(d,) unit vector across the layers of a cut, towards the face that is held; towards the
-        lower face if both are held. Where springs to the ground alone hold the balls it is the last
-        axis, downwards.
+        lower face if both are held. Where springs to the ground alone hold the balls, the vector
+        points down the last axis.
 
         Raises :class:`~granphon.base.errors.InputError` if nothing holds the balls.
         """
@@ -891,8 +900,8 @@ class Crystal(Result):
         raise error
 
     def _take_least_of_ends(self, quantity: Array) -> Array:
-        """Return the smaller number of a ``quantity`` (n,) of balls at the two ends of each
-        contact, (n_c,); at a floor the number of the ball.
+        """Return (n_c,) for each contact the smaller of the two values that a ``quantity`` (n,) of
+        balls has at its two ends; for a contact with a floor, the value of the ball.
         """
         table = self.contacts
         between_balls = np.minimum(quantity[table.i], quantity[table.j])
@@ -984,7 +993,7 @@ class Crystal(Result):
                 check_law(law, ContactConstants.of(first, second).radius)
                 checked.add(id(law))
             laws.append(law)
-        # the contacts of each pair, in their order
+        # the numbers of the contacts of each pair: contacts are sorted by pairs, and split there
         order = np.argsort(pair_of_contact, kind="stable")
         starts = np.searchsorted(pair_of_contact[order], np.arange(1, len(pairs)))
         contacts_of_pairs = np.split(order, starts)[: len(pairs)]
@@ -992,8 +1001,10 @@ class Crystal(Result):
         return ContactLaws(groups, len(pair_of_contact), self._constants["modulus"])
 
     def law_of(self, i: int, j: int) -> tuple[PairLaw, float, float]:
-        """Return the law of balls i and j, 4 G*/E*, and E*, Pa; numbers behind those of the balls
-        are those of the floors and walls of faces, in their order, and others a rigid floor.
+        """Return the law of a contact of the bodies i and j, its ratio 4 G*/E*, and E*, Pa.
+
+        The numbers below n are those of the balls. The next numbers are those of the faces that
+        stand on a floor or wall, in their order; any larger number is a rigid floor.
         """
         return self.contact_model.law_of(self._find_kind_name(i), self._find_kind_name(j))
 
@@ -1002,13 +1013,14 @@ class Crystal(Result):
         if number < self.n_balls:
             return self.names[int(self.kind[number])]
         bodies: list[Body] = [side.body or RIGID_PLANE for side in self._floors]
-        place = number - self.n_balls
-        return bodies[place].name if place < len(bodies) else RIGID_PLANE.name
+        floor = number - self.n_balls
+        return bodies[floor].name if floor < len(bodies) else RIGID_PLANE.name
 
     def touch(self) -> CrystalState:
-        """Return the state in which balls touch, with zero stress and strain; overlaps are 1e-6 of
-        the distances of the centres, so that there are stiffnesses, and forces and stiffnesses are
-        those at these overlaps.
+        """Return the state in which balls just touch, with zero stress, strain and displacements.
+
+        The overlaps are 1e-6 of the distances of the centres, and the forces and stiffnesses are
+        those at these overlaps: at zero overlap most laws have no stiffness.
         """
         assembly = self._assembly
         laws = self._laws
@@ -1048,7 +1060,9 @@ class Crystal(Result):
 
     @cached_property
     def _constants(self) -> dict[str, Array]:
-        """The constants (n_c,) of all contacts by their names in :class:`ContactConstants`."""
+        """The constants (n_c,) of all contacts by their names in
+        :class:`~granphon.balls.ball.ContactConstants`, where their units are given.
+        """
         pairs, pair_of_contact = self._pairs
         constants = [ContactConstants.of(first, second) for first, second, _, _ in pairs]
         columns = np.reshape(constants, (-1, len(ContactConstants._fields)))[pair_of_contact].T
@@ -1059,7 +1073,7 @@ class Crystal(Result):
         """The motions of each ball, without rotations if no contact and no spring to the ground
         resists any.
         """
-        # only whether these stiffnesses are zero matters; torsion may be a word
+        # only whether these stiffnesses are zero matters; torsion may be the word "mindlin"
         mindlin_ratio = 1.0 if self.friction else 0.0
         torsion = 1.0 if self.torsion else 0.0
         return select_motions(
@@ -1073,58 +1087,64 @@ class Crystal(Result):
 
     @cached_property
     def _springs(self) -> tuple[Index, Index, Array]:
-        """The springs to the ground against displacements of balls that move by themselves: ball,
-        axis and stiffness, N/m, of each.
+        """The springs to the ground against displacements of balls that move by themselves: the
+        ball (n_s,), the axis (n_s,) and the stiffness (n_s,), N/m, of each of the n_s springs.
         """
         if self.on_site is None:
             nothing = np.zeros(0, np.intp)
             return nothing, nothing, np.zeros(0)
         axes = np.array(self.named_motions.translations)
-        along = np.flatnonzero(axes < self.dimension)  # statics know no other axis
+        # balls come to rest in d dimensions: displacements out of the plane are not among them
+        along = np.flatnonzero(axes < self.dimension)
         springs = np.where(self._bodies.ball_number[:, None] >= 0, self.on_site[:, along], 0.0)
         balls, columns = np.nonzero(springs)
         return balls, axes[along][columns], springs[balls, columns]
 
     def _find_anchored_axes(self) -> set[int]:
-        """Return the axes along which springs to the ground hold each ball that moves by itself."""
+        """Return the axes along which each ball that moves by itself has a spring to the ground."""
         _, axes, _ = self._springs
         n_moving = self._bodies.n_balls
         return {axis for axis in range(self.dimension) if np.sum(axes == axis) == n_moving}
 
     @cached_property
     def _assembly(self) -> Assembly:
-        """What comes to rest: balls, walls, the cell, and their contacts, those with floors behind
-        those of balls, and springs to the ground last.
+        """What comes to rest: balls, walls, the cell, and their contacts. Contacts between balls
+        come first, then those with floors, and springs to the ground, as contacts, last.
+
+        Raises :class:`~granphon.base.errors.InputError` if balls have a spread, and none are drawn.
         """
         self._require_drawn()
         bodies = self._bodies
         d = self.dimension
         table = self.contacts
         bulges = self._bulges
-        # walls that move follow the balls, and what is held comes last
+        # numbers of bodies: the balls that move, the walls that move, and one for all that is held
         wall_or_held = np.where(
             bodies.wall_of_ball >= 0, bodies.n_balls + bodies.wall_of_ball, bodies.held
         )
         body_of_ball = np.where(bodies.ball_number >= 0, bodies.ball_number, wall_or_held)
-        first = [body_of_ball[table.i]]
-        second = [body_of_ball[table.j]]
+        first_bodies = [body_of_ball[table.i]]
+        second_bodies = [body_of_ball[table.j]]
         vectors = [table.vector]
+        # overlaps of the drawn balls at the positions at which the mean balls touch
         offsets = [bulges[table.i] + bulges[table.j]]
         for floor in self._floors:
             radii = self._mean_radii[floor.balls]
             wall = bodies.n_balls + floor.wall if floor.wall >= 0 else bodies.held
-            first.append(body_of_ball[floor.balls])
-            second.append(np.full(len(floor.balls), wall))
+            first_bodies.append(body_of_ball[floor.balls])
+            second_bodies.append(np.full(len(floor.balls), wall))
+            # from the centre of the ball to the flat body
             vectors.append(floor.sign * radii[:, None] * np.eye(d)[floor.axis])
             offsets.append(bulges[floor.balls])
         spring_balls, spring_axes, constants = self._springs
-        first.append(body_of_ball[spring_balls])
-        second.append(np.full(len(constants), bodies.held))
+        first_bodies.append(body_of_ball[spring_balls])
+        second_bodies.append(np.full(len(constants), bodies.held))
         vectors.append(_NO_LENGTH * np.eye(d)[spring_axes])
         offsets.append(np.zeros(len(constants)))
-        i = np.concatenate(first).astype(np.int64)
+        i = np.concatenate(first_bodies).astype(np.int64)
         vector = np.zeros((len(i), 3))
         vector[:, :d] = np.concatenate(vectors)
+        # one law for all springs of the same stiffness, with the numbers of these springs
         spring_laws = [
             (SpringLaw(constant), np.flatnonzero(constants == constant))
             for constant in np.unique(constants).tolist()
@@ -1133,26 +1153,28 @@ class Crystal(Result):
         return Assembly(
             n_balls=bodies.n_balls,
             i=i,
-            j=np.concatenate(second).astype(np.int64),
+            j=np.concatenate(second_bodies).astype(np.int64),
             vector=vector,
-            is_flat=np.arange(len(i)) >= len(table),
+            is_flat=np.arange(len(i)) >= len(table),  # all but the contacts between balls
             offset=np.concatenate(offsets),
             laws=self._laws.append(spring_laws, len(constants)),
             cell=self.cell[:, : self.periods],
             dimension=d,
-            directions=np.eye(d)[axes].reshape(len(axes), d),
+            directions=np.eye(d)[axes].reshape(len(axes), d),  # also with no wall that moves
             wall_balls=np.array([float(len(face.balls[1])) for face in bodies.walls]),
         )
 
     @cached_property
     def _grid(self) -> Grid | None:
-        """The contacts of a sample, kind by kind; None of other crystals."""
+        """The contacts of a sample on the grid of its cells, kind by kind: :meth:`sample` sets
+        this attribute. None of other crystals.
+        """
         return None
 
     @cached_property
     def _sample_on_grid(self) -> SampleOnGrid | None:
-        """A sample whose contacts have one law, Hertz's, as an assembly on a grid; None of other
-        crystals.
+        """The assembly on the grid of cells of a sample whose contacts all have one law of Hertz;
+        None of other crystals.
         """
         groups = self._laws.groups
         if self._grid is None or len(groups) != 1 or not isinstance(groups[0][0], HertzLaw):
@@ -1166,14 +1188,16 @@ class Crystal(Result):
         boundary: Boundary,
         start: Rest | None = None,
     ) -> Rest:
-        """Return the state at rest under a load; see
-        :func:`~granphon.statics.find_rest.find_rest`.
+        """Return the state at rest under a load, found from the state ``start`` if given; see
+        :func:`~granphon.statics.find_rest.find_rest`. A sample on a grid, unless forces act on its
+        balls, is solved in the order of its grid.
         """
         on_grid = self._sample_on_grid
         if on_grid is None or np.any(load.force):
             return find_rest(self._assembly, load, geometry, boundary, start)
-        begin = None if start is None else on_grid.sort(start)
-        return on_grid.restore(find_rest(on_grid.assembly, load, geometry, boundary, begin))
+        start_on_grid = None if start is None else on_grid.sort(start)
+        rest_on_grid = find_rest(on_grid.assembly, load, geometry, boundary, start_on_grid)
+        return on_grid.restore(rest_on_grid)
 
     def _require_drawn(self) -> None:
         """Raise :class:`InputError` if balls have a spread of diameters, and none are drawn."""
@@ -1187,7 +1211,7 @@ class Crystal(Result):
 
     @cached_property
     def _bodies(self) -> _Bodies:
-        """What moves in the statics."""
+        """What moves in the statics. Balls of a clamped layer do not move by themselves."""
         wall_of_ball = np.full(self.n_balls, -1, np.intp)
         is_free = np.ones(self.n_balls, bool)
         for side in self._sides:
@@ -1268,8 +1292,9 @@ class Crystal(Result):
 
         The mean is taken over the contacts that carry a load, or touch if they adhere; of balls
         that differ in diameter, over all contacts. ``gravity``, ``finite_overlap``, ``boundary``
-        and the errors are as in :meth:`at_pressure`; but a mean of zero or below is always an
-        InputError, and so is one that contacts have at no pressure, as where gravity presses more.
+        and the errors are as in :meth:`at_pressure`. But a mean of zero or below is always an
+        InputError; and so is a mean that contacts have at no pressure, as where the mean is larger
+        under gravity alone.
         """
         return self._at_mean("force", force, gravity, finite_overlap, boundary)
 
@@ -1281,8 +1306,9 @@ class Crystal(Result):
         finite_overlap: bool | None = None,
         boundary: Boundary = "stress",
     ) -> CrystalState:
-        """Return the state at which contacts have the mean ``overlap``, m; see :meth:`at_force`,
-        ``gravity`` and ``boundary`` too.
+        """Return the state at rest under the hydrostatic pressure at which contacts have the mean
+        ``overlap``, m. ``gravity``, ``finite_overlap``, ``boundary`` and the errors are as in
+        :meth:`at_force`.
         """
         return self._at_mean("overlap", overlap, gravity, finite_overlap, boundary)
 
@@ -1366,8 +1392,10 @@ class Crystal(Result):
         return self._solve_each(values, applied, finite_overlap, 2)
 
     def _read_tensor(self, name: str, given: ArrayLike, shear_factor: float) -> Array:
-        """Return tensors (..., p, p), from such tensors or from vectors in Voigt's order, whose
-        shears are multiplied by ``shear_factor``; InputError for other shapes.
+        """Return symmetric tensors (..., p, p) from such tensors, or from their components in
+        Voigt's order (..., p (p + 1)/2), of which the shears are multiplied by ``shear_factor``: 1
+        of a stress, 1/2 of a strain. Raises InputError for other shapes, and for tensors that are
+        not symmetric.
 
         ``name`` is what messages call the tensor.
         """
@@ -1441,6 +1469,7 @@ class Crystal(Result):
         for axis in acting_axes:
             is_period = axis < self.periods
             is_held = axis in wall_axes or has_clamp  # a clamp holds along all axes
+            # along a period a face holds nothing, as balls repeat there; springs hold there too
             if axis in anchored_axes or (is_held and not is_period):
                 continue
             reason = "repeats" if is_period else "stands on nothing"
@@ -1458,13 +1487,15 @@ class Crystal(Result):
         strain: Array | None = None,
         pressure: float = 0.0,
     ) -> AppliedLoad:
-        """Return the load, in ``words`` for messages, of gravity, an ``acceleration`` (d,), m/s^2,
-        or None; of a ``stress`` or a ``strain`` (p, p) of the periods, just one of the two; and of
-        a pressure on the faces. FloatingPointError if the forces are not finite.
+        """Return the load that consists of gravity, an ``acceleration`` (d,), m/s^2, or None; of a
+        ``stress`` or a ``strain`` (p, p) of the periods, exactly one of which is given; and of a
+        ``pressure`` on the faces. Messages call the load by ``words``.
+
+        Raises FloatingPointError if the forces are not finite.
         """
         pressing = self._press_faces(pressure)
         force = pressing.copy()
-        lift: tuple[str, str] | None = None
+        lift: tuple[str, str] | None = None  # why gravity lifts balls, and what mends that
         if acceleration is not None:
             masses = self.masses[self._bodies.ball_number >= 0]
             force[: masses.size * self.dimension] += (masses[:, None] * acceleration).ravel()
@@ -1475,8 +1506,9 @@ class Crystal(Result):
         return AppliedLoad(force, words, stress, given, pressing, lift)
 
     def _press_faces(self, pressure: float) -> Array:
-        """Return the forces of a pressure on the balls of free faces, which share it equally, and
-        on walls that move: (n d + k,), N.
+        """Return the forces, N, of a pressure: the d components of each ball that moves by itself,
+        ball by ball, and then one force on each wall that moves. The balls of a free face share
+        the force on the face equally.
         """
         assembly = self._assembly
         ball_number = self._bodies.ball_number
@@ -1495,13 +1527,18 @@ class Crystal(Result):
         return np.concatenate([on_balls.ravel(), on_walls])
 
     def _explain_lift(self, acceleration: Array, pressure: float) -> tuple[str, str] | None:
-        """Return why gravity lifts balls off the face on which they stand, and what mends that;
-        None if gravity does not, if the pressure is larger than the weight, or if both faces are
-        clamped.
+        """Return why gravity, an ``acceleration`` (d,), m/s^2, lifts balls off the face of a cut on
+        which they stand, and what mends that, both in words.
+
+        Return None if gravity lifts them off no face. It does not if the ``pressure`` is larger
+        than their weight, if both faces of the cut are clamped, or if both are free, so that
+        balls stand on neither.
         """
         mass = float(np.sum(self.masses[self._bodies.ball_number >= 0]))
         for face in self.faces:
             low, high = face.edges
+            if low == high == "free":
+                continue
             stands_on_low = low != "free"
             along = acceleration[face.axis]
             lift = along if stands_on_low else -along  # m/s^2, away from the face that holds
@@ -1513,6 +1550,8 @@ class Crystal(Result):
             unit = _PRESSURE_UNITS[self.periods + len(self.faces)]
             edge = low if stands_on_low else high
             support = edge.name if isinstance(edge, Wall) else edge
+            if support == "clamped":
+                support = "clamp"
             sign = "" if stands_on_low else "-"
             why = (
                 f"Gravity acts along {sign}{'xyz'[face.axis]}, away from the {support} on which"
@@ -1526,7 +1565,8 @@ class Crystal(Result):
         self, pressure: float, acceleration: Array | None, words: str
     ) -> AppliedLoad:
         """Return the load of a pressure on periods and faces; with gravity, an ``acceleration``
-        (d,), m/s^2, the periods keep their length. ``words`` gain the unit of the pressure.
+        (d,), m/s^2, the periods keep their length. Messages call the load by ``words``, which end
+        with the pressure and to which its unit is added.
         """
         words += f" {_PRESSURE_UNITS[self.periods + len(self.faces)]}"
         if acceleration is not None:
@@ -1560,15 +1600,15 @@ class Crystal(Result):
                 why = "A mean of contacts that adhere has no one pressure there"
                 mend = "Use at_pressure, which may be zero or below"
             raise InputError(f"{kind} is {sign}", why, mend)
-        follows = read_finite_overlap(finite_overlap)
+        is_exact = read_finite_overlap(finite_overlap)
         require("boundary", partial(choice, options=BOUNDARIES), boundary)
         with _in_double_precision(goals):
             loads = zip(goals.ravel().tolist(), accelerations, strict=True)
             solutions = [
-                self._find_mean(kind, goal, acceleration, follows=follows, boundary=boundary)
+                self._find_mean(kind, goal, acceleration, is_exact=is_exact, boundary=boundary)
                 for goal, acceleration in loads
             ]
-            return self._stack(goals, solutions, 0, follows)
+            return self._stack(goals, solutions, 0, is_exact)
 
     def _require_pressable(self) -> None:
         """Raise :class:`InputError` if there is neither a period nor a face to press on."""
@@ -1582,16 +1622,19 @@ class Crystal(Result):
         goal: float,
         acceleration: Array | None,
         *,
-        follows: bool,
+        is_exact: bool,
         boundary: Boundary,
     ) -> tuple[Rest, AppliedLoad]:
-        """Return the state at rest at which the mean force (N) or overlap (m) of contacts is
-        ``goal``, as the ``kind`` says, and its load; under gravity, an ``acceleration`` (d,),
-        m/s^2, or without (None); in the exact geometry if it ``follows`` the balls.
+        """Return the state at rest at which the mean of contacts is ``goal``, and its load.
 
-        The next pressure follows from the power with which overlaps grow with the pressure, and
-        where balls differ from a secant; the search halves the interval of the pressures if that
-        leaves it. InputError if no pressure has this mean, or all contacts are open.
+        ``kind`` is "force", of goals in N, or "overlap", of goals in m. ``acceleration`` (d,),
+        m/s^2, is gravity, or None. With ``is_exact`` contacts turn and the cell deforms.
+
+        The search is for the pressure. The next pressure follows from the power with which
+        overlaps grow with the pressure; where balls differ, from a secant. If that pressure is not
+        between those that are known to be too low and too high, their interval is halved.
+
+        Raises InputError if contacts have this mean at no pressure, or if all contacts are open.
         """
         assembly = self._assembly
         laws = self._laws
@@ -1605,14 +1648,15 @@ class Crystal(Result):
         tolerance = SAMPLED if differ else MEAN
         for _ in range(MOST_MEANS):
             load = self._load_hydrostatic(pressure, acceleration, f"{words} {pressure:.6g}")
-            small = self._find_rest(load, "lattice", boundary, start)
-            if follows:
-                # where balls differ the search goes on from the last state: from another state
-                # loose balls would come to rest elsewhere, and the mean would jump
-                nearest = state if differ and state else small
+            lattice_state = self._find_rest(load, "lattice", boundary, start)
+            if is_exact:
+                # the state in the exact geometry is found from that in the directions of the sites.
+                # But where balls differ it is found from the last one: from another state loose
+                # balls would come to rest elsewhere, and the mean would jump
+                nearest = state if differ and state else lattice_state
                 state = self._find_rest(load, "exact", boundary, nearest)
             else:
-                state = small
+                state = lattice_state
             contacts = MeanContacts.of(state, laws, differ)
             if not np.any(contacts.counts):
                 problem = f"all contacts are open under {words} {pressure:.6g}"
@@ -1630,34 +1674,42 @@ class Crystal(Result):
                 # gravity alone presses more than the goal, and less pressure changes nothing
                 break
             last_error = error
-            # the overlaps from which the next state is found grow by a factor, too
-            pressure_growth, growth = contacts.find_growth(kind, goal, mean)
+            pressure_growth, overlap_growth = contacts.find_growth(kind, goal, mean)
             guess = pressure * pressure_growth
             if differ:  # overlaps on the sites do not grow, and their mean follows no power
-                growth = 1.0
+                overlap_growth = 1.0
                 guess = search.extrapolate(pressure, mean, guess)
-            start = small.scale(growth)
+            # the next state is found from this one with the overlaps that are expected there
+            start = lattice_state.scale(overlap_growth)
             next_pressure = search.choose(pressure, excess, guess)
             if next_pressure is None:
                 if error <= rounding:
                     return state, load
                 break
             pressure = next_pressure
+        has_gravity = acceleration is not None
+        raise self._explain_unreached_mean(kind, goal, pressure, mean, has_gravity)
+
+    def _explain_unreached_mean(
+        self, kind: str, goal: float, pressure: float, mean: float, has_gravity: bool
+    ) -> InputError:
+        """Return the error for a ``goal``, a mean force (N) or overlap (m) as the ``kind`` says,
+        that contacts have at no pressure; at the last ``pressure`` their mean was ``mean``.
+        """
         problem = (
             f"contacts of crystal {self.name!r} do not have a mean {kind} of {goal:g} at any"
             f" pressure"
         )
         mean_at_last = f"At a pressure of {pressure:.4g} it is {mean:.4g}"
-        if acceleration is None:
-            raise InputError(problem, mean_at_last)
-        raise InputError(problem, f"{mean_at_last}, as gravity presses more", "Give a larger one")
+        if not has_gravity:
+            return InputError(problem, mean_at_last)
+        return InputError(problem, f"{mean_at_last}, as gravity presses more", "Give a larger one")
 
     def _estimate_pressure(self, kind: str, goal: float) -> float:
-        """Return the pressure at which contacts of equal forces have the mean force (N) or overlap
-        (m) ``goal``: N, N/m or Pa.
+        """Return the first guess of a search for the pressure, N, N/m or Pa, at which contacts have
+        the mean force (N) or overlap (m) ``goal``.
 
-        The pressure follows from the virial. Gravity is left out, and the pressure is only the
-        first guess of a search.
+        The pressure is that of the virial, if all contacts had the same force, without gravity.
         """
         assembly = self._assembly
         force = goal
@@ -1676,22 +1728,28 @@ class Crystal(Result):
         rank: int = 0,
         boundary: Boundary = "stress",
     ) -> CrystalState:
-        """Return the state at each load of ``values``, numbers or tensors of ``rank`` 2; ``loads``
-        are what acts on the assembly at each, in C order.
+        """Return the states at rest under ``loads``, which belong to ``values`` in C order.
+
+        Of the axes of ``values`` the last ``rank`` belong to one load: 0 of numbers, 2 of tensors.
+        The other axes are the shape of the state.
         """
-        follows = read_finite_overlap(finite_overlap)
+        is_exact = read_finite_overlap(finite_overlap)
         require("boundary", partial(choice, options=BOUNDARIES), boundary)
-        geometry: Geometry = "exact" if follows else "lattice"
+        geometry: Geometry = "exact" if is_exact else "lattice"
         with _in_double_precision(values):
             solutions = [(self._find_rest(load, geometry, boundary), load) for load in loads]
-            return self._stack(values, solutions, rank, follows)
+            return self._stack(values, solutions, rank, is_exact)
 
     def _stack(
-        self, values: Array, solutions: Sequence[tuple[Rest, AppliedLoad]], rank: int, follows: bool
+        self,
+        values: Array,
+        solutions: Sequence[tuple[Rest, AppliedLoad]],
+        rank: int,
+        is_exact: bool,
     ) -> CrystalState:
-        """Return the state at the loads ``values``, of which the last ``rank`` axes belong to one
-        load; ``solutions`` are the state at rest and the load of each, in C order, in the exact
-        geometry if it ``follows`` the balls.
+        """Return one state of the crystal that holds all ``solutions``: the state at rest, in the
+        exact geometry if ``is_exact``, and the load of each of ``values``, in C order. The last
+        ``rank`` axes of ``values`` belong to one load.
 
         Raises InputError if balls overlap by their diameter or more.
         """
@@ -1712,7 +1770,7 @@ class Crystal(Result):
             "normal_stiffness": np.array([laws.stiffness(overlaps) for overlaps in overlap]),
             "normal": np.array([state.normal[of_contacts] for state in states]),
             "displacements": displacements,
-            "stress": self._find_stresses(states, strain if follows else np.zeros_like(strain)),
+            "stress": self._find_stresses(states, strain if is_exact else np.zeros_like(strain)),
             "strain": strain,
             "ways": wall_motions,
         }
@@ -1720,14 +1778,14 @@ class Crystal(Result):
             name: read_only(array.reshape(*load_shape, *array.shape[1:]))
             for name, array in arrays.items()
         }
-        return CrystalState(self, **shaped, finite_overlap=follows)
+        return CrystalState(self, **shaped, finite_overlap=is_exact)
 
     def _find_displacements(self, states: Sequence[Rest]) -> tuple[Array, Array]:
         """Return the displacements of the balls, (loads, n, d), and of the walls that a load moves,
         (loads, n_w), m.
 
-        Without a clamp the mean displacement is zero along the axes across which there is no floor,
-        and along which no spring to the ground holds a ball.
+        Along an axis on which no floor, clamp or spring to the ground fixes the crystal, the mean
+        displacement of the balls is made zero.
         """
         bodies = self._bodies
         d = self.dimension
@@ -1748,7 +1806,7 @@ class Crystal(Result):
 
     def _find_stresses(self, states: Sequence[Rest], strains: Array) -> Array:
         """Return the stress (loads, p, p) of states at rest on cells with ``strains`` (loads, p,
-        p); N, N/m or Pa by the number of periods, tension above zero.
+        p). The unit is N, N/m or Pa with one, two or three periods; tension is above zero.
         """
         p = self.periods
         stresses = np.zeros((len(states), p, p))
@@ -1758,7 +1816,9 @@ class Crystal(Result):
         return stresses
 
     def _find_stress(self, state: Rest, deformation: Array) -> Array:
-        """Return the stress (p, p) of a state at rest on the cell with a ``deformation`` (p, p)."""
+        """Return the stress (p, p) of a state at rest, on the cell whose vectors a ``deformation``
+        (p, p) has changed: the symmetric part of the virial of the contacts between balls.
+        """
         assembly = self._assembly
         p = self.periods
         forces = assembly.laws.force(state.overlap)[:, None] * state.normal[:, :p]
@@ -1886,18 +1946,25 @@ class CrystalState(Result):
 
     @property
     def exponent(self) -> Any:
-        """The exponent d log v / d log P of all sound velocities, if the load grows as a whole,
-        without terms of delta/d.
+        """(...) exponent d log v / d log P of all sound velocities v, if all components of the load
+        grow by one factor; terms of relative order delta/d are left out.
 
         The exponent of a contact is f k'/2k^2, with the slope k' of the stiffness of its law:
         (a - 1)/2a where f goes as delta^a. Raises :class:`~granphon.base.errors.InputError` if
-        contacts do not have one exponent in common: velocities are then no power.
+        contacts do not have one exponent in common, as the velocities then follow no power, and if
+        no contact is closed.
         """
         exponents = np.empty(self.shape)
         for index in np.ndindex(self.shape):
             force = self.normal_force[index]
             k = self.normal_stiffness[index]
             loaded = k > 0.0
+            if not np.any(loaded):
+                raise InputError(
+                    f"no contact of crystal {self.crystal.name!r} is closed",
+                    "Without contacts there is no sound whose velocity could grow",
+                    "Press the crystal",
+                )
             slope = self.crystal._laws.stiffness_slope(self.overlap[index])
             contact_exponents = 0.5 * (force[loaded] / k[loaded]) * (slope[loaded] / k[loaded])
             if np.ptp(contact_exponents) > _SAME_EXPONENT:
@@ -1912,7 +1979,7 @@ class CrystalState(Result):
 
     @property
     def scales(self) -> Units:
-        """Reduced units at one load, as of the :attr:`network`.
+        """Reduced units at one load, those of the :attr:`network`.
 
         Raises :class:`~granphon.base.errors.InputError` for several loads.
         """
@@ -1920,18 +1987,19 @@ class CrystalState(Result):
 
     @cached_property
     def limits(self) -> tuple[Check, ...]:
-        """The conditions that limit the state.
+        """The conditions within which the state holds.
 
-        They are on the contact radius over the radius of the ball, the overlap over the last
-        overlap of a law that has one, and the mean pressure of a contact over the yield strength,
-        each the largest over the contacts; and on diameters and material constants that no solid
-        ball has.
+        Three conditions limit the largest, over the contacts, of a ratio: the contact radius over
+        the radius of the ball; the overlap over the last overlap of the law, if a law has one; and
+        the mean pressure of the contact over the yield strength, if one is known. Further
+        conditions stand for each diameter and material constant that no solid ball has.
         """
         crystal = self.crystal
         arms = np.minimum(crystal.contacts.arm_i, crystal.contacts.arm_j)
         on_floors = [crystal._mean_radii[floor.balls] for floor in crystal._floors]
-        radius = np.concatenate([arms, *on_floors])
-        checks = [check_limit("contact_radius", np.max(self.contact_radius / radius, axis=-1))]
+        ball_radius = np.concatenate([arms, *on_floors])
+        relative_radius = np.max(self.contact_radius / ball_radius, axis=-1)
+        checks = [check_limit("contact_radius", relative_radius)]
         last_overlap = crystal._laws.most
         if np.any(np.isfinite(last_overlap)):
             ratio = np.max(np.maximum(self.overlap, 0.0) / last_overlap, axis=-1)
@@ -1945,8 +2013,8 @@ class CrystalState(Result):
         return tuple(checks)
 
     def _check_balls(self) -> list[Check]:
-        """Return the conditions that balls do not meet: they are on diameters and material
-        constants that no solid ball has.
+        """Return a condition for each diameter or material constant of a kind of ball that is
+        beyond what solid balls have; none if all are within.
         """
         crystal = self.crystal
         checks = []
@@ -1990,8 +2058,8 @@ class CrystalState(Result):
 
     @cached_property
     def _in_network(self) -> Flags:
-        """(n_c,) whether the network has each contact: contacts that are closed, and not between
-        two bodies that are held.
+        """(n_c,) whether the network has each contact: whether the contact is closed, and at most
+        one of its two bodies is held.
         """
         is_clamped = self._is_clamped
         table = self.crystal.contacts
@@ -2031,15 +2099,17 @@ class CrystalState(Result):
         )
 
     def _list_springs(self) -> Array | None:
-        """Return ``on_site`` of the network: that of the balls, and zeros of floors."""
+        """Return the springs to the ground of the network's bodies, (n + floors, motions), N/m and
+        N m: those of the balls, and zeros of the floors. None without springs.
+        """
         on_site = self.crystal.on_site
         if on_site is None:
             return None
         return np.pad(on_site, ((0, len(self.crystal._floors)), (0, 0)))
 
     def _list_bodies(self) -> dict[str, Any]:
-        """Return the cell, and the bodies, first the balls and then the floors, as arguments of a
-        network, by name: lengths in m, masses in kg.
+        """Return the cell and the bodies, first the n balls and then the floors, as arguments of a
+        network, by name: lengths in m, masses in kg, moments of inertia in kg m^2.
         """
         crystal = self.crystal
         floors = crystal._floors
@@ -2055,6 +2125,7 @@ class CrystalState(Result):
         cell[:p, :d] = crystal.cell @ deformation.T
         positions = np.zeros((n + len(floors), 3))
         positions[:n, :d] = crystal.positions @ deformation.T + displacements
+        # a floor stands where the balls at its face touch it, on average
         for number, floor in enumerate(floors, start=n):
             radii = crystal._mean_radii[floor.balls]
             heights = positions[floor.balls, floor.axis] + floor.sign * radii
@@ -2110,8 +2181,9 @@ class CrystalState(Result):
         return contacts
 
     def _list_ends(self) -> tuple[Index, Index, Array, Array]:
-        """Return the balls i and j (n_c,) of the contacts, j being the number of the floor of those
-        with floors, and the arms (n_c,) to either at touch, m.
+        """Return the bodies i (n_c,) and j (n_c,) of the contacts, and the arms (n_c,) of i and
+        (n_c,) of j at touch, m. Of a contact with a floor, j is n plus the number of the floor, and
+        the arm of j is zero.
         """
         crystal = self.crystal
         table = crystal.contacts
@@ -2128,7 +2200,9 @@ class CrystalState(Result):
 
 
 def _find_motions(dimension: int, motions: str | None) -> Motions:
-    """Return the motions of a name, by default the first that the dimension allows."""
+    """Return the motions with the name ``motions``; if that is None, the first that the dimension
+    allows.
+    """
     allowed = allowed_motions(dimension)
     return next(iter(allowed.values())) if motions is None else allowed[motions]
 
@@ -2162,7 +2236,9 @@ def _require_room(cells: int, crystal: Crystal) -> None:
 
 @contextmanager
 def _in_double_precision(values: Array) -> Iterator[None]:
-    """Turn an overflow of the block into an error about the load ``values``."""
+    """Within the block of ``with``, turn an overflow, an invalid operation or a division by zero
+    into an InputError about the load ``values``.
+    """
     try:
         with np.errstate(over="raise", invalid="raise", divide="raise"):
             yield

@@ -1,7 +1,7 @@
 """How the state of a crystal follows the constants of its balls and its load, to first order.
 
-Under a given mean force or overlap the pressure is one more unknown, which the mean over the
-contacts determines.
+A course maps a relative step of a parameter to the state that has changed with it. Under a given
+mean force or overlap the pressure is one more unknown, which the mean over the contacts determines.
 """
 
 from __future__ import annotations
@@ -28,12 +28,17 @@ from granphon.statics.rest_courses import (
 
 #: loads that are means over the contacts
 _MEANS = ("force", "overlap")
-#: the crystal, and its load, where a parameter is larger by a relative step
+#: function of a relative step of a parameter; returns the crystal and its load with the parameter
+#: larger by that step
 CrystalChange = Callable[[float], tuple[Crystal, Load]]
 
 
 class CrystalFollower:
-    """What finds how the ``state`` of a crystal under a single ``load`` follows parameters."""
+    """Finds how the ``state`` of a crystal under a single ``load`` follows parameters.
+
+    If the load is a mean force or overlap, the pressure of the state is found first. The pressure
+    then changes with each parameter so that the mean is the given one.
+    """
 
     def __init__(self, state: CrystalState, load: Load) -> None:
         self._load = load
@@ -55,40 +60,47 @@ class CrystalFollower:
             )
 
     def follow(self, change: CrystalChange) -> Course[CrystalState]:
-        """Return the course of the state with a change."""
+        """Return the course of the state with a ``change`` of a parameter."""
         course = self._follow_rest(change)
 
-        def find(step: float) -> CrystalState:
+        def find_state(step: float) -> CrystalState:
+            """Return the state with the parameter larger by a relative ``step``."""
             crystal, _ = change(step)
             configuration = course.place(step)
             solution = Rest.of(configuration), configuration.problem.load
             return crystal._stack(np.zeros(()), [solution], 0, self._geometry == "exact")
 
-        return Course(find, course.step)
+        return Course(find_state, course.step)
 
     def _follow_rest(self, change: CrystalChange) -> RestCourse:
-        """Return the course of the rest with a change."""
+        """Return the course of the balls at rest with a ``change`` of a parameter."""
 
         def pose(step: float, step_of_pressure: float = 0.0) -> Problem:
+            """Return the problem with parameter and pressure larger by these relative steps."""
             return self._pose(*change(step), self._pressure * (1.0 + step_of_pressure))
 
         if self._under_mean is None:
             return self._follower.follow(pose)
+        # how fast the given mean itself grows with the parameter; zero unless the load changes
         growth = differentiate(lambda step: float(change(step)[1].array), CourseOptions().step)
         return self._under_mean.follow(pose, growth)
 
     def _measure_mean(self, configuration: Configuration) -> float:
-        """Return the mean force or overlap of a configuration."""
+        """Return the mean that the load gives, force, N, or overlap, m, of a configuration."""
         return float(np.mean(getattr(configuration, self._load.kind)[self._counts]))
 
     def _pose(self, crystal: Crystal, load: Load, pressure: float) -> Problem:
-        """Return the problem of a crystal under a load, under a ``pressure`` if that is a mean."""
+        """Return the problem of a crystal at rest under a load. ``pressure``, N, N/m or Pa, is the
+        pressure under which the crystal has a given mean force or overlap; other loads ignore it.
+        """
         applied = _apply(crystal, load, pressure)
         return Problem(crystal._assembly, applied, self._geometry, "stress")
 
 
 def _apply(crystal: Crystal, load: Load, pressure: float) -> AppliedLoad:
-    """Return what a load does to a crystal."""
+    """Return the forces, stress and strain of a load on a crystal. A load that is a mean force or
+    overlap acts as the ``pressure``, N, N/m or Pa; other loads ignore ``pressure``.
+    """
     acceleration = load.gravity * crystal.downward if load.gravity else None
     words = str(load)
     value = float(load.array)
@@ -104,10 +116,12 @@ def _apply(crystal: Crystal, load: Load, pressure: float) -> AppliedLoad:
 
 
 def _restore(state: CrystalState, problem: Problem) -> Rest:
-    """Return the rest of a state, whose springs to the ground have the overlaps that follow from
-    the places of the balls.
+    """Return the balls at rest of a state, as the solution of a problem. The overlaps of contacts
+    are those of the state, and those of springs to the ground, which a state does not hold, follow
+    from the displacements of the balls.
     """
     crystal = state.crystal
+    # the offsets are no overlaps at rest: they only fill the field until the overlaps are known
     rest = Rest(
         displacement=state.displacements[crystal._bodies.ball_number >= 0],
         wall_motion=state.ways,
@@ -121,7 +135,9 @@ def _restore(state: CrystalState, problem: Problem) -> Rest:
 
 
 def _count_in_means(rest: Rest, crystal: Crystal) -> Flags:
-    """Return (n_c,) whether each contact counts in means; springs to the ground do not."""
+    """Return (n_c + n_s,) whether each contact counts in the means; the n_s springs to the ground,
+    which come last, do not.
+    """
     counts = np.zeros(len(rest.overlap), bool)
     means = MeanContacts.of(rest, crystal._laws, rest.assembly.differs)
     counts[: crystal.n_contacts] = means.counts

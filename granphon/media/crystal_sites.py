@@ -40,7 +40,7 @@ def find_kinds(balls: Sequence[Any]) -> tuple[tuple[Ball, ...], Index]:
     """Return the different balls in the order in which they come, and the number (n,) of the kind
     of each of the n ``balls``.
 
-    Raises :class:`~granphon.base.errors.InputError` if there are none, or one is no ball.
+    Raises :class:`~granphon.base.errors.InputError` if there are no balls, or an entry is no ball.
     """
     if not balls:
         raise InputError("there are no balls", mend="Give a list of granphon.Ball")
@@ -68,11 +68,11 @@ def _count_in_letters() -> Iterator[str]:
 
 
 def name_kinds(kinds: Sequence[Ball], known: Mapping[Ball, str] | None = None) -> tuple[str, ...]:
-    """Return the name of each kind: the ``known`` name, or that of its ball, or the next of A, B,
-    C, ...
+    """Return the name of each kind: the ``known`` name of its ball, or else the name that the ball
+    itself has, or else the next unused one of A, B, C, ...
 
-    Raises :class:`~granphon.base.errors.InputError` if two kinds have one name, or one is called
-    "floor".
+    Raises :class:`~granphon.base.errors.InputError` if two kinds have the same name, or a kind is
+    called "floor".
     """
     known_names = known or {}
     names = {ball: known_names.get(ball) or ball.name for ball in kinds}  # empty if there is none
@@ -163,7 +163,8 @@ def require_cell(vectors: Array, radius: float, name: str) -> None:
 
 
 def scale_until_touch(structure: Lattice, site_balls: Sequence[Ball]) -> float:
-    """Return the factor, m, by which a lattice of distances one is scaled until neighbours touch.
+    """Return the factor, m, by which a lattice whose neighbours are at distance one is scaled until
+    the ``site_balls`` (n) on its n sites touch.
 
     Raises :class:`~granphon.base.errors.InputError` if neighbours cannot all touch.
     """
@@ -172,6 +173,7 @@ def scale_until_touch(structure: Lattice, site_balls: Sequence[Ball]) -> float:
     distances = radii[table.i] + radii[table.j]
     scale = float(np.mean(distances))
     if np.ptp(distances) > TOUCH * scale:
+        # one scale for all contacts is not enough: the message names the shortest and the longest
         extreme_contacts = [int(np.argmin(distances)), int(np.argmax(distances))]
         texts = [
             f"those of sites {table.i[contact]} and {table.j[contact]} at"
@@ -197,7 +199,8 @@ def require_large_enough(structure: Lattice, cell: Array, kinds: Sequence[Ball])
     small, large = sorted(kinds, key=lambda ball: ball.diameter)
     if image_distance >= large.diameter * (1.0 - TOUCH):
         return
-    # the distance of unlike balls over that of images, which is fixed by the lattice
+    # the distance of unlike balls over that of images is fixed by the lattice; at the least small
+    # diameter the images are one large diameter apart
     distance_ratio = 0.5 * (small.diameter + large.diameter) / image_distance
     least_diameter = 2.0 * large.diameter * distance_ratio - large.diameter
     name = small.name or "AB"[kinds.index(small)]

@@ -1,13 +1,13 @@
 """What is expected of arrays before any is simulated, and the geometry that a simulation has if
 none is named.
 
-From the load follow the f* of a typical array at an a* and the reverse, how many of its contacts
-are open, and what a simulation in the directions of the lattice leaves out. In these directions,
-the limit of zero width, a ball between two others in line is held by these two alone. In truth it
-leans on a third, with about W/d of the force. The stiffness of a shear spring there goes as the
-cube root of that, so that it still adds to the shear modulus; forces, spacings and normal
-stiffnesses hardly change. Without shear springs nothing is left out but terms of the order of the
-overlap over the diameter, which ``finite_overlap`` names.
+From the load follow the f* of a typical array at an a*, how many of its contacts are open, and what
+a simulation in the directions of the lattice leaves out. In these directions, the limit of zero
+width, a ball between two others in line is held by these two alone. In truth the ball leans on a
+third one, with about W/d of the force. The stiffness of a shear spring at that contact goes as the
+cube root of its force, so that the spring still adds to the shear modulus; forces, spacings and
+normal stiffnesses hardly change. Without shear springs nothing is left out but terms of the order
+of the overlap over the diameter, which ``finite_overlap`` names.
 """
 
 from __future__ import annotations
@@ -70,8 +70,8 @@ _OPEN_CONTACTS = {
 
 
 def estimate_reduced_force(packing: Packing, load: Load) -> Array:
-    """Return the approximate f* (n,) of each value of an applied load; at overlaps below the least
-    a* of :data:`_CURVES` the f* of that a*.
+    """Return the approximate f* (n,) of each value of an applied load. At overlaps below the least
+    a* of :data:`_CURVES` it is the f* of that a*.
     """
     reduced_load = np.ravel(reduce_load(packing, load))  # f*, or a* of an overlap
     if load.kind != "overlap":
@@ -88,11 +88,12 @@ def estimate_reduced_force(packing: Packing, load: Load) -> Array:
 
 def estimate_open_contacts(packing: Packing, load: Load) -> Array:
     """Return the approximate fraction of open contacts (n,) at each value of an applied load,
-    rather too many than too few.
+    rather too large than too small.
 
-    The fraction is known on the triangular lattice, in fcc and in hcp, from f* = 0.003 on. At lower
-    loads it is 1, and on another lattice it is 1 where contacts are open on those. It is zero of
-    equal balls and on a line.
+    The fraction is known on the triangular lattice, in fcc and in hcp, from f* = 0.003 on. Where it
+    is not known it is taken to be 1: at lower loads, and on other lattices at each load at which
+    contacts are open on the known lattice of as many periods. The fraction is zero for equal balls
+    and on a line.
     """
     structure = packing.structure
     # a load may be beyond the floating range, where no contact is open; a load that no array bears
@@ -114,15 +115,17 @@ def estimate_open_contacts(packing: Packing, load: Load) -> Array:
 def estimate_shear_deficit(
     contact_fraction: ArrayLike, ratio: float, periods: int, history: bool = False
 ) -> Array:
-    """Return the part, at most 1, by which a shear modulus with friction is expected to be too
-    small in the limit W/d = 0; of the shape of ``contact_fraction``.
+    """Return the part, at most 1, by which the shear modulus of an array with friction is expected
+    to be too small if its contacts have the directions of the lattice, the limit W/d = 0. The part
+    has the shape of ``contact_fraction``.
 
     Parameters
     ----------
     contact_fraction : fraction of contacts that carry load.
     ratio : W/d.
     periods : of the lattice, 2 or 3; contacts on a line do not shear.
-    history : whether the array has been loaded with friction; otherwise it is at rest without.
+    history : whether the array has been loaded with friction; otherwise it is at rest without
+        friction.
     """
     amplitude = _DEFICITS[periods] * (_BY_HISTORY if history else 1.0)
     open_fraction = 1.0 - np.asarray(contact_fraction)
@@ -133,11 +136,11 @@ def estimate_shear_deficit(
 def expect_shear_deficit(
     packing: Packing, load: Load, history: bool = False, ratio: float | None = None
 ) -> Array:
-    """Return :func:`estimate_shear_deficit` (n,) at each value of an applied load, before anything
-    is simulated.
+    """Return the part of the shear modulus that :func:`estimate_shear_deficit` gives, (n,) at each
+    value of an applied load, for the expected fraction of open contacts: nothing is simulated.
 
-    ``ratio`` is W/d, by default that of the packing. The deficit is zero of balls that resist no
-    slip, of equal balls and on a line.
+    ``history`` says whether the array is loaded with friction. ``ratio`` is W/d, by default that of
+    the packing. The part is zero for balls that resist no slip, for equal balls and on a line.
     """
     if not (packing.mindlin_ratio and packing.spread_matters):
         return np.zeros(load.size)
@@ -147,11 +150,11 @@ def expect_shear_deficit(
 
 
 def find_left_out(deficit: Array, geometry: str | None) -> Array:
-    """Return the part (n,) of the shear modulus that arrays leave out; ``deficit`` (n,) is the part
-    that they leave out in the directions of the lattice.
+    """Return the part (n,) of the shear modulus that arrays with a ``geometry`` leave out.
 
-    Nothing is left out in the exact geometry, which is chosen, if no ``geometry`` is named (None),
-    where the deficit is too large.
+    ``deficit`` (n,) is the part that they leave out in the directions of the lattice; nothing is
+    left out in the exact geometry. If no geometry is named (None), the exact one is chosen where
+    the deficit is above :data:`_CHOSEN_LIMIT`.
     """
     if geometry == EXACT:
         return np.zeros_like(deficit)
@@ -161,8 +164,8 @@ def find_left_out(deficit: Array, geometry: str | None) -> Array:
 
 
 def can_be_exact(packing: Packing) -> bool:
-    """Whether the exact geometry is that of these balls: they differ, not on a line, and by a width
-    W of a fifth of their diameter or less.
+    """Return whether a simulation of these balls may have the exact geometry: their diameters
+    differ, they are not on a line, and the width W is a fifth of the diameter or less.
     """
     return packing.spread_matters and packing.width <= LARGEST_RATIO * packing.diameter
 
@@ -170,13 +173,13 @@ def can_be_exact(packing: Packing) -> bool:
 def choose_geometries(
     packing: Packing, load: Load, finite_overlap: bool | None = None
 ) -> list[str]:
-    """Return the geometry (a list, n) of an array at rest without friction at each value of an
-    applied load, if none is named.
+    """Return the geometry, :data:`LATTICE` or :data:`EXACT`, that an array at rest without friction
+    has at each of the n values of an applied load, a list of n, if the user names no geometry.
 
-    It is :data:`LATTICE` where the directions of the lattice are expected to leave out 1e-3 of the
-    shear modulus or less (other results lose less), and for balls that cannot be exact
-    (:func:`can_be_exact`); else :data:`EXACT`. ``finite_overlap`` decides if it is given: True
-    makes all exact, False none.
+    If ``finite_overlap`` is given, it decides: with True all values are exact, with False none. If
+    not, balls that cannot be exact (:func:`can_be_exact`) have LATTICE. Other balls have LATTICE at
+    the values where the directions of the lattice are expected to leave out 1e-3 of the shear
+    modulus or less (other results lose less), and EXACT at the others.
     """
     if finite_overlap is not None or not can_be_exact(packing):
         is_exact = np.full(load.size, bool(finite_overlap))

@@ -20,8 +20,10 @@ from granphon.media.left_out import LEFT_OUT_LIMIT
 
 
 class _Limit(NamedTuple):
-    """The limit of a quantity, the sentence of a warning with the worst value and the limit, and
-    the reason: what fails beyond the limit.
+    """The limit ``value`` of a ``quantity``, in its unit.
+
+    ``sentence`` is the text of a warning, with fields for the worst value and the limit, which
+    :meth:`Check._write_sentence` fills. ``reason`` says why there is a limit.
     """
 
     value: float
@@ -101,7 +103,7 @@ _LIMITS = {
 
 
 def _write_force(force: float) -> str:
-    """Text of a force, N, with four digits."""
+    """Return the text of a force, N, with four digits and, if need be, a prefix of its unit."""
     if force == 0.0 or 0.01 <= force < 1e4:
         return f"{force:.4g} N"
     size, unit = prefixed(force, "N")
@@ -155,19 +157,26 @@ class Check(Result):
 
     @property
     def worst_index(self) -> int:
-        """Index, in the flat values, of the one that is farthest beyond the limit."""
+        """Index, in the values in C order, of the value that is farthest beyond the limit, or
+        nearest to it if all hold.
+        """
         value = np.ravel(self.value)
         return int(np.argmin(value) if self.at_least else np.argmax(value))
 
     @property
     def excess(self) -> float:
-        """How far the worst value is beyond the limit: their ratio, above 1 if it fails."""
+        """How far the worst value is beyond the limit: the ratio of the two, above 1 if the
+        condition fails there.
+        """
         worst = float(np.ravel(self.value)[self.worst_index])
-        least, most = (worst, self.limit) if self.at_least else (self.limit, worst)
-        return most / least if least > 0.0 else math.inf
+        # the value that should be the larger one is the divisor
+        divisor, dividend = (worst, self.limit) if self.at_least else (self.limit, worst)
+        return dividend / divisor if divisor > 0.0 else math.inf
 
     def join(self, other: Check) -> Check:
-        """Return the same condition over the loads of both."""
+        """Return the condition with the values of this one followed by those of ``other``, which
+        is the same condition at other loads.
+        """
         return replace(self, value=np.concatenate([np.ravel(self.value), np.ravel(other.value)]))
 
     @property
@@ -176,12 +185,14 @@ class Check(Result):
         return self.tell()
 
     def tell(self, where: str = "") -> str | None:
-        """Return the :attr:`warning`, with words that say at which loads the condition fails."""
+        """Return the :attr:`warning`. The words ``where`` say, in brackets behind the number of
+        loads at which the condition fails, which loads these are.
+        """
         failing = self.failing
         loads = np.size(self.value)
         if not failing:
             return None
-        if self.fault:
+        if self.fault:  # the condition of a network has words of its own
             return message(self.fault, self.reason)
         place = f" ({where})" if where else ""
         value = np.asarray(self.value)
@@ -199,9 +210,11 @@ class Check(Result):
         return f"{sentence[0].upper()}{sentence[1:]}: {self.reason}."
 
     def tell_states(self, share: str, place: str) -> str:
-        """Return the warning of the states of a sweep at which the condition fails: ``share`` says
-        at how many of them, and where; this check has the worst of their values, which is at
-        ``place``, empty if there is nothing to tell it from.
+        """Return the warning about those states of a sweep at which the condition fails.
+
+        ``share`` says in words at how many states, and at which. The value of this check is the
+        worst of theirs, and ``place`` says in words at which state this is; ``place`` is empty if
+        there is no other state to tell it from.
         """
         worst = float(np.ravel(self.value)[self.worst_index])
         if self.name == "medium":
@@ -215,8 +228,8 @@ class Check(Result):
         return f"{sentence[0].upper()}{sentence[1:]}: {self.reason}.{ending}"
 
     def _write_sentence(self, worst: float, bound: str) -> str:
-        """Return what fails, in words, with the value ``worst`` and the limit; ``bound``, "up to "
-        or nothing, stands before the value.
+        """Return in words what is beyond the limit, with the value ``worst`` and the limit, both in
+        the unit of the value. ``bound``, "up to " or empty, stands before the value.
         """
         if self.name in BALL_LIMITS:
             _, quantity, unit, *_ = BALL_LIMITS[self.name]
@@ -247,8 +260,9 @@ class Check(Result):
 
 
 def check_limit(name: str, value: Any, more: str = "") -> Check:
-    """Return the condition of a ``name``, on contacts or on balls, for a ``value`` in the unit of
-    the limit; ``more`` is added to the reason.
+    """Return the condition called ``name`` of :data:`_LIMITS` or
+    :data:`~granphon.balls.ball.BALL_LIMITS` for a ``value``, of the shape of the load, in the unit
+    of the limit. The words ``more`` are added to its reason.
     """
     if name in BALL_LIMITS:
         _, quantity, unit, limit, at_least = BALL_LIMITS[name]
@@ -258,7 +272,7 @@ def check_limit(name: str, value: Any, more: str = "") -> Check:
 
 
 def _write_share(failing: int, loads: int) -> str:
-    """Return in words at how many of several ``loads`` a condition fails."""
+    """Return in words that a condition fails at ``failing`` of several ``loads``."""
     if failing < loads:
         return f"at {failing} of {loads} loads"
     return "at both loads" if loads == 2 else f"at all {loads} loads"

@@ -2,9 +2,8 @@
 by step from a start.
 
 The options are those of :mod:`granphon.media.array_options`. :func:`find_equilibria` finds one
-sample at rest under many loads. A :class:`LoadedSample` is
-one sample that is loaded with friction along a path: the sample at each load, and the error at
-which the path ends.
+sample at rest under many loads. A :class:`LoadedSample` is one sample that is loaded with friction
+along a path.
 """
 
 from __future__ import annotations
@@ -40,24 +39,25 @@ from granphon.media.array_options import FrictionHistory, sort_by_load
 from granphon.media.medium import AveragedLattice, explain_untouched
 
 
-def require_load(packing: Packing, load: Load, largest: float) -> None:
+def require_load(packing: Packing, load: Load, largest_excess: float) -> None:
     """Raise :class:`~granphon.base.errors.InputError` for an applied load that no sample of a
     packing can bear.
 
     Such loads are beyond the range of the law of equal balls, or press equal balls together by a
-    whole diameter. Where balls differ, forces and pressures below f* = 1e-8 are refused too (on a
-    line also such overlaps), and overlaps at which not even two of the largest balls touch;
-    ``largest`` is the excess of the largest diameter over the mean, m.
+    whole diameter. Where balls differ, two kinds of loads are refused too: forces and pressures
+    below f* = 1e-8 (on a line also overlaps with such a force), and overlaps at which not even two
+    of the largest balls touch. ``largest_excess`` is the excess of the largest diameter over the
+    mean, m.
     """
     equal_balls = AveragedLattice(replace(packing, spread=None))
-    # balls that differ on a line have the law of equal ones
+    # on a line balls that differ have the law of equal balls, and overlaps are treated as forces
     if load.kind == "overlap" and packing.spread_matters:
         greatest = np.max(load.array)
         if greatest > packing.width:
             equal_balls.at(Load("overlap", greatest))  # raises for too large an overlap
         # two of the largest balls touch where the overlap of mean balls is minus their excess
-        if np.min(load.array) <= -largest:
-            raise explain_untouched(load, largest)
+        if np.min(load.array) <= -largest_excess:
+            raise explain_untouched(load, largest_excess)
         return
     forces = equal_balls.at(load).force
     if not packing.width:
@@ -86,11 +86,13 @@ def find_equilibria(
     """Return the equilibria of a sample with these ``deviations`` (of the shape of the array, in
     units of the width) under all ``prescribed`` loads, by the index of the load.
 
-    Each equilibrium is found from the one at the next higher load. A ``ratio`` W/d above zero means
-    the true geometry: there each equilibrium is found from that of the lattice under the same load,
-    so that it does not depend on the other loads. With the ``boundary`` "stress" the cell shears
-    until its stress is hydrostatic. ``workers`` is the number of threads for each
-    Fourier transform. An error carries the index of its load as ``load_index``.
+    A ``ratio`` W/d above zero means the true geometry, zero the directions of the lattice. With the
+    ``boundary`` "stress" the cell shears until its stress is hydrostatic. ``workers`` is the number
+    of threads for each Fourier transform. An error has the index of its load as ``load_index``.
+
+    In the directions of the lattice, unless the cell shears, each equilibrium is found from the one
+    at the next higher load. Otherwise the search starts from the lattice, so that no equilibrium
+    depends on the other loads.
     """
     stencils = Stencils(array_shape(deviations, lattice), workers=workers, lattice=lattice)
     equilibria = dict[int, Equilibrium]()
@@ -167,17 +169,18 @@ class LoadedSample:
     def press(
         self, path: Sequence[ReducedLoad], report: Callable[[], None] = lambda: None
     ) -> tuple[list[PressedSample], GranphonError | None]:
-        """Load the sample along a path, and find its linear response at each load.
+        """Load the sample along a path, and return the sample at each load that is reached, with
+        its linear response, and the error that ended the path, or None.
 
-        ``report`` is called after each load. An error ends the path and is returned with the
-        samples of the loads that were reached. Its ``load_index`` is the index of the load in the
-        path; None if the start is not found, or an error does not know its load.
+        ``report`` is called after each load. The ``load_index`` of the error is the index of its
+        load in the path; None if the start is not found, or if the error does not know its load.
         """
         samples: list[PressedSample] = []
-        press = self._press_different if np.ptp(self.deviations) else self._press_equal
+        balls_differ = bool(np.ptp(self.deviations))
+        yield_equilibria = self._press_different if balls_differ else self._press_equal
         response = self.history.shear_response
         try:
-            for equilibrium in press(path):
+            for equilibrium in yield_equilibria(path):
                 sample = PressedSample(self.packing, self.seed, equilibrium, response)
                 # every state needs the tensor: found here, it is found by workers in parallel
                 _ = sample.elastic_tensor
@@ -189,9 +192,11 @@ class LoadedSample:
         return samples, None
 
     def require_start(self, path: Sequence[ReducedLoad]) -> None:
-        """Raise for a load of the path below the start, an error that :meth:`press` returns; the
-        start alone is solved. Nothing is raised for equal balls, nor for loads in the order of the
-        user, which may go below the start.
+        """Solve the start alone, and raise :class:`~granphon.base.errors.InputError` for a load of
+        the path below it, the error that :meth:`press` would return.
+
+        Nothing is raised for equal balls, nor for loads in the order of the user, which may go
+        below the start.
         """
         balls_differ = bool(np.ptp(self.deviations))
         if balls_differ and not self.history.ordered:
@@ -199,13 +204,18 @@ class LoadedSample:
             self._require_above(history, start, path)
 
     def _stencils(self, mindlin_ratio: float = 0.0) -> Stencils:
-        """Return the stencils of the sample; without a ``mindlin_ratio`` those of smooth balls."""
+        """Return the stencils of the sample for contacts with a ``mindlin_ratio`` kappa/k; without
+        friction the ratio is zero.
+        """
         structure = self.packing.structure
         shape = array_shape(self.deviations, structure)
         return Stencils(shape, mindlin_ratio, self.workers, structure)
 
     def _begin(self) -> tuple[LoadingHistory, PressedArray]:
-        """Return the history of different balls, and their state at its start."""
+        """Return the history of a sample whose balls differ, and the array at its start.
+
+        An error of the start has "start" as its ``option``.
+        """
         stencils = self._stencils(self.packing.mindlin_ratio)
         geometry = PressedGeometry(stencils, self.deviations, self.ratio)
         start = self.history.reduce_start(self.packing, is_exact=bool(self.ratio))
@@ -222,23 +232,26 @@ class LoadedSample:
     def _require_above(
         self, history: LoadingHistory, start: PressedArray, path: Sequence[ReducedLoad]
     ) -> None:
-        """Raise for a load of the path below ``start``, unless the loads of the path are ordered by
-        the user.
+        """Raise InputError for a load of the path below the ``start``; for loads in the order of
+        the user raise nothing.
         """
         if self.history.ordered:
             return
         start_force = start.force
-        if path[0].overlap is None:  # a force, which may act on a boundary that shrinks
+        # under forces the start is measured as its load is: on a boundary that may have shrunk
+        if path[0].overlap is None:
             start_force = history.stepper.measure(start, path[0])
         start_load = ReducedLoad(start.overlap, start_force)
         require_above(start_load, path, from_gas=isinstance(history.start, str))
 
     def _press_different(self, path: Sequence[ReducedLoad]) -> Iterator[PressedEquilibrium]:
-        """Yield the equilibria of balls that differ, loaded step by step from the start."""
+        """Yield the equilibrium at each load of the path, of balls that differ and are loaded step
+        by step from the start. An error while a load is approached has its index as ``load_index``.
+        """
         history, state = self._begin()
         self._require_above(history, state, path)
         states = history.path(path, state)
-        smooth = self._stencils()
+        frictionless = self._stencils()  # all equilibria of the path share these stencils
         for index in range(len(path)):
             try:
                 state = next(states)
@@ -248,15 +261,16 @@ class LoadedSample:
             equilibrium = PressedEquilibrium.of(
                 state, self.deviations, history.stencils, self.ratio
             )
-            yield equilibrium.share(self.deviations, smooth)
-        smooth.forget()
+            yield equilibrium.share(self.deviations, frictionless)
+        frictionless.forget()
 
     def _press_equal(self, path: Sequence[ReducedLoad]) -> Iterator[PressedEquilibrium]:
-        """Yield the equilibria of equal balls, whose contacts never slip: all work of the load
-        since the start is stored as energy.
+        """Yield the equilibrium at each load of the path, of equal balls. Their contacts never
+        slip, so that the path does not matter, and all work of the load since the start is stored
+        as energy.
         """
         stencils = self._stencils(self.packing.mindlin_ratio)
-        smooth = self._stencils()
+        frictionless = self._stencils()
         start = self.history.reduce_start(self.packing, is_exact=bool(self.ratio))
         mu = self.history.friction_coefficient
         assert mu is not None
@@ -269,20 +283,21 @@ class LoadedSample:
                 start_overlap = max(start.overlap, 0.0)
             start_energy = float(energy_of(force_of(start_overlap), start_overlap))
         for load in path:
-            at_rest = equilibrate(self.deviations, load, smooth)
+            at_rest = equilibrate(self.deviations, load, frictionless)
             pressed = LoadingHistory(self.deviations, stencils, mu, start=at_rest).begin()
             pressed = replace(pressed, work=pressed.stored - start_energy)
             equilibrium = PressedEquilibrium.of(pressed, self.deviations, stencils, 0.0)
-            yield equilibrium.share(self.deviations, smooth)
+            yield equilibrium.share(self.deviations, frictionless)
 
 
 def require_above(start: ReducedLoad, path: Sequence[ReducedLoad], from_gas: bool = False) -> None:
     """Raise :class:`~granphon.base.errors.InputError` for the first load of a path that is below
     the start.
 
-    Overlaps are not compared with a start that is prescribed as a force alone, nor forces with a
-    start that is prescribed as an overlap alone. ``from_gas`` says for the message that the start
-    was found by pressing balls from the gas.
+    Loads given as overlaps are compared with the overlap of the start, and not at all if it has
+    none. Loads given as forces are compared with its force, which is zero if only its overlap is
+    prescribed. With ``from_gas`` the message says that the start was found by pressing balls from
+    the gas.
     """
     for index, load in enumerate(path):
         if load.overlap is None:
@@ -296,8 +311,8 @@ def require_above(start: ReducedLoad, path: Sequence[ReducedLoad], from_gas: boo
 
 
 def _explain_below(start: ReducedLoad, load: ReducedLoad, from_gas: bool) -> InputError:
-    """Return the error of a load below the start, which was found by pressing the sample
-    ``from_gas`` or prescribed.
+    """Return the error for a ``load`` below the ``start``, which was found by pressing the sample
+    from the gas (``from_gas``), or was prescribed.
     """
     load_in_words = f"f* = {load.force:.4g}"
     if load.overlap is not None:

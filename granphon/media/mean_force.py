@@ -26,8 +26,10 @@ _ROUNDED_MEAN = 1e-13
 
 
 class PressureSearch:
-    """The pressures that were tried for a mean force (N) or overlap (m), the ``goal``, and the
-    interval that remains.
+    """The search for the pressure at which the mean force (N) or overlap (m) is the ``goal``.
+
+    ``low`` and ``high`` are the largest pressure that was found too low, and the smallest that was
+    found too high. ``last_pressure`` and ``last_mean`` belong to the last trial.
     """
 
     def __init__(self, goal: float) -> None:
@@ -38,8 +40,9 @@ class PressureSearch:
         self.last_mean = math.nan
 
     def extrapolate(self, pressure: float, mean: float, guess: float) -> float:
-        """Return the pressure of the goal on the secant through the last two pressures and their
-        means; the ``guess`` if there is no secant.
+        """Return the pressure at which the secant through the last two trials, of which the second
+        has this ``pressure`` and ``mean``, reaches the goal. Without a secant return the ``guess``.
+        This trial becomes the last one.
         """
         if math.isfinite(self.last_mean) and mean != self.last_mean:
             pressure_step = pressure - self.last_pressure
@@ -50,11 +53,12 @@ class PressureSearch:
         return guess
 
     def choose(self, pressure: float, excess: float, guess: float) -> float | None:
-        """Return the next pressure: the ``guess``, or the middle of the interval if the guess
-        leaves that; None if nothing remains of the interval.
+        """Narrow the interval by the trial at ``pressure``, and return the next pressure: the
+        ``guess`` if it is inside the interval, else the middle of the interval. Return None if the
+        interval has no pressure left inside.
 
-        ``excess`` is that of the mean at ``pressure`` over the goal, relative to the goal. The
-        middle is taken up to twice the ``pressure``: no mean may yet have been too large.
+        ``excess`` is that of the mean at ``pressure`` over the goal, relative to the goal. As long
+        as no mean was too large, the interval is taken to end at twice the ``pressure``.
         """
         if excess < 0.0:
             self.low = pressure
@@ -79,8 +83,8 @@ class MeanContacts(NamedTuple):
 
     @classmethod
     def of(cls, state: Rest, laws: ContactLaws, differ: bool) -> Self:
-        """Return the contacts of a state: those that carry a load, or touch if they adhere; all of
-        them if balls ``differ``.
+        """Return the contacts of a state at rest. If the balls ``differ`` in diameter, means are
+        over all contacts; if not, over those that carry a load, or touch if they adhere.
         """
         overlap = state.overlap[: laws.count]  # springs to the ground come behind the contacts
         force = laws.force(overlap)
@@ -97,15 +101,16 @@ class MeanContacts(NamedTuple):
 
     @property
     def power(self) -> float:
-        """Exponent with which overlaps grow with the pressure: the mean of f over that of
-        k delta.
+        """Exponent with which overlaps grow with the pressure: the mean of f over the mean of
+        k delta. For f as delta^a this is 1/a.
         """
         work = np.mean((self.stiffness * self.overlap)[self.counts])
         return float(np.mean(self.force[self.counts]) / work)
 
     def find_growth(self, kind: str, goal: float, mean: float) -> tuple[float, float]:
-        """Return the factors by which the pressure and the overlaps are to grow for the ``mean``,
-        a force (N) or an overlap (m) as the ``kind`` says, to become the ``goal``.
+        """Return the factor by which the pressure, and the factor by which the overlaps, are to
+        grow so that the ``mean`` becomes the ``goal``. Mean and goal are forces (N) or overlaps
+        (m), as the ``kind`` says.
         """
         # a mean of the wrong sign says nothing about the size of the step
         growth = goal / mean if mean / goal > 0.0 else 2.0
@@ -114,18 +119,20 @@ class MeanContacts(NamedTuple):
         return growth ** (1.0 / self.power), growth
 
     def bound_rounding(self, kind: str, goal: float, differ: bool, adhere: bool) -> float:
-        """Return the error of the mean, over the ``goal``, that is put down to rounding; balls may
-        ``differ`` in diameter, and contacts may ``adhere``.
+        """Return the error of the mean, relative to the ``goal``, that is put down to rounding.
+        ``differ`` says whether balls differ in diameter, ``adhere`` whether contacts adhere.
         """
         rounding = _ROUNDED_MEAN
         if differ:
-            # ten times the error at which the mean of a sample is reached; loose balls leave more,
-            # as the mean is small against its terms
+            # ten times the error at which the mean of a sample is reached; more where loose balls
+            # make the mean small against the overlaps of single contacts
             ratio = float(np.mean(np.abs(self.overlap)) / np.abs(np.mean(self.overlap)))
             rounding = 10.0 * SAMPLED * max(1.0, ratio)
         if not adhere:
             return rounding
-        # the mean may be small against its terms, attraction and repulsion
+        # where contacts adhere, the mean may be small against its parts, attraction and repulsion,
+        # which are as large as the change of a force with its overlap, or of an overlap with its
+        # force
         if kind == "force":
             terms = np.abs(self.stiffness * self.overlap)
         else:

@@ -48,8 +48,9 @@ class Option:
 
     Attributes
     ----------
-    default, rule : its default, and the rule that reads its value.
-    meaning : in words, for the reference.
+    default : value of the option if none is given.
+    rule : rule of :mod:`granphon.base.validation` that reads its value.
+    meaning : what the option does, in words for the reference.
     absent : what holds by ``default``, in words, where the default itself does not say it.
     """
 
@@ -63,17 +64,18 @@ class Option:
 _LEAST_PUSH = 1e-30
 #: type of the states that a medium returns
 StateT = TypeVar("StateT", bound=ContactState, covariant=True)
-#: relative step of a parameter, where states are found anew for a difference of the fourth order
+#: relative step of a parameter for a difference of the fourth order, if each state is found anew
 _STEP_ANEW = 2e-3
-#: the same where a law gives them
+#: the same step if states follow from a law, whose numbers have more digits
 _STEP_OF_LAW = 2e-4
-#: the medium, and the load, where a parameter is larger by a relative step
+#: function of a relative step of a parameter; returns the medium and the load with the parameter
+#: larger by that step
 Change = Callable[[float], tuple[Any, Load]]
 
 
 class Medium(ABC, Generic[StateT]):
-    """A medium: the state of a packing at a given load, which is given in three ways, each of which
-    calls :meth:`at`.
+    """A medium finds the state of a packing at a load. The load is given as a force, a pressure or
+    an overlap; the methods ``at_force``, ``at_pressure`` and ``at_overlap`` all call :meth:`at`.
 
     ``finite_overlap`` says whether to keep the terms of relative order delta/d; None and False
     leave them out. The state stores the choice, and all functions of a state read it there.
@@ -97,8 +99,8 @@ class Medium(ABC, Generic[StateT]):
 
     @property
     def is_quick(self) -> bool:
-        """Whether its states take less than 0.1 s, so that they are found when a scene is only
-        checked.
+        """Whether the states of the medium take less than 0.1 s, so that they are found when a
+        scene is only checked.
         """
         return True
 
@@ -109,53 +111,60 @@ class Medium(ABC, Generic[StateT]):
 
     @property
     def local_field(self) -> LocalField | None:
-        """How the lattice around a ball gives way; None for a medium that needs no such answer."""
+        """The local field: how far the lattice around a ball gives way; None for a medium that does
+        not need to know.
+        """
         return None
 
     def prepare(self) -> None:
-        """Find the properties of the lattice that all states need.
+        """Find the properties of the lattice that all states need, and keep them; most media need
+        none.
 
         Raises :class:`~granphon.base.errors.MechanismError` if the lattice does not have them.
         """
         return
 
     def require_sound(self, pushed: bool = False) -> None:
-        """Raise if the lattice is known to have no sound, before a state is found.
+        """Raise, before a state is found, if the lattice is known to have no sound.
 
-        :class:`~granphon.base.errors.MechanismError` if the lattice gives way without a force,
-        :class:`~granphon.base.errors.InstabilityError` if it is ``pushed`` by prestress and buckles
-        under any prestress. Only whether a stiffness of the contacts is zero matters.
+        The error is :class:`~granphon.base.errors.MechanismError` if the lattice gives way without
+        a force. It is :class:`~granphon.base.errors.InstabilityError` if the states have prestress
+        (``pushed``), and the lattice buckles under any prestress, however small.
         """
         packing = self.packing
         stiffnesses = (packing.mindlin_ratio, packing.torsion, packing.bending)
-        # 1 for any stiffness above zero, so that packings of one lattice share an answer
+        # only whether a stiffness is zero matters: with 1 for any other, packings of one lattice
+        # share the answer that is kept
         unit_stiffnesses = tuple(1.0 if stiffness else 0.0 for stiffness in stiffnesses)
         _require_sound(packing.structure, unit_stiffnesses, packing.ball_motions, pushed)
 
     def require(self, load: Load) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if an applied load is known not to be
-        borne, solving nothing; a medium that does not simulate raises nothing.
+        """Raise :class:`~granphon.base.errors.InputError` for an applied load that no array can
+        bear, as far as that is known before anything is solved. A medium that does not simulate
+        raises nothing.
         """
         return
 
     def count_start(self, load: Load) -> float:
-        """Return how many balls take as long as :meth:`require_start`; zero if a load has nothing
-        to be compared with.
+        """Return the cost of :meth:`require_start`, as a number of balls of an array that takes as
+        long to bring to rest; zero if it solves nothing.
         """
         return 0.0
 
     def require_start(self, load: Load) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` for a load below the start of the
-        loading, which is solved.
+        """Raise :class:`~granphon.base.errors.InputError` for a load below the start of a history
+        of friction; the start is solved for that. A medium without such a history raises nothing.
         """
         return
 
     def by_geometry(
         self, load: Load, finite_overlap: bool | None = None
     ) -> list[tuple[Self, list[int]]]:
-        """Return the medium in each of its geometries at an applied load, and the indices of the
-        values of the load that the geometry serves. ``finite_overlap`` decides on the geometry of a
-        simulation that names none, see :func:`~granphon.media.left_out.choose_geometries`.
+        """Return pairs: the medium in one geometry, and the indices, in C order, of the values of
+        the applied ``load`` that have this geometry.
+
+        Only a simulation that names no geometry has more than one pair; there ``finite_overlap``,
+        unless it is None, decides, see :func:`~granphon.media.left_out.choose_geometries`.
         """
         return [(self, list(range(load.size)))]
 
@@ -179,6 +188,7 @@ class Medium(ABC, Generic[StateT]):
             """Return the course along a ``change`` whose states are computed anew at each step."""
 
             def find_state(step: float) -> Any:
+                """Return the state of the changed medium at the changed load."""
                 medium, changed_load = change(step)
                 return medium.at(changed_load, finite_overlap=finite_overlap)
 
@@ -187,11 +197,11 @@ class Medium(ABC, Generic[StateT]):
         return state, [find_anew(change) for change in changes]
 
     def at_force(self, force: ArrayLike, *, finite_overlap: bool | None = None) -> StateT:
-        """State at the mean contact force f, N."""
+        """Return the state at the mean contact force f, N."""
         return self.at(Load("force", force), finite_overlap=finite_overlap)
 
     def at_pressure(self, pressure: ArrayLike, *, finite_overlap: bool | None = None) -> StateT:
-        """State at the pressure P: N/m in the plane, Pa in space, N on a line.
+        """Return the state at the pressure P: N/m in the plane, Pa in space, N on a line.
 
         P d = sqrt(3) f on the triangular lattice (equation 20), P d^2 = 2 sqrt(2) f in fcc. With
         ``finite_overlap`` the boundary shrinks with the balls, and the spacing a takes the place of
@@ -200,8 +210,8 @@ class Medium(ABC, Generic[StateT]):
         return self.at(Load("pressure", pressure), finite_overlap=finite_overlap)
 
     def at_overlap(self, overlap: ArrayLike, *, finite_overlap: bool | None = None) -> StateT:
-        """State at the overlap delta = d - a, m; where balls differ the overlap may be negative, as
-        long as some balls touch.
+        """Return the state at the overlap delta = d - a, m. Where balls differ the overlap may be
+        negative, as long as some balls touch.
         """
         return self.at(Load("overlap", overlap), finite_overlap=finite_overlap)
 
@@ -210,22 +220,24 @@ class Medium(ABC, Generic[StateT]):
 def _require_sound(
     structure: Lattice, unit_stiffnesses: tuple[float, ...], motions: Motions, pushed: bool
 ) -> None:
-    """Raise as :meth:`Medium.require_sound` does; ``unit_stiffnesses`` are 0 or 1 for the
-    stiffnesses of contacts against slip, twist and rolling.
+    """Raise as :meth:`Medium.require_sound` does. ``unit_stiffnesses`` are three numbers for the
+    stiffnesses of contacts against slip, twist and rolling: 0 for zero, 1 for any other.
     """
     eta, torsion, bending = unit_stiffnesses
     lattice = ContactLattice.of(structure, eta, torsion=torsion, bending=bending, motions=motions)
     prestress = _LEAST_PUSH if pushed else None
+    # the velocities are not used: finding them raises the errors
     lattice.sound_velocities(np.eye(lattice.periods), prestress)
 
 
-def explain_untouched(load: Load, largest: float) -> InputError:
+def explain_untouched(load: Load, largest_excess: float) -> InputError:
     """Return the error for an overlap at which even the largest balls are apart.
 
-    ``largest`` is the excess of their diameter over the mean, m.
+    ``largest_excess`` is the excess of their diameter over the mean, m.
     """
-    why = f"The largest are {largest:g} m wider than the mean"
-    return InputError(f"{load} m: no balls touch", why, f"Give an overlap above {-largest:g} m")
+    why = f"The largest are {largest_excess:g} m wider than the mean"
+    mend = f"Give an overlap above {-largest_excess:g} m"
+    return InputError(f"{load} m: no balls touch", why, mend)
 
 
 # -- media that are contact laws -------------------------------------------------------------------
@@ -236,7 +248,7 @@ _DENSITY_TIME = 0.03
 _LIST_TIME = 0.25
 #: overlaps at which contacts open for 64 listed diameters: one for each pair
 _LIST_OPENINGS = 64 * 65 / 2
-#: exponent with which the time grows with their number
+#: exponent with which the time grows with the number of these overlaps
 _LIST_POWER = 1.25
 #: time below which work is done even when a scene is only checked and not run, s
 _QUICK_TIME = 0.1
@@ -286,20 +298,23 @@ class LawMedium(Medium[ContactState]):
 
     @in_newtons
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
-        """Return the state at a load; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap`
-        take its value in SI.
+        """Return the state at a load, with the shape of the load. :meth:`at_force`,
+        :meth:`at_pressure` and :meth:`at_overlap` take the values of the load in SI.
+
+        Raises the errors that the class lists.
         """
         require_memory(
             f"states at {load.size:,} loads", self._load_bytes * load.size, "Take fewer loads"
         )
         applied = load.applied
-        follows = read_finite_overlap(finite_overlap)
+        has_finite_overlap = read_finite_overlap(finite_overlap)
         packing = self.packing
         load_in_words = applied.describe(packing.structure.periods)
         with np.errstate(all="ignore"):  # numbers beyond double precision are refused below
-            force, overlap = self._solve(applied, follows)
+            force, overlap = self._solve(applied, has_finite_overlap)
             stiffness = np.asarray(self.law.stiffness(overlap))
-            length = np.maximum(np.abs(overlap), packing.width)
+            length = np.maximum(np.abs(overlap), packing.width)  # over which the force changes
+            # all numbers of a state must be within double precision, also those found later
             sizes = [
                 force,
                 stiffness,
@@ -319,13 +334,16 @@ class LawMedium(Medium[ContactState]):
             force=force[()],
             overlap=overlap[()],
             normal_stiffness=stiffness[()],
-            finite_overlap=follows,
+            finite_overlap=has_finite_overlap,
         )
 
-    def _solve(self, load: Load, follows: bool) -> tuple[Array, Array]:
-        """Return the mean contact force, N, and the overlap, m, at an applied load, with its shape;
-        a boundary that ``follows`` the balls shrinks. Raises for a load that the law refuses, and
-        for an overlap at which no balls touch.
+    def _solve(self, load: Load, has_finite_overlap: bool) -> tuple[Array, Array]:
+        """Return the mean contact force, N, and the overlap, m, at an applied load, both with the
+        shape of the load. With finite overlap, the boundary on which a pressure acts shrinks with
+        the balls.
+
+        Raises the errors of the law for a load that it refuses, and InputError for an overlap at
+        which no balls touch.
         """
         law = self.law
         if load.kind == "overlap":
@@ -339,17 +357,18 @@ class LawMedium(Medium[ContactState]):
             return load.array, np.asarray(law.overlap(load.array))
         force, _ = self._ask_force(load, 0.0)
         overlap = np.asarray(law.overlap(force))
-        if follows and load.kind == "pressure" and self.packing.structure.periods > 1:
+        # on a line a pressure is the force, whatever the length of the boundary
+        if has_finite_overlap and self.packing.structure.periods > 1:
             overlap = self._shrink_boundary(load, overlap)
             force = np.asarray(law.force(overlap))
         return force, overlap
 
     def _ask_force(self, load: Load, shrinkage: Any) -> tuple[Any, Any]:
-        """Return the mean force, N, that a load, which is no overlap, asks of contacts, and its
-        slope, N/m, by the ``shrinkage``, m: what the boundary has shrunk by.
+        """Return the mean force f, N, that contacts must exert under a force or a pressure, and the
+        derivative of f, N/m, by the ``shrinkage`` s, m, of the spacing at the boundary.
 
-        The lattice's pressure factor times f is P d^(p - 1), or P (d - delta)^(p - 1) of p periods
-        if the boundary follows the balls.
+        Under a pressure P, with p periods, f is P (d - s)^(p - 1) over the pressure factor of the
+        lattice. A boundary that follows the balls has s = delta, any other s = 0.
         """
         if load.kind != "pressure":
             return load.array, 0.0
@@ -361,12 +380,12 @@ class LawMedium(Medium[ContactState]):
         return pressure_over_factor * spacing**power, slope
 
     def _shrink_boundary(self, load: Load, overlap: Array) -> Array:
-        """Return the overlap delta, m, at which the boundary has shrunk with the balls under a
-        pressure, the ``load``.
+        """Return the overlap delta, m, at which contacts exert the force that a pressure, the
+        ``load``, asks of them on a boundary that has shrunk with the balls.
 
-        The search begins at the larger ``overlap`` of a boundary that does not shrink. The force f
-        rises and is convex, and the force that the boundary asks for falls, so that Newton's method
-        descends from there.
+        The search begins at the larger ``overlap`` of a boundary that does not shrink. As the
+        overlap rises, the force of the law rises and is convex, and the force that the boundary
+        asks for falls. So Newton's method descends from there.
         """
         law = self.law
         for _ in range(_MOST_STEPS):
@@ -380,38 +399,49 @@ class LawMedium(Medium[ContactState]):
     def follow(
         self, load: Load, changes: Sequence[Change], finite_overlap: bool | None = None
     ) -> tuple[ContactState, list[Course[Any]]]:
-        """Return the state at a single load, and how it follows each of the ``changes``: the
-        derivative of the overlap is that at which the law keeps the force that the load asks for.
+        """Return the state at a single load, and its course with each of the ``changes``; see
+        :meth:`Medium.follow`. To first order the overlap changes so that the contacts of the
+        changed medium exert the force that the changed load asks of them.
         """
         state = self.at(load, finite_overlap=finite_overlap)
         return state, [self._follow(state, load.applied, change) for change in changes]
 
     def _follow(self, state: ContactState, load: Load, change: Change) -> Course[Any]:
-        """Return how a state under a ``load`` follows a change."""
+        """Return the course of a ``state`` under an applied ``load`` with a ``change``.
+
+        A given overlap changes as the load says. Under a force or a pressure the changed contacts
+        at the old overlap lack some force; the overlap changes by this force over the resistance.
+        """
         overlap = state.overlap
+        shrinkage = overlap if state.finite_overlap else 0.0
 
         def prepare(step: float) -> tuple[LawMedium, Law, Load]:
-            """Return the medium at a ``step``, its law near this one, and the load."""
+            """Return the medium changed by a ``step``, its law to first order in the distance from
+            the law of this medium, and the changed load.
+            """
             medium, changed_load = change(step)
             return medium, medium._law_near(self), changed_load.applied
 
         def find_lack(step: float) -> Any:
             """Return the force, N, that contacts lack at a step if the overlap stays."""
             medium, law, changed_load = prepare(step)
-            shrinkage = overlap if state.finite_overlap else 0.0
-            return medium._ask_force(changed_load, shrinkage)[0] - law.force(overlap)
+            required_force, _ = medium._ask_force(changed_load, shrinkage)
+            return required_force - law.force(overlap)
 
+        # the derivative of the overlap, m, by the step
         if load.kind == "overlap":
-            rise = differentiate(lambda step: change(step)[1].applied.array, _STEP_OF_LAW)
+            derivative = differentiate(lambda step: change(step)[1].applied.array, _STEP_OF_LAW)
         else:
-            _, slope = self._ask_force(load, overlap if state.finite_overlap else 0.0)
+            # by the overlap the force of contacts rises with k, and the required force falls if the
+            # boundary shrinks
+            _, slope = self._ask_force(load, shrinkage)
             resistance = state.normal_stiffness - (slope if state.finite_overlap else 0.0)
-            rise = differentiate(find_lack, _STEP_OF_LAW) / resistance
+            derivative = differentiate(find_lack, _STEP_OF_LAW) / resistance
 
-        def find(step: float) -> ContactState:
-            """Return the state at a ``step``, whose overlap moves in proportion to the step."""
+        def find_state(step: float) -> ContactState:
+            """Return the state at a ``step``, whose overlap changes in proportion to the step."""
             medium, law, _ = prepare(step)
-            moved = overlap + step * rise
+            moved = overlap + step * derivative
             return replace(
                 state,
                 packing=medium.packing,
@@ -421,10 +451,12 @@ class LawMedium(Medium[ContactState]):
                 normal_stiffness=law.stiffness(moved),
             )
 
-        return Course(find, _STEP_OF_LAW)
+        return Course(find_state, _STEP_OF_LAW)
 
     def _law_near(self, origin: Any) -> Law:
-        """Return the law, to first order in its distance from that of the medium ``origin``."""
+        """Return the law of this medium, which a subclass may approximate to first order in its
+        distance from the law of the medium ``origin``, if that is quicker.
+        """
         return self.law
 
 
@@ -433,7 +465,7 @@ class AveragedLattice(LawMedium):
     """The averaged lattice: all balls have the mean diameter, f = (2/3) E* d^(1/2) delta^(3/2)
     (equation 23).
 
-    It is exact for equal balls, and on a line.
+    The medium is exact for equal balls, and on a line.
 
     Parameters
     ----------
@@ -454,8 +486,8 @@ class AveragedForce(LawMedium):
     """The averaged force: balls differ and stay at the sites of the lattice; f is the mean over
     pairs (equation 25).
 
-    On a line balls cannot stay at the sites, because all contacts carry the same force: there it is
-    Hertz's law.
+    On a line balls cannot stay at the sites, because all contacts carry the same force: there the
+    law is Hertz's.
 
     Parameters
     ----------
@@ -480,20 +512,20 @@ class EffectiveMedium(LawMedium):
     """The effective medium: balls that differ displace their neighbours, in the average lattice of
     all (equations 28-46).
 
-    Of the lattice it knows Xi alone (:attr:`local_field`), and so it is in one, two and three
-    dimensions. It is valid from f* = 0.08 (Section IV, by comparison with simulations of the
-    triangular lattice); ``valid`` of a state says so. It is solved from f* = 1e-6, and force and
-    stiffness are accurate to 1e-8 or better from f* = 1e-4. Each pair of listed diameters puts a
-    kink into the law, which is resolved. For some lists with diameters rarer than about 1 % the
-    stiffness falls to zero at a higher f* than 1e-6, and the equation has no solution below. On a
-    line it is Hertz's law.
+    The only property of the lattice in its law is Xi (:attr:`local_field`), so that the medium
+    serves in one, two and three dimensions. It is valid from f* = 0.08 (Section IV, by comparison
+    with simulations of the triangular lattice); ``valid`` of a state says so. The law is solved
+    from f* = 1e-6, and force and stiffness are accurate to 1e-8 or better from f* = 1e-4. Each pair
+    of listed diameters puts a kink into the law, which is resolved. For some lists with diameters
+    rarer than about 1 % the stiffness falls to zero at a higher f* than 1e-6, and the equation has
+    no solution below. On a line the law is Hertz's.
 
     Friction makes Xi larger: the lattice around a ball gives way less, by springs eta k against
-    slip. It has no other friction in the statics: contacts bear no tangential force at rest and do
-    not slide, there is no friction coefficient, and the path to the load does not matter.
-    :class:`DirectSimulation` with ``friction_history`` has all of this. At a given overlap the
-    medium's friction adds too much force at low load, and less than half of what it should from a*
-    = 0.8 to 1. In sound every contact has the shear stiffness eta k, as with
+    slip. There is no other friction in the statics of the medium: contacts bear no tangential force
+    at rest and do not slide, there is no friction coefficient, and the path to the load does not
+    matter. :class:`DirectSimulation` with ``friction_history`` has all of this. At a given overlap
+    the friction of the medium adds too much force at low load, and less than half of what it should
+    from a* = 0.8 to 1. In sound every contact has the shear stiffness eta k, as with
     ``shear_response="stick"``.
 
     Parameters
@@ -547,8 +579,8 @@ class EffectiveMedium(LawMedium):
 
     @property
     def seconds(self) -> float:
-        """Rough time to solve the law, s, for any number of loads: long lists have many
-        pairs of diameters that open.
+        """Rough time, s, in which the law is solved once for all loads. For listed diameters the
+        time grows with the number of overlaps at which contacts open, one for each pair.
         """
         if not (self.packing.spread and self.packing.width):
             return 0.0
@@ -561,17 +593,19 @@ class EffectiveMedium(LawMedium):
 
     @property
     def is_quick(self) -> bool:
-        """Whether its states take less than 0.1 s: not of long lists of diameters."""
+        """Whether the states take less than 0.1 s; those of long lists of diameters take longer."""
         return self.seconds < _QUICK_TIME
 
     @property
     def is_solved_anew(self) -> bool:
-        """Whether each packing of a sweep has a law of its own, as for lists of diameters."""
+        """Whether each packing of a sweep has a law of its own, which takes time to solve: with
+        listed diameters.
+        """
         spread = self.packing.spread
         return spread is not None and spread.mean is not None
 
     def prepare(self) -> None:
-        """Find the local field of balls that differ, which not every lattice has."""
+        """Find the local field, and keep it, if balls differ; not every lattice has one."""
         if self.packing.width:
             _ = self.local_field
 
@@ -593,8 +627,8 @@ class EffectiveMedium(LawMedium):
 
     @property
     def spread_law(self) -> Law:
-        """Contact law of the medium for balls that differ, in SI; that of equal balls on a lattice
-        where the load alone fixes the force of every contact.
+        """Contact law of the medium for balls that differ, in SI. On a lattice where the load alone
+        fixes the force of every contact, the law is that of equal balls.
         """
         spread = self.packing.spread
         law = self.packing.law
@@ -603,8 +637,8 @@ class EffectiveMedium(LawMedium):
         return EffectiveLaw(law.coefficient, spread.width, spread.shape, self.local_field.xi)
 
     def _law_near(self, origin: Any) -> Law:
-        """Return the law, to first order in its distance from that of the medium ``origin``: the
-        local field may differ, for which the law would be solved anew.
+        """Return the law to first order in its distance from that of the medium ``origin``. If the
+        local fields differ, the law itself would have to be solved anew, which takes longer.
         """
         law = self.law
         return law.near(origin.law) if isinstance(law, EffectiveLaw) else law

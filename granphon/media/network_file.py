@@ -56,11 +56,14 @@ _MOTIONS = tuple(
 
 
 def _read_cell(value: Any, context: Any) -> tuple[Any, ...]:
-    """Return the periods of a list of lengths, or of vectors, m."""
+    """Return the periods of a cell in a scene, m: a tuple of lengths, or a tuple of vectors, each a
+    tuple of components.
+    """
     length = with_unit(LENGTH).rule(context)
     if isinstance(value, list | tuple) and value and isinstance(value[0], list | tuple):
 
         def read_component(component: Any) -> float:
+            """Return a component of a vector, m; a zero needs no unit."""
             return 0.0 if component == 0 else length(component)
 
         return each(value, lambda row: each(row, read_component, "lengths"), "vectors")
@@ -68,13 +71,16 @@ def _read_cell(value: Any, context: Any) -> tuple[Any, ...]:
 
 
 def _write_cell(cell: tuple[Any, ...], _context: Any) -> list[Any]:
+    """Return the periods of a cell, m, as a scene has them, with units; see :func:`_read_cell`."""
     if isinstance(cell[0], tuple):
-        return [[LENGTH.write(x) if x else 0 for x in row] for row in cell]
+        return [
+            [LENGTH.write(component) if component else 0 for component in vector] for vector in cell
+        ]
     return [LENGTH.write(length) for length in cell]
 
 
 def _read_twisting(value: Any, context: Any) -> float | str:
-    """Return a torsion stiffness, N m, or the word for that of LAMMPS."""
+    """Return a stiffness against twist, N m, or "marshall", the word for that of LAMMPS."""
     if value == "marshall":
         return "marshall"
     stiffness: float = with_unit(TURN_STIFFNESS).read(value, context)
@@ -82,21 +88,25 @@ def _read_twisting(value: Any, context: Any) -> float | str:
 
 
 def _read_columns(value: Any) -> Any:
-    """Read a list of names of columns, or a block of names and headings (a rule)."""
+    """Return names of columns from a list, or headings by the names of columns from a block. The
+    function is a rule of :mod:`granphon.base.validation`.
+    """
     if isinstance(value, Mapping):
         return {text(name): read_inside(name, text, heading) for name, heading in value.items()}
     return each(value, text, "names of columns")
 
 
 def _read_frozen(value: Any) -> dict[str, Any]:
-    """Read a block of columns and values (a rule)."""
+    """Return values by the names of columns from a block that has at least one. The function is a
+    rule of :mod:`granphon.base.validation`.
+    """
     if not isinstance(value, Mapping) or not value:
         raise Refused(show(value), "a block of columns and values, as {type: 2}")
     return {text(name): entry for name, entry in value.items()}
 
 
 def _read_file(value: Any, context: Any) -> Path:
-    """Return the path of a file, from the folder of the scene."""
+    """Return the path of a file; a relative path starts at the folder of the scene."""
     return Path(context.folder / (value if isinstance(value, Path) else text(value)))
 
 
@@ -104,7 +114,9 @@ _FILE = Kind(_read_file, lambda path, _: str(path.resolve()))
 
 
 def _read_words(value: Any) -> tuple[str, ...]:
-    """Read a text of words, or a list of them (a rule)."""
+    """Return the words of a text, or of a list of words. The function is a rule of
+    :mod:`granphon.base.validation`.
+    """
     return tuple(value.split()) if isinstance(value, str) else each(value, text, "names")
 
 
@@ -115,7 +127,8 @@ _STIFFNESS = with_unit(STIFFNESS)
 class NetworkFiles(Block, kw_only=True):
     """Balls and contacts that a program has left in files: the block ``network`` of a scene.
 
-    Two of them are the same if their networks are, whatever files they come from.
+    Two of these blocks are equal if their networks and materials are, whatever files they come
+    from.
 
     Attributes
     ----------
@@ -265,25 +278,31 @@ class NetworkFiles(Block, kw_only=True):
 
     @property
     def _key(self) -> tuple[Any, ...]:
-        """What is compared: the network, but for the mean ball of its material, and the
-        material.
+        """What two blocks are compared by: the network without its ``contact_model``, in whose
+        place the material stands, and the material.
         """
         return replace(self.network, contact_model=None), self.material
 
     @cached_property
     def network(self) -> ContactNetwork:
-        """The network, which is read once."""
+        """The network, read once from the files with the options that are given.
+
+        Raises :class:`~granphon.base.errors.InputError` for an option that the reader does not
+        have, a number of files that it does not take, and for what the reader refuses.
+        """
         files = list(self.files)
         options = {
             name: getattr(self, name)
             for name in self._settings
             if name not in _OF_FILES and getattr(self, name) is not None
         }
+        # the third file of LIGGGHTS is an option of the reader
         if self.format == "liggghts" and len(files) == 3:
             options["walls"] = files.pop()
+        # a reader may be the user's own: what it takes is read from its signature
         known = inspect.signature(READERS[self.format]).parameters
         self._require_number(files, known)
-        takes_all = any(each.kind == each.VAR_KEYWORD for each in known.values())
+        takes_all = any(parameter.kind == parameter.VAR_KEYWORD for parameter in known.values())
         unknown = [name for name in options if name not in known and not takes_all]
         if unknown:
             allowed = [name for name in self._settings if name in known]
@@ -294,8 +313,16 @@ class NetworkFiles(Block, kw_only=True):
     def _require_number(
         self, files: list[Path], parameters: Mapping[str, inspect.Parameter]
     ) -> None:
-        """Raise InputError if the ``parameters`` of the reader take another number of files."""
-        if any(each.kind == each.VAR_POSITIONAL for each in parameters.values()):
+        """Raise InputError if the reader takes another number of ``files``.
+
+        Its files are those of its ``parameters`` that are given by place and are no settings of
+        this block; a parameter with a default may be left out. A reader with ``*files`` takes any
+        number.
+        """
+        takes_any_number = any(
+            parameter.kind == parameter.VAR_POSITIONAL for parameter in parameters.values()
+        )
+        if takes_any_number:
             return
         of_files = [
             parameter
@@ -310,14 +337,14 @@ class NetworkFiles(Block, kw_only=True):
 
     @property
     def load(self) -> Load:
-        """The mean normal force of the contacts, which stands for the load: that of the files
-        themselves.
-        """
+        """The load of the packing: the mean normal force of the contacts in the files, N."""
         return Load("force", float(np.mean(self.network.normal_force)))
 
     @property
     def block_of_tables(self) -> dict[str, Any]:
-        """The block of the same packing in the :data:`TABLES` of a run."""
+        """The block ``network`` of a scene that reads this packing again from the :data:`TABLES` in
+        which a run keeps it, as plain data.
+        """
         entries: dict[str, Any] = {"format": "tables", "files": list(TABLES)}
         if self.material is not None:
             entries["material"] = write_block(self.material, IN_PYTHON)
@@ -327,7 +354,7 @@ class NetworkFiles(Block, kw_only=True):
 
     @property
     def kind_names(self) -> tuple[str, ...]:
-        """Names of the kinds of the balls."""
+        """Names of the kinds of the balls; "ball" if the files name none."""
         return tuple(dict.fromkeys(self.network.kinds or ("ball",)))
 
     @property
@@ -352,12 +379,12 @@ class NetworkFiles(Block, kw_only=True):
 
     @cached_property
     def structure(self) -> Lattice:
-        """The cell, in units of the mean diameter."""
+        """The cell of the packing, in units of the mean diameter, in the place of a lattice."""
         return CrystalCell.of_network(self.network, self.diameter)
 
     @property
     def ball_motions(self) -> Motions:
-        """The motions of each ball."""
+        """The motions that each ball has."""
         return self.network.ball_motions
 
     @property
@@ -366,8 +393,8 @@ class NetworkFiles(Block, kw_only=True):
         common.
         """
         ratios = self.network.shear_stiffness / self.network.normal_stiffness
-        is_one = ratios.size and np.ptp(ratios) <= 1e-9 * np.max(ratios)
-        return float(ratios[0]) if is_one else None
+        have_one_ratio = ratios.size and np.ptp(ratios) <= 1e-9 * np.max(ratios)  # to rounding
+        return float(ratios[0]) if have_one_ratio else None
 
     def describe(self) -> list[tuple[str, Any, str]]:
         """Return the rows of the table of the packing: name, value and SI unit of each quantity."""
@@ -412,16 +439,19 @@ class LoadedNetwork(NetworkState):
         self.name = packing.structure.name
 
     def __getitem__(self, index: Any) -> LoadedNetwork:
+        """Return the state itself, whatever the index: there is one load."""
         return self
 
     @property
     def finite_overlap(self) -> bool:
-        """Whether static forces act."""
+        """Whether the static forces of the contacts act on small motions, as prestress."""
         return self.network.prestress
 
     @property
     def valid(self) -> bool:
-        """Whether no comparison of the numbers of the files fails."""
+        """Whether the numbers of the files agree with each other in every comparison that is made,
+        see :func:`~granphon.networks.consistency.compare_numbers`.
+        """
         from granphon.networks.consistency import compare_numbers
 
         return all(comparison.holds for comparison in self.network.cached(compare_numbers))
@@ -459,7 +489,8 @@ class LoadedNetwork(NetworkState):
 
     @property
     def pressure(self) -> float:
-        """Mean pressure, of the static forces over the cell: N, N/m or Pa.
+        """Mean pressure by the virial of the static forces over the cell: N, N/m or Pa with one,
+        two or three axes.
 
         Raises :class:`~granphon.base.errors.InputError` for a packing that does not repeat along
         all of its axes.
@@ -475,7 +506,7 @@ class LoadedNetwork(NetworkState):
 
 
 class NetworkMedium(Medium[Any]):
-    """The medium of a packing in files: its own contacts."""
+    """The medium of a packing in files, whose only state is that of the contacts in the files."""
 
     name = NETWORK
     words = "packing"
@@ -487,7 +518,9 @@ class NetworkMedium(Medium[Any]):
 
     @property
     def is_quick(self) -> bool:
-        """Whether its sound takes little time: that of up to 500 balls counts as quick."""
+        """Whether the sound of the packing takes little time: that of up to 500 balls counts as
+        quick.
+        """
         return bool(self.packing.network.n_balls <= QUICK_BALLS)
 
     def require_sound(self, pushed: bool = False) -> None:

@@ -26,7 +26,7 @@ _Returned = TypeVar("_Returned")
 
 
 class _OfPacking(Protocol):
-    """What has a packing, as a medium."""
+    """An object that has a packing, as a medium has."""
 
     @property
     def packing(self) -> Packing: ...
@@ -55,7 +55,9 @@ def write_newtons(error: GranphonError, packing: Any) -> GranphonError:
 def in_newtons(
     method: Callable[Concatenate[_MediumT, _Arguments], _Returned],
 ) -> Callable[Concatenate[_MediumT, _Arguments], _Returned]:
-    """Return a ``method`` of a medium whose errors have contact forces in newton."""
+    """Return the ``method`` of a medium, changed so that the errors that it raises have contact
+    forces in newton in the place of reduced forces. The function is a decorator.
+    """
 
     @wraps(method)
     def call(

@@ -53,18 +53,19 @@ _HISTORY_STATE_BYTES = {2: 60.0, 3: 150.0}
 def estimate_memory(
     packing: Packing, balls: int, samples: int, load: Load, *, exact: bool, loaded: bool
 ) -> float:
-    """Return the memory, bytes, that so many ``samples`` of so many ``balls`` each need at all
-    values of a load, with their moduli.
+    """Return the memory, bytes, that so many ``samples`` of so many ``balls`` each need for their
+    states and moduli at all values of a load.
 
-    Contacts turn with their balls (``exact``) or keep the directions of the lattice. Samples are
-    ``loaded`` step by step with friction, or brought to rest at each load.
+    With ``exact`` contacts turn with their balls; otherwise they keep the directions of the
+    lattice. With ``loaded`` samples are loaded step by step with friction; otherwise they are
+    brought to rest at each load.
     """
     structure = packing.structure
     rotate = packing.ball_motions.rotate
     states = load.size * samples
     periods = structure.periods
     motions = packing.ball_motions.count if rotate else periods
-    # bytes for each ball
+    # the following are bytes for each ball
     green_bytes = _GREEN_BYTES * structure.n_balls * motions**2
     kept_bytes = _SAMPLE_BYTES * (samples - 1) + _EQUILIBRIUM_BYTES[periods] * (states - 1)
     solved_bytes = _ROTATING_BALL_BYTES[periods] if rotate else _BALL_BYTES[periods]
@@ -85,8 +86,8 @@ def estimate_memory(
 
 
 def _estimate_list(packing: Packing, motions: int) -> float:
-    """Return the bytes for each ball of a list of contacts while it responds to strains; balls have
-    so many ``motions`` each.
+    """Return the memory, bytes for each ball, of a list of contacts while its response to all
+    strains of the cell is solved. Each ball has so many ``motions``.
     """
     structure = packing.structure
     contacts = len(structure.contacts) / structure.n_balls

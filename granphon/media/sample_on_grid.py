@@ -16,13 +16,17 @@ from granphon.statics.rest import Rest
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SampleOnGrid:
-    """A sample whose balls and contacts come cell by cell, and the same on a grid.
+    """A sample in two orders: as the crystal has it, cell by cell, and as a grid has it.
+
+    On the grid the first ball of all cells comes first, then the second ball of all cells, and so
+    on; so do the contacts.
 
     Attributes
     ----------
-    by_cell : the contacts of the sample, cell by cell.
-    assembly : the same on a grid, ball by ball of the cell and kind by kind of contacts.
-    balls, contacts : (n,) and (n_c,) numbers in the sample of those on the grid.
+    by_cell : the balls and contacts of the sample in the order of the crystal.
+    assembly : the same balls and contacts in the order of the grid.
+    balls : (n,) the number in ``by_cell`` of each ball of the grid.
+    contacts : (n_c,) the number in ``by_cell`` of each contact of the grid.
     """
 
     by_cell: Assembly
@@ -32,14 +36,16 @@ class SampleOnGrid:
 
     @classmethod
     def of(cls, assembly: Assembly, grid: Grid, law: HertzLaw) -> Self:
-        """Sort the contacts of a sample, all of which have one law."""
+        """Make the sample in both orders from its ``assembly`` in the order of the crystal, whose
+        contacts all have one ``law``, and the ``grid`` of its cells.
+        """
         balls = np.arange(grid.n_cells * grid.n_balls).reshape(grid.n_cells, -1).T.ravel()
         contacts = np.arange(assembly.n_contacts).reshape(grid.n_cells, -1).T.ravel()
         offset = assembly.offset[contacts]
         return cls(assembly, GridAssembly(grid, offset, law, assembly.cell), balls, contacts)
 
     def sort(self, rest: Rest) -> Rest:
-        """Return a state of the sample as one on the grid."""
+        """Return a state at rest in the order of the crystal, sorted into that of the grid."""
         turned = rest.turned_normal
         return replace(
             rest,
@@ -50,19 +56,21 @@ class SampleOnGrid:
         )
 
     def restore(self, rest: Rest) -> Rest:
-        """Return a state on the grid as one of the sample."""
+        """Return a state at rest in the order of the grid, sorted into that of the crystal."""
         turned = rest.turned_normal
         return replace(
             rest,
-            displacement=_put(rest.displacement, self.balls),
-            overlap=_put(rest.overlap, self.contacts),
+            displacement=_scatter(rest.displacement, self.balls),
+            overlap=_scatter(rest.overlap, self.contacts),
             assembly=self.by_cell,
-            turned_normal=None if turned is None else _put(turned, self.contacts),
+            turned_normal=None if turned is None else _scatter(turned, self.contacts),
         )
 
 
-def _put(values: Array, numbers: Index) -> Array:
-    """Return values with the first of them at the first of the ``numbers``, and so on."""
+def _scatter(values: Array, numbers: Index) -> Array:
+    """Return the ``values`` (n, ...) sorted so that value i is at the index ``numbers[i]``; the
+    numbers (n,) are a permutation.
+    """
     sorted_values = np.empty_like(values)
     sorted_values[numbers] = values
     return sorted_values

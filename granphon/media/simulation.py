@@ -143,8 +143,8 @@ class SampleLaw(EnergyLaw):
         return -largest * simulation.packing.width_units.width
 
     def _average_at(self, overlap: ArrayLike, quantity: Callable[[Sample], float]) -> Any:
-        """Return the mean over samples of a ``quantity`` at each ``overlap``, m; of the shape of
-        the overlaps.
+        """Return the mean over samples of a ``quantity``, a number of each sample, at each
+        ``overlap``, m. The result has the shape of the overlaps.
         """
         overlaps = np.asarray(overlap, float)
         # equilibria are found once where an overlap is asked for twice
@@ -157,15 +157,17 @@ class SampleLaw(EnergyLaw):
 
     @cached_property
     def _simulate(self) -> Callable[[float], tuple[Sample, ...]]:
-        """The samples at an overlap, of which the last 64 are kept."""
+        """The function of an overlap, m, that returns the samples at rest at this overlap. The
+        samples of the last 64 overlaps are kept.
+        """
         return lru_cache(maxsize=64)(lambda overlap: self.simulation.at_overlap(overlap).samples)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return SampleLaw, (self.simulation,)  # a copy starts without the samples that are kept
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
-        """Return the derivative of the energy of an ``order`` of 0 to 3, J/m^order, at each
-        ``overlap``, m; order 0 is the energy itself.
+        """Return the derivative, of the ``order`` 0 to 3, of a contact's energy by its overlap,
+        J/m^order, at each ``overlap``, m. Order 0 is the energy itself.
         """
         names = ("energy", "force", "normal_stiffness", "stiffness_slope")
         return self._average_at(overlap, attrgetter(names[order]))
@@ -177,7 +179,9 @@ class SampleLaw(EnergyLaw):
         return self._average_at(overlap, lambda sample: sample.force_fluctuation)
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
-        """Return the fraction of contacts that carry more than 1e-6 of the mean force."""
+        """Return the fraction of contacts that carry more than 1e-6 of the mean force, at each
+        ``overlap``, m.
+        """
         return self._average_at(overlap, lambda sample: sample.contact_fraction())
 
     def least_valid_force(self, width: float) -> float:
@@ -187,7 +191,7 @@ class SampleLaw(EnergyLaw):
         return 0.0
 
     def overlap(self, force: ArrayLike) -> Any:
-        """Return the mean overlap delta at a mean contact force, m."""
+        """Return the mean overlap delta, m, at each mean contact ``force``, N."""
         return self.simulation.at_force(force).overlap
 
 
@@ -227,7 +231,7 @@ class SimulatedState(ContactState):
 
         The force or the overlap of the state is exact if the load is given as such.
         """
-        shape = (*load.shape, -1)  # that of the load, then samples
+        shape = (*load.shape, -1)  # axes of the load, and then the samples
         stiffnesses = np.reshape([sample.normal_stiffness for sample in samples], shape)
         fixed_overlap = load.kind == "overlap"
         if fixed_overlap:  # samples act in parallel
@@ -254,6 +258,9 @@ class SimulatedState(ContactState):
         )
 
     def __post_init__(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` for finite overlap that samples in the
+        directions of the lattice do not have.
+        """
         simulation = self._simulation
         may_be_exact = simulation is not None and simulation.geometry != LATTICE
         if self.finite_overlap and not may_be_exact:
@@ -271,6 +278,7 @@ class SimulatedState(ContactState):
             overlap=np.asarray(self.overlap)[index],
             normal_stiffness=np.asarray(self.normal_stiffness)[index],
             samples=tuple(samples.ravel().tolist()),
+            # each load may have a geometry of its own: the selected loads decide
             finite_overlap=bool(np.any(np.asarray(self._is_exact)[index])),
         )
 
@@ -301,7 +309,8 @@ class SimulatedState(ContactState):
         return first if self.shape else first[()]
 
     def over_samples(self, of: Callable[[Any], ArrayLike]) -> Array:
-        """Return the quantity ``of`` every sample, in its own unit.
+        """Return a quantity of every sample, in its own unit; ``of`` is the function that returns
+        the quantity of a sample.
 
         The shape is that of the load, then (n_samples,), then that of the quantity.
         """
@@ -323,7 +332,9 @@ class SimulatedState(ContactState):
         return standard_error(self.over_samples(quantity), len(self.shape))[()]
 
     def _average(self, quantity: Callable[[Any], ArrayLike]) -> Any:
-        """Return the mean over samples of a quantity, with the shape of the load in front."""
+        """Return the mean over samples of a ``quantity`` of each sample. It has the shape of
+        the load followed by that of the quantity.
+        """
         return np.mean(self.over_samples(quantity), axis=len(self.shape))[()]
 
     @property
@@ -355,22 +366,23 @@ class SimulatedState(ContactState):
     def tangential_ratio_distribution(
         self, bins: int = 50, largest: float | None = None
     ) -> tuple[Array, Array, Array]:
-        """Return (bins + 1,) edges, and the probability density of ``|T|/f`` with its standard
-        error, (..., bins).
+        """Return the edges (bins + 1,) of bins of ``|T|/f``, the probability density (..., bins),
+        and the standard error of the density (..., bins).
 
-        Both have the shape of the load in front: the density is the mean over samples of
+        "..." is the shape of the load. The density is the mean over samples of
         :meth:`~granphon.array.pressed_sample.PressedSample.tangential_ratio_distribution`, which
-        describes ``bins`` and ``largest``, and its error is nan of one sample. Raises
+        describes ``bins`` and ``largest``. The error is nan if there is only one sample. Raises
         :class:`~granphon.base.errors.InputError` without a history of friction.
         """
         return self._average_distribution("tangential_ratio_distribution", bins, largest)
 
     def mobilisation_distribution(self, bins: int = 50) -> tuple[Array, Array, Array]:
-        """Return (bins + 1,) edges, and the probability density of ``|T|/(mu f)`` with its standard
-        error, (..., bins).
+        """Return the edges (bins + 1,) of bins of ``|T|/(mu f)``, the probability density (...,
+        bins), and the standard error of the density (..., bins).
 
-        See :meth:`tangential_ratio_distribution`; raises :class:`~granphon.base.errors.InputError`
-        if mu is zero or infinite too.
+        See :meth:`tangential_ratio_distribution`. Raises
+        :class:`~granphon.base.errors.InputError` without a history of friction, and if mu is zero
+        or infinite.
         """
         return self._average_distribution("mobilisation_distribution", bins)
 
@@ -404,8 +416,8 @@ class SimulatedState(ContactState):
         return edges, mean, error
 
     def _average_history(self, name: str) -> Any:
-        """Return the mean over samples of one of :data:`HISTORY_UNITS`; None if samples have no
-        history of friction.
+        """Return the mean over samples of the attribute ``name`` that a history of friction gives
+        them, with the shape of the load; None if samples have no history of friction.
         """
         if getattr(self.samples[0], name, None) is None:
             return None
@@ -471,11 +483,12 @@ class SimulatedState(ContactState):
         return self.over_samples(attrgetter("elastic_tensor"))
 
     def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
-        """Return velocities, m/s, (..., n_u) along ``direction``, or (..., n, n_u) for directions
-        (n, p), and displacements.
+        """Return the velocities, m/s, of the n_u long waves along ``direction``, and their unit
+        displacements.
 
-        Displacements are unit vectors, columns of (..., n_u, n_u) or (..., n, n_u, n_u). Velocities
-        and displacements follow from the mean elastic tensor: in an isotropic plane from its bulk
+        For one direction (p,) the velocities have the shape (..., n_u), and the displacements are
+        the columns of (..., n_u, n_u). For directions (n, p) the shapes are (..., n, n_u) and (...,
+        n, n_u, n_u). Both follow from the mean elastic tensor; in an isotropic plane from its bulk
         and shear modulus.
         """
         return self._find_waves(self.elastic_tensor, self.effective_density, direction)
@@ -483,8 +496,10 @@ class SimulatedState(ContactState):
     def _find_waves(
         self, tensor: Array, density: ArrayLike, direction: ArrayLike
     ) -> tuple[Array, Array]:
-        """Return velocities and displacements of waves, of the shapes of :meth:`polarised_waves`,
-        from elastic tensors (..., s, s), Pa, and densities (...) of samples, or of their mean.
+        """Return the velocities, m/s, and unit displacements of waves, of the shapes of
+        :meth:`polarised_waves`, from elastic tensors (..., s, s) in Voigt order, Pa (N on a line),
+        and densities (...), kg/m^3 (kg/m). Tensors and densities are those of each sample, or means
+        over the samples.
         """
         structure = self.packing.structure
         along = as_direction(direction, structure.periods)
@@ -502,13 +517,14 @@ class SimulatedState(ContactState):
         velocities = np.sqrt(wave_moduli / np.asarray(density)[..., None])
         if along.ndim > 1:
             velocities = np.repeat(velocities[..., None, :], len(along), axis=-2)
+        # the displacements of the transverse wave are normal to the direction
         across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
         displacements = np.stack([along, across], axis=-1)
         return velocities, np.broadcast_to(displacements, (*velocities.shape, 2))
 
     def wave_errors(self, direction: ArrayLike) -> Array | None:
-        """Return standard errors of velocities along ``direction``, m/s, in the order of
-        ``wave_names``; None of one sample.
+        """Return the standard errors over samples of :meth:`long_waves` along ``direction``, m/s,
+        of the same shape; None if there is only one sample.
         """
         tensors = self.sampled_tensors
         if tensors is None:
@@ -522,11 +538,12 @@ class SimulatedState(ContactState):
         wave of the samples; shapes are those of :meth:`State.branch_scales`.
         """
         velocities = self.long_waves(direction)
-        ideal_velocities, _ = super().polarised_waves(direction)
+        ideal_velocities, _ = super().polarised_waves(direction)  # of the ideal lattice, m/s
         ideal_scales = super().branch_scales(direction, names)
         scales = []
         for name, ideal_scale in zip(names, ideal_scales, strict=True):
             branch = self.wave_names.index(name)
+            # in reduced units the branch of samples is taken to be that of the ideal lattice
             reduced_velocity = ideal_velocities[..., branch] / ideal_scale
             scales.append(np.asarray(velocities[..., branch] / reduced_velocity))
         return scales
@@ -538,8 +555,8 @@ class SimulatedState(ContactState):
 
     @property
     def _is_exact(self) -> Any:
-        """Whether the samples at each load are in their exact geometry: each load has its own if
-        the medium names none.
+        """Whether the samples are in their exact geometry, at each load. If the medium names no
+        geometry, each load has a geometry of its own.
         """
         simulation = self._simulation
         if simulation is None or simulation.geometry is not None:
@@ -554,8 +571,8 @@ class SimulatedState(ContactState):
 
     @property
     def floats(self) -> bool:
-        """Whether loose balls float in their cages as samples are pressed from the gas: in the
-        directions of the lattice.
+        """Whether loose balls float in their cages, so that velocities depend on the numbering of
+        the balls: in samples that were pressed from the gas in the directions of the lattice.
         """
         simulation = self._simulation
         return simulation is not None and simulation.floats
@@ -665,8 +682,8 @@ class SimulatedState(ContactState):
 
     @property
     def _exponent_terms(self) -> Array:
-        """The terms M', M, k and f of each sample, (..., n_samples, 4), whose means
-        :func:`_compute_exponent` takes.
+        """The terms M', M, k and f of each sample, (..., n_samples, 4), from whose means over the
+        samples :func:`_compute_exponent` finds the exponent.
         """
         tensors_beside = self.over_samples(attrgetter("elastic_tensors_beside"))
         lower_modulus, higher_modulus = np.moveaxis(longitudinal_modulus(tensors_beside), -1, 0)
@@ -683,7 +700,7 @@ class SimulatedState(ContactState):
     @property
     def _shortening(self) -> Array:
         """Fraction by which the spacing falls for each unit of log f; 0 in the directions of the
-        lattice.
+        lattice. In the exact geometry the fraction is f/(k a), with the spacing a.
         """
         spacing = self.packing.diameter - np.asarray(self.overlap)
         return np.where(self._is_exact, self.force / self.normal_stiffness / spacing, 0.0)
@@ -826,6 +843,9 @@ class DirectSimulation(Medium[SimulatedState]):
     words = "simulation"
 
     def __post_init__(self) -> None:
+        """Read the options, replace each by the value that was read, and raise the errors that the
+        class lists.
+        """
         given_packing(self.packing)
         for name, value in self.history.options.items():
             object.__setattr__(self, name, value)
@@ -855,7 +875,9 @@ class DirectSimulation(Medium[SimulatedState]):
         self._require_history()
 
     def _require_width(self) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` for diameters that differ too little."""
+        """Raise :class:`~granphon.base.errors.InputError` if the width of the diameters is above
+        zero, but below 1e-20 of their mean.
+        """
         if 0.0 < self.packing.width < _LEAST_WIDTH * self.packing.diameter:
             raise InputError(
                 f"the width of the diameters is {self.packing.relative_width:.3g} of their mean",
@@ -864,8 +886,9 @@ class DirectSimulation(Medium[SimulatedState]):
             )
 
     def _require_simulated_lattice(self) -> None:
-        """Raise unless balls move as simulated balls do, and stand without friction, or are held by
-        friction from the gas on.
+        """Raise :class:`~granphon.base.errors.MechanismError` unless the lattice stands without
+        friction, or a history holds the balls by friction from the gas on. Raises
+        :class:`~granphon.base.errors.InputError` for motions that are not simulated.
         """
         structure = self.packing.structure
         motions = self._read_motions()
@@ -873,7 +896,7 @@ class DirectSimulation(Medium[SimulatedState]):
         has_friction = history.is_loaded and history.friction_coefficient != 0
         if has_friction and history.from_gas:
             return
-        soft_waves = _explain_fall(structure, motions)
+        soft_waves = _explain_soft_waves(structure, motions)
         if soft_waves is not None:
             raise MechanismError(
                 f"the {structure.name} lattice is not simulated, because it does not stand without"
@@ -922,8 +945,9 @@ class DirectSimulation(Medium[SimulatedState]):
         return f"A simulation with {settings} simulates it; or {alternative}"
 
     def _read_shape(self) -> tuple[int, ...] | None:
-        """Return the numbers of cells along the periods, None if they are not given; InputError for
-        what is none, and for more than memory holds.
+        """Return the numbers of cells along the periods (L1, ..., Lp), or None if they are not
+        given. Raises InputError for values that are no such numbers, and for more cells than any
+        memory holds.
         """
         if self.shape is None:
             return None
@@ -963,8 +987,8 @@ class DirectSimulation(Medium[SimulatedState]):
         return array
 
     def _take_spread(self, diameters: Array) -> Packing:
-        """Return the packing, which has the spread of ``diameters``, m, if it has none of its
-        own.
+        """Return the packing. If it has no spread of its own, and the given ``diameters`` (L1, ...,
+        Lp) or (L1, ..., Lp, n), m, differ, it takes theirs.
         """
         packing = self.packing
         if packing.spread is not None or not np.ptp(diameters):
@@ -975,11 +999,12 @@ class DirectSimulation(Medium[SimulatedState]):
         return replace(packing, spread=spread, diameter=spread.mean)
 
     def _read_geometry(self) -> str | None:
-        """Return the geometry of contacts; None if the load decides.
+        """Return the geometry of contacts, "lattice" or "exact"; None if the load decides.
 
-        If none is named, balls that cannot be exact (:func:`can_be_exact`) have the directions of
-        the lattice, and others the exact geometry after a history of friction. InputError for
-        another word, and for the exact geometry of equal balls, or on a line.
+        If the caller named no geometry: balls that cannot be exact
+        (:func:`~granphon.media.left_out.can_be_exact`) have "lattice"; other balls have "exact"
+        after a history of friction, and otherwise the load decides. Raises InputError for another
+        word, and for the exact geometry of equal balls, or on a line.
         """
         geometry: str | None = require("geometry", read_geometry, self.geometry)
         if geometry is None and not can_be_exact(self.packing):
@@ -1020,7 +1045,7 @@ class DirectSimulation(Medium[SimulatedState]):
             start = Load("overlap", self.packing.width * (start - 0.5))
         if isinstance(start, Load):
             try:
-                require_load(self.packing, start.applied, self._largest)
+                require_load(self.packing, start.applied, self._largest_excess)
             except InputError as error:
                 refused = InputError(f"the start of the loading: {error}")
                 refused.option = "start"
@@ -1045,8 +1070,8 @@ class DirectSimulation(Medium[SimulatedState]):
 
     @property
     def _key(self) -> tuple[Any, ...]:
-        """The values that determine the results, for comparison and hashing; of given diameters
-        only whether there are any, as an array has no hash.
+        """The values that determine the results, for comparison and hashing. An array has no hash:
+        of given diameters the key says only that they are given.
         """
         has_diameters = self.diameters is not None
         return (
@@ -1087,11 +1112,12 @@ class DirectSimulation(Medium[SimulatedState]):
     def by_geometry(
         self, load: Load, finite_overlap: bool | None = None
     ) -> list[tuple[Self, list[int]]]:
-        """Return the simulation in each geometry that it has at an applied load, and the indices of
-        the values of the load in that geometry.
+        """Return pairs: the simulation in one geometry, and the indices, in C order, of the values
+        of the applied ``load`` that have this geometry. Each geometry that occurs has one pair.
 
-        Where the simulation names no geometry, each load has its own, or ``finite_overlap`` decides
-        (:func:`~granphon.media.left_out.choose_geometries`).
+        If the simulation names a geometry, all values have it. Otherwise
+        :func:`~granphon.media.left_out.choose_geometries` finds the geometry of each value, in
+        which ``finite_overlap``, unless it is None, decides.
         """
         if self.geometry is not None:
             return [(self, list(range(load.size)))]
@@ -1104,24 +1130,25 @@ class DirectSimulation(Medium[SimulatedState]):
 
     @property
     def floats(self) -> bool:
-        """Whether loose balls float in their cages as samples are pressed from the gas: in the
-        directions of the lattice.
+        """Whether loose balls float in their cages, so that velocities depend on the numbering of
+        the balls: in samples that are pressed from the gas in the directions of the lattice.
         """
         return self.history.is_loaded and self.history.from_gas and not self.ratio
 
     @property
     def resists_slip(self) -> bool:
-        """Whether contacts have springs against slip under sound: not in a packing without
-        friction, nor where all of them slide, as mu is zero, unless ``shear_response`` is "stick".
+        """Whether contacts have springs against slip under sound. They have none in a packing
+        without friction. With mu = 0 all contacts slide, and have springs only if
+        ``shear_response`` is "stick".
         """
         history = self.history
         all_slide = history.friction_coefficient == 0.0 and history.shear_response != "stick"
         return self.packing.mindlin_ratio > 0.0 and not all_slide
 
     @property
-    def _largest(self) -> float:
-        """Excess of the diameter of the largest ball over the mean, m: of balls that are given, or
-        that may be drawn.
+    def _largest_excess(self) -> float:
+        """Excess, m, over the mean diameter that the largest ball has, of given diameters, or may
+        have, of drawn ones.
         """
         packing = self.packing
         largest_of_spread = packing.spread.largest if packing.spread else 0.0
@@ -1132,12 +1159,12 @@ class DirectSimulation(Medium[SimulatedState]):
         return max(largest_given, largest_of_spread)
 
     def seed_of(self, index: int) -> int | None:
-        """Return the seed of a sample; None if the diameters are given."""
+        """Return the seed of the sample number ``index``, from 0; None if diameters are given."""
         return None if self.diameters is not None else self.seed + index
 
     def deviations(self, index: int) -> Array:
-        """Return the reduced deviations x = Delta/W of the diameters of the sample number
-        ``index``, from 0, with mean zero.
+        """Return the reduced deviations x = Delta/W, without a unit and with mean zero, of the
+        diameters of the sample number ``index``, from 0.
 
         The shape is (L1, ..., Lp), and (n, L1, ..., Lp) with n > 1 balls in the cell.
         """
@@ -1159,12 +1186,12 @@ class DirectSimulation(Medium[SimulatedState]):
 
     @property
     def is_quick(self) -> bool:
-        """Whether its states take less than 0.1 s: arrays may not."""
+        """Whether the states of the medium take less than 0.1 s: those of arrays may not."""
         return False
 
     @property
     def arrays(self) -> tuple[Self, ...]:
-        """The simulation itself."""
+        """The simulations that the medium runs: only this simulation."""
         return (self,)
 
     @cached_property
@@ -1180,16 +1207,20 @@ class DirectSimulation(Medium[SimulatedState]):
 
     @in_newtons
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> SimulatedState:
-        """Return the state at a load; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap`
-        take its value in SI.
+        """Return the state of all samples at a load. :meth:`at_force`, :meth:`at_pressure` and
+        :meth:`at_overlap` take the values of the load in SI.
+
+        If the simulation names no geometry, ``finite_overlap`` (True: exact, False: lattice) or the
+        load decides; otherwise a ``finite_overlap`` that contradicts the geometry is an error. The
+        errors are those that the class lists.
         """
         applied = load.applied
-        follows = read_finite_overlap(finite_overlap)
+        wants_finite_overlap = read_finite_overlap(finite_overlap)
         if self.geometry is None:
             return self._join_geometries(applied, finite_overlap)
-        if follows and not self.is_exact:
+        if wants_finite_overlap and not self.is_exact:
             raise no_finite_overlap(self.name)
-        is_denied = finite_overlap is not None and not follows
+        is_denied = finite_overlap is not None and not wants_finite_overlap
         if self.is_exact and is_denied:
             raise InputError(
                 "the exact geometry has finite overlap",
@@ -1211,9 +1242,12 @@ class DirectSimulation(Medium[SimulatedState]):
     def follow(
         self, load: Load, changes: Sequence[Change], finite_overlap: bool | None = None
     ) -> tuple[Any, list[Course[Any]]]:
-        """Return the state at a single load, and how it follows each of the ``changes``, by the
-        linear response of each sample at rest; after a history of friction states are found anew,
-        as they depend on the way to the load.
+        """Return the state at a single load, and its course with each of the ``changes``.
+
+        A change maps a relative step of a parameter to the changed simulation and load; its course
+        maps the step to the state. The course follows from the linear response of each sample at
+        rest. After a history of friction each state of a course is solved anew, as it depends on
+        the way to the load.
         """
         if self.history.is_loaded:
             return super().follow(load, changes, finite_overlap)
@@ -1223,20 +1257,26 @@ class DirectSimulation(Medium[SimulatedState]):
         samples = state.samples
         followers = [EquilibriumFollower(sample.equilibrium, reduced) for sample in samples]
 
-        def follow(change: Change) -> Course[Any]:
-            """Return the course of all samples along a ``change`` of the simulation and load."""
+        def follow_change(change: Change) -> Course[Any]:
+            """Return the course of the state of all samples with a ``change``."""
 
             def change_simulation(step: float) -> tuple[DirectSimulation, Load]:
+                """Return the simulation and the applied load changed by a ``step``, in the geometry
+                of the state, which the changed load might not have chosen.
+                """
                 medium, changed_load = change(step)
                 return replace(medium, geometry=simulation.geometry), changed_load.applied
 
-            def reduce(step: float) -> tuple[ReducedLoad, float]:
+            def reduce_change(step: float) -> tuple[ReducedLoad, float]:
+                """Return the changed load in reduced units and the changed W/d, on which alone the
+                equilibrium in reduced units depends.
+                """
                 changed, changed_load = change_simulation(step)
                 return changed._prescribe(changed_load)[0], changed.ratio
 
-            courses = [follower.follow(reduce) for follower in followers]
+            courses = [follower.follow(reduce_change) for follower in followers]
 
-            def find(step: float) -> SimulatedState:
+            def find_state(step: float) -> SimulatedState:
                 """Return the state of all samples at a ``step`` of the change."""
                 changed, changed_load = change_simulation(step)
                 moved = [
@@ -1245,13 +1285,16 @@ class DirectSimulation(Medium[SimulatedState]):
                 ]
                 return SimulatedState.of(changed, moved, changed_load)
 
-            return Course(find, min(course.step for course in courses))
+            return Course(find_state, min(course.step for course in courses))
 
-        return state, [follow(change) for change in changes]
+        return state, [follow_change(change) for change in changes]
 
     def _join_geometries(self, load: Load, finite_overlap: bool | None) -> SimulatedState:
-        """Return the state at an applied load whose values have a geometry each: that of
-        :meth:`by_geometry`, or the one of all that ``finite_overlap`` names, if it is not None.
+        """Return one state at an applied load each of whose values has its own geometry, that of
+        :meth:`by_geometry`. If ``finite_overlap`` is not None, all values have the geometry that it
+        names.
+
+        The ``load_index`` of an error is that of the failing value in the whole load.
         """
         self.require(load)
         simulations = self.by_geometry(load, finite_overlap)
@@ -1273,8 +1316,8 @@ class DirectSimulation(Medium[SimulatedState]):
         return SimulatedState.of(self, all_samples, load)
 
     def _find_equilibria(self, prescribed: Sequence[ReducedLoad]) -> list[dict[int, Equilibrium]]:
-        """Return the equilibria of each sample at rest without friction, by the index of the
-        load.
+        """Return, for each sample, its equilibria without friction by the index of the load in
+        ``prescribed``. The samples are solved in parallel if there is an executor.
         """
         find_equilibria_of_sample = partial(
             find_equilibria,
@@ -1293,10 +1336,10 @@ class DirectSimulation(Medium[SimulatedState]):
         return [self._share(equilibria_of_sample) for equilibria_of_sample in equilibria]
 
     def _share(self, equilibria: dict[int, Equilibrium]) -> dict[int, Equilibrium]:
-        """Return the equilibria of a sample with deviations and stencils in common, by the index of
-        the load.
+        """Return the equilibria of one sample, by the index of the load, which share one copy of
+        the deviations and one of the stencils.
 
-        Equilibria from another process have a copy of both each, which would fill the memory.
+        Each equilibrium from another process has copies of its own, which would fill the memory.
         """
         first = next(iter(equilibria.values()))
         stencils = Stencils(first.stencils.shape, workers=self.workers, lattice=first.lattice)
@@ -1349,7 +1392,7 @@ class DirectSimulation(Medium[SimulatedState]):
         order = self.history.sort(prescribed)
         path = [prescribed[index] for index in order]
         results = self._press_each(path, progress)
-        # the steps of the path that all samples have reached, in the order of ``load``
+        # the steps of the path that all samples have reached, sorted by their index in ``load``
         reached_count = min(len(samples) for samples, _ in results)
         reached_steps = sorted(range(reached_count), key=lambda step: order[step])
         reached_samples = []
@@ -1402,7 +1445,7 @@ class DirectSimulation(Medium[SimulatedState]):
         require_memory(f"samples of {self.balls:,} balls", memory, mend)
 
     def _loaded_sample(self, index: int) -> LoadedSample:
-        """Return one of the samples, as it is loaded with friction."""
+        """Return the sample number ``index``, from 0, ready to be loaded with friction."""
         deviations = read_only(self.deviations(index))
         return LoadedSample(
             self.packing, self.seed_of(index), deviations, self.history, self.ratio, self.workers
@@ -1410,22 +1453,22 @@ class DirectSimulation(Medium[SimulatedState]):
 
     def prescribed(self, load: Load) -> list[ReducedLoad]:
         """Return the prescribed force or overlap, in reduced units, of each value of an applied
-        load, in C order.
-
-        Raises as :meth:`require` does.
+        load, in C order; first raise as :meth:`require` does for a load that no sample can bear.
         """
         self.require(load)
         return self._prescribe(load)
 
     def _prescribe(self, load: Load) -> list[ReducedLoad]:
-        """Convert each value of an applied load as :meth:`prescribed` does, unchecked."""
+        """Return the load of each value as :meth:`prescribed` does, without its check."""
         return prescribe(self.packing, load, self.is_exact)
 
     def sample(self, load: ReducedLoad, before: tuple[float, Array] | None = None) -> Sample:
-        """Return the first sample under one load, with the same numbers as in a state.
+        """Return the first sample at rest under one reduced load, with the same numbers as in a
+        state at many loads.
 
-        ``before`` holds the overlap and displacements of its equilibrium under the previous load,
-        in the order of :func:`~granphon.media.array_options.sort_by_load`; None for the first load.
+        There each load starts from the equilibrium of the load before it, in the order of
+        :func:`~granphon.media.array_options.sort_by_load`. ``before`` holds the reduced overlap and
+        displacements of that equilibrium; it is None for the first load.
         """
         deviations = read_only(self.deviations(0))
         stencils = Stencils(self.cells, workers=self.workers, lattice=self.packing.structure)
@@ -1435,21 +1478,22 @@ class DirectSimulation(Medium[SimulatedState]):
         return Sample(self.packing, self.seed_of(0), equilibrium)
 
     def average(self, samples: Sequence[Any], load: Load) -> SimulatedState:
-        """Return the state of ``samples``, or of the numbers that are kept of them, as
-        :meth:`SimulatedState.of`.
+        """Return the state that :meth:`SimulatedState.of` makes of ``samples``, or of records with
+        those numbers of samples that a state reads.
         """
         return SimulatedState.of(self, samples, load)
 
     def list_balls(self, sample: Sample | PressedSample) -> dict[str, Array]:
-        """Return the arrays of which :meth:`restore_sample` makes a sample again, by name.
+        """Return the arrays, by name, of which :meth:`restore_sample` makes a sample again.
 
-        They are those of its equilibrium but the deviations, which are drawn again from the seed;
-        at rest without friction also ``derivatives``, of the stiffness.
+        They are the arrays of its equilibrium without the deviations, which are drawn again from
+        the seed. Without a history of friction, ``derivatives`` (2,) is added: the reduced
+        stiffness and its slope.
         """
         equilibrium: Any = sample.equilibrium
         arrays = {name: getattr(equilibrium, name) for name in _list_kept(type(equilibrium))}
         balls = {name: np.asarray(array) for name, array in arrays.items() if array is not None}
-        if not self.history.is_loaded:  # after a history they follow from the elastic tensors
+        if not self.history.is_loaded:  # a history's derivatives follow from the elastic tensors
             balls["derivatives"] = np.array([equilibrium.stiffness, equilibrium.stiffness_slope])
         return balls
 
@@ -1474,11 +1518,11 @@ class DirectSimulation(Medium[SimulatedState]):
         """Raise :class:`~granphon.base.errors.InputError` for an applied load that no sample can
         bear, solving none.
 
-        A load below the start of a loading is refused if both are forces, or both overlaps;
-        :meth:`require_start` compares others. A start at the gas is compared with the loads when
-        samples are loaded.
+        A load below the start of a history is refused here if load and start are both forces, or
+        both overlaps. :meth:`require_start` compares a force with an overlap. A start at the gas is
+        compared with the loads when samples are loaded.
         """
-        require_load(self.packing, load, self._largest)
+        require_load(self.packing, load, self._largest_excess)
         start = self._start
         if start is not None:
             require_above(start, self._prescribe(load))
@@ -1496,11 +1540,11 @@ class DirectSimulation(Medium[SimulatedState]):
         return start if isinstance(start, ReducedLoad) else None
 
     def require_start(self, load: Load) -> None:
-        """Raise as :meth:`require` does where the start of a loading is of another kind than the
-        load: the start is solved.
+        """Raise :class:`~granphon.base.errors.InputError` for a load below the start of a history,
+        where one of the two is a force and the other an overlap.
 
-        A start that is given as a force is at another overlap in each sample, and a start that is
-        given as an overlap at another force.
+        The start is then solved in each sample: a start that is given as a force has another
+        overlap in each, and a start that is given as an overlap has another force.
         """
         if self.count_start(load):
             path = self.prescribed(load)
@@ -1508,8 +1552,9 @@ class DirectSimulation(Medium[SimulatedState]):
                 self._loaded_sample(index).require_start(path)
 
     def count_start(self, load: Load) -> float:
-        """Return how many balls take as long as the start that :meth:`require_start` solves; zero
-        if no start is solved.
+        """Return the cost of the start that :meth:`require_start` solves, as the number of balls of
+        a quick start, at high force in the directions of the lattice, that takes as long. The cost
+        is zero if no start is solved.
         """
         start = self._start
         if start is None:
@@ -1518,6 +1563,7 @@ class DirectSimulation(Medium[SimulatedState]):
         are_forces = [reduced.overlap is None for reduced in self.prescribed(load)]
         if all(is_force == starts_at_force for is_force in are_forces):
             return 0.0  # loads of the kind of the start are compared with it unsolved
+        # a start at a low force takes longer, and so does one in the exact geometry
         slowness = 1.0 + _SLOW_FORCE / start.force if starts_at_force else 1.0
         balls = self.balls
         if self.is_exact:
@@ -1533,8 +1579,8 @@ def _list_kept(kind: type[Equilibrium]) -> list[str]:
 
 
 def _read_path(load: Load | None, values_of_kinds: Mapping[str, ArrayLike | None]) -> Load:
-    """Return the loads of a path, from a ``load`` or from the values of one kind, in SI;
-    InputError unless just one of both is given.
+    """Return the loads of a path: a ``load``, or the values, in SI, of one kind of load. Raises
+    InputError unless exactly one of ``load`` and the kinds is given.
     """
     if load is None:
         return Load.only(**values_of_kinds)
@@ -1564,9 +1610,12 @@ def _compute_exponent(means: Array) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _explain_fall(structure: Lattice, motions: Motions) -> str | None:
+def _explain_soft_waves(structure: Lattice, motions: Motions) -> str | None:
     """Return the sentence of a message on the waves of the lattice without friction that cost no
-    energy; None if all waves cost energy that are probed, on a grid of the zone without its centre.
+    energy; None if the lattice stands.
+
+    The waves are probed on a grid of :data:`_PROBED` wave vectors along each axis of the zone,
+    without its centre, where every lattice moves as a whole.
     """
     frictionless = ContactLattice.of(structure, 0.0, motions=motions)
     if frictionless.mechanism:

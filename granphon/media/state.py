@@ -48,9 +48,9 @@ Values = Any
 
 
 class ContactLaw(PairLaw, Protocol):
-    """The contact law of a medium: scalars or arrays of any shape; floats in, floats out.
+    """The contact law of a medium: the mean force of its contacts as a function of the overlap.
 
-    ``overlap`` is delta in m, ``force`` the mean contact force f in N.
+    Methods take scalars or arrays of any shape: floats in, floats out. ``overlap`` is delta, m.
     """
 
     @property
@@ -64,12 +64,12 @@ class ContactLaw(PairLaw, Protocol):
         ...
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
-        """Return the force fluctuation Delta f / f, without a unit."""
+        """Return the force fluctuation Delta f / f, without a unit, at each ``overlap``, m."""
         ...
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
-        """Return the fraction of contacts that carry load: N_c / z, N_c / 6 on the triangular
-        lattice.
+        """Return the fraction of contacts that carry load at each ``overlap``, m: N_c / z, with z
+        contacts of a ball in the ideal lattice (6 on the triangular lattice).
         """
         ...
 
@@ -90,8 +90,9 @@ def ideal_lattice(
 ) -> ContactLattice:
     """Return the lattice of contacts in the paper's limit, in reduced units.
 
-    The lattice is the same under every load, except for the torsion of a Hertz contact, which is
-    left out. ``torsion`` and ``bending``, over k d^2, replace those of the packing.
+    ``torsion`` and ``bending``, over k d^2, replace those of the packing if they are given. The
+    torsion of a Hertz contact, which depends on the load, is left out unless it is given. All else
+    is the same under every load.
     """
     if torsion is None:
         torsion = 0.0 if packing.torsion == MINDLIN else float(packing.torsion)
@@ -137,8 +138,9 @@ class State(ABC):
     @property
     @abstractmethod
     def scales(self) -> Units:
-        """Length (m), stiffness (N/m) and mass (kg) of the reduced units; an error for several
-        loads.
+        """Length (m), stiffness (N/m) and mass (kg) of the reduced units.
+
+        Raises :class:`~granphon.base.errors.InputError` for several loads.
         """
 
     @abstractmethod
@@ -158,7 +160,9 @@ class State(ABC):
     @property
     @abstractmethod
     def reference_lattice(self) -> ContactLattice:
-        """Lattice whose names of waves, mechanisms and isotropy are those at all loads."""
+        """Lattice, in reduced units, of which properties are read that are the same at all loads:
+        the names of waves, mechanisms, isotropy.
+        """
 
     @property
     @abstractmethod
@@ -180,8 +184,8 @@ class State(ABC):
     @property
     @abstractmethod
     def twist_velocity(self) -> Values | None:
-        """Velocity of the wave in which the balls of a straight chain turn about its line, m/s;
-        None if balls do not.
+        """Velocity, m/s, of the wave in which the balls of a straight chain turn about its line;
+        None if the balls do not turn about it.
         """
 
     @abstractmethod
@@ -190,21 +194,25 @@ class State(ABC):
 
     @abstractmethod
     def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
-        """Return :meth:`long_waves` along ``direction``, and their unit displacements.
+        """Return the velocities of :meth:`long_waves` along ``direction``, and the unit
+        displacements of these waves.
 
-        These are the columns of arrays (..., n_u, n_u), or (..., n, n_u, n_u) for directions (n,
-        p).
+        The displacements are the columns of an array (..., n_u, n_u), or (..., n, n_u, n_u) for
+        directions (n, p).
         """
 
     def relax_inner_motions(self, progress: Progress) -> None:
-        """Do the long work that moduli and sound share, and report its progress; few balls need
-        none.
+        """Relax the inner motions of the lattice, on which moduli and sound depend, and report the
+        progress. The lattice keeps the result; with few balls nothing is done, as it takes no time
+        later.
         """
         self.reference_lattice.relax_inner_motions(progress)
 
     def cached(self, find: Callable[..., Found], *more: Hashable) -> Found:
-        """Return ``find(self, *more)``, which is called only the first time and then kept."""
-        key = find, *more
+        """Return ``find(self, *more)``. The result of the first call is kept, and returned by every
+        later call with equal arguments.
+        """
+        key = (find, *more)
         if key not in self._cache:
             self._cache[key] = find(self, *more)
         return self._cache[key]  # type: ignore[no-any-return]
@@ -308,10 +316,10 @@ class ContactState(State, Result):
     chosen_automatically: bool = held(bool, default=False)
 
     def _check(self) -> None:
-        """Raise :class:`InputError` also if an overlap that was read is out of range, or does not
-        belong to its force.
+        """Raise :class:`InputError` also if an overlap that was read is out of range, or if force,
+        overlap and stiffness do not belong to each other.
 
-        Balls neither lie in each other nor, where they differ, are all of them apart.
+        The range leaves out balls that lie in each other, and balls that are all apart.
         """
         super()._check()
         overlap = np.asarray(self.overlap)
@@ -354,8 +362,8 @@ class ContactState(State, Result):
             )
 
     def _find_again(self) -> dict[str, Any]:
-        """Return the force, N, and the normal stiffness, N/m, by name, as the law of the state
-        gives them at the overlap.
+        """Return attributes of the state, by name, found again from what the state holds: the
+        force, N, and the normal stiffness, N/m, as its law gives them at the overlap.
         """
         return {
             "force": self.law.force(self.overlap),
@@ -456,8 +464,8 @@ class ContactState(State, Result):
 
     @property
     def contact_fraction(self) -> Values:
-        """Fraction of contacts that carry load: N_c of a ball's z contacts over z (6 on the
-        triangular lattice).
+        """Fraction N_c / z of contacts that carry load: of the z contacts of a ball in the ideal
+        lattice (6 on the triangular lattice), N_c do so on average.
 
         The fraction is 1 for equal balls, and on a line. In a simulation, contacts that carry less
         than 1e-6 of the mean force do not count.
@@ -474,8 +482,8 @@ class ContactState(State, Result):
 
     @cached_property
     def overlap_of_equal_balls(self) -> Array:
-        """Overlap of equal balls at the mean force, m: where balls differ the mean overlap may be
-        negative.
+        """Overlap, m, that equal balls have at the mean force. It is above zero, also where balls
+        differ and the mean overlap is below zero.
         """
         return np.asarray(self.packing.law.overlap(self.force))
 
@@ -490,7 +498,7 @@ class ContactState(State, Result):
 
     @property
     def exponent_error(self) -> Values:
-        """Standard error of ``exponent`` over samples: 0, because a contact law does not sample."""
+        """Standard error of ``exponent`` over samples: 0, as a contact law draws no samples."""
         return self._fill_shape(0.0)
 
     @property
@@ -544,10 +552,12 @@ class ContactState(State, Result):
         return regime if self.shape else str(regime)
 
     def _convert_overlap(self, reduce: Callable[[Values], Values]) -> Values:
-        """Return the overlap as ``reduce`` converts it, or +inf for equal balls."""
+        """Return ``reduce(overlap)``, a reduced quantity in units of the width W, with the shape of
+        the load; +inf for equal balls, as W = 0.
+        """
         if not self.packing.width:
             return self._fill_shape(np.inf)
-        with np.errstate(over="ignore"):
+        with np.errstate(over="ignore"):  # a small W may lead above the floating range, to +inf
             return reduce(self.overlap)
 
     @property
@@ -591,7 +601,7 @@ class ContactState(State, Result):
         The torsion of a Hertz contact is that at the largest load. The lattice serves for
         properties that do not depend on the load: the names of waves, mechanisms, isotropy.
         """
-        largest_torsion = None  # that of the packing
+        largest_torsion = None  # the torsion of the packing, which no load changes
         if self.packing.torsion == MINDLIN:
             largest_torsion = float(np.max(self.torsion))
         return ideal_lattice(self.packing, largest_torsion)
@@ -631,7 +641,7 @@ class ContactState(State, Result):
     @property
     def velocity_scale(self) -> Array:
         """Unit of velocity d (k/M)^1/2 at each load, m/s."""
-        # roots of each: k/M may leave the floating range
+        # the root of k over the root of M: k/M itself may leave the floating range
         frequency = np.sqrt(self.normal_stiffness) / np.sqrt(self.packing.mass)
         return np.asarray(self.packing.diameter * frequency)
 
@@ -659,15 +669,16 @@ class ContactState(State, Result):
         return unit[..., None, None] * self._at_each_load(ContactLattice.elastic_tensor)
 
     def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
-        """Return :meth:`long_waves` along ``direction``, and their unit displacements.
+        """Return the velocities, m/s, of :meth:`long_waves` along ``direction``, and the unit
+        displacements of these waves.
 
         The shapes are those of :meth:`State.polarised_waves`. Raises
         :class:`~granphon.base.errors.MechanismError` if a motion costs no energy.
         """
 
         def find_waves(lattice: ContactLattice, prestress: Array | None) -> Array:
-            """Return one array (..., 1 + n_u, n_u): the velocities of a lattice in the first row,
-            and the displacements below.
+            """Return one array (..., 1 + n_u, n_u): the reduced velocities of a lattice in the
+            first row, and the displacements in the other rows.
             """
             velocities, displacements = lattice.sound_velocities(direction, prestress)
             return np.concatenate([velocities[..., None, :], displacements], axis=-2)
@@ -678,7 +689,8 @@ class ContactState(State, Result):
         scale = self.velocity_scale
         if self.finite_overlap:  # all lengths scale with the spacing
             scale = scale * (1.0 - np.asarray(self.relative_overlap))
-        # axes of length one for the directions, if there are many, and for the branches
+        # behind the load come axes of length one: for directions (n, p) one for the directions, and
+        # always one for the branches
         scale = scale.reshape(*scale.shape, *(1,) * np.ndim(direction))
         velocities = scale * reduced_velocities
         shape = (*velocities.shape, velocities.shape[-1])
@@ -686,19 +698,18 @@ class ContactState(State, Result):
 
     @property
     def _prestress(self) -> Array:
-        """f/(k a) at each load, without a unit."""
+        """The prestress f/(k a) at each load, without a unit, with the spacing a = d - delta."""
         spacing = self.packing.diameter * (1.0 - self.relative_overlap)
         return np.asarray(self.force / self.normal_stiffness / spacing)
 
     def _at_each_load(self, find: Callable[[ContactLattice, Array | None], Array]) -> Array:
-        """Return ``find(lattice, prestress)`` at all loads, for lattices at spacing one; the shape
-        is that of the load, then that of one result, or that of one result alone if no load
-        changes it.
+        """Return ``find(lattice, prestress)`` at all loads, for lattices with a spacing of one.
 
-        With finite overlap all lengths scale with the spacing. Of the load, only the prestress
-        changes ratios of elastic constants; torsion and bending do where a cell has several balls.
-        The prestress, f/(k a), is None if it is left out; otherwise ``find`` gets that of all loads
-        with one lattice, or that of each load with a lattice of its own.
+        ``prestress`` is f/(k a), or None without finite overlap. If the load changes the lattice
+        (:attr:`_lattice_changes`), ``find`` is called at each load, with one lattice and one
+        number. Otherwise ``find`` is called once, with the lattice in common and the prestress at
+        all loads, an array of their shape. The result has the shape of the load followed by that
+        of one result; only that of one result if neither lattice nor prestress depends on the load.
         """
         packing = self.packing
         shape = self.shape
@@ -719,8 +730,8 @@ class ContactState(State, Result):
 
     @property
     def _lattice_changes(self) -> bool:
-        """Whether the load changes ratios of elastic constants in another way than by the
-        prestress: by torsion or bending, where a cell has several balls.
+        """Whether the load changes the elastic tensor, over k, by something else than the
+        prestress. Torsion and bending may do so where a cell has several balls.
         """
         packing = self.packing
         if packing.structure.n_balls == 1:
@@ -743,8 +754,8 @@ class ContactState(State, Result):
 
     @property
     def has_cubic_axes(self) -> bool:
-        """Whether the lattice is square or cubic with its axes along x, y, z; a simulation is so on
-        average over samples.
+        """Whether the lattice is square or cubic with its axes along x, y, z. Samples of such a
+        lattice have this symmetry on average.
         """
         return has_cubic_axes(self.packing.structure)
 
@@ -760,8 +771,8 @@ class ContactState(State, Result):
 
     @property
     def network(self) -> ContactNetwork:
-        """One cell of the lattice at this load, as a network of contacts, which ``repeat`` makes an
-        array.
+        """One cell of the lattice at this load, as a network of contacts, from which its method
+        ``repeat`` makes an array.
 
         With finite overlap the network has the spacing a and prestress. Raises
         :class:`~granphon.base.errors.InputError` for several loads, and for a state of samples,
@@ -786,21 +797,23 @@ class ContactState(State, Result):
 
     @property
     def twist_velocity(self) -> Values | None:
-        """Velocity of the wave in which the balls of a straight chain turn about its line, m/s;
-        None if balls do not.
+        """Velocity, m/s, of the wave in which the balls of a straight chain turn about its line;
+        None if the balls do not turn about it.
 
         The velocity is d (k_t/I)^1/2, with the torsion stiffness k_t of a contact and the moment of
         inertia I of a ball.
         """
         if not self.reference_lattice.runs_twist:
             return None
-        # I = M (GYRATION d)^2; d is the distance of the balls too, as with finite overlap a
-        # straight chain buckles
+        # with I = M (GYRATION d)^2, d cancels: it is also the distance of the balls, as there is no
+        # finite overlap here: with finite overlap a straight chain buckles
         frequency = np.sqrt(self.torsion_stiffness / self.packing.mass)
         return np.asarray(frequency / GYRATION)
 
     def _fill_shape(self, value: Any) -> Values:
-        """Return the value at each load."""
+        """Return the value at each load: an array of the shape of the load, or the value itself at
+        a single load.
+        """
         return np.full(self.shape, value) if self.shape else value
 
 
@@ -813,7 +826,9 @@ def read_finite_overlap(finite_overlap: bool | None) -> bool:
 
 
 def _unwrap_scalars(values: Any) -> Values:
-    """Return a float (or bool) for a single load, and arrays unchanged."""
+    """Return a Python number (or bool) if ``values`` have no axes, as at a single load; an array is
+    returned unchanged.
+    """
     return np.asarray(values).item() if np.ndim(values) == 0 else values
 
 
@@ -890,7 +905,9 @@ class NetworkState(State):
 
     @property
     def has_one_lattice(self) -> bool:
-        """Whether there is one load: each load has a lattice of its own."""
+        """Whether the lattice is the same at all loads: only with a single load, as each load has a
+        lattice of its own.
+        """
         return self.is_single
 
     @property
@@ -907,14 +924,15 @@ class NetworkState(State):
         return self._lattices[0]
 
     def relax_inner_motions(self, progress: Progress) -> None:
-        """Do the long work that moduli and sound share, see :meth:`State.relax_inner_motions`."""
+        """Relax the inner motions at every load; see :meth:`State.relax_inner_motions`."""
         for lattice in self._lattices:
             lattice.relax_inner_motions(progress)
 
     @property
     def scales(self) -> Units:
-        """Length (m), stiffness (N/m) and mass (kg) of the reduced units; an error for several
-        loads.
+        """Length (m), stiffness (N/m) and mass (kg) of the reduced units.
+
+        Raises :class:`~granphon.base.errors.InputError` for several loads.
         """
         return self.network.scales
 
@@ -956,7 +974,9 @@ class NetworkState(State):
         return self._stack(find_tensor)
 
     def _require_sound(self) -> None:
-        """Raise the error of a lattice without sound, with its numbers in SI."""
+        """Raise the error, with its numbers in SI, of a lattice that is not rigid, in which sound
+        has no velocity; see :meth:`ContactLattice.require_rigid`.
+        """
         for lattice, network in zip(self._lattices, self._networks, strict=True):
             lattice.require_rigid(network.scales)
 
@@ -984,7 +1004,7 @@ class NetworkState(State):
         shape = self.shape
         self._require_sound()
         waves = [lattice.sound_velocities(direction) for lattice in self._lattices]
-        # (loads, ...): the loads become the axes of the load
+        # the first axis runs over all loads, and is replaced by the axes of the load
         velocities = np.array([velocities_at_load for velocities_at_load, _ in waves])
         displacements = np.array([displacements_at_load for _, displacements_at_load in waves])
         velocities = velocities.reshape((*shape, *velocities.shape[1:]))
@@ -995,8 +1015,8 @@ class NetworkState(State):
 
     @property
     def twist_velocity(self) -> Values | None:
-        """Velocity of the wave in which the balls of a straight chain turn about its line, m/s;
-        None if balls do not.
+        """Velocity, m/s, of the wave in which the balls of a straight chain turn about its line;
+        None if the balls do not turn about it.
         """
 
         def find_velocity(lattice: ContactLattice, network: ContactNetwork) -> float:
@@ -1004,7 +1024,7 @@ class NetworkState(State):
             torsion = np.broadcast_to(lattice.torsion, lattice.stiffness.shape) * lattice.stiffness
             if not np.all(torsion):
                 return 0.0
-            # the springs of the cell in a row, and the sum of its moments of inertia
+            # a long wave turns against all springs of the cell in a row, and all its inertias
             compliance = np.sum(1.0 / torsion)
             inertia = float(lattice.masses @ lattice.gyration**2)
             velocity = lattice.measure / np.sqrt(compliance * inertia)
@@ -1014,9 +1034,12 @@ class NetworkState(State):
 
 
 def as_state(source: Any) -> State:
-    """Return ``source``, the argument of a public call, as a state: the source itself if it is one,
-    or the state of its network. A :class:`NetworkState` at one load, which may be that of a crystal
-    in a scene, becomes the state of this network.
+    """Return ``source``, the argument of a public call, as a state.
+
+    A state is returned as it is, and anything else with a network becomes the
+    :class:`NetworkState` of its network or networks. A :class:`NetworkState` at a single load,
+    whose source may be the state of a crystal, becomes the state of the network itself, with the
+    same warnings.
 
     Raises :class:`~granphon.base.errors.InputError` for something that has no network, and for a
     network without periods.

@@ -1058,7 +1058,11 @@ ERRORS = {
     ),
     "lifted down": (
         lambda: SQUARE.cut(1, 3, ("free", "clamped")).at_pressure(1.0, gravity=(0.0, -G)),
-        "along -y, .*clamped",
+        "along -y, .*clamp ",
+    ),
+    "lifted off nothing": (  # the free faces of a column that a clamp holds below
+        lambda: SQUARE.cut(1, 3, ("clamped", "free")).cut(0, 3).at_pressure(0.0, gravity=(-G, 0.0)),
+        "cannot bear .* only push",
     ),
     "pulled as hard": (
         lambda: gp.Crystal.on("chain", [PLAIN]).at_stress([5.0]),
@@ -1070,6 +1074,12 @@ ERRORS = {
     ),
     "no load of velocities": (lambda: gp.sound_velocities(SQUARE), "has no load"),
     "no load of an exponent": (lambda: gp.local_exponent(SQUARE), "has no load"),
+    "exponent of open contacts": (  # springs alone hold the balls, which fall alike
+        lambda: (
+            gp.Crystal.on("square", [S], on_site=1e3).at_pressure(0.0, gravity=(0.0, -G)).exponent
+        ),
+        "no contact .* closed",
+    ),
     "no load of a picture": (lambda: gp.plot(SQUARE), "has no load"),
     "millimetres": (
         lambda: gp.Crystal([gp.Ball(STEEL, 1e-2)], [[10.0]], [[0.0]]),
