@@ -4,7 +4,7 @@ they are first called.
 Numba keeps the compiled loops in a cache: beside the module, as Python keeps its bytecode, or in
 the user's cache folder where the module's folder cannot be written. Nothing depends on the cache:
 where it is damaged or cannot be written, loops are compiled in each process. The first loop that a
-process compiles is announced on stderr, as compilation may take some ten seconds. Without Numba
+process compiles is announced on stderr, as compilation may take half a minute. Without Numba
 they are loops of Python, which give the same numbers, hundreds of times slower.
 """
 
@@ -108,7 +108,7 @@ def _survive_cache_errors(cache: Any) -> None:
 
 
 #: the line on stderr when a loop is compiled
-COMPILING = "granphon: loops are compiled, once on this machine; this may take some ten seconds"
+COMPILING = "granphon: loops are compiled, once on this machine; this may take half a minute"
 #: the announcements that this process has made; empty before
 _announcements: list[str] = []
 

@@ -70,7 +70,8 @@ def write_quantity(value: float, unit: str, digits: int = 5) -> str:
     # the prefix is that of the rounded value: 999.6 um are 1 mm in three digits
     rounded = float(f"{value:.{digits}g}")
     size, name = prefixed(rounded, unit)
-    return f"{rounded / size:.{digits}g}{write_unit(name)}"
+    # fewer than three digits would be written with an exponent, as 9e+02 mm
+    return f"{rounded / size:.{max(digits, 3)}g}{write_unit(name)}"
 
 
 def write_in(value: float, unit: str, written: str = "", digits: int = 5) -> str:

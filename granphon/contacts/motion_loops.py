@@ -23,7 +23,7 @@ loop has no index of a ball, no branch, and one array: rows at fixed places do n
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,7 @@ from granphon.base.arrays import Array
 from granphon.base.compiled import compiled
 
 #: contacts of a chunk, whose rows stay in the processor's first cache
-CHUNK = np.int64(64)  # no Python int: a loop that is given one is compiled for each value
+CHUNK = cast("int", np.int64(64))  # no Python int: Numba compiles a loop anew for each value of one
 #: what stands for zero where it divides zero
 _NONE = hertz.LEAST_NORMAL
 #: the stiffness of Hertz's law, over c h^(1/2)

@@ -447,10 +447,23 @@ def _summarise_states(run: Any) -> dict[str, Any]:
         if data[name].notnull().any():
             numbers[name] = [float(data[name].min()), float(data[name].max())]
     if run.scene.errors:
-        from granphon.scene.uncertainty import collect_errors
-
-        numbers |= collect_errors(data, told)
+        numbers |= _list_errors(data, told)
     return numbers | {"valid": bool(data["valid"].all())}
+
+
+def _list_errors(data: Dataset, names: Sequence[str]) -> dict[str, Any]:
+    """Return the least and the greatest standard error of the variables ``names`` of a data set,
+    by name as NAME_error, and under "errors_from" the parameter that gives most of each. Errors
+    over samples alone are left out.
+    """
+    errors: dict[str, Any] = {}
+    sources: dict[str, str] = {}
+    for name in names:
+        error = data.get(f"{name}_error")
+        if error is not None and "mostly_from" in error.attrs and error.notnull().any():
+            errors[f"{name}_error"] = [float(error.min()), float(error.max())]
+            sources[name] = error.attrs["mostly_from"]
+    return errors | {"errors_from": sources} if sources else {}
 
 
 def _list_onsets(run: Any) -> dict[str, Any]:
@@ -531,7 +544,7 @@ def _cost_dos(scene: Any) -> CostPart:
 
 
 def _cost_design(scene: Any) -> CostPart:
-    return ("design",), "Take fewer balls, starts or steps", scene.posed_design.cost
+    return ("design",), "Take fewer balls, steps or restarts", scene.posed_design.cost
 
 
 # -- how it is written -----------------------------------------------------------------------------

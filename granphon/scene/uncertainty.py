@@ -306,20 +306,6 @@ def warn_of_lacking(dataset: Dataset, spreads: Sequence[Spread]) -> Dataset:
     return dataset.assign_attrs(warnings=to_json(warnings))
 
 
-def collect_errors(dataset: Dataset, names: Sequence[str]) -> dict[str, Any]:
-    """Return the least and the greatest standard error of the variables ``names`` of a data set,
-    that follow from those of parameters, as :meth:`Spread.summarise` names them.
-    """
-    errors: dict[str, Any] = {}
-    sources: dict[str, str] = {}
-    for name in names:
-        error = dataset.get(f"{name}{_ERROR}")
-        if error is not None and "mostly_from" in error.attrs and error.notnull().any():
-            errors[f"{name}{_ERROR}"] = [float(error.min()), float(error.max())]
-            sources[name] = error.attrs["mostly_from"]
-    return errors | {"errors_from": sources} if sources else {}
-
-
 def _find_change(lower: Array, upper: Array, base: Array, unit: str) -> Array:
     """Return half the difference of numbers at both ends of an error: zero where it is rounding of
     the numbers ``base`` between them, and nan where either is not finite.

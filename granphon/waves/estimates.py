@@ -1,9 +1,9 @@
-"""What results of waves cost, before they are found: products of D with a vector, and factors of D,
-which are counted.
+"""Estimates of the time and memory that results of waves take, before they are found.
 
-The time of a product is that of D itself, measured once; that of factors follows from the number of
-motions (:func:`granphon.array.sparse_matrices.estimate_factors`). Memory is that of D while it is
-made, and of vectors. Frequencies and places are checked as by the result itself.
+An estimate counts the products of D with a vector, and the factorisations of D. The time of a
+product is measured once, with D itself. The time of factors follows from the number of motions
+(:func:`granphon.array.sparse_matrices.estimate_factors`). The memory is that of D while it is made,
+and of vectors. Arguments of a result are checked as by the result itself.
 """
 
 from __future__ import annotations
@@ -34,31 +34,34 @@ from granphon.waves.response import TOLERANCE, ResponseWork
 from granphon.waves.scattering import TransmissionWork
 from granphon.waves.spectral_functions import PlaneWaves
 
-#: bytes of D while it is made, over those of D itself: its parts, their transpose, and D
-_MAKING = 3.0
+#: bytes that are in use while D is made, over those of D itself: its parts, their transpose, and D
+_MAKING_SHARE = 3.0
 #: bytes of D of an array, by stencils, for each contact
 _STENCIL_BYTES = 200.0
-#: bytes of the matrices of a strip over those of D while it is made
-_COMPLEX = 3.0
-#: vectors that a recursion holds: three polynomials, and what is made of them
-_HELD = 4.0
-#: steps of a Krylov space, with its sums, over products
-_OF_SPACE = 2.0
-#: solutions of a dense matrix (n, n) in n^3 s: eigenvalues with vectors; of a complex one that is
-#: not Hermitian; a slice of a strip
+#: bytes of the complex matrices of a strip, over those that are in use while D is made
+_STRIP_SHARE = 3.0
+#: vectors that a recursion holds: three polynomials, and one for the sums that are made of them
+_HELD_VECTORS = 4.0
+#: time of a step of a Krylov space, with its sums, over that of a product
+_STEP_PRODUCTS = 2.0
+#: time, s, over n^3, of all eigenvalues and vectors of a dense symmetric matrix (n, n)
 _DENSE_TIME = 1.5e-9
+#: time, s, over n^3, of all eigenvalues and vectors of a dense complex matrix that is not Hermitian
 _EIGEN_TIME = 4e-9
+#: time, s, over n^3, of the elimination of a slice of n motions
 _SLICE_TIME = 6e-10
-#: iterations that relax the balls of a random packing, over the balls along its side: measured with
-#: 1571 to 1e5; relaxations of moduli; and their factors of real matrices, over complex ones
+#: iterations that relax the balls of a random packing, over the number of balls along its side:
+#: measured with packings of 1571 to 1e5 balls
 _ITERATIONS = 6.0
+#: relaxations that moduli take
 _RELAXATIONS = 2.0
+#: time and memory of the factors for moduli, which are real, over those of complex factors
 _FACTORS_OF_MODULI = 0.6
 
 
 class WaveEstimate:
-    """The estimated cost of results of the waves of a network, by the names of the methods of
-    :class:`~granphon.waves.waves.Waves` that find them.
+    """Estimates of the cost of results for the network of an ``operator``, by the names of the
+    methods of :class:`~granphon.waves.waves.Waves` that find them.
     """
 
     def __init__(self, operator: WaveOperator) -> None:
@@ -66,7 +69,10 @@ class WaveEstimate:
 
     def find(self, name: str, *arguments: Any, **options: Any) -> Cost:
         """Return the cost of the result ``name`` with the ``arguments`` and ``options`` of its
-        method; InputError for a name without an estimate, and for what the method refuses.
+        method.
+
+        Raises :class:`~granphon.base.errors.InputError` for a name without an estimate, and for
+        arguments that the method refuses.
         """
         parts: dict[str, Callable[..., Cost]] = {
             "dos": self._find_density,
@@ -87,30 +93,36 @@ class WaveEstimate:
         if self.operator.vectors_at_once == 1:
             return _STENCIL_BYTES * self.operator.network.n_contacts
         matrix = self.operator.matrix
-        return _MAKING * (matrix.data.nbytes + matrix.indices.nbytes)
+        return _MAKING_SHARE * (matrix.data.nbytes + matrix.indices.nbytes)
 
-    def _measure(self, together: int) -> float:
-        """Return the time of a product of D with each of so many vectors together, s."""
+    def _time_product(self, together: int) -> float:
+        """Return the time, s, of a product of D with one of ``together`` vectors that share it, as
+        measured on this machine.
+        """
         operator = self.operator
         shape = (operator.size,) if together == 1 else (operator.size, together)
         vectors = np.ones(shape)
         seconds = time_once(lambda: operator.advance(vectors, np.zeros(shape)))
         return seconds / together
 
-    def _make(self, words: str, products: float, together: int = 1, memory: float = 0.0) -> Cost:
-        """Return the cost of ``products`` with vectors, so many of them ``together``, and of more
-        ``memory``, bytes; ``words`` name the result.
+    def _cost_products(
+        self, words: str, products: float, together: int = 1, memory: float = 0.0
+    ) -> Cost:
+        """Return the cost of D and of a number of ``products`` of D with vectors, of which
+        ``together`` share each product, plus ``memory``, bytes; ``words`` name the result.
         """
         n_balls = self.operator.balls.size
-        vectors = 8.0 * _HELD * self.operator.size * together
+        vectors = 8.0 * _HELD_VECTORS * self.operator.size * together
         return Cost(
             self._matrix_bytes + vectors + memory,
-            units=(Units(products, partial(self._measure, together)),),
+            units=(Units(products, partial(self._time_product, together)),),
             parts=(f"{words} of {counted(n_balls, 'ball')}, {products:,.0f} products",),
         )
 
-    def _make_factors(self, words: str, count: float) -> Cost:
-        """Return the cost of ``count`` factors of D."""
+    def _cost_factors(self, words: str, count: float) -> Cost:
+        """Return the cost of D and of ``count`` factorisations of D, one after the other;
+        ``words`` name the result.
+        """
         operator = self.operator
         seconds, memory = estimate_factors(operator.size, operator.network.dimension)
         n_balls = operator.balls.size
@@ -120,8 +132,10 @@ class WaveEstimate:
             parts=(f"{words} of {counted(n_balls, 'ball')}, by factors",),
         )
 
-    def _make_dense(self, words: str, count: float = 1.0) -> Cost:
-        """Return the cost of ``count`` dense matrices of D, one after the other."""
+    def _cost_dense(self, words: str, count: float = 1.0) -> Cost:
+        """Return the cost of all modes of ``count`` dense matrices as large as D, one after the
+        other; ``words`` name the result.
+        """
         size = self.operator.size
         return Cost(
             4.0 * 8.0 * size**2,
@@ -137,61 +151,71 @@ class WaveEstimate:
         *,
         moments: int | None = None,
     ) -> Cost:
-        """Return the cost of a density of states."""
+        """Return the cost of a density of states; arguments are those of ``Waves.dos``."""
         operator = self.operator
         kernel = Kernel.of(operator.top / (2.0 * math.pi), resolution, moments)
         if operator.size <= DENSE:
-            return self._make_dense("density of states")
+            return self._cost_dense("density of states")
         n_starts = whole_number("vectors", vectors, 1) * (2 if operator.motions.rotate else 1)
         together = min(operator.vectors_at_once, n_starts)
-        return self._make("density of states", n_starts * (kernel.moments // 2), together)
+        return self._cost_products("density of states", n_starts * (kernel.moments // 2), together)
 
     def _find_spectra(
         self, q: Any, polarisation: Any = "longitudinal", resolution: float | None = None,
         *, direction: Any = None, moments: int | None = None,
     ) -> Cost:  # fmt: skip
-        """Return the cost of spectral functions."""
+        """Return the cost of spectral functions; arguments are those of
+        ``Waves.spectral_function``.
+        """
         operator = self.operator
         kernel = Kernel.of(operator.top / (2.0 * math.pi), resolution, moments)
         n_waves = PlaneWaves(operator, q, polarisation, direction).n_waves
         together = min(operator.vectors_at_once, n_waves)
-        return self._make("spectral functions", n_waves * (kernel.moments // 2), together)
+        return self._cost_products("spectral functions", n_waves * (kernel.moments // 2), together)
 
     def _find_modes(self, count: int = 10, nearest: float | None = None) -> Cost:
-        """Return the cost of modes; where they are filtered, their density is found first."""
+        """Return the cost of modes; arguments are those of ``Waves.modes``. If the modes would be
+        filtered out of random vectors, their density of states is computed for the estimate.
+        """
         operator = self.operator
         count = whole_number("count", count, 1)
         work = estimate_modes(operator, count, nearest)
         if work.is_dense:
-            return self._make_dense(counted(count, "mode"))
+            return self._cost_dense(counted(count, "mode"))
         if work.factors:
-            return self._make_factors(counted(count, "mode"), work.factors)
-        return self._make(counted(count, "mode"), work.products, work.together, work.memory)
+            return self._cost_factors(counted(count, "mode"), work.factors)
+        return self._cost_products(
+            counted(count, "mode"), work.products, work.together, work.memory
+        )
 
     def _find_branches(self, q: Any, count: int = 6) -> Cost:
-        """Return the cost of branches; complex numbers take twice the time and memory."""
+        """Return the cost of branches; arguments are those of ``Waves.branches``. Products of
+        complex numbers take twice the time.
+        """
         operator = self.operator
         wavevectors = read_wavevectors(operator, q)
         words = (
             f"{counted(count, 'branch', 'branches')} at {counted(len(wavevectors), 'wave vector')}"
         )
         if operator.size <= DENSE:
-            return self._make_dense(words, float(len(wavevectors)))
+            return self._cost_dense(words, float(len(wavevectors)))
         together = size_block(whole_number("count", count, 1))
         products, memory = estimate_lowest(operator, together)
         # vectors, boxes and factors of single balls are complex, and D itself is made anew
         memory = 3.0 * memory + 2.0 * self._matrix_bytes
-        return self._make(words, 2.0 * len(wavevectors) * products, together, memory)
+        return self._cost_products(words, 2.0 * len(wavevectors) * products, together, memory)
 
     def _find_counts(self, frequencies: Any) -> Cost:
-        """Return the cost of counts of modes."""
-        return self._make_factors("modes below frequencies", float(np.size(frequencies)))
+        """Return the cost of the numbers of modes below ``frequencies``: factors for each."""
+        return self._cost_factors("modes below frequencies", float(np.size(frequencies)))
 
     def _find_response(
         self, frequencies: Any, _source: Any = None, _receiver: Any = None, *losses: Any,
         method: str | None = None, tolerance: float = TOLERANCE, **options: Any,
     ) -> Cost:  # fmt: skip
-        """Return the cost of a response."""
+        """Return the cost of a response; arguments are those of ``Waves.response``, of which source
+        and receiver do not matter.
+        """
         operator = self.operator
         hertz = frequency_array("frequencies", frequencies)
         losses_of_network = Losses.of(operator.network, GivenLosses.take(options, *losses))
@@ -199,19 +223,21 @@ class WaveEstimate:
         by_factors, seconds = work.choose(method)
         n_factors = int(np.count_nonzero(by_factors))
         words = f"response at {counted(hertz.size, 'frequency', 'frequencies')}"
-        total = self._make_factors(words, n_factors) if n_factors else Cost()
+        total = self._cost_factors(words, n_factors) if n_factors else Cost()
         if n_factors < hertz.size:
             in_space = seconds - (n_factors * work.factor_time if n_factors else 0.0)
-            total += self._make(words, _OF_SPACE * in_space / work.step_time)
+            total += self._cost_products(words, _STEP_PRODUCTS * in_space / work.step_time)
         return total
 
     def _find_transmission(
         self, left: Any, right: Any, frequencies: Any, *, axis: Any = 0, q: Any = (), **_losses: Any
     ) -> Cost:
-        """Return the cost of a transmission through the network, between two leads."""
+        """Return the cost of a transmission through the network, between the leads ``left`` and
+        ``right``; the other arguments are those of :func:`granphon.transmission`.
+        """
         work = TransmissionWork.of(left, self.operator.network, right, frequencies, axis, q)
         count = work.hertz.size
-        seconds = 2.0 * _EIGEN_TIME * (2.0 * work.lead_size) ** 3
+        seconds = 2.0 * _EIGEN_TIME * (2.0 * work.lead_size) ** 3  # waves of both leads
         of_slices = _SLICE_TIME * float(np.sum(work.widths**3))
         if work.by_slices:
             seconds += of_slices
@@ -223,37 +249,38 @@ class WaveEstimate:
             seconds += min(of_factors, of_slices)
         words = f"transmission at {counted(count, 'frequency', 'frequencies')}"
         return Cost(
-            # the matrix is complex, and that less the square of a frequency beside it
-            _COMPLEX * self._matrix_bytes + work.memory,
+            # the complex matrix of the strip, and beside it the squared frequency less this matrix
+            _STRIP_SHARE * self._matrix_bytes + work.memory,
             units=(Units(float(count), lambda: seconds),),
             parts=(f"{words} through {counted(self.operator.balls.size, 'ball')}",),
         )
 
     def _find_moduli(self) -> Cost:
-        """Return the cost of moduli and sound of the network as the cell of a lattice, which
-        relaxes the motions of its balls.
+        """Return the cost of the moduli and sound velocities of the network as the cell of a
+        lattice, for which the motions of its balls are relaxed: by a dense matrix if they are few,
+        by iteration if they are many and the network repeats along three axes, and else by factors.
         """
         operator = self.operator
         words = "moduli and sound"
         if operator.size <= MANY_COLUMNS:
-            return self._make_dense(words)
+            return self._cost_dense(words)
         periods = int(np.count_nonzero(operator.network.pbc))
         if periods == 3 and operator.size > MOST_RELAXED_BY_FACTORS:
             together = periods**2  # all gradients of a displacement
             iterations = _RELAXATIONS * _ITERATIONS * operator.balls.size ** (1.0 / periods)
-            held = 2.0 * 8.0 * _HELD * operator.size * together + self._matrix_bytes
-            return self._make(words, iterations * together, together, held)
-        return self._make_factors(words, _FACTORS_OF_MODULI)
+            held = 2.0 * 8.0 * _HELD_VECTORS * operator.size * together + self._matrix_bytes
+            return self._cost_products(words, iterations * together, together, held)
+        return self._cost_factors(words, _FACTORS_OF_MODULI)
 
     def _find_pulse(
         self, frequency: float, direction: Any, distance: float, cycles: float = 5.0,
         polarisation: Any = "longitudinal", **options: Any,
     ) -> Cost:  # fmt: skip
-        """Return the cost of a pulse."""
+        """Return the cost of a pulse; arguments are those of ``Waves.transmit``."""
         tangential = options.pop("tangential_damping", None)
         losses = GivenLosses.take(options).with_tangential(tangential)
         request = PulseSource(
             frequency, direction, distance, cycles, polarisation, losses=losses, **options
         )
         products = count_products(self.operator, request)
-        return self._make(f"pulse of {write_quantity(frequency, 'Hz')}", products)
+        return self._cost_products(f"pulse of {write_quantity(frequency, 'Hz')}", products)

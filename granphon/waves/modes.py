@@ -183,7 +183,7 @@ class Problem:
     live : (n_live,) indices of the motions that some spring holds. In shapes, "live" is their
         number.
     top : bound of all angular frequencies, rad/s.
-    loose : number of the other motions.
+    n_loose : number of the other motions, which nothing holds.
     """
 
     def __init__(self, operator: WaveOperator, live: NDArray[np.intp]) -> None:
@@ -1378,10 +1378,11 @@ def _find_rates_near(
 def find_whole(operator: WaveOperator, count: int, nearest: float | None) -> DampedModes:
     """Return ``count`` modes of :attr:`WaveOperator.whole` of a network that is stable, the lowest
     or those nearest to the frequency ``nearest``, Hz; see
-    :meth:`granphon.waves.waves.Waves.whole_modes`.
+    :meth:`granphon.waves.waves.Waves.whole_modes`, which says what is raised.
 
-    Small matrices are dense, all others are factorised, and Arnoldi's method finds the eigenvalues
-    nearest to that frequency squared, ever more of them until enough cost energy.
+    All modes of a small matrix are found by a dense solver. Larger matrices are factorised, and
+    Arnoldi's method finds the eigenvalues nearest to the squared frequency, more and more of them
+    until enough cost energy.
     """
     count = whole_number("count", count, 1)
     target = _read_target(nearest)
@@ -1405,13 +1406,13 @@ def find_whole(operator: WaveOperator, count: int, nearest: float | None) -> Dam
 def _diagonalise_whole(
     operator: WaveOperator, matrix: Any, count: int, target: float
 ) -> tuple[Complex, Complex]:
-    """Return the squares (count,) of the complex frequencies nearest to ``target`` among those that
-    cost energy, ascending, and vectors (live, count) of norm one.
+    """Return the squares (count,) of the complex frequencies nearest to ``target`` among those of
+    modes that cost energy, ascending, and the vectors (live, count) of these modes, of norm one.
 
-    ``matrix`` (live, live) is the whole in units of the square of the top frequency, as are the
-    squares; the target is in units of that frequency. InputError if fewer cost energy, or so many
-    are requested that Arnoldi's method would have to find a third of all, and for a matrix that is
-    too large.
+    ``matrix`` (live, live) is the whole matrix over the square of the top frequency, as are the
+    squares; ``target`` is over the top frequency. Raises
+    :class:`~granphon.base.errors.InputError` if fewer modes cost energy, if so many are requested
+    that Arnoldi's method would have to find a third of all, and for a matrix that is too large.
     """
     size = matrix.shape[0]
     if size <= DENSE:
@@ -1453,10 +1454,11 @@ def _find_nearest_whole(matrix: Any, count: int, shift: float) -> tuple[Complex,
 def _choose_whole(
     operator: WaveOperator, squares: Complex, count: int, target: float
 ) -> NDArray[np.intp]:
-    """Return the indices of the ``count`` eigenvalues whose real frequencies are nearest to
-    ``target``, in the order of :class:`DampedModes`; of fewer, if no more cost energy.
+    """Return the indices of the ``count`` eigenvalues ``squares`` (m,), over top^2, whose
+    frequencies have real parts nearest to ``target``, over the top frequency, in the order of
+    :class:`DampedModes`; fewer if no more of them cost energy.
     """
-    # below is rounding, and what forces that are left on balls at rest do
+    # smaller squares are rounding, or due to forces on balls that do not balance
     costs_energy = np.flatnonzero(np.abs(squares) > find_allowed_fall(operator) / operator.top**2)
     omega = np.sqrt(squares[costs_energy].astype(complex))
     return costs_energy[_choose_damped(omega, count, target)]

@@ -45,7 +45,7 @@ class PathSpectra(Result):
     spectra : for each polarisation the spectral function at these n wave vectors.
     band_distances : (b,) distances of the wave vectors of the bands along the path, 1/m.
     bands : (b, n_branches) frequencies of the lattice of equal contacts with the mean stiffness,
-        Hz; none of a packing, which has no such lattice.
+        Hz; empty for a packing, which has no lattice.
     """
 
     corners: Array = held(float, "c", "1/m")
@@ -64,8 +64,10 @@ class PathSpectra(Result):
         path: Sequence[ArrayLike],
         labels: Sequence[str],
     ) -> Self:
-        """Return the ``spectra`` of a packing without a lattice, and so without bands; ``corners``
-        (m,) and ``distances`` (n,) are in 1/m.
+        """Return the ``spectra`` of a packing, without bands, as a packing has no lattice.
+
+        ``spectra`` are those at wave vectors with the ``distances`` (n,), 1/m, along the ``path``,
+        and ``corners`` (m,), 1/m, and ``labels`` are those of its corners.
         """
         none = np.zeros(0)
         names = join_labels(path, labels)
@@ -265,12 +267,14 @@ def find_path_points(
 def find_packing_points(
     network: ContactNetwork, path: Sequence[ArrayLike], points: int
 ) -> PathPoints:
-    """Return the wave vectors of the cell of a packing that are nearest to ``points`` points on
-    each leg of a path; its corners are in fractions of the reciprocal vectors of the periods, in
-    their order, (n, p) or (n, 3), and may lie in any zone.
+    """Return the wave vectors of the cell of a packing, a ``network`` without a lattice, that are
+    nearest to ``points`` points on each leg of a path.
 
-    Left out are the wave vector zero, those farther off the path than half a step, and repeated
-    ones. InputError for fewer than two points, and for a path without any other.
+    The ``path`` has pieces, each the corners (n, p) or (n, 3) of a line without a jump, in
+    fractions of the reciprocal vectors of the p periods, in their order; corners may lie in any
+    zone. Left out are the wave vector zero, those farther off the path than half the distance of
+    two points, and repeated ones. Raises :class:`~granphon.base.errors.InputError` for fewer than
+    two points, and if no wave vector is left.
     """
     count = whole_number("points", points, 2)
     periods = network.cell[list(network.pbc)][:, : network.dimension]
@@ -279,6 +283,7 @@ def find_packing_points(
     ends = list(chain.from_iterable(pairwise(piece) for piece in pieces))
     lengths = [float(np.linalg.norm(end - start)) for start, end in ends]
     corners = np.concatenate([[0.0], np.cumsum(lengths)])
+    # distances and wave vectors; the key is the number of waves along each period of the cell
     found: dict[tuple[int, ...], tuple[float, Array]] = {}
     for (start, end), length, first_distance in zip(ends, lengths, corners[:-1], strict=True):
         leg = _Leg(start, end, length, first_distance)

@@ -1,9 +1,10 @@
 """Transmission through a strip of balls between half-infinite crystals, its leads.
 
-Of each lead all waves at a frequency are known (:mod:`granphon.dynamics.bloch_waves`). One that
-runs in from the left drives the strip, whose equations are sparse; the waves that leave the strip
-run out, or decay, in the leads. So amplitudes of waves follow without a small damping, and the
-energies sent back and through add up to the energy that came, to rounding.
+In each lead all waves at a frequency are known (:mod:`granphon.dynamics.bloch_waves`). A wave that
+runs in from the left lead drives the strip, whose equations are sparse. The waves that leave the
+strip run out, or decay, in the leads. So the amplitudes of waves follow without a small damping,
+and without losses the energies that are sent back and that pass add up to the energy that came, to
+rounding.
 
 The equations of a strip too long for factors are eliminated slice by slice, from the far end to the
 end that is driven: the memory is that of a slice, however long the strip
@@ -41,49 +42,54 @@ from granphon.networks.network import ContactNetwork, given_network
 from granphon.waves.operator import WaveOperator
 from granphon.waves.slices import count_slice_bytes, find_slices, require_slices, solve_by_slices
 
-#: distance, over the diameter, up to which a ball of the strip stands in the place of one of a lead
+#: distance, over the diameter, up to which a ball of the strip stands in the place of a ball of a
+#: lead
 _SAME_SITE = 0.1
-#: imbalance of transmitted and reflected energy, over the energy that comes, up to which it counts
-#: as rounding
+#: imbalance of transmitted and reflected energy, over the energy that comes, up to which the
+#: imbalance is rounding
 _BALANCED = 1e-6
-#: entries of the matrices of leads that are taken together: 700 MB
+#: most entries of the matrices of leads at those frequencies whose waves are found together: 700 MB
 _TOGETHER = 6_000_000
-#: most steps of the fit of a fall; each changes logarithms by one at most
+#: most steps of the fit of energies that fall with the length; each changes logarithms by at most
+#: one
 _ROUNDS = 60
-#: last change of the logarithms in a fit
+#: change of the logarithms with which a fit is settled
 _SETTLED = 1e-9
-#: determinant of the curvatures of a fit, over their product along level and rate, below which the
-#: two are not told apart
+#: determinant of the curvatures of a fit, over the product of those along level and along rate,
+#: below which level and rate are not told apart
 _SINGULAR = 1e-12
-#: largest logarithm of an energy, up or down
+#: largest size of a logarithm of an energy
 _FAR = 300.0
-#: relative difference of periods along the layers that fit
+#: greatest relative difference of the periods of strip and lead along the layers
 _SAME_PERIOD = 0.01
-#: height above the outer ball that moves, over the diameter, from which a held ball lies beyond the
-#: strip: between a ball of the same layer and one of the next
+#: height above the outermost ball that moves, over the diameter, from which a held ball lies beyond
+#: the strip: it is between the heights of a ball of the same layer and one of the next
 _BEYOND = 0.6
 
 
 @result_class
 class Transmission(Result, array="transmitted"):
-    """Energy that waves of a lead bring through a strip. ``np.asarray`` of it is ``transmitted``.
+    """Parts of the energy of waves that pass a strip between two leads. ``np.asarray`` of it is
+    ``transmitted``.
 
-    Waves are those that run at each frequency, in ascending order of their wave number; where they
-    are fewer than m, the rest of a row is zero.
+    Waves are those that run in the leads at each frequency, in ascending order of their wave
+    numbers. There are up to m; if there are fewer at a frequency, the rest of a row is zero.
 
     Attributes
     ----------
     frequencies : (n_f,) Hz.
-    modes : (n_f, 2) numbers of waves that run in from the first lead, and out in the other one.
-    transmitted, reflected : (n_f,) the mean over the waves that run in; their sum is 1 if nothing
-        is lost. Both are zero where no wave runs in.
-    transmitted_by_mode, reflected_by_mode : (n_f, m) of each wave that runs in.
-    amplitudes : (n_f, m, m) from each wave that runs in (last axis) to each that runs out; their
-        squared sizes are energies.
-    wavenumbers : (n_f, m) of the waves that run in, across the layers, 1/m.
-    length : of the strip, m: its layers times their height in the first lead.
-    warnings : one sentence where contacts of the strip are more viscous than stiff, as a damping is
-        a time.
+    modes : (n_f, 2) number of waves that run in from the first lead, and number of waves that run
+        out in the other lead.
+    transmitted, reflected : (n_f,) parts of the energy that pass, and that are sent back, as means
+        over the waves that run in; their sum is 1 if nothing is lost. Both are zero where no wave
+        runs in.
+    transmitted_by_mode, reflected_by_mode : (n_f, m) the same parts for each wave that runs in.
+    amplitudes : (n_f, m, m) amplitude of each wave that runs out behind the strip (middle axis) for
+        each wave that runs in (last axis); their squared sizes are parts of the energy.
+    wavenumbers : (n_f, m) wave numbers of the waves that run in, across the layers, 1/m.
+    length : length of the strip, m: the number of its layers times their height in the first lead.
+    warnings : one sentence if contacts of the strip are more viscous than stiff, which suggests
+        that the damping, a time, was meant in another unit.
     """
 
     frequencies: Array = held(float, "f", "Hz")
@@ -99,7 +105,7 @@ class Transmission(Result, array="transmitted"):
 
     @property
     def total(self) -> Array:
-        """(n_f,) sum of the transmitted parts over all waves that run in."""
+        """(n_f,) sum over all waves that run in of the parts of their energy that pass."""
         return np.asarray(self.transmitted_by_mode.sum(axis=1))
 
 
@@ -118,7 +124,8 @@ def transmission(
     restitution: Any = 1.0,
     progress: Progress = silent,
 ) -> Transmission:
-    """Return what part of the energy of waves passes a strip between two half-infinite crystals.
+    """Return which part of the energy of waves passes a strip between two half-infinite crystals,
+    its leads.
 
     Parameters
     ----------
@@ -202,8 +209,9 @@ def transmission(
 
 
 def _require_strip(operator: WaveOperator, leads: Sequence[_Lead]) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` unless the balls of a strip move as those of
-    the leads, and its static forces have a potential.
+    """Raise :class:`~granphon.base.errors.InputError` unless the balls of a strip, the network of
+    the ``operator``, have the same motions as those of the ``leads``, and its forces have a
+    potential.
     """
     motions = [operator.motions, *(lead.space.motions for lead in leads)]
     if len({(kind.name, kind.letters) for kind in motions}) > 1:
@@ -221,8 +229,9 @@ def _require_strip(operator: WaveOperator, leads: Sequence[_Lead]) -> None:
 def _make_stiffness_function(
     operator: WaveOperator, losses: Losses, q: Array
 ) -> Callable[[float], Any]:
-    """Return the function that gives the stiffness (size, size) of a strip, (rad/s)^2, sparse, at
-    an angular frequency, rad/s, for the wave vector ``q`` (p,) along its layers, in fractions.
+    """Return a function of the angular frequency, rad/s, that returns the stiffness (size, size) of
+    a strip, (rad/s)^2, a sparse matrix, with its ``losses``; ``q`` (p,) is the wave vector along
+    its layers, in fractions.
     """
     phase = np.exp(2.0j * np.pi * (operator.network.shift[:, : len(q)] @ q))
     springs = operator.weigh(phase=phase).tocsc()
@@ -234,8 +243,8 @@ def _make_stiffness_function(
 
 
 def _stack_matrices(matrices: Sequence[Complex], size: int) -> Complex:
-    """Return matrices (n, m) of numbers of waves n and m up to ``size`` as one array (n_f, size,
-    size), with zeros behind.
+    """Return ``matrices`` (n, m), with n and m up to ``size``, as one array (n_f, size, size), in
+    which rows and columns that a matrix does not have are zero.
     """
     stacked = np.zeros((len(matrices), size, size), complex)
     for number, matrix in enumerate(matrices):
@@ -245,9 +254,11 @@ def _stack_matrices(matrices: Sequence[Complex], size: int) -> Complex:
 
 
 def _require_balance(hertz: Array, excess: Array) -> None:
-    """Raise :class:`~granphon.base.errors.PrecisionError` if the energies that waves bring back and
-    through differ from those that came by an ``excess`` (n_f, m), over what came, of more than
-    rounding.
+    """Raise :class:`~granphon.base.errors.PrecisionError` if energy is not conserved, but for
+    rounding, at one of the frequencies ``hertz`` (n_f,), Hz.
+
+    ``excess`` (n_f, m) is the energy that passes plus that which is sent back, less the energy that
+    came, over the latter, for each wave that runs in.
     """
     imbalance = np.max(np.abs(excess), axis=1, initial=0.0)
     if not np.any(imbalance > _BALANCED):
@@ -266,19 +277,19 @@ def _require_balance(hertz: Array, excess: Array) -> None:
 
 @result_class
 class ScatteringLengths(Result):
-    """How far waves go in disordered strips; arrays over frequencies (n_f,), and over the waves
-    that run in (n_f, m).
+    """How far waves go in disordered strips of the length L.
 
     Attributes
     ----------
     frequencies : (n_f,) Hz.
-    mean_free_path, mean_free_path_error : (n_f, m) l, m, of the coherent wave: the squared size of
-        the mean amplitude falls as exp(-L/l). Infinite where it does not fall; zero beyond the
-        waves that run. An error is infinite where the path is, and where only the shortest strips
-        let a wave be seen.
-    localisation_length, localisation_length_error : (n_f,) xi, m: the mean of ln(total) falls as -2
-        L/xi (P. W. Anderson et al., Phys. Rev. B 22, 3519, 1980). Both are infinite where it does
-        not fall.
+    mean_free_path, mean_free_path_error : (n_f, m) mean free path l, m, of each of the m waves, and
+        its standard error: the squared size of the mean amplitude of the wave that goes on as
+        itself falls as exp(-L/l). The path is infinite if it does not fall, and zero for waves that
+        do not run at a frequency. The error is infinite if the path is, and if the wave stands out
+        from the noise only in the shortest strips.
+    localisation_length, localisation_length_error : (n_f,) localisation length xi, m, and its
+        standard error: the mean of ln(total) falls as -2 L/xi (P. W. Anderson et al., Phys. Rev. B
+        22, 3519, 1980). Both are infinite if it does not fall.
     """
 
     frequencies: Array = held(float, "f", "Hz")
@@ -289,15 +300,16 @@ class ScatteringLengths(Result):
 
 
 def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
-    """Fit mean free paths and localisation lengths to transmissions through strips of several
-    lengths.
+    """Return the mean free paths and localisation lengths that are fitted to transmissions through
+    strips of several lengths.
 
-    ``runs`` are of the same leads and frequencies, for each length at least two samples. E
-    exp(-L/l) is fitted to the squared sizes of mean amplitudes, less the variance of the means,
-    with weights from the fitted fall and from the noise of all lengths together. A line is fitted
-    to the means of ln(total), with the weights of variances that grow as the length, too. Weights
-    from the scatter at each length would favour lengths whose scatter is small by chance, and make
-    errors too small. Errors are standard errors, from the scatter over the samples of each length.
+    ``runs`` are transmissions with the same leads and frequencies, at least two samples for each
+    length. For mean free paths, E exp(-L/l) is fitted to the squared sizes of mean amplitudes, less
+    the variance of these means, with weights from the fitted fall and from the noise of all lengths
+    together. For localisation lengths, a line is fitted to the means of ln(total), with the weights
+    of variances that grow as the length. Weights from the scatter at each length would favour
+    lengths whose scatter is small by chance, and make errors too small. Errors are standard errors,
+    from the scatter over the samples of each length.
 
     Raises :class:`~granphon.base.errors.InputError` for fewer than two lengths, or two samples of a
     length; for other frequencies or numbers of waves; and where nothing is transmitted.
@@ -337,10 +349,10 @@ def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
 def _fit_paths(
     lengths: Array, amplitudes: Sequence[Complex], is_running: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
-    """Return mean free paths (n_f, m) and their errors (n_f, m), m, of the waves that run; zero for
-    others.
+    """Return the mean free paths (n_f, m), m, and their errors (n_f, m), m, of the waves that run,
+    ``is_running`` (n_f, m); zero for others.
 
-    ``amplitudes`` has an array (samples, n_f, m) for each of the ``lengths``, m.
+    ``amplitudes`` has for each of the ``lengths`` (n,), m, an array (samples, n_f, m).
     """
     falls = []
     for frequency, wave in np.argwhere(is_running):
@@ -386,8 +398,8 @@ def _fit_logarithms(lengths: Array, logs: Sequence[Array]) -> tuple[Array, Array
 
 
 def _invert(rate: Array, error: Array, factor: float) -> tuple[Array, Array]:
-    """Return the length ``factor``/``rate``, m, and its error, m, of a fall with the ``rate`` and
-    its ``error``, 1/m; both are infinite where nothing falls.
+    """Return the lengths ``factor``/``rate`` (...), m, and their errors (...), m, of falls with a
+    ``rate`` (...) and its ``error`` (...), 1/m; both are infinite where the rate is not above zero.
     """
     falls = rate > 0.0
     length = np.divide(factor, rate, out=np.full(rate.shape, np.inf), where=falls)
@@ -404,17 +416,19 @@ def _find_slope_shares(x: Array, weights: Array) -> Array:
 
 
 def _fit_energy(lengths: Array, amplitudes: list[Complex]) -> tuple[float, float]:
-    """Return the rate at which the squared size of the mean of ``amplitudes`` falls over the
-    lengths, 1/m, and its error.
+    """Return the rate, 1/m, at which the squared size of the mean of ``amplitudes`` falls over the
+    ``lengths`` (k,), m, and its standard error, 1/m; ``amplitudes`` has for each length an array
+    (samples,).
 
-    The squared size less the variance of the mean has the mean E exp(-rate L), whatever the number
-    n of samples. It is a U statistic (W. Hoeffding, Ann. Math. Stat. 19, 293 (1948)), with the
-    variance 4 a E/n + 2 |C|^2/(n (n - 1)), where C are the covariances of real and imaginary parts,
-    and a is the variance along the mean. For weights C is that of all lengths together, the same in
-    all directions; for the error C is that at each length. Both take E from the fit, which is
-    repeated until it does not change (quasi-likelihood). Where the fit goes on to change, or does
-    not tell the level from the rate, the signal is above the noise at the least length alone, and
-    the error is infinite.
+    The squared size less the variance of the mean has the mean E = E_0 exp(-rate L), whatever the
+    number n of samples. It is a U statistic (W. Hoeffding, Ann. Math. Stat. 19, 293 (1948)), with
+    the variance 4 a E/n + 2 |C|^2/(n (n - 1)), where C are the covariances of the parts of
+    amplitudes along and across the mean, and a is the variance along the mean.
+
+    The weights of the fit take C from all lengths together, the same in all directions; the error
+    takes C at each length. Both take E from the fit, which is repeated until it does not change
+    (quasi-likelihood). If the fit does not settle, or does not tell the level from the rate, the
+    signal is above the noise only at the least length, and the error is infinite.
     """
     count = np.array([len(samples) for samples in amplitudes], float)
     mean = np.array([samples.mean() for samples in amplitudes])
@@ -425,7 +439,7 @@ def _fit_energy(lengths: Array, amplitudes: list[Complex]) -> tuple[float, float
     energy = square - noise / count
     pairs = count * (count - 1.0)
     offsets = lengths - np.average(lengths, weights=count)
-    # energies exp(level - rate offset); steps of the fit are those of the level and rate times span
+    # energies are exp(level - rate offset); the fit changes the level, and the rate times the span
     level, rate = _fit_line(lengths, offsets, square, count)
     span = float(np.ptp(lengths))
     for _ in range(_ROUNDS):
@@ -449,8 +463,8 @@ def _fit_energy(lengths: Array, amplitudes: list[Complex]) -> tuple[float, float
 
 
 def _find_covariances(amplitudes: Sequence[Complex], mean: Complex) -> Array:
-    """Return the covariances (lengths, 2, 2) of the parts of ``amplitudes`` along and across their
-    ``mean`` (lengths,); ``amplitudes`` has an array (samples,) for each length.
+    """Return for each of k lengths the covariances (k, 2, 2) of the parts of ``amplitudes`` along
+    and across their ``mean`` (k,), complex; ``amplitudes`` has for each length an array (samples,).
     """
     covariances = []
     for samples, sample_mean in zip(amplitudes, mean, strict=True):
@@ -461,11 +475,12 @@ def _find_covariances(amplitudes: Sequence[Complex], mean: Complex) -> Array:
 
 
 def _fit_line(lengths: Array, offsets: Array, square: Array, count: Array) -> tuple[float, float]:
-    """Return the level, a logarithm, and the rate, 1/m, at which a fit begins: those of the line
-    through the logarithms of the squared means.
+    """Return the level, a logarithm, and the rate, 1/m, with which the fit of energies
+    exp(level - rate offset) begins: the rate of the line through the logarithms of the squared
+    means, and the level of the mean energy with that rate.
 
-    ``offsets`` are those of the lengths from their mean, m; ``square`` is the squared mean of each
-    length, and ``count`` its number of samples, all (lengths,).
+    ``lengths``, m, have the ``offsets``, m, from their mean; ``square`` is the squared mean
+    amplitude at each length, and ``count`` the number of samples, all (k,).
     """
     rate = 0.0
     level = -_FAR
@@ -480,13 +495,16 @@ def _fit_line(lengths: Array, offsets: Array, square: Array, count: Array) -> tu
 
 
 class _Lead(NamedTuple):
-    """A half-infinite crystal.
+    """A half-infinite crystal that waves come from, or go to.
+
+    It is divided into blocks of so many layers that a block is coupled only to the blocks beside
+    it.
 
     Attributes
     ----------
     space : the crystal and its layers.
     q : (p - 1,) wave vector along the layers, in fractions.
-    blocks : couplings (size, size) of the balls of one block, or two, (rad/s)^2.
+    blocks : couplings (size, size), (rad/s)^2, within a block, and between a block and the next.
     """
 
     space: HalfSpace
@@ -505,8 +523,8 @@ class _Lead(NamedTuple):
         return cls(space, wavevector, Couplings(*blocks))
 
     def find_waves(self, omega: Array) -> Sequence[tuple[BlochWaves, BlochWaves]]:
-        """Return the waves at each angular frequency (n_f,), rad/s: those towards higher layers,
-        and those towards lower ones.
+        """Return for each angular frequency of ``omega`` (n_f,), rad/s, the waves that go towards
+        higher layers, and those that go towards lower layers.
         """
         motions_of_layer = self.space.size // self.space.reach
         return find_bloch_waves(self.blocks, omega**2, motions_of_layer)
@@ -521,12 +539,12 @@ class _Lead(NamedTuple):
         return wavenumbers
 
     def map_to_block(self, operator: WaveOperator, lower: bool) -> Any:
-        """Return S (size, size of the strip), sparse, which takes motions of the strip to those of
-        a block of the lead at the ``lower`` or upper end of the strip.
+        """Return the sparse matrix S (size, size of the strip) that maps mass-weighted motions of
+        the strip to those of a block of the lead, at the ``lower`` or upper end of the strip.
 
-        Balls of the strip are sought where those of a block would stand. They have masses and
-        inertias of their own, so that S weighs motions anew. Raises
-        :class:`~granphon.base.errors.InputError` for a strip that does not fit.
+        The balls of the strip that stand where those of a block would are found. They have masses
+        and inertias of their own, so that S weighs their motions with those of the lead. Raises
+        :class:`~granphon.base.errors.InputError` for a strip that does not fit to the lead.
         """
         strip = operator.network
         misfit = f"the strip does not fit to the {'first' if lower else 'other'} lead"
@@ -542,8 +560,8 @@ class _Lead(NamedTuple):
         raise InputError(misfit, why, "Begin and end it with layers like the lead's")
 
     def _require_periods(self, periods: Array, misfit: str) -> None:
-        """Raise :class:`~granphon.base.errors.InputError`, with the text ``misfit``, unless the
-        ``periods`` (p, d) of a strip, m, are those of the lead along its layers.
+        """Raise :class:`~granphon.base.errors.InputError`, which begins with the text ``misfit``,
+        unless the ``periods`` (p, d), m, of a strip are those of the lead along its layers.
         """
         cell = self.space.layers.cell
         tolerance = _SAME_PERIOD * np.max(np.abs(cell), initial=0.0)
@@ -555,8 +573,8 @@ class _Lead(NamedTuple):
             )
 
     def _find_block(self, motions: int) -> Index:
-        """Return the balls (block,) of the first block of the lead; ``motions`` is the number of
-        motions of a ball.
+        """Return the indices (block,), in the network ``space.cut``, of the balls of the first
+        block of the lead; ``motions`` is the number of motions of a ball.
         """
         n_balls = self.space.size // motions
         return np.flatnonzero(self.space.cut.moving)[:n_balls]
@@ -564,9 +582,9 @@ class _Lead(NamedTuple):
     def _match_block(
         self, operator: WaveOperator, periods: Array, lower: bool
     ) -> tuple[Index, Array] | None:
-        """Return the balls (block,) of the strip that stand where those of a block would, at its
-        ``lower`` or upper end, and the cells (block, p) of the strip in which they stand; None if
-        there are none.
+        """Return the balls (block,) of the strip that stand where those of a block of the lead
+        would, at its ``lower`` or upper end, and the cells (block, p), whole ``periods`` (p, d), m,
+        by which they are displaced; None if there are no such balls.
         """
         strip = operator.network
         cut = self.space.cut
@@ -578,15 +596,15 @@ class _Lead(NamedTuple):
         outer_balls = operator.balls[from_end[:n_sites]]
         positions = strip.positions[outer_balls]
         sites = cut.positions[block]
-        # the first site of the block is tried on each outer ball: "first" is the number of that
-        # ball; (first, block, n) distances of balls from sites
+        # the block is tried with its first site at each of the outer balls: "first" is the number
+        # of that ball; distances are (first, block, n), of balls from sites
         distances, cells = _measure_sites(positions, sites - sites[0], periods)
         nearest = np.argmin(distances, axis=2)  # (first, block)
         worst = np.min(distances, axis=2).max(axis=1)
         is_shared = [np.unique(balls).size < n_sites for balls in nearest]
         worst[is_shared] = np.inf
-        # of several matches, as where two kinds of balls alternate, the one that leaves the frame
-        # of the lead unchanged
+        # if several match, as when two kinds of balls alternate, the one is taken with which the
+        # sites of strip and lead are one lattice
         frame_shifts = self._find_frame_shifts(positions - sites[0], periods)
         tolerance = _SAME_SITE * float(2.0 * np.mean(cut.radii[block]))
         first = int(np.argmin(np.where(worst <= tolerance, frame_shifts, np.inf)))
@@ -596,8 +614,9 @@ class _Lead(NamedTuple):
         return outer_balls[matched], cells[first, np.arange(n_sites), matched]
 
     def _find_frame_shifts(self, vectors: Array, periods: Array) -> Array:
-        """Return the distances (n,), m, of ``vectors`` (n, d), m, from the nearest sums of whole
-        steps of the frame of the lead: the ``periods`` (p, d) and the step from layer to layer.
+        """Return how far ``vectors`` (n, d), m, are from steps that map the lead onto itself: the
+        distances (n,), m, from the nearest whole sums of the ``periods`` (p, d), m, and of the step
+        from layer to layer.
         """
         p = len(periods)
         frame = np.concatenate([periods, self.space.layers.stack[None]])[:, : p + 1]
@@ -606,8 +625,8 @@ class _Lead(NamedTuple):
         return np.asarray(np.linalg.norm(parts_of_steps @ frame, axis=1))
 
     def _compose_end(self, operator: WaveOperator, balls: Index, cells: Array) -> Any:
-        """Return S, sparse, for the ``balls`` (block,) of the strip, and the ``cells`` (block, p)
-        in which they stand in the places of a block.
+        """Return S of :meth:`map_to_block`, sparse, for the ``balls`` (block,) of the strip that
+        stand where those of a block would, displaced by ``cells`` (block, p).
         """
         from scipy.sparse import csr_array
 
@@ -631,10 +650,12 @@ class _Lead(NamedTuple):
     def _require_free_end(
         self, strip: ContactNetwork, balls: Index, lower: bool, misfit: str
     ) -> None:
-        """Raise :class:`~granphon.base.errors.InputError`, with the text ``misfit``, if a floor or
-        clamped balls lie beyond the ``balls`` that move, at the ``lower`` or upper end.
+        """Raise :class:`~granphon.base.errors.InputError`, which begins with the text ``misfit``,
+        if a floor or clamped balls of the ``strip`` lie beyond its ``balls`` (n,) that move, at the
+        ``lower`` or upper end.
 
-        A lead that has bodies which do not move itself may have them there.
+        Nothing is raised if the lead itself has bodies that do not move, as these then belong to
+        its layers.
         """
         p = len(self.space.layers.cell)
         cut = self.space.cut
@@ -652,9 +673,11 @@ class _Lead(NamedTuple):
 
 
 def _measure_sites(places: Array, sites: Array, periods: Array) -> tuple[Array, Array]:
-    """Return the distances (first, block, n), m, of balls at ``places`` (n, d), m, from the
-    ``sites`` (block, d), m, of a block whose first site is at each of the balls, to their nearest
-    images; and the cells (first, block, n, p) of these images.
+    """Return the distances (first, block, n), m, of balls at ``places`` (n, d), m, from the sites
+    of a block, when its first site is put at each of the balls in turn; and the cells
+    (first, block, n, p), whole ``periods`` (p, d), m, by which balls are displaced to be nearest.
+
+    ``sites`` (block, d), m, count from the first site.
     """
     p = len(periods)
     # axes: the ball at the first site, the site, the ball whose distance is measured
@@ -665,22 +688,22 @@ def _measure_sites(places: Array, sites: Array, periods: Array) -> tuple[Array, 
 
 
 def _find_green(square: float, inner: Complex, beyond: Complex) -> Complex:
-    """Return Green's function (size, size) of the outer block of a lead, s^2, at ``square`` =
-    omega^2: ``inner`` is the stiffness of the block, and ``beyond`` what the layers beyond add,
-    (rad/s)^2.
+    """Return Green's function (size, size), s^2, of the outer block of a lead at ``square`` =
+    omega^2, (rad/s)^2: the inverse of omega^2 less the stiffness ``inner`` of the block and what
+    the layers behind it add to this stiffness, ``beyond``, both (size, size), (rad/s)^2.
     """
     return np.asarray(np.linalg.inv(square * np.eye(len(inner)) - inner - beyond))
 
 
 class TransmissionWork:
-    """What a transmission takes, before it is found.
+    """The parts of a transmission, and the memory that it takes, before it is found.
 
     Attributes
     ----------
     hertz : (n_f,) frequencies, Hz.
-    first, last : the leads.
+    first, last : the lead that waves come from, and the lead behind the strip.
     operator : D of the strip.
-    ends : of each lead, the matrix S of :meth:`_Lead.map_to_block`.
+    ends : for each lead, the matrix S of :meth:`_Lead.map_to_block`.
     """
 
     def __init__(self, hertz: Array, first: _Lead, last: _Lead, operator: WaveOperator) -> None:
@@ -693,16 +716,17 @@ class TransmissionWork:
     def of(
         cls, left: Any, middle: Any, right: Any, frequencies: ArrayLike, axis: Any, q: ArrayLike
     ) -> Self:
-        """Return the work of :func:`transmission`, whose arguments these are; InputError for leads
-        and a strip that do not fit, and for wrong numbers.
+        """Return the work of a :func:`transmission` with these arguments.
+
+        Raises :class:`~granphon.base.errors.InputError` for leads and a strip that do not fit, and
+        for wrong numbers.
         """
         hertz = frequency_array("frequencies", frequencies, "above zero")
         first = _Lead.of(left, axis, q)
         last = _Lead.of(right, axis, q)
         if middle is None:
-            # a strip that is a piece of the right lead, as many layers as its contacts reach and
-            # one more: the contacts between the leads then have the stiffness of the left lead's
-            # own
+            # the strip is a piece of the right lead, one layer more than its contacts reach over:
+            # contacts between the leads then have the stiffness of those of the left lead
             middle = last.space.network.cut(axis, last.space.reach + 1)
         operator = WaveOperator(given_network(middle))
         _require_strip(operator, [first, last])
@@ -710,31 +734,31 @@ class TransmissionWork:
 
     @cached_property
     def ends(self) -> tuple[Any, Any]:
-        """S of the lower and of the upper end; see :meth:`_Lead.map_to_block`."""
+        """The matrices S of the lower and of the upper end; see :meth:`_Lead.map_to_block`."""
         lower = self.first.map_to_block(self.operator, lower=True)
         return lower, self.last.map_to_block(self.operator, lower=False)
 
     @property
     def lead_size(self) -> int:
-        """Motions of a block of the wider lead."""
+        """Number of motions of a block of the wider lead."""
         return max(self.first.space.size, self.last.space.size)
 
     @property
     def n_together(self) -> int:
-        """Frequencies whose waves of the leads are found as one stack of matrices: many of small
-        ones, one of large ones.
+        """Number of frequencies for which the waves of the leads are found together, as one stack
+        of matrices: many if the matrices are small, and one if they are large.
         """
         return max(min(self.hertz.size, _TOGETHER // (2 * self.lead_size) ** 2), 1)
 
     @property
     def by_slices(self) -> bool:
-        """Whether the strip is too large for factors."""
+        """Whether the strip is too large for factors, so that it is solved slice by slice."""
         operator = self.operator
         return operator.size > LARGEST_UNSYMMETRIC[operator.network.dimension]
 
     @cached_property
     def widths(self) -> Array:
-        """(k,) motions of each slice of the strip."""
+        """(k,) number of motions of each slice of the strip."""
         lower, upper = self.ends
         # the additions of the leads join all motions of an end
         joined = sum(abs(end.T) @ abs(end) for end in (lower, upper))
@@ -744,7 +768,7 @@ class TransmissionWork:
 
     @property
     def memory(self) -> float:
-        """Bytes of the waves of the leads, and of the slices of the strip."""
+        """Memory of the waves of the leads, and of the slices of the strip, bytes."""
         of_leads = count_bloch_bytes(self.n_together, self.lead_size)
         return of_leads + (count_slice_bytes(int(self.widths.max())) if self.by_slices else 0.0)
 
@@ -763,8 +787,8 @@ def _scatter(
     work: TransmissionWork,
     waves: Sequence[tuple[BlochWaves, BlochWaves]],
 ) -> tuple[Complex, Complex]:
-    """Return the amplitudes of waves that are sent back (m, m), and that pass (n, m), at ``square``
-    = omega^2, (rad/s)^2.
+    """Return the amplitudes, for each of the m waves that run in, of the waves that are sent back,
+    (m, m), and of those that pass, (n, m), at ``square`` = omega^2, (rad/s)^2.
 
     ``matrix`` is the stiffness of the strip, (rad/s)^2, and ``waves`` are those of each lead
     towards higher and towards lower layers.

@@ -1,8 +1,9 @@
 """Derivatives of a response with respect to the stiffnesses of contacts and the masses of balls.
 
-The signal of a receiver is h = e^T u with Z u = F, and Z symmetric. With the adjoint motion y, the
-solution of Z y = e, a small change of Z and F changes the signal by y^T (dF - dZ u): one more
-solution with the same factors, for each receiver, serves for all contacts and balls.
+The signal of a receiver is h = e^T u with Z u = F, where Z is symmetric. Let y be the adjoint
+motion, the solution of Z y = e. A small change of Z and F changes the signal by y^T (dF - dZ u). So
+one more solution for each receiver, with the same factors, gives the derivatives with respect to
+all contacts and balls.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from granphon.dynamics.deformation_rows import network_unit_rows
 from granphon.dynamics.sensitivities import add_static, list_inertias, name_units, sum_kinds
 from granphon.waves.operator import WaveOperator
 
-#: bytes of a derivative, with those that are under way
+#: bytes for each derivative, with those of intermediate arrays
 _BYTES = 64.0
 
 
@@ -29,13 +30,17 @@ class ResponseSensitivities(Result):
     """Derivatives of the complex amplitudes of receivers, in the unit of the response over that of
     each parameter. Contacts and balls are those of the network, in its order.
 
-    The loss factor of a contact, and the viscosity of its dashpots over the stiffness, stay as the
-    stiffness changes; the rate of a drag stays as the mass changes.
+    When a stiffness changes, the loss factor of the contact, and the viscosity of its dashpots over
+    the stiffness, stay constant; when a mass changes, the rate of a drag stays constant.
 
     Attributes
     ----------
-    normal_stiffness, shear_stiffness, torsion, bending, mass, inertia, normal_force, on_site : as
-        in :class:`~granphon.Sensitivities`, (n_f, n_r, n_c), and (n_f, n_r, n) of balls.
+    normal_stiffness, shear_stiffness, torsion, bending, normal_force : (n_f, n_r, n_c) derivatives
+        with respect to parameters of each contact, as in :class:`~granphon.Sensitivities`;
+        ``normal_force`` is None for a network without ``prestress``.
+    mass, inertia : (n_f, n_r, n) derivatives with respect to those of each ball.
+    on_site : (n_f, n_r, n, motions) derivatives with respect to the stiffness of a spring that ties
+        each motion of each ball to the ground.
     frequencies : (n_f,) Hz.
     quantity_unit : the unit of the response.
     """
@@ -52,13 +57,16 @@ class ResponseSensitivities(Result):
     quantity_unit: str = held(str)
 
     def _field_units(self) -> dict[str, str]:
+        """Return the unit of each attribute; those of derivatives depend on the response."""
         return {**name_units(self.quantity_unit), **self.units}
 
 
 class ResponseSlopes:
-    """The derivatives of responses, from motions and adjoint motions.
+    """Finds the derivatives of responses of the network of an ``operator`` with ``losses`` from
+    motions and adjoint motions.
 
-    ``moved`` (n, motions) are the displacements of bodies that are moved, m; zero without any.
+    ``moved`` (n, motions) are the displacements, m, of bodies that are held and moved as a source;
+    zeros if there are none.
     """
 
     def __init__(self, operator: WaveOperator, losses: Losses, moved: Array) -> None:
@@ -71,8 +79,8 @@ class ResponseSlopes:
         self._stretched = operator.stretch(moved, (self.rows, ones))
 
     def require_memory(self, count: int) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` unless derivatives of so many signals fit
-        into memory.
+        """Raise :class:`~granphon.base.errors.InputError` unless the derivatives of ``count``
+        signals fit into memory.
         """
         network = self.operator.network
         require_memory(
@@ -82,13 +90,17 @@ class ResponseSlopes:
         )
 
     def find(self, x: Complex, y: Complex, hertz: float) -> dict[str, Any]:
-        """Return derivatives (n_r, n_c), (n_r, n) by masses and (n_r, n, motions) by springs to the
-        ground, by the names of the fields, at a frequency, from mass-weighted motions x (size,) and
-        adjoint ones y (size, n_r).
+        """Return the derivatives of the signals at the frequency ``hertz``, Hz, by the names of the
+        fields of :class:`ResponseSensitivities`: (n_r, n_c) for contacts, (n_r, n) for masses and
+        inertias, (n_r, n, motions) for springs to the ground, and None where there are none.
+
+        ``x`` (size,) are the mass-weighted motions that the source makes, and ``y`` (size, n_r) the
+        adjoint ones of each receiver.
         """
         network = self.operator.network
         omega = 2.0 * math.pi * hertz
         deformations = self._deform @ x + self._stretched
+        # -y^T (dK/dk) x of a contact is the product of both deformations, with its losses
         products: Any = deformations[:, None] * np.asarray(self._deform @ y)
         normal, other = 1.0 + 1j * (self.losses.factors + omega * self.losses.times)
         fields: dict[str, Any] = {"normal_force": None}
@@ -113,6 +125,7 @@ class ResponseSlopes:
         of_moving = -np.moveaxis(self.operator.values(x[:, None] * y), 2, 0)
         on_site[:, moving] = of_moving / list_inertias(network)[moving]
         fields["on_site"] = on_site
+        # a mass enters Z by the factor i omega drag - omega^2, a spring to the ground by 1
         by_inertia = (1j * omega * self.losses.drag_of(motions) - omega**2) * on_site
         fields["mass"] = by_inertia[..., motions.translating].sum(axis=-1)
         fields["inertia"] = by_inertia[..., motions.turning].sum(axis=-1)

@@ -1,15 +1,15 @@
 """The equations of a strip that is driven at one of its ends, slice by slice.
 
-The motions of a strip are numbered from the driven end: those at the end are slice 0, those that
-they are coupled to and that are not in it slice 1, and so on. So a slice is coupled to the slices
-beside it alone, and the equations are
+The motions of a strip are divided into slices, from the driven end on: the motions at the end are
+slice 0, all others that are coupled to these are slice 1, all others that are coupled to slice 1
+are slice 2, and so on. So a slice is coupled only to the slices beside it, and the equations are
 
     A_k x_k + B_k x_(k+1) + C_k x_(k-1) = 0    (k > 0),    A_0 x_0 + B_0 x_1 = drive
 
 From the far end on, each slice is eliminated: x_k = P_k x_(k-1), with P_k = -(A_k + B_k P_(k+1))^-1
-C_k. What is sought at either end is a sum over slices, which is carried along. So no more than two
-slices are held, as dense matrices (block elimination; recursive Green's functions, A. MacKinnon, Z.
-Phys. B 59, 385, 1985).
+C_k. The motions that are sought at the far end are linear in those of the slice at hand, and this
+linear map is updated with each slice. So no more than two slices are held in memory, as dense
+matrices (block elimination; recursive Green's functions, A. MacKinnon, Z. Phys. B 59, 385, 1985).
 """
 
 from __future__ import annotations
@@ -21,24 +21,28 @@ import numpy as np
 from granphon.base.arrays import Complex, Index
 from granphon.base.memory import require_memory
 
-#: complex matrices of the widest slice, and of one beside it, that are held together
+#: complex matrices, as large as that of the widest slice, that are held at a time
 _HELD = 8.0
 #: bytes of a complex number
 _ENTRY = 16.0
 
 
 def solve_by_slices(matrix: Any, drive: Any, lower: Any, upper: Any) -> tuple[Complex, Complex]:
-    """Return S x, (rows, m), of the matrices S = ``lower`` and ``upper`` (rows, n), sparse, at the
-    solution x (n, m) of ``matrix`` x = ``drive``.
+    """Return the motions at both ends of a strip, ``lower`` x and ``upper`` x, (rows, m) each, for
+    the solution x (n, m) of ``matrix`` x = ``drive``.
 
-    ``matrix`` (n, n) is sparse, and the places of its entries are symmetric; ``drive`` (n, m) is
-    zero but at the motions that ``lower`` takes. Raises
+    ``matrix`` (n, n) is sparse, with an entry (j, i) wherever it has an entry (i, j). The sparse
+    matrices ``lower`` and ``upper`` (rows, n) pick the motions of the ends; ``drive`` (n, m) is
+    zero except at the motions of the lower end. Raises
     :class:`~granphon.base.errors.InputError` for slices that do not fit into memory, and
-    numpy.linalg.LinAlgError where what is beyond a slice resonates exactly.
+    numpy.linalg.LinAlgError if the part of the strip beyond a slice has a mode exactly at the
+    frequency.
     """
     slices = find_slices(matrix, np.unique(lower.tocoo().col))
     require_slices(max(len(rows) for rows in slices))
-    beyond = None  # the slice after the one at hand, and its equations
+    # of the slice after the one at hand, its motions, the map from these to the motions at the
+    # upper end, and its equations with all later slices eliminated
+    beyond = None
     at_upper = np.zeros((upper.shape[0], 0), complex)
     inner = np.zeros((0, 0), complex)
     upper_columns = upper.tocsc()
@@ -47,7 +51,7 @@ def solve_by_slices(matrix: Any, drive: Any, lower: Any, upper: Any) -> tuple[Co
         own = of_slice[:, rows].toarray().astype(complex)
         taken = upper_columns[:, rows].toarray().astype(complex)
         if beyond is not None:
-            passed_on = -np.linalg.solve(inner, matrix[beyond][:, rows].toarray())
+            passed_on = -np.linalg.solve(inner, matrix[beyond][:, rows].toarray())  # P_(k+1)
             own += of_slice[:, beyond] @ passed_on
             taken += at_upper @ passed_on
         inner = own
@@ -59,8 +63,9 @@ def solve_by_slices(matrix: Any, drive: Any, lower: Any, upper: Any) -> tuple[Co
 
 
 def find_slices(matrix: Any, first: Index) -> list[Index]:
-    """Return the motions (n_k,) of each slice, of which ``first`` is the one at the driven end, by
-    the entries of a sparse ``matrix`` (n, n); motions that nothing joins to the first are in none.
+    """Return the indices of the motions (n_k,) of each slice, from the ``first`` one, at the driven
+    end, on; motions are coupled where a sparse ``matrix`` (n, n) has entries. Motions that are
+    coupled to the first slice neither directly nor through others are in no slice.
     """
     is_new = np.ones(matrix.shape[0], bool)
     pattern = matrix.tocsr()
@@ -76,13 +81,15 @@ def find_slices(matrix: Any, first: Index) -> list[Index]:
 
 
 def count_slice_bytes(width: int) -> float:
-    """Return the bytes that slices of so many motions take."""
+    """Return the bytes that the elimination of slices takes, the widest of which has ``width``
+    motions.
+    """
     return _HELD * _ENTRY * float(width) ** 2
 
 
 def require_slices(width: int) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` unless slices of so many motions fit into
-    memory.
+    """Raise :class:`~granphon.base.errors.InputError` unless the elimination of slices with up to
+    ``width`` motions fits into memory.
     """
     require_memory(
         f"slices of {width:,} motions across the strip",

@@ -61,11 +61,11 @@ class Waves:
         whose network is one cell, so that these are waves at Gamma; or ``ase.Atoms`` with a
         :class:`~granphon.phonons.calculator.HertzMindlin`.
     progress : is told how far densities, spectral functions, modes, responses and pulses have come:
-        ``granphon.base.progress.Terminal()`` draws a bar on stderr. :meth:`estimate` says before
-        how long they take.
+        ``granphon.base.progress.Terminal()`` draws a bar on stderr. :meth:`estimate` says
+        beforehand how long they take.
 
-    Raises :class:`~granphon.base.errors.InputError` for something else, and for balls that are not
-    at rest under the static forces that act
+    Raises :class:`~granphon.base.errors.InputError` for any other source, and for balls that are
+    not at rest under the static forces that act
     (:meth:`~granphon.networks.network.ContactNetwork.require_rest`).
     """
 
@@ -75,6 +75,7 @@ class Waves:
         self._progress = progress
 
     def __repr__(self) -> str:
+        """Return the numbers of balls and contacts, and the motions of each ball."""
         network = self.network
         motions = self.network.ball_motions
         return (
@@ -99,14 +100,16 @@ class Waves:
 
     @cached_property
     def _stable_operator(self) -> WaveOperator:
-        """D of the network; an :class:`~granphon.base.errors.InstabilityError` if a squared
-        frequency is below zero.
+        """D of the network, after a check that it is stable, which is made once.
+
+        Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
         """
         require_stable(self.operator)
         return self.operator
 
     def estimate(self, name: str, *arguments: Any, **options: Any) -> Cost:
-        """Return what a result costs on one processor of this machine, before it does.
+        """Return an estimate of the time and memory that a result takes on one processor of this
+        machine.
 
         Parameters
         ----------
@@ -117,10 +120,10 @@ class Waves:
         arguments, options : those of the method; none of moduli; of a transmission the two leads,
             the frequencies, ``axis`` and ``q``.
 
-        :attr:`~granphon.media.cost.Cost.text` says it in words; ``memory`` is in bytes, and
-        ``seconds`` is the processor's time, within a factor of about three: D is made, and one
-        product with it is timed. For modes that are filtered out of random vectors the density of
-        states is found, a small part of the search.
+        :attr:`~granphon.media.cost.Cost.text` of the estimate is a sentence; ``memory`` is in
+        bytes, and ``seconds`` is the processor's time, within a factor of about three. For the
+        estimate D is made, and one product with it is timed. For modes that are filtered out of
+        random vectors the density of states is computed too, a small part of the search.
 
         Raises :class:`~granphon.base.errors.InputError` for another name, and what the method
         refuses by its numbers.
@@ -139,22 +142,23 @@ class Waves:
     ) -> SpectralDensity:
         """Return the density of states, 1/Hz per ball that moves, by the kernel polynomial method.
 
-        Up to 600 motions of all balls all modes are found, and the density has no error. Of larger
-        networks it is estimated by random vectors.
+        If all balls together have up to 600 motions, all modes are found, and the density has no
+        error. The density of a larger network is estimated by random vectors.
 
         Parameters
         ----------
-        resolution : standard deviation of the kernel at frequency zero, Hz; above it is finer.
-        vectors : number of random vectors; the error falls as its root, and as that of the number
-            of balls.
-        seed : from which the random vectors are drawn.
+        resolution : standard deviation of the kernel at frequency zero, Hz; at higher frequencies
+            the kernel is narrower.
+        vectors : number of random vectors; the error falls as the root of this number, and as the
+            root of the number of balls. With one vector the error is nan.
+        seed : number from which the random vectors are drawn.
         moments : number of Chebyshev moments, in place of the resolution; 256 without either.
 
-        Raises :class:`~granphon.base.errors.InputError` for numbers out of range, and for more than
-        2^26 moments of all random vectors; :class:`~granphon.base.errors.InstabilityError` if a
-        squared frequency is below zero. With one vector the error is nan. Memory is that of D, of
-        about six vectors, of those kept for more moments, up to 256 MiB, and of the densities of
-        all random vectors: about 400 bytes for each moment of each vector while they are found.
+        The memory is that of D, of about six vectors, of vectors that are kept for more moments, up
+        to 256 MiB, and of the densities of all random vectors, about 400 bytes for each moment of
+        each vector. Raises :class:`~granphon.base.errors.InputError` for numbers out of range, and
+        for more than 2^26 moments of all random vectors;
+        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
         """
         operator = self._stable_operator
         vectors = whole_number("vectors", vectors, 1, MOST_MOMENTS)
@@ -175,14 +179,15 @@ class Waves:
         """Return the local density of states of a ball at given frequencies, 1/Hz, for each of its
         motions.
 
-        It is found from moments of the motions themselves, without random vectors, and has no error
-        but that of the kernel.
+        The density is found from the moments of the vectors in which the ball alone moves, without
+        random vectors. It is exact, but for the kernel, which broadens each line.
 
         Parameters
         ----------
-        ball : its index.
+        ball : index of the ball.
         frequencies : (n_f,) Hz.
-        resolution : standard deviation of the kernel at frequency zero, Hz; above it is finer.
+        resolution : standard deviation of the kernel at frequency zero, Hz; at higher frequencies
+            the kernel is narrower.
         moments : number of Chebyshev moments, in place of the resolution; 256 without either.
 
         Raises :class:`~granphon.base.errors.InputError` for a ball that is not there or does not
@@ -200,21 +205,23 @@ class Waves:
         direction: ArrayLike | None = None,
         moments: int | None = None,
     ) -> SpectralFunction:
-        """Return A(q, f), the spectrum of plane waves, by the kernel polynomial method: the
-        positions of balls give phases.
+        """Return the spectral function A(q, f), the spectrum of plane waves with the wave vectors
+        q, by the kernel polynomial method.
 
         Parameters
         ----------
-        q : (d,) or (n, d) wave vectors, Cartesian, 1/m. Along periods of the cell they must be
-            those that it has;
-            :meth:`nearest_wavevectors` finds these.
-        polarisation : "longitudinal", along q; "transverse", across q; "rotational"; or numbers,
-            one for each displacement, or one for each motion of a ball. Where several directions
-            are across q, or several axes of rotation are free, the result is the mean over them; in
-            the plane, waves across q move in the plane if balls can.
-        resolution : standard deviation of the kernel at frequency zero, Hz; above it is finer.
-        direction : (2,) or (3,): of a transverse wave, its part across q; of a rotational one, the
-            axis; of a wave with q = 0, which has none of its own, that of the displacements.
+        q : (d,) or (n, d) wave vectors, Cartesian, 1/m. Their waves must repeat with the periodic
+            cell; :meth:`nearest_wavevectors` finds such wave vectors near any q.
+        polarisation : "longitudinal": balls move along q. "transverse": balls move across q.
+            "rotational": balls turn. Or numbers, one for each displacement, or one for each motion
+            of a ball. If several directions are across q, or several axes of rotation are free, the
+            result is the mean over them. In the plane, transverse waves move in the plane if balls
+            can.
+        resolution : standard deviation of the kernel at frequency zero, Hz; at higher frequencies
+            the kernel is narrower.
+        direction : (2,) or (3,) vector. A transverse wave moves along its part across q, a
+            rotational wave turns about it, and a wave with q = 0, which has no direction of its
+            own, moves along it.
         moments : number of Chebyshev moments, in place of the resolution; 256 without either.
 
         Raises :class:`~granphon.base.errors.InputError` for a q that the cell does not have, whose
@@ -234,33 +241,39 @@ class Waves:
         count : number of modes.
         nearest : frequency, Hz; None for the lowest modes.
 
-        Up to 600 motions that contacts resist, and where more than a third of the modes are
-        requested, all modes are found (dense). Larger networks are factorised, and counted by the
-        signs of the pivots so that no mode is missed, up to 300,000 motions in the plane and
-        120,000 in space. Beyond, the lowest modes are found by a block of vectors, which are
-        followed down with a preconditioner of two levels: the work grows as the number of motions.
-        Modes ``nearest`` to a frequency, and the lowest ones where more than 48 modes cost no
-        energy, are filtered out of random vectors by Chebyshev polynomials: that work grows as the
-        square of the number of motions, and is the same for one mode as for tens of them. In both
-        ways fresh random vectors, freed of the modes that were found, show whether one is missed.
+        The method depends on the number of motions that contacts resist:
 
-        Raises :class:`~granphon.base.errors.InputError` for a frequency above the top, more modes
-        than there are, or, before any filter is applied, for modes that take more than 4 GiB or two
-        million products of D with a vector; :class:`~granphon.base.errors.InstabilityError` if a
-        squared frequency is below zero; :class:`~granphon.base.errors.ConvergenceError` if they
-        turn out to take more, as where hundreds of modes have one frequency, or where a gap around
+        - Up to 600 motions, or if more than a third of all modes are requested, all modes are found
+          by a dense matrix.
+        - Up to 300,000 motions in the plane and 120,000 in space the matrix is factorised, and the
+          signs of the pivots count the modes, so that no mode is missed.
+        - Beyond, the lowest modes are found by a block of vectors with a preconditioner of two
+          levels; the work grows as the number of motions.
+        - Beyond, modes ``nearest`` to a frequency, and the lowest modes if more than 48 modes cost
+          no energy, are filtered out of random vectors by Chebyshev polynomials; the work grows as
+          the square of the number of motions, and is the same for one mode as for tens of them.
+
+        With the last two methods fresh random vectors, less what they have of the modes that were
+        found, show whether a mode is missing.
+
+        Raises :class:`~granphon.base.errors.InputError` for a frequency above the top, for more
+        modes than there are, and, before any filter is applied, for modes that take more than 4 GiB
+        or two million products of D with a vector; :class:`~granphon.base.errors.InstabilityError`
+        if a squared frequency is below zero; :class:`~granphon.base.errors.ConvergenceError` if the
+        modes turn out to take more, as when hundreds of modes have one frequency, or a gap around
         ``nearest`` is wide.
         """
         return find_modes(self._stable_operator, count, nearest)
 
     def whole_modes(self, count: int = 10, nearest: float | None = None) -> DampedModes:
-        """Return the lowest modes, or those nearest to a frequency, of all that acts at contacts:
-        also of static tangential forces, and of slip by the radii, without a potential.
+        """Return the lowest modes, or those nearest to a frequency, with all forces at contacts:
+        also those without a potential, which are static tangential forces and slip by the radii.
 
-        :meth:`modes` are those of the symmetric part of the matrix. The rest changes frequencies in
-        second order of T/(k r) and of the overlap, and where two are next to each other it may make
-        them a pair of complex ones, of which one grows and the other decays, as in the program from
-        which the law is. Without such forces the modes are those of :meth:`modes`.
+        :meth:`modes` returns the modes of the symmetric part of the matrix. The antisymmetric part
+        changes frequencies in second order of T/(k r) and of the overlap. Two frequencies that are
+        next to each other may become a pair of complex ones, so that one mode grows and the other
+        decays, as in the program from which the law is. Without such forces the modes are those of
+        :meth:`modes`.
 
         Parameters
         ----------
@@ -268,12 +281,13 @@ class Waves:
             nearest; None for the lowest.
 
         Frequencies are complex, Hz; those of modes that grow have an imaginary part below zero. Up
-        to 600 motions all modes are found (dense); larger networks, up to 300,000 motions in the
-        plane and 12,000 in space, are factorised, and nothing proves that no mode is missed.
+        to 600 motions all modes are found by a dense matrix. Larger networks, up to 300,000 motions
+        in the plane and 12,000 in space, are factorised, and nothing proves that no mode is
+        missing.
 
         Raises :class:`~granphon.base.errors.InputError` for more motions, for more modes than cost
-        energy, and for more than a third of all in a large network; and
-        :class:`~granphon.base.errors.InstabilityError` as :meth:`modes`.
+        energy, and for more than a third of all modes of a large network; and
+        :class:`~granphon.base.errors.InstabilityError` as :meth:`modes` does.
         """
         return find_whole(self._stable_operator, count, nearest)
 
@@ -281,9 +295,9 @@ class Waves:
         """Return the lowest branches of a network that repeats, (n_q, count) Hz, ascending, at
         given wave vectors.
 
-        Only the lowest ones are found, so that the network may have 1e5 balls;
-        :meth:`gp.Phonons.frequencies <granphon.Phonons.frequencies>` has all branches of cells of a
-        few thousand balls. Frequencies up to 1e-6 of the top one are zero, and are among them.
+        Only the lowest branches are found, so that the network may have 1e5 balls;
+        :meth:`gp.Phonons.frequencies <granphon.Phonons.frequencies>` returns all branches of cells
+        of a few thousand balls. Frequencies up to 1e-6 of the top frequency are returned as zero.
 
         Parameters
         ----------
@@ -291,29 +305,30 @@ class Waves:
             in their order.
         count : number of branches at each wave vector.
 
-        Raises :class:`~granphon.base.errors.InputError` for a network without a period, wave
-        vectors of another shape, and more branches than a third of all, or so;
+        Raises :class:`~granphon.base.errors.InputError` for a network without a period, for wave
+        vectors of another shape, and for more than about a third of all branches;
         :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero;
-        :class:`~granphon.base.errors.ConvergenceError` if the branches are not found, as where
+        :class:`~granphon.base.errors.ConvergenceError` if the branches are not found, as when
         hundreds of them are zero.
         """
         return find_branches(self.operator, q, count)
 
     def count_modes(self, frequencies: ArrayLike) -> Any:
-        """Return the number of modes below each frequency, with those that cost no energy.
+        """Return the number of modes below each frequency, with those that cost no energy: whole
+        numbers (n_f,), or one if a number is given.
 
         The number is proven: D - omega^2 is factorised, and has as many eigenvalues below zero as
-        pivots (Sylvester's law of inertia). Differences are the numbers of modes between two
-        frequencies, and the average of the density of states there.
+        pivots below zero (Sylvester's law of inertia). The difference of two of these numbers is
+        the number of modes between their frequencies, the integral of the density of states.
 
         Parameters
         ----------
-        frequencies : (n_f,) or a number, Hz, above zero. At or below 1e-6 of the top frequency the
-            modes that cost no energy are counted.
+        frequencies : (n_f,) or a number, Hz, above zero. For frequencies at or below 1e-6 of the
+            top frequency, only the modes that cost no energy are counted.
 
-        Returns whole numbers (n_f,), or one. Each takes a factor: of 1e4 balls in space, with
-        rotations, 10 s of a processor at 2 to 3 GHz, and 1 GB; the time grows as the square of the
-        number of balls in space, and as its power 3/2 in the plane. Raises
+        Each frequency takes one factorisation: of 1e4 balls in space, with rotations, 10 s of a
+        processor at 2 to 3 GHz, and 1 GB; the time grows as the square of the number of balls in
+        space, and as its power 3/2 in the plane. Raises
         :class:`~granphon.base.errors.InputError` for frequencies that are not above zero, and for
         more motions than are factorised, 300,000 in the plane and 120,000 in space;
         :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
@@ -340,62 +355,65 @@ class Waves:
         method: str | None = None,
         tolerance: float = TOLERANCE,
     ) -> Response:
-        """Return complex amplitudes of balls, or of forces of contacts, while balls or a wall are
-        driven at given frequencies.
+        """Return the complex amplitudes of balls, or of forces of contacts, in the steady motion
+        that a source makes at given frequencies.
 
-        Motions are u exp(i omega t). The network is left as it is, finite, periodic or cut.
-        Frequencies of small networks are solved one by one, those of large ones by a Krylov space
-        for all of them where that is less work; :attr:`Response.method` says which, and
-        :attr:`Response.error` how well.
+        Motions are u exp(i omega t). The network is left as it is, finite, periodic or cut. The
+        frequencies of small networks are solved one by one. Those of large networks are solved by
+        one Krylov space if that is less work; :attr:`Response.method` says which method was taken,
+        and :attr:`Response.error` how large the error is.
 
         Parameters
         ----------
         frequencies : (n_f,) Hz, ascending.
         source : (ball, direction), where ball is an index or several, and direction "x", "y", "z"
-            or a vector (1,) to (3,); "plane", the first plane of balls; or a list of these, which
-            are driven together. A force of 1 N pushes each ball. With
-            ``quantity="transmissibility"`` or "stiffness" the source is a body that does not move
-            by itself, such as a wall, a floor or a clamped ball, and is moved; "plane" is then the
-            first of these, and "floor" the one flat wall, which is moved towards the balls.
-        receiver : likewise, one for each ball; "plane" is the last plane of balls, or that at the
-            ``distance``. A force is that of the contact (i, j) of two balls, of the "floor", or of
-            (ball, direction): a sensor in the ball, which reads half of the sum of the normal
-            forces of its contacts, each times the cosine of its normal and the direction, so the
-            mean of two contacts of a chain; in a body that is held, the whole sum.
-        damping : s, the viscosity c of each contact over its stiffness k, as in :meth:`transmit`: a
-            number or (n_c,), or a tuple of that in normal motion and in all other.
-        loss_factor : eta of the complex stiffness k (1 + i eta), a number or (n_c,), or a tuple of
-            two, as the damping.
-        drag : 1/s, of the force -drag m v and the torque -drag I omega on each ball: a number, or a
-            tuple of that of displacements and of rotations.
-        dashpot : c, N s/m, of each contact: a number or (n_c,), or a tuple of that in normal motion
-            and in slip. Twist and rolling are damped with the time c/k of slip.
-        restitution : e, above zero and up to 1, a number or (n_c,): a dashpot c = alpha(e) (m*
-            k)^1/2 in normal motion and in slip, with which a collision has this e at any velocity
-            (:mod:`granphon.dynamics.damping`).
-        quantity : "displacement", of the balls over the force, m/N; "velocity", m/(N s);
-            "acceleration", 1/kg; "force", normal force of contacts over that of the source, above
-            zero where these are pressed more, springs and dashpots taken together;
+            or a vector (1,) to (3,); or "plane", the first plane of balls; or a list of these,
+            which are driven together. A force of 1 N pushes each ball. With
+            ``quantity="transmissibility"`` or "stiffness" the source is a body that is held, such
+            as a wall, a floor or a clamped ball, and is displaced; "plane" is then the first plane
+            of such bodies, and "floor" the one flat wall, which is displaced towards the balls.
+        receiver : balls in the same form, each of which is a receiver; "plane" is the last plane of
+            balls, or that at the ``distance``. For a force, a receiver is the contact (i, j) of two
+            balls, the "floor", or (ball, direction), a sensor in the ball. A sensor reads half of
+            the sum of the normal forces of the contacts of its ball, each times the cosine between
+            its normal and the direction; in a chain this is the mean of two contacts. A sensor in a
+            body that is held reads the whole sum.
+        damping : viscosity c of each contact over its stiffness k, s, as in :meth:`transmit`: a
+            number or (n_c,), or a tuple of that in normal motion and of that in all other.
+        loss_factor : eta of the complex stiffness k (1 + i eta): a number or (n_c,), or a tuple of
+            that in normal motion and of that in all other.
+        drag : rate of the force -drag m v and of the torque -drag I omega on each ball, 1/s: a
+            number, or a tuple of that of displacements and of that of rotations.
+        dashpot : viscosity c of each contact, N s/m: a number or (n_c,), or a tuple of that in
+            normal motion and of that in slip. Twist and rolling are damped with the time c/k of
+            slip.
+        restitution : e of a collision, above zero and up to 1, a number or (n_c,): each contact has
+            a dashpot c = alpha(e) (m* k)^1/2 in normal motion and in slip, with which a collision
+            has this e at any velocity (:mod:`granphon.dynamics.damping`).
+        quantity : "displacement" of the balls over the force, m/N; "velocity", m/(N s);
+            "acceleration", 1/kg; "force", the normal force of contacts, springs and dashpots
+            together, over that of the source, above zero where contacts are pressed more;
             "transmissibility", the displacement of the balls over that of the source; or
-            "stiffness", the force over the displacement of the source, N/m, which "force" is too
-            where the source is held.
-        direction : (1,) to (3,) across the planes; by default the first axis along which the
+            "stiffness", the force over the displacement of the source, N/m, which is also taken for
+            "force" if the source is held.
+        direction : (1,) to (3,) vector across the planes; by default the first axis along which the
             network does not repeat, or x.
-        polarisation : of "plane", along which it is driven and heard, as in :meth:`transmit`.
-        distance : m, of the receiving plane from the first.
-        method : "direct", factors at each frequency; "krylov", a space for all of them; None for
-            the faster.
-        tolerance : bound of the error, over the largest response at a frequency, with which a
-            Krylov space is content.
+        polarisation : direction in which a "plane" is driven and heard, as in :meth:`transmit`.
+        distance : distance of the receiving plane from the first one, m.
+        method : "direct": factors at each frequency; "krylov": one space for all frequencies; None
+            for the faster of both.
+        tolerance : bound of the error, over the largest response at a frequency, at which a Krylov
+            space ends.
 
         Raises
         ------
-        InputError : frequencies below zero, not real or not sorted; a ball that is not there or,
-            but where a wall is moved, one of the source that is held; no receiver; a sensor without
-            a contact; a loss below zero, a restitution of zero or above 1; a mode without losses at
-            a frequency.
-        ConvergenceError : a network too large to be factorised, and damped too little, or unevenly;
-            or what would take more than an hour, unless a ``method`` is given.
+        InputError : frequencies below zero, not real or not sorted; a ball that is not there; a
+            ball of the source that is held, unless a wall is displaced; no receiver; a sensor
+            without a contact; a loss below zero, a restitution of zero or above 1; a mode without
+            losses at one of the frequencies.
+        ConvergenceError : a network that is too large to be factorised, and damped too little or
+            unevenly; or, unless a ``method`` is given, a response that would take more than an
+            hour.
         InstabilityError : a squared frequency is below zero.
         """
         operator = self._stable_operator
@@ -417,42 +435,42 @@ class Waves:
         dashpot: Any = 0.0,
         restitution: Any = 1.0,
     ) -> DampedModes:
-        """Return damped modes that cost energy, the lowest or those nearest to a frequency: complex
-        frequencies, Q factors.
+        """Return damped modes that cost energy, the lowest or those nearest to a frequency, with
+        their complex frequencies and Q factors.
 
         Parameters
         ----------
         count, nearest : number of modes, and the frequency, Hz, to which their real parts are
             nearest; None for the lowest.
-        damping, loss_factor, drag, dashpot, restitution : as for :meth:`response`.
+        damping, loss_factor, drag, dashpot, restitution : losses, as for :meth:`response`.
 
-        Modes that creep have a real part of zero: they are the lowest, and the slowest of them is
-        the first.
+        Modes that creep have a real part of zero: they are the lowest modes, and the slowest of
+        them is the first.
 
-        Where all motions are damped alike, the modes are those of :meth:`modes`: they are chosen by
-        their frequencies without losses, then damped.
-        Where motions are damped unevenly, and contacts resist up to 300 of them (up to 600 if many
-        modes are requested), all modes are computed, and chosen by their real parts.
-        Larger networks, up to 300,000 such motions in the plane and 120,000 in space, are
-        factorised, and modes are chosen among those nearest in the complex plane. Modes that creep
-        fast are far away there, though their real part is zero, and may then be missing.
+        If all contacts and motions have the same losses, the modes are those of :meth:`modes`: they
+        are chosen by their frequencies without losses, and then damped. If losses differ, and
+        contacts resist up to 300 motions (up to 600 if many modes are requested), all modes are
+        computed, and chosen by their real parts. Larger networks, up to 300,000 such motions in the
+        plane and 120,000 in space, are factorised, and modes are chosen among those nearest in the
+        complex plane. Modes that creep fast are far away there, though their real part is zero, and
+        may then be missing.
 
         Raises :class:`~granphon.base.errors.InputError` for a damping below zero, for more modes
-        than there are, or than are found in a large network, and for more
-        unevenly damped motions than are factorised;
-        :class:`~granphon.base.errors.PrecisionError` for dashpots that differ and are far stiffer
-        than springs; :class:`~granphon.base.errors.ConvergenceError` if the iteration does not end;
-        and what :meth:`modes` raises.
+        than there are, or than can be found in a large network, and if losses differ and there are
+        more motions than are factorised; :class:`~granphon.base.errors.PrecisionError` for dashpots
+        that differ and are far stiffer than springs;
+        :class:`~granphon.base.errors.ConvergenceError` if the iteration does not end; and what
+        :meth:`modes` raises.
         """
         given = GivenLosses(damping, loss_factor, drag, dashpot, restitution)
         losses = Losses.of(self.network, given)
         return find_damped(self._stable_operator, count, nearest, losses)
 
     def nearest_wavevectors(self, q: ArrayLike) -> Array:
-        """Return the wave vectors nearest to ``q`` (d,) or (n, d), 1/m, that the periodic cell has,
-        in the same shape.
+        """Return the wave vectors nearest to ``q`` (d,) or (n, d), 1/m, whose waves repeat with the
+        periodic cell, in the same shape.
 
-        Along an axis without a period the cell has every wave vector.
+        Along an axis without a period any component is allowed.
         """
         return nearest_wavevectors(self.network, q)
 
@@ -475,59 +493,60 @@ class Waves:
         planes: ArrayLike = (),
         frames: ArrayLike = (),
     ) -> Pulse:
-        """Send a pulse through the network, and hear it on a plane of balls.
+        """Send a pulse through the network, and return what is received of it on a plane of balls.
 
         A force sin(omega (t - P/2)) (1 - cos(2 pi t/P))/2, 1 N at its greatest, pushes each ball of
         the source from t = 0 to P = cycles/frequency. The dynamics are linear, and propagated to
-        rounding: by an expansion in Chebyshev polynomials whose coefficients that are left out add
-        up to 1e-13.
+        rounding, by an expansion in Chebyshev polynomials: the coefficients that are left out add
+        up to 1e-13 at most.
 
         Parameters
         ----------
-        frequency : Hz, up to the top of the network's modes.
-        direction : (1,) to (3,) the direction in which the pulse travels, Cartesian.
-        distance : m, of the receiving plane: that of the balls nearest to it, which the result
-            says. It counts from the source; if that is a plane at an end, from the end: the plane
-            halfway between the first balls and those that were before them, or the balls of the
-            wall.
-        cycles : periods of the burst, 1 or more.
-        polarisation : "longitudinal"; "transverse", which in the plane of balls is across the
+        frequency : frequency of the burst, Hz, up to the top of the network's modes.
+        direction : (1,) to (3,) direction in which the pulse travels, Cartesian.
+        distance : distance of the receiving plane, m. The plane of the balls nearest to this
+            distance is taken, and the result has its distance. Distances count from the source; if
+            the source is a plane at an end, from that end, which is the plane halfway between the
+            first balls and those that were before them, or the balls of the wall.
+        cycles : number of periods of the burst, 1 or more.
+        polarisation : direction in which the source pushes, and of the velocities that are
+            received: "longitudinal"; "transverse", which in the plane of balls is across the
             direction, and in space along the axis farthest from it; "out_of_plane"; or a vector
-            (1,) to (3,) along which the source pushes. Signals are velocities along it.
-        source : "plane": the first plane of balls; "ball": one of them; or the index of a ball, or
-            several.
+            (1,) to (3,).
+        source : "plane": the first plane of balls; "ball": one of these balls; or the index of a
+            ball, or several.
         ends : "free": contacts across the plane before the first balls are cut, and balls that
-            static forces then push over are left out (``left_out`` of the result); "walls": the
-            balls before it are held; "periodic": the network stays as it is, and the pulse runs
-            both ways. A network without a period along the direction, such as one between walls of
-            its own, is left as it is.
-        damping : s, the viscosity of each contact over its stiffness, as in :meth:`response`: a
-            mode of the angular frequency omega decays as exp(-damping omega^2 t/2).
-        tangential_damping : s, the same of slip, twist and rolling, if it is another than that of
+            static forces then push over are left out (``left_out`` of the result). "walls": the
+            balls before that plane are held. "periodic": the network stays as it is, and the pulse
+            runs both ways. A network without a period along the direction, such as one between
+            walls of its own, is left as it is.
+        damping : viscosity of each contact over its stiffness, s, as in :meth:`response`: a mode of
+            the angular frequency omega decays as exp(-damping omega^2 t/2).
+        tangential_damping : the same for slip, twist and rolling, s, if it differs from that of
             normal motion.
-        drag, dashpot, restitution : as in :meth:`response`. Where contacts or motions are damped
-            differently, as with static forces, modes exchange energy, and the propagation takes
-            several times as long.
-        duration : s, of the record. By default that of the burst and three times that of a wave in
-            which balls move in proportion, which is the fastest; in a periodic network it ends
-            before that wave comes round the other way, and must hold the burst and its flight. With
-            another duration the signals are right too, but may not be of one pulse.
+        drag, dashpot, restitution : further losses, as in :meth:`response`. If losses differ
+            between contacts or motions, or act beside static forces, modes exchange energy, and the
+            propagation takes several times as long.
+        duration : length of the record, s. The default is that of the burst and three times the
+            flight of the fastest long wave. In a periodic network the record ends before that wave
+            comes round the other way, and must hold the burst and its flight. With another duration
+            the signals are right too, but may not be of one pulse.
         planes : (n_p,) distances of further planes on which the mean velocity is recorded, m.
         frames : (n_f,) times at which the velocities of all balls are kept, s.
 
         Raises
         ------
         InputError : planes across the direction meet themselves in the periodic network before
-            twice the distance (with ends, before the distance); there are no balls there, or they
-            are those of the source, or no contacts join them with it; nothing resists the
-            polarisation; a number out of range; a record that takes more than 2^20 products with D,
-            or that the other way round a periodic network ends before the burst and its flight are
-            over.
+            twice the distance (with ends, before the distance); there are no balls at the distance,
+            or they are those of the source, or no contacts join them with the source; nothing
+            resists the polarisation; a number is out of range; the record takes more than 2^20
+            products with D; in a periodic network the pulse that runs the other way round ends the
+            record before the burst and its flight are over.
         UnreachableFrequencyError : the frequency is above all modes of the network.
         InstabilityError : the prestress makes a squared frequency negative, or leaves no array
             between free ends.
 
-        Where the pulse has no time of flight, it is nan, and the warnings of the result say why.
+        If the time of flight is not known, it is nan, and the warnings of the result say why.
         """
         losses = GivenLosses(damping, drag=drag, dashpot=dashpot, restitution=restitution)
         request = PulseSource(
@@ -543,7 +562,7 @@ class Waves:
             planes=planes,
             frames=frames,
         )
-        # ends that are cut or held make another network, with an operator of its own
+        # other ends make another network, which gets an operator of its own
         operator = self._stable_operator if is_one_of(ends, ("periodic",)) else None
         pulse = transmit(self.network, request, operator, self._progress)
         return replace(pulse, warnings=(*self.warnings, *pulse.warnings))

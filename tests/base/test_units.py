@@ -223,3 +223,12 @@ def test_units_are_those_of_pint(registry, kind, units):
         )
         factor = registry.Quantity(Decimal(1), written).to(kind.unit).magnitude
         assert kind.read(f"3 {unit}") == pytest.approx(float(3 * factor), rel=2e-16), unit
+
+
+def test_few_digits_are_written_without_an_exponent():
+    assert [write_quantity(value, "m/s", 2) for value in (0.9, 0.0123, 123.0, 0.996)] == [
+        "900 mm/s",
+        "12 mm/s",
+        "120 m/s",
+        "1 m/s",
+    ]

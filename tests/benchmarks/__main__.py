@@ -12,6 +12,7 @@ import sys
 
 import bench_arrays
 import bench_calculator
+import bench_compilation
 import bench_crystals
 import bench_effective
 import bench_friction
@@ -38,7 +39,8 @@ PARTS = (
 )
 PARTS |= bench_effective.PARTS | bench_pulses.PARTS | bench_waves.PARTS | bench_sweeps.PARTS
 PARTS |= bench_friction.PARTS | bench_motion.PARTS | bench_times.PARTS | bench_networks.PARTS
-PARTS |= {"factors": bench_waves.factors} | bench_sensitivities.PARTS
+PARTS |= bench_compilation.PARTS | {"factors": bench_waves.factors}
+PARTS |= bench_sensitivities.PARTS
 
 if __name__ == "__main__":
     sys.exit(

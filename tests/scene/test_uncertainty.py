@@ -63,15 +63,10 @@ def test_errors_of_velocities_follow_from_powers(result):
 
 
 @pytest.mark.claim("errors-hertz")
-@pytest.mark.parametrize("count", [100, pytest.param(400, marks=pytest.mark.slow)])
-def test_errors_are_those_of_many_random_scenes(result, count):
-    """The spread at random values of the parameters: of 400 states to 3.5 %, and of fewer whose
-    parameters have exactly these errors and no correlation.
-    """
+def test_errors_are_those_of_many_random_scenes(result):
+    """The spread of 400 states at random values of the parameters is known to 3.5 %."""
     numbers = result.summary()
-    draws = np.random.default_rng(4).normal(size=(count, 3))
-    if count < 400:
-        draws = np.sqrt(count) * np.linalg.qr(draws - draws.mean(axis=0))[0]
+    draws = np.random.default_rng(4).normal(size=(400, 3))
     factors = 1.0 + ERRORS * draws
     velocities = []
     for young, force, diameter in factors:
