@@ -83,10 +83,12 @@ def count_coordinates(packing: Packing) -> int:
 
 
 def _shapes(coordinates: int) -> dict[str, tuple[int, ...]]:
-    """Shape of one ball's entry in each array of :data:`ARRAYS`; balls that move in space turn
-    about three axes.
+    """Return the shape of one ball's entry in each array of :data:`ARRAYS`, for balls of which so
+    many ``coordinates`` count.
     """
-    return ARRAYS | {"rotations": (3,)} if coordinates == 3 else ARRAYS
+    if coordinates == 3:  # balls that move in space turn about three axes
+        return ARRAYS | {"rotations": (3,)}
+    return ARRAYS
 
 
 def has_masses(balls: Atoms) -> bool:
@@ -112,9 +114,9 @@ def take_arrays(
 ) -> None:
     """Put scales and arrays on Atoms, in place; ``coordinates`` is from :func:`count_coordinates`.
 
-    Each array is taken from ``given`` if it is there, otherwise from the Atoms, otherwise it is
-    that of balls at rest on the lattice sites. Missing masses become (1 + deviation)^3, as for
-    balls of one material.
+    An array of ``given`` comes first, then the array that the Atoms have, then the array of balls
+    at rest on the lattice sites. Missing masses become (1 + deviation)^3, as for balls of one
+    material, and missing radii (1 + deviation)/2. The scales also go into ``info``.
     """
     new = {name: np.zeros((len(balls), *shape)) for name, shape in _shapes(coordinates).items()}
     new |= {
@@ -136,8 +138,8 @@ def take_arrays(
 def adopt(
     atoms: Atoms, units: Units, kind: Kind, like: Atoms | None = None, coordinates: int = 2
 ) -> Atoms:
-    """Copy Atoms, and give the copy the arrays and masses that it lacks: those of ``like``, or of
-    balls on the lattice.
+    """Return a copy of Atoms with the arrays and masses that they lack: those of ``like``, or else
+    those of balls at rest on the lattice sites.
 
     Raises :class:`~granphon.base.errors.InputError` if ``like`` has another number of balls, or if
     the scales in ``info`` are not those of ``units``.
@@ -164,14 +166,14 @@ def adopt(
 
 
 def find_kind(balls: Atoms, units: Units, finite_overlap: bool, coordinates: int = 2) -> Kind:
-    """Find out whether the balls are of kind :data:`LATTICE`, :data:`FINITE` or :data:`SAMPLE`.
+    """Return the kind of the balls: :data:`LATTICE`, :data:`FINITE` or :data:`SAMPLE`.
 
     Raises :class:`~granphon.base.errors.InputError` if an array or masses are missing, or the balls
     belong to another state, or to a state whose balls have another number of ``coordinates``.
     """
-    missing = ["masses"] * (not has_masses(balls)) + [
-        name for name in ARRAYS if not balls.has(name)
-    ]
+    missing = [name for name in ARRAYS if not balls.has(name)]
+    if not has_masses(balls):
+        missing.insert(0, "masses")
     if missing:
         raise InputError(
             f"the Atoms have no {', '.join(missing)}",
@@ -186,7 +188,8 @@ def find_kind(balls: Atoms, units: Units, finite_overlap: bool, coordinates: int
         raise InputError(
             "the Atoms combine balls on different lattices", mend="Use balls of one lattice"
         )
-    kind: Kind = kinds.pop() if kinds else FINITE * finite_overlap
+    kind_without_balls = FINITE if finite_overlap else LATTICE
+    kind: Kind = kinds.pop() if kinds else kind_without_balls
     if (kind == FINITE) != finite_overlap:
         ours, theirs = ("with", "without") if finite_overlap else ("without", "with")
         raise InputError(
@@ -217,11 +220,14 @@ def require_lying(balls: Atoms, periods: int) -> None:
 
 
 def _take_logarithms(units: Units) -> Array:
+    """Return the natural logarithms (3,) of d in m, k in N/m and M in kg."""
     return np.log([units.length, units.stiffness, units.mass])
 
 
 def _require_shapes(balls: Atoms, coordinates: int) -> None:
-    """Raise InputError if an array is not one of balls with this number of ``coordinates``."""
+    """Raise InputError if an array has another shape than that of balls of which so many
+    ``coordinates`` count.
+    """
     for name, shape in _shapes(coordinates).items():
         if balls.arrays[name].shape != (len(balls), *shape):
             axes = "x, y and z" if shape else "z only"
@@ -263,15 +269,17 @@ def _require_info(balls: Atoms, units: Units) -> None:
 
 
 def write_extxyz(path: str | Path, atoms: Atoms) -> None:
-    """Write Atoms as extended XYZ with every digit; ``ase.io.read`` and OVITO read it.
+    """Write Atoms to a file in extended XYZ with every digit; ``ase.io.read`` and OVITO read the
+    file.
 
     ASE's own writer keeps eight decimals. For balls of 8 mm that is 0.1 nm in positions,
-    displacements and diameters, and forces depend on differences of these. Masses stand there
-    twice, as ``masses`` for ASE and as ``mass`` for OVITO. Results of the calculator are not
+    displacements and diameters, and forces depend on differences of these. Masses stand in the
+    file twice, as ``masses`` for ASE and as ``mass`` for OVITO. Results of the calculator are not
     written. The folder is made if need be; a file of granphon is replaced.
 
     Raises :class:`InputError` if ``atoms`` is not an Atoms or ``path`` is not a path, and
-    :class:`~granphon.base.errors.OutputError` where it cannot be written, or another file is there.
+    :class:`~granphon.base.errors.OutputError` if the file cannot be written, or a file that is not
+    granphon's is there.
     """
     with needing("A structure file"):
         from ase import Atoms
@@ -292,5 +300,5 @@ def write_extxyz(path: str | Path, atoms: Atoms) -> None:
     row = row.replace("%16.8f", "%.17g")
     columns = [column for array in arrays.values() for column in np.atleast_2d(array.T)]
     numbers_of_balls = zip(*(column.tolist() for column in columns), strict=True)
-    rows = "".join(map(row.__mod__, numbers_of_balls))
+    rows = "".join(row % numbers for numbers in numbers_of_balls)
     write_text(path, f"{len(atoms)}\n{header}\n{rows}")

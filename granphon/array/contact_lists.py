@@ -21,7 +21,7 @@ from granphon.base.arrays import Array
 from granphon.contacts.contact_list import ContactList
 from granphon.contacts.grid import find_lattice_grid
 
-#: balls of an array, at most, whose ends and directions are kept: 200 bytes a contact
+#: number of balls up to which the contacts of an array are kept: they take 200 bytes a contact
 _KEPT_BALLS = 2**13
 
 
@@ -35,22 +35,27 @@ class Springs(NamedTuple):
 
     @classmethod
     def of(cls, normal: Array, *rotating: Array) -> Springs:
-        """Take stiffnesses of all contacts, or numbers for all."""
-        return cls(normal, *(np.broadcast_to(each, normal.shape) for each in rotating))
+        """Return springs with the stiffness ``normal`` (n_c, L1, ..., Lp) of each contact; the
+        stiffnesses ``rotating`` against slip, twist and roll have the same shape, or are numbers
+        for all contacts.
+        """
+        return cls(normal, *(np.broadcast_to(spring, normal.shape) for spring in rotating))
 
 
 def select_resisted(
     lattice: Lattice, shear: ArrayLike, torsion: ArrayLike, bending: float
 ) -> Motions:
-    """Return the motions of balls on a lattice that some contact resists, by its stiffnesses."""
+    """Return the motions of balls on a lattice that contacts resist, if their stiffnesses against
+    slip, twist and roll are ``shear``, ``torsion`` and ``bending``; zeros resist nothing.
+    """
     return select_motions(shear, torsion, bending, default_motions(lattice.periods))
 
 
 def list_on_lattice(
     shape: tuple[int, ...], lattice: Lattice, motions: Motions, springs: Springs
 ) -> ContactList:
-    """Return the contacts of an array of ``shape`` (L1, ..., Lp) cells that keep the directions of
-    the lattice.
+    """Return the contacts of an array of ``shape`` (L1, ..., Lp) cells, in the directions of the
+    lattice and without static forces.
     """
     grid = find_grid(shape, lattice)
     normal, shear, torsion, bending = (np.ravel(stiffness) for stiffness in springs)
@@ -82,16 +87,18 @@ def list_in_true_directions(
     leaning: NDArray[np.bool_],
     shears: Array | None = None,
 ) -> ContactList:
-    """Return the contacts of an array in its true geometry, with the forces that act.
+    """Return the contacts of an array in its true geometry, with the forces that act, in c W^(3/2).
 
     Parameters
     ----------
     place : configuration of the balls.
-    motions : of each ball.
-    springs : stiffnesses.
+    motions : motions of each ball.
+    springs : stiffnesses of the contacts.
     forces : (n_c, L1, ..., Lp) normal forces.
-    leaning : (n_c, L1, ..., Lp) whether they hold balls that go aside.
-    shears : (contacts, 3) tangential forces along the axes of space; None without friction.
+    leaning : (n_c, L1, ..., Lp) whether the normal force of a contact holds its balls against going
+        aside, and does not push them there.
+    shears : (contacts, 3) tangential forces T along the axes of space, of ball j on ball i; None
+        without friction.
     """
     lattice = place.stencils.lattice
     shape = place.stencils.shape
@@ -141,8 +148,10 @@ class _Grid(NamedTuple):
 
 
 def find_grid(shape: tuple[int, ...], lattice: Lattice) -> _Grid:
-    """Return the ends of the contacts of an array, and what they have on its lattice; those of
-    small arrays are kept.
+    """Return the balls, vectors, normals and arms of the contacts of an array of ``shape`` cells on
+    the lattice; arrays are read-only.
+
+    The contacts of the last 8 arrays of at most ``_KEPT_BALLS`` balls are kept for further calls.
     """
     small = math.prod(shape) * lattice.n_balls <= _KEPT_BALLS
     return _keep_grid(shape, lattice) if small else _keep_grid.__wrapped__(shape, lattice)
@@ -150,8 +159,8 @@ def find_grid(shape: tuple[int, ...], lattice: Lattice) -> _Grid:
 
 @lru_cache(maxsize=8)
 def _keep_grid(shape: tuple[int, ...], lattice: Lattice) -> _Grid:
-    """Return the contacts of a lattice of a ``shape``, in arrays that cannot be written: calls with
-    the same arguments share them.
+    """Return the contacts of :func:`find_grid`, in read-only arrays: calls with the same arguments
+    share them.
     """
     table = lattice.contacts
     kinds = find_lattice_grid(shape, lattice)

@@ -21,9 +21,10 @@ from numpy.typing import DTypeLike, NDArray
 
 Values = NDArray[Any]
 Index = tuple[Any, ...]
-#: bytes of what the ends of contacts contribute that are worked on at a time
+#: bytes that the contributions of the ends of contacts in one slab take, about
 _CACHED = 2**21
-#: layers of a slab, at least, over the ghost layers around it, for which work is done twice
+#: least number of layers of a slab, over the number of ghost layers around it, for which work is
+#: done twice
 _LONG = 2
 #: number of products in a product of matrices up to which OpenBLAS takes one thread
 _ONE_THREAD = 2**18
@@ -52,12 +53,16 @@ class Halo:
         self.inner: tuple[Any, ...] = (..., *inside)
 
     def offset(self, shift: Sequence[int]) -> int:
-        """Return the distance of a shift along the lattice in the flattened array."""
+        """Return the number of places in the flattened array by which a ``shift`` (p,) of cells
+        moves.
+        """
         return sum(step * stride for step, stride in zip(shift, self._strides, strict=True))
 
     def images(self, array: Values, first: int) -> Iterator[tuple[Values, Values]]:
-        """Yield views of ghost layers and of the layers that they repeat, axis after axis from
-        ``first`` on.
+        """Yield pairs of views of an ``array`` (..., P1, ..., Pp): ghost layers, and the layers
+        that they repeat, axis after axis from the axis ``first`` on.
+
+        If each pair is copied in this order, corners are right too.
         """
         for axis in range(first, len(self.shape)):
             below = self.below[axis]
@@ -83,21 +88,26 @@ class Halo:
 
 
 class _Workspace(NamedTuple):
-    """Views of the buffers for a slab of the array; the last axis runs over the places in the
-    flattened slab.
+    """Views of the two buffers for a slab of the array: ``balls``, and the contributions of the two
+    ends of contacts to deformations, heads before tails.
+
+    In arrays with two axes the last axis runs over places in the flattened slab, ghost cells
+    included; ranges of places begin and end where the slab needs them.
 
     Attributes
     ----------
-    balls : (fields, layers, ...) motions of balls and then forces on them, with ghost cells;
-        ``near`` are those that matter, and ``images`` pairs ghost cells with those that they
-        repeat, but for whole layers.
-    ends : (2 rows, ...) what the ends of contacts contribute to deformations.
-    contacts : (rows, layers, ...) those of the tails; deformations or tensions of all contacts take
-        their place. ``rows`` are those of contacts that have an end in the slab.
-    pairs : head and tail of each kind of contact.
-    gathered : a place for the tension at ball j, and the tension at ball i.
-    joined : tensions at both ends.
-    forces : forces on balls.
+    balls : (fields, layers, ...) motions of balls, and later forces on them.
+    images : pairs of ghost cells and the cells that they repeat, along all axes but the first.
+    near : (fields, places) motions of the balls that contacts with an end in the slab join.
+    ends : (2 rows, places) contributions of these balls, as balls j and as balls i of contacts.
+    contacts : (rows, layers, ...) the contributions of the tails; deformations, and then tensions,
+        of all contacts are written in their place, at the cell of ball i.
+    rows : (rows, places) the part of ``contacts`` that has an end in the slab.
+    pairs : for each kind of contact, the contributions of its heads and of its tails.
+    gathered : for each kind of contact, the places of its heads, into which tensions are copied at
+        the cell of ball j, and the tensions at the cell of ball i.
+    joined : (2 rows, places) tensions at both ends of contacts, at the cell of the ball.
+    forces : (fields, places) forces on the balls of the slab.
     """
 
     balls: Values
@@ -115,8 +125,14 @@ class _Workspace(NamedTuple):
 class _Slab(NamedTuple):
     """Layers of the first axis that are worked on together.
 
-    ``sources`` pairs layers with their places in the workspace, ghost layers included. ``start`` is
-    the place of its rows in the flattened array, ``inner`` the index of the layers.
+    Attributes
+    ----------
+    layers : the layers in the array.
+    sources : pairs of layers of the array and of their index in the workspace, ghost layers
+        included.
+    start : place in the flattened array where the slab's ``rows`` begin.
+    inner : index of the layers in the workspace.
+    space : the workspace, which slabs with as many layers share.
     """
 
     layers: slice
@@ -143,10 +159,11 @@ class ContactOperator:
         halo = Halo(shape, both_ways)
         along = (0,) * (len(shape) - 1)
         steps = [halo.offset(shift) for shift in shifts]
-        # the slabs of all kinds of contacts are alike: one that begins in a ghost cell and leads
-        # away has a far end too
-        reach = max(0, *steps) - min(0, *steps) - halo.offset((0, *halo.below[1:]))
-        layers = -(-reach // halo.offset((1, *along)))
+        # deformations of all kinds of contacts are found for the same places of balls i: a contact
+        # that begins in a ghost cell and leads away from the slab needs a cell j too. Ghost layers
+        # are made so many that the farthest of these cells is among them
+        farthest = max(0, *steps) - min(0, *steps) - halo.offset((0, *halo.below[1:]))
+        layers = -(-farthest // halo.offset((1, *along)))
         self.shape = tuple(shape)
         self.n_contacts = len(shifts)
         self.head = head
@@ -160,7 +177,9 @@ class ContactOperator:
     # -- slabs -------------------------------------------------------------------------------------
 
     def slabs(self, precision: DTypeLike) -> list[_Slab]:
-        """Return the slabs of the array, which share buffers of this precision."""
+        """Return the slabs of the array, in order; slabs of equal length share buffers of this
+        ``precision``. The slabs are kept for further calls.
+        """
         key = np.dtype(precision)
         halo = self.halo
         count = self.shape[0]
@@ -199,8 +218,8 @@ class ContactOperator:
         return self._found[key]
 
     def _make_workspace(self, layers: int, precision: DTypeLike) -> _Workspace:
-        """Return arrays of a ``precision`` for a slab of so many ``layers``, and the views of them
-        that :meth:`deform` and :meth:`collect` loop over.
+        """Return the buffers of a ``precision`` for a slab of so many ``layers``, as the views over
+        which :meth:`deform`, :meth:`collect` and :class:`ContactHessian` loop.
         """
         halo = self.halo
         n = self.n_contacts
@@ -242,7 +261,9 @@ class ContactOperator:
     # -- products ----------------------------------------------------------------------------------
 
     def deform(self, balls: Values) -> Values:
-        """Return the deformations C u."""
+        """Return the deformations C u (rows, L1, ..., Lp) by the motions u, ``balls`` (fields, L1,
+        ..., Lp).
+        """
         out = np.empty((self.n_rows, *self.shape), balls.dtype)
         split = np.concatenate([self.head, self.tail]).astype(balls.real.dtype)
         for slab in self.slabs(balls.dtype):
@@ -251,17 +272,18 @@ class ContactOperator:
         return out
 
     def pull(self, *tensions: Values) -> Values:
-        """Return the forces C^T f, for tensions that are given in parts (n, L1, ..., Lp), one after
-        the other.
+        """Return the forces C^T f (fields, L1, ..., Lp), for tensions f whose rows are given in
+        parts (n, L1, ..., Lp), one after the other.
         """
         return self.collect(np.concatenate([self.head, -self.tail]).T, tensions)
 
     def collect(self, matrix: Values, contacts: Sequence[Values]) -> Values:
-        """Return (m, L1, ..., Lp) sums over the contacts of each ball: ``matrix`` (m, 2 rows) times
-        their values.
+        """Return sums (m, L1, ..., Lp) over the contacts of the balls of each cell: ``matrix`` (m,
+        2 rows) times the values of the contacts.
 
-        Its columns are for contacts of which the ball is ball j, and then for those of which it is
-        ball i.
+        The first half of the columns is for contacts of which the ball is ball j, the second half
+        for those of which the ball is ball i. ``contacts`` are the values in parts (n, L1, ...,
+        Lp), one after the other.
         """
         precision = contacts[0].dtype
         matrix = matrix.astype(contacts[0].real.dtype)
@@ -324,10 +346,11 @@ class ContactHessian:
             self._law.append(law[:, slab.start : slab.start + count])
 
     def __call__(self, balls: Values, press: float | None = None) -> tuple[Values, float]:
-        """Return the forces (fields, L1, ..., Lp), and the sum of the tensions along normals with
-        the sign turned.
+        """Return the forces C^T D C u (fields, L1, ..., Lp) for the motions u, ``balls`` (fields,
+        L1, ..., Lp), and minus the sum of the tensions against elongations.
 
-        ``press`` adds to the overlaps of all contacts; without it the sum is not found.
+        ``press`` is added to the overlaps of all contacts, which lessens elongations by as much; if
+        it is None, the sum is not found, and zero is returned.
         """
         operator = self._operator
         n = self._operator.n_contacts
@@ -355,7 +378,10 @@ class ContactHessian:
 
 
 def stretch(split: Values, balls: Values, slab: _Slab) -> None:
-    """Write the deformations of the contacts of a slab into its workspace."""
+    """Write the deformations of the contacts of a slab into ``slab.space.rows``, from the motions
+    ``balls`` (fields, L1, ..., Lp); ``split`` (2 rows, fields) are the coefficients of heads, and
+    then of tails.
+    """
     space = slab.space
     for layers, place in slab.sources:
         space.balls[place] = balls[:, layers]
@@ -367,11 +393,12 @@ def stretch(split: Values, balls: Values, slab: _Slab) -> None:
 
 
 def multiply_columns(matrix: Values, columns: Values, out: Values) -> None:
-    """Write the product of a small matrix with many columns, in parts for which BLAS takes one
-    thread.
+    """Write the product of a small ``matrix`` (m, n) with ``columns`` (n, places) into ``out`` (m,
+    places), in parts that are so small that BLAS takes one thread.
 
-    Threads of BLAS wait for each other, and their number changes the last digit. A real matrix
-    takes the two parts of complex columns as columns of their own.
+    Threads of BLAS wait for each other, and their number changes the last digit. If the matrix is
+    real and the columns are complex, their real and imaginary parts are multiplied as columns of
+    their own.
     """
     if matrix.dtype != out.dtype:
         columns = columns.view(matrix.dtype)

@@ -93,8 +93,9 @@ class Equilibrium(Result):
         return *super().__reduce__(), derivatives
 
     def share(self, deviations: Array, stencils: Stencils) -> Self:
-        """Return the same equilibrium with ``deviations``, equal to its own, and ``stencils``
-        shared with others.
+        """Return the same equilibrium, with the derivatives and the place that it has found, but
+        with these ``deviations``, equal to its own, and these ``stencils``: arrays that other
+        equilibria hold take no memory twice.
         """
         twin = replace(self, deviations=deviations)
         attributes = vars(self)
@@ -134,7 +135,9 @@ class Equilibrium(Result):
 
     @property
     def differences(self) -> Array:
-        """(n_c, L1, ..., Lp) differences h - y of the contacts' overlaps from the common one."""
+        """(n_c, L1, ..., Lp) differences h - y of the contacts' overlaps from the common one; of
+        contacts that are known to stay open, at most -y.
+        """
         if self.ratio:
             differences = self.place.differences
         else:
@@ -146,7 +149,8 @@ class Equilibrium(Result):
             return differences
         return np.where(self._stay_open, np.minimum(differences, -self.overlap), differences)
 
-    #: (n_c, L1, ..., Lp) contacts that are open wherever the balls are; None if there are none
+    #: (n_c, L1, ..., Lp) contacts that count as open wherever the balls are; None if there are
+    #: none. A course sets them on its states (:mod:`granphon.array.equilibrium_courses`)
     _stay_open: ClassVar[Flags | None] = None
 
     def _measure_losses(self) -> Array:
@@ -246,7 +250,7 @@ class Equilibrium(Result):
         response = self._respond(1.0)
         if self.strain is None:
             return response
-        # the cell shears so far that the stress stays hydrostatic
+        # the cell shears so far that the stress stays hydrostatic: no shear then does work
         units = list_shears(self.lattice.periods)
         responses = [self._respond(-self._elongate(unit)) for unit in units]
         coupling = [np.sum(stiffness * response * by_shear) for by_shear in responses]
@@ -257,8 +261,11 @@ class Equilibrium(Result):
         return response
 
     def _respond(self, change: Array | float) -> Array:
-        """Return (n_c, L1, ..., Lp) changes of overlaps once the balls have followed the ``change``
-        (n_c, 1, ..., 1) of those of all contacts of a kind.
+        """Return the changes (n_c, L1, ..., Lp) of the contacts' overlaps after the cell has
+        changed and the balls have come into balance again.
+
+        ``change`` is the change of overlaps where balls keep their places in the cell: a number for
+        all contacts, or one for each kind, (n_c, 1, ..., 1).
         """
         stiffness = self.stiffnesses
         tension = stiffness * change
@@ -318,7 +325,9 @@ class Equilibrium(Result):
         return find_elastic_tensor(self._list_contacts(shear, torsion, bending))
 
     def _find_tensor_on_grid(self, shear: ArrayLike, torsion: ArrayLike, bending: float) -> Array:
-        """Return the tensor without a list, which takes much memory."""
+        """Return the tensor of :meth:`find_elasticity` by conjugate gradients on the grid, which
+        take less memory than a list of contacts.
+        """
         normal = self.stiffnesses
         on_lattice = self.stencils
         # the grid has one ratio for all contacts, on which its preconditioner is built: the mean,
@@ -342,8 +351,8 @@ class Equilibrium(Result):
     def _list_contacts(
         self, shear: ArrayLike = 0.0, torsion: ArrayLike = 0.0, bending: float = 0.0
     ) -> ContactList:
-        """Return the contacts with their springs; see :meth:`find_elasticity`. Those that carry no
-        load have none.
+        """Return the contacts with their springs, which are those of :meth:`find_elasticity`;
+        contacts that carry no load have no springs.
         """
         normal = self.stiffnesses
         slip = np.asarray(shear, float) * normal
@@ -357,7 +366,9 @@ class Equilibrium(Result):
 
 
 def list_shears(periods: int) -> Array:
-    """Return (s, p, p) strains that keep the size of a cell, each symmetric and of its own."""
+    """Return (s, p, p) independent symmetric strains that keep the size of a cell with p =
+    ``periods`` to first order; there are s = p (p + 1)/2 - 1.
+    """
     units = []
     for axis in range(1, periods):
         unit = np.zeros((periods, periods))

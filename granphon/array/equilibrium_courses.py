@@ -27,12 +27,21 @@ ReducedChange = Callable[[float], tuple[ReducedLoad, float]]
 
 
 class EquilibriumFollower:
-    """What finds how an equilibrium without friction under a ``load`` follows parameters."""
+    """How an equilibrium without friction follows changes of its load and of W/d, to first order.
+
+    A contact that carries no load stays open.
+
+    Parameters
+    ----------
+    state : the equilibrium.
+    load : the load under which it rests.
+    """
 
     def __init__(self, state: Equilibrium, load: ReducedLoad) -> None:
         self._state = state
         self._load = load
-        # a cell that shears is pressed, by a pressure that may have to be searched for
+        # the load on a cell that shears is a pressure; if another load is given, the pressure that
+        # stands for that load is searched for
         self._is_pressed = state.strain is not None
         self._is_searched = self._is_pressed and not (
             load.overlap is None and (load.on_boundary or not state.ratio)
@@ -52,7 +61,9 @@ class EquilibriumFollower:
             )
 
     def follow(self, change: ReducedChange) -> Course[Equilibrium]:
-        """Return the course of the equilibrium with a change."""
+        """Return the course of the equilibrium under a ``change``, a function of a relative step of
+        a parameter: what the course finds is the equilibrium at a step.
+        """
         state = self._state
         course = self._follow_rest(change)
 
@@ -74,22 +85,26 @@ class EquilibriumFollower:
         return Course(find, course.step)
 
     def _follow_rest(self, change: ReducedChange) -> RestCourse:
-        """Return the course of the rest with a change."""
+        """Return the course, under a ``change``, of the balls at rest."""
 
         def pose(step: float, step_of_pressure: float = 0.0) -> Problem:
+            """Return the problem at a step of the change, under a pressure larger by a relative
+            step.
+            """
             return self._pose(*change(step), self._pressure * (1.0 + step_of_pressure))
 
         if self._under_mean is None:
             return self._follower.follow(pose)
 
         def find_goal(step: float) -> float:
+            """Return the mean force or the overlap y that the load prescribes at a step."""
             load, _ = change(step)
             return load.force if load.overlap is None else load.overlap
 
         return self._under_mean.follow(pose, differentiate(find_goal, CourseOptions().step))
 
     def _measure(self, configuration: Configuration) -> float:
-        """Return the mean force of a configuration, or the overlap y."""
+        """Return what the load prescribes of a configuration: the mean force, or the overlap y."""
         if self._load.overlap is None:
             return float(np.mean(configuration.force))
         # contacts are as long as d/W in the true geometry
@@ -97,9 +112,11 @@ class EquilibriumFollower:
         return split_strain(configuration.strain, 1.0 / length if self._state.ratio else 0.0)[0]
 
     def _pose(self, load: ReducedLoad, ratio: float, pressure: float) -> Problem:
-        """Return the problem under a load, or under a ``pressure`` if that is searched for."""
+        """Return the problem of the balls at rest under a load and at a ``ratio`` W/d; under the
+        ``pressure`` in place of the load if the pressure is searched for.
+        """
         state = self._state
-        scale = ratio or 1.0
+        scale = ratio or 1.0  # contacts have the length 1/scale, in W
         assembly = assemble(state.deviations, state.stencils, scale)
         if self._is_searched:
             load = ReducedLoad(force=pressure, on_boundary=True)
@@ -110,7 +127,9 @@ class EquilibriumFollower:
         return Problem(assembly, applied, "exact" if ratio else "lattice", boundary)
 
     def _restore(self) -> Rest:
-        """Return the rest of the equilibrium."""
+        """Return the equilibrium as the result of a search for rest; contacts that carry no load
+        are open.
+        """
         state = self._state
         scale = state.ratio or 1.0
         assembly = assemble(state.deviations, state.stencils, scale)

@@ -67,12 +67,14 @@ class ExactPlace:
 
     Parameters
     ----------
-    stencils : how balls move; their lattice has as many periods as dimensions.
-    deviations : x = Delta/W of the balls.
-    ratio : eps = W/d; without a width, zero, contacts keep their directions, and lengths are in W.
-    balls : displacements, in the coordinates of the stencils.
+    stencils : stencils of the array, whose lattice has as many periods as dimensions.
+    deviations : (L1, ..., Lp) or (n, L1, ..., Lp), x = Delta/W of the balls.
+    ratio : eps = W/d. If it is zero, contacts keep their directions, and displacements count as
+        small beside the diameter.
+    balls : (n p, L1, ..., Lp) displacements in W, in the coordinates of the stencils.
     overlap : y.
-    strain : (p, p) that of the cell in units of W/d, beside the even one; None if it has none.
+    strain : (p, p) strain of the cell in units of W/d, beside the even one, -y; None if there is
+        none.
 
     Attributes
     ----------
@@ -110,7 +112,8 @@ class ExactPlace:
         self.uneven = 0.5 * ratio * (means - ends)
         p = stencils.lattice.dimension
         grid = find_lattice_grid(stencils.shape, stencils.lattice)
-        # from the evenly compressed cell, so that no digit of h - y is lost
+        # vectors at touch are those of the evenly compressed cell: losses of overlap are then h - y
+        # without a subtraction of y, which would lose digits
         spacing = 1.0 - ratio * overlap
         unit = ratio or 1.0
         is_flat = np.full(means.size, not ratio)
@@ -132,8 +135,8 @@ class ExactPlace:
 
     @property
     def direction(self) -> Array:
-        """(contacts, 3) unit vectors of contacts on the lattice; made anew at each call, as they
-        take memory.
+        """(contacts, 3) unit vectors of contacts on the lattice. They are made anew at each call,
+        because they would take much memory.
         """
         grid = find_lattice_grid(self.stencils.shape, self.stencils.lattice)
         return np.repeat(grid.normal, grid.n_cells, axis=0)
@@ -144,14 +147,15 @@ class ExactPlace:
         return shrink_boundary(self.ratio, self.overlap, len(self.stencils.shape))
 
     def press(self, forces: Array) -> float:
-        """Return the force whose work on dy is that of the load: the mean of f n.e over
-        contacts.
+        """Return the force per contact that does the work of the load as y grows, in c W^(3/2): the
+        mean of f n.e over contacts with the normal forces f, ``forces`` (n_c, L1, ..., Lp).
         """
         return float(np.mean(forces * self.lose(self.direction)))
 
     def press_sheared(self, forces: Array) -> float:
-        """Return the force that the pressure on a cell of any shape stands for: the trace of the
-        forces times their arms, over the size of the cell.
+        """Return the mean contact force, in c W^(3/2), that the pressure on a cell of any shape
+        stands for: the mean of f |w| over contacts with the normal forces f, ``forces`` (n_c, L1,
+        ..., Lp), over the size of the cell.
         """
         size = (1.0 - self.ratio * self.overlap) ** len(self.stencils.shape)
         return float(np.mean(forces * self.size)) / size
@@ -169,11 +173,11 @@ class ExactPlace:
     def curve(
         self, moved: Array, forces: Array, stiffness: Array, slope: Array
     ) -> tuple[Array, Array]:
-        """Return the second derivatives, along a straight line, of the overlaps (n_c, L1, ..., Lp)
-        and of the forces f n (contacts, 3).
+        """Return the second derivatives of the overlaps (n_c, L1, ..., Lp) and of the forces f n
+        (contacts, 3) of contacts whose balls move along straight lines.
 
-        ``moved`` (contacts, 3) are the displacements of balls j against balls i, ``stiffness``
-        df/dh and ``slope`` d^2f/dh^2 (n_c, L1, ..., Lp).
+        ``moved`` (contacts, 3) is the rate of the motion of balls j against balls i, in W;
+        ``forces`` f, ``stiffness`` df/dh and ``slope`` d^2f/dh^2 are (n_c, L1, ..., Lp).
         """
         from granphon.contacts.deformation import measure_bends  # averages need no Numba
 
@@ -186,19 +190,23 @@ class ExactPlace:
 
 
 def list_displacements(stencils: Stencils, balls: Array) -> Array:
-    """Return displacements (n, p) of balls along the axes of space, from their coordinates."""
+    """Return displacements (n, p) of balls along the axes of space, from those ``balls`` (n p, L1,
+    ..., Lp) in the coordinates of the stencils.
+    """
     p = stencils.lattice.dimension
     return stencils.displacements(balls).reshape(p, -1).T
 
 
 def shrink_boundary(ratio: float, overlap: float, periods: int) -> float:
-    """Return the size of a cell's boundary at an ``overlap`` y, over that with y = 0."""
+    """Return the size of a cell's boundary at an ``overlap`` y, over that at y = 0: (1 - eps y)^(p
+    - 1), with the ``ratio`` eps.
+    """
     return (1.0 - ratio * overlap) ** (periods - 1)
 
 
 class Loaded(Protocol):
-    """Configuration of an array: the size of its boundary, and the force of the load by those of
-    the contacts.
+    """Any configuration of an array that knows the size of its boundary, and the force of the load
+    that belongs to forces of its contacts.
     """
 
     @property
@@ -207,12 +215,16 @@ class Loaded(Protocol):
 
     @property
     def press(self) -> Callable[..., float]:
-        """The force whose work on dy is that of the load, of the forces of contacts."""
+        """Function of the forces of contacts that returns the force per contact that does the work
+        of the load as y grows.
+        """
 
 
 def find_boundary_force(place: Loaded, *forces: Array) -> float:
-    """Return the mean contact force f* at which the pressure is the same where the cell keeps its
-    size, by normal ``forces`` of contacts, and tangential ones with friction.
+    """Return the mean contact force f* that has the same pressure in a cell that keeps its size.
+
+    ``forces`` are the normal forces of contacts, (n_c, L1, ..., Lp), and, with friction, the
+    tangential ones, (n_s, n_c, L1, ..., Lp).
     """
     if isinstance(place, ExactPlace) and place.strain is not None:
         return place.press_sheared(*forces)
@@ -220,7 +232,8 @@ def find_boundary_force(place: Loaded, *forces: Array) -> float:
 
 
 def find_lack(load: ReducedLoad, place: Loaded, *forces: Array) -> float:
-    """Return what the mean contact force lacks to a load; zero at a given overlap.
+    """Return by how much the mean contact force is less than a ``load`` prescribes, in c W^(3/2);
+    zero if the load is an overlap.
 
     ``forces`` are those of :func:`find_boundary_force`.
     """

@@ -239,7 +239,9 @@ class Hexagon:
 
     @cached_property
     def _pairs(self) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
-        """Balls i and j of the contacts between balls, and the normals (n_c, 2)."""
+        """Numbers (n_c,) of the balls i and j of the contacts between balls, and the normals (n_c,
+        2).
+        """
         number = {cell: ball for ball, cell in enumerate(map(tuple, self._cells.tolist()))}
         table = TRIANGULAR.contacts
         contacts = [
@@ -253,25 +255,29 @@ class Hexagon:
 
     @cached_property
     def _leaning(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Ball and wall of the contacts with walls."""
-        reach = self.sites @ _NORMALS.T / self.packing.diameter
-        ball, wall = np.nonzero(reach > (self.balls_per_side - 1) * math.sqrt(0.75) - 0.1)
+        """Numbers (n_w,) of the ball and of the wall of the contacts with walls."""
+        # rows of balls along a wall are (3/4)^(1/2) apart: the outermost row leans on the wall
+        distances = self.sites @ _NORMALS.T / self.packing.diameter
+        outermost = (self.balls_per_side - 1) * math.sqrt(0.75)
+        ball, wall = np.nonzero(distances > outermost - 0.1)
         return ball, wall
 
     @property
     def _middle(self) -> int:
-        """Number of the ball in the middle."""
+        """Number of the ball in the middle, among all balls."""
         return int(np.argmin(np.sum(self.sites**2, axis=1)))
 
     @cached_property
     def _assembly(self) -> Assembly:
         """The balls and the walls, with the contacts between balls first.
 
-        Nothing holds the whole: the ball in the middle keeps its place.
+        Walls move along their normals, so that nothing holds the whole against translations. The
+        ball in the middle is therefore held: it is no ball of the assembly.
         """
         i, j, normal = self._pairs
         ball, wall = self._leaning
         count = len(self.sites) - 1
+        # numbers of bodies: moving balls, then the six walls, then what is held
         body = np.insert(np.arange(count), self._middle, count + 6)
         radii = 0.5 * self.deviations
         n_pairs = len(i)
@@ -345,8 +351,9 @@ class Hexagon:
         )
 
     def _require_shallow(self, side_force: float, between: float, at_wall: float) -> None:
-        """Raise :class:`InputError` if a force between balls, or at a wall, N, is beyond what their
-        size allows.
+        """Raise :class:`InputError` if a force ``between`` two balls, N, presses them together by
+        their diameter, or a force ``at_wall``, N, presses a ball into its wall by the ball's
+        radius; the message states the ``side_force``, N.
         """
         packing = self.packing
         load = f"side_force = {side_force:g} N"
@@ -386,15 +393,15 @@ def _require_triangular(packing: Packing) -> None:
 def _draw_diameters(
     packing: Packing, count: int, diameters: ArrayLike | None, seed: int | None
 ) -> Array:
-    """Return the ``diameters`` (count,), m, if they are given and fit to the packing, or else
-    deviations from the mean that are drawn with the ``seed``.
+    """Return the ``diameters`` (count,), m, if they are given, or else ``count`` deviations from
+    the mean diameter, m, drawn with the ``seed``; the caller subtracts the mean of either.
+
+    Raises InputError if the diameters have another shape, or another mean than the packing.
     """
     if diameters is None:
-        return (
-            np.zeros(count)
-            if packing.spread is None
-            else packing.spread.sample(count, int(seed or 0))
-        )
+        if packing.spread is None:
+            return np.zeros(count)
+        return packing.spread.sample(count, int(seed or 0))
     values = finite_array("diameters", diameters, "m", "above zero")
     if values.shape != (count,):
         raise InputError(f"diameters have the shape {values.shape}", mend=f"Give {count} numbers")

@@ -8,11 +8,11 @@ taken in steps. At the end of each step the forces and torques on every ball are
 
     C_n^T f = C_s^T T
 
-where C_n and C_s are the rows of C for elongations and slips. Newton's method solves this
-(:mod:`granphon.array.stepper`). Where it fails, dashpots slow the balls down
-(:mod:`granphon.array.stepper`); where they too find no balance, the step is taken in two halves.
-Steps are halved also until this changes f* and what is lost by little. The work of the load is then
-the integral of f* dy for each contact.
+where C_n and C_s are the rows of C for elongations and slips. Newton's method solves this balance
+(:mod:`granphon.array.load_step`). Where it fails, dashpots slow the balls down
+(:mod:`granphon.array.stepper`); where that finds no balance either, the step is taken in two
+halves. Steps are also halved until a further halving changes f* and the lost energies by little.
+The work of the load is then the integral of f* dy for each contact.
 """
 
 from __future__ import annotations
@@ -36,23 +36,22 @@ from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.contacts.friction import FrictionLaw
 
-#: relative change of f*, over the tolerance of balance, that short steps may show from what is left
-#: of balance alone
+#: relative change of f*, over the tolerance of balance, that may come from the forces left on balls
+#: and not from the length of steps
 _NOISE = 10.0
-#: least part of the tolerance that a part of a step is allowed
+#: least change of f* that is allowed to a part of a step, over the tolerance of the whole
 _LEAST_SHARE = 1.0 / 16.0
 #: factor by which the estimate of what halving a step changes is multiplied
 _CAUTION = 2.0
-#: fraction of the load by which it may be missed where the array counts as standing there
+#: relative difference up to which a state counts as being at a load already
 _SAME_LOAD = 1e-12
-#: error of the energy lost in a step, as a fraction of it, over the tolerance of f*
+#: tolerance of the energy lost in a step, over that of f*: a part of the energy lost
 _OF_LOSS = 100.0
-#: error of the energy lost in a step that is allowed besides, as a fraction of the work, over the
-#: tolerance of f*
+#: and, added to it, a part of the work of the step
 _OF_WORK = 0.1
-#: number of halvings after which they no longer are a reason to halve a step
+#: number of halvings from which errors of lost energies no longer are a reason to halve a step
 _LOSS_HALVINGS = 6
-#: number of steps to one load
+#: largest number of steps to one load
 _MOST_STEPS = 500
 
 
@@ -64,16 +63,21 @@ class LoadingHistory:
     ----------
     deviations : x = Delta/W, of mean zero; (L1, ..., Lp), or (n, L1, ..., Lp) of n > 1 balls in the
         cell.
-    stencils : of the array, with the shear stiffness ratio eta above zero.
+    stencils : stencils of the array, with the shear stiffness ratio eta above zero.
     friction_coefficient : mu of the contacts, from zero to infinity.
-    tolerance : steps are halved until this changes f* along the path by less than this fraction; if
-        it is infinite, each load is reached in one step.
+    tolerance : relative change of f* along the path, below which steps are no longer halved; if it
+        is infinite, each load is reached in one step.
     start : where the history begins, with rotations and tangential forces zero: a state at rest
-        without friction, or the overlap or force of one; by default that of a* = 1/2. In the true
-        geometry the balls come to rest there anew, unless it is a state in it. Or "gas": the balls
-        lie apart on their sites, and are pressed with friction until they stand, see
-        :mod:`granphon.array.stepper`: a beginning for lattices that friction alone holds.
-    geometry : of the contacts; by default that of the lattice, the limit of small spread.
+        without friction, or the load of one; by default that of a* = 1/2. In the true geometry a
+        state at rest on the lattice is only the start of a search for rest in the true geometry.
+        Or "gas": the balls lie apart on their sites, and are pressed with friction until they
+        stand, see :mod:`granphon.array.stepper`: a beginning for lattices that friction alone
+        holds.
+    geometry : geometry of the contacts; by default that of the lattice, the limit of small spread.
+
+    Attributes
+    ----------
+    stepper : what takes the single steps.
     """
 
     deviations: Array
@@ -123,8 +127,8 @@ class LoadingHistory:
         return self.stepper.place(state.balls, state.overlap, state.residual)
 
     def _rest_without_friction(self, load: ReducedLoad, smooth: Stencils) -> Equilibrium:
-        """Return the balls at rest under a load by ``smooth`` stencils, those without slips;
-        InputError if they carry no load.
+        """Return the balls at rest under a ``load`` without friction, by the stencils ``smooth``,
+        which have no slips. Raises InputError if the balls carry no load.
         """
         try:
             return equilibrate(self.deviations, load, smooth)
@@ -149,7 +153,7 @@ class LoadingHistory:
             current = self.stepper.measure(trail[-1], load)
             aim = find_aim(load)
             if abs(aim - current) <= _SAME_LOAD * (current if load.overlap is None else 1.0):
-                # the array stands there
+                # the state is at this load already
                 yield trail[-1]
                 continue
             try:
@@ -161,10 +165,16 @@ class LoadingHistory:
             yield trail[-1]
 
     def _refine(self, trail: Sequence[PressedArray], load: ReducedLoad) -> Iterator[PressedArray]:
-        """Yield states on the way to a load, in steps so short that halving them changes little."""
+        """Yield the states on the way from the last of the ``trail`` to a ``load``, in steps so
+        short that halving them changes little; lost energies are corrected for the rest.
+
+        Raises ConvergenceError if steps would be too short or too many.
+        """
         if self.tolerance == math.inf:
             yield self.stepper.step(trail, load)
             return
+        # loads still to be reached, the nearest last, each with the change of f* that is allowed to
+        # the step, and the number of halvings
         ahead = [(load, self.tolerance, 0)]
         n_steps = 0
         kept = 0.0  # changes of f* that the shortest steps have kept, in sum
@@ -174,7 +184,7 @@ class LoadingHistory:
             states = []
             loads = [self.stepper.measure(state, load) for state in trail[-2:]]
             if not goes_on([*loads, find_aim(load)]):
-                # nothing tells yet how the path bends: two halves do
+                # the trail does not tell how the path bends: a state in the middle of the step does
                 states = [self.stepper.step(trail, middle)]
             states.append(self.stepper.step([*trail, *states], load))
             change, bent = self._compare([*trail, *states], len(states), load)
@@ -188,7 +198,8 @@ class LoadingHistory:
             # balance to a finite residual leaves f* uncertain
             force_is_settled = change <= max(allowed, _NOISE * BALANCE_TOLERANCE)
             is_settled = force_is_settled and (halvings >= _LOSS_HALVINGS or loss_is_settled)
-            # where a ball falls, the shortest step keeps a change that is none of the step's
+            # where a ball falls, however short the step is, f* changes by as much: it is accepted
+            # in the shortest steps, as long as such changes are within the tolerance in sum
             falls = halvings == MOST_HALVINGS and kept + change <= self.tolerance
             if falls or is_settled:
                 states = _add_losses(states, np.cumsum(bent, axis=0).tolist())
@@ -204,19 +215,21 @@ class LoadingHistory:
             elif n_steps + len(ahead) > _MOST_STEPS:
                 raise self.stepper.explain(load, f"it takes more than {_MOST_STEPS} steps")
             else:
-                # where a ball loses its hold and falls, one of the halves keeps all of the change
+                # where a ball loses its hold and falls, one of the halves has all of the change, so
+                # that what is allowed has a lower bound
                 allowed = max(0.5 * allowed, _LEAST_SHARE * self.tolerance)
                 ahead += [(load, allowed, halvings + 1), (middle, allowed, halvings + 1)]
 
     def _compare(
         self, trail: Sequence[PressedArray], steps: int, load: ReducedLoad
     ) -> tuple[float, list[Array]]:
-        """Return by how much f*, and the two losses of each step, would change if the last
-        ``steps`` were halved; estimates.
+        """Return estimates of the changes that halving the last ``steps`` of the ``trail`` would
+        make: that of f*, and, for each step, those (2,) of the energies lost by sliding and by the
+        law.
 
-        The middle of a step is interpolated, and the law of the contacts followed through it. By
-        the theorem of reciprocity tangential forces that differ by dT raise f* by the mean of dT
-        over the contacts' slips under dy.
+        The middle of a step is interpolated between the last three states, and contacts follow
+        their law to the middle and on to the end. By the theorem of reciprocity, tangential forces
+        that differ by dT raise f* by the mean over contacts of dT times the contact's slip ds/dy.
         """
         three = trail[-3:]
         loads = [self.stepper.measure(state, load) for state in three]
@@ -247,7 +260,9 @@ class LoadingHistory:
 def _add_losses(
     states: Sequence[PressedArray], losses: Sequence[Sequence[float]]
 ) -> list[PressedArray]:
-    """Return states with further energies lost up to each of them, to sliding and to loosening."""
+    """Return the ``states`` with the further energies ``losses``, lost by sliding and by the law
+    since the start of the first step, added to each; the load has done as much more work.
+    """
     corrected = []
     for state, (slid, loosened) in zip(states, losses, strict=True):
         work = state.work + (slid + loosened)

@@ -22,11 +22,14 @@ Map = Callable[[Values], Values]
 def conjugate_gradients(
     apply: Map, precondition: Map, right: Values, reduction: float, most_iterations: int
 ) -> tuple[Values, int]:
-    """Solve a symmetric system by conjugate gradients until the error in its norm has fallen by
-    ``reduction``; return the solution and the number of iterations.
+    """Solve a symmetric positive system A x = ``right`` by conjugate gradients; return the solution
+    and the number of iterations.
 
-    Vectors have the precision of ``right``. Where a curvature is not above zero the solution is
-    that before.
+    ``apply`` multiplies a vector by A, and ``precondition`` by an approximate inverse of A. The
+    iteration ends when the error in the norm of the energy, which the preconditioner estimates, is
+    ``reduction`` times that of zero, or after ``most_iterations``. It also ends at a direction with
+    no curvature above zero, with the solution found until then. Vectors have the precision of
+    ``right``.
     """
     solution = np.zeros_like(right)
     remaining = right.copy()
@@ -55,7 +58,9 @@ def conjugate_gradients(
 
 
 def _add(vector: Values, factor: float, addend: Values, scale: float = 1.0) -> None:
-    """Multiply a vector by the ``scale``, and add ``factor`` times the ``addend`` to it."""
+    """Multiply a ``vector`` by the ``scale`` and add ``factor`` times the ``addend`` to it, in
+    place, in pieces that stay in the processor's cache.
+    """
     flat = vector.reshape(-1)
     flat_addend = addend.reshape(-1)
     for low in range(0, flat.size, CACHED):

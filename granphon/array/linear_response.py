@@ -3,9 +3,9 @@ conjugate gradients on the grid.
 
 They solve C^T K C u = f with the shifts and the Green's function of
 :mod:`granphon.array.stencils`, which take less memory than a list of contacts. In single precision
-an iteration takes half of the time; what its solution leaves is found in double precision, and
-solved for again. Where that does not come nearer, as close to the rigidity threshold, the iteration
-itself goes on in double precision.
+an iteration takes half of the time; the residual of its solution is found in double precision, and
+is the right side of the next iteration. Where this does not come nearer to the solution, as close
+to the rigidity threshold, the iteration itself goes on in double precision.
 """
 
 from __future__ import annotations
@@ -27,11 +27,12 @@ from granphon.statics.stiff_factors import factorise_stiff
 
 #: largest number of iterations for a linear response
 _MOST_ITERATIONS = 60_000
-#: the least reduction that is asked of single precision at a time
+#: least reduction of the error that one iteration in single precision is asked for
 _SINGLE = 1e-4
-#: part of the energy of what was left before, from which single precision comes no nearer
+#: square of the error after an iteration in single precision, over that before, from which such
+#: iterations count as coming no nearer
 _STALLED = 1e-2
-#: fraction of a tension or a force that rounding may leave unbalanced
+#: fraction of a tension that rounding may leave unbalanced
 _NOISE = 1e-14
 #: relative error of the motions under a strain, which enters elastic constants squared
 _ELASTIC = 1e-7
@@ -40,7 +41,8 @@ _ELASTIC = 1e-7
 def find_tensor_on_grid(stencils: Stencils, springs: Array) -> Array:
     """Return the (n, n) elastic tensor of an array in Voigt order, per d^p of its cells.
 
-    ``springs`` (rows, L1, ..., Lp) are the stiffnesses of all deformations of the ``stencils``.
+    ``springs`` (rows, L1, ..., Lp) are the stiffnesses of all deformations of the ``stencils``, and
+    the tensor is in the unit of these stiffnesses.
     """
     p = len(stencils.shape)
     gradients = stencils.strains()
@@ -56,7 +58,7 @@ def find_tensor_on_grid(stencils: Stencils, springs: Array) -> Array:
     for a, motion in enumerate(motions):
         tension = springs * (affine[a] - stencils.operator.deform(motion))
         for b, other in enumerate(motions[: a + 1]):
-            # found again for each pair: all together would take much memory
+            # found again for each pair: the deformations of all strains would take much memory
             deformation = affine[b] - stencils.operator.deform(other)
             tensor[a, b] = dot(tension, deformation)
             tensor[b, a] = tensor[a, b]
@@ -74,13 +76,15 @@ def find_linear_response(
     ``forces`` f on balls, (fields, L1, ..., Lp) in the coordinates of motions.
 
     The stiffnesses ``springs`` are (rows, L1, ..., Lp), zero where balls are apart; such contacts
-    exert no force. The error of u in the energy norm is about ``reduction`` times u. Forces that
-    balance tensions of contacts but for rounding move nothing: ``tensions`` is the sum of the
-    squares of these over the mean stiffness. Raises
+    exert no force. The error of u in the norm of the energy is about ``reduction`` times u.
+    ``tensions`` is the sum of the squares of the tensions of contacts that make the forces, over
+    the square of the mean stiffness: forces as small as the rounding of these tensions count as
+    zero. Raises
     :class:`~granphon.base.errors.ConvergenceError` if conjugate gradients do not converge.
     """
     mean = float(np.mean(springs[: stencils.n_contacts]))
-    single: Single = (springs / mean).astype(np.float32)  # which has no numbers below 1e-38
+    # divided by the mean, as single precision has no numbers below 1e-38
+    single: Single = (springs / mean).astype(np.float32)
     product = stencils.hessian(single)
     inverse = _find_inverse(stencils, single, product)
 
@@ -89,7 +93,7 @@ def find_linear_response(
         return stencils.forces(springs * stencils.operator.deform(balls)) / mean
 
     def precondition(force: Single) -> Single:
-        """Return about the motions under a ``force``, in its precision."""
+        """Return approximate motions under a ``force``, in the precision of the force."""
         return inverse(force.astype(np.float32, copy=False)).astype(force.dtype, copy=False)
 
     def solve(force: Array) -> Array:
@@ -134,8 +138,11 @@ def find_linear_response(
 def _find_inverse(
     stencils: Stencils, springs: Single, product: ContactHessian
 ) -> Callable[[Array], Array]:
-    """Return an approximate inverse for forces (fields, L1, ..., Lp): by factors of stiff contacts
-    where few are stiff and the array is small enough, or else by Green's function.
+    """Return an approximate inverse of C^T K C, a function of forces (fields, L1, ..., Lp).
+
+    Where few contacts are stiff and the array is small enough, it consists of factors of the stiff
+    contacts' matrix, otherwise of Green's function. ``springs`` are those of
+    :func:`find_linear_response` over their mean, and ``product`` is that of C^T K C.
     """
     p = len(stencils.shape)
     options = RestOptions()
@@ -151,6 +158,7 @@ def _find_inverse(
     solve = factorise_stiff(contacts.columns, contacts.axes, contacts.n_balls, options)
 
     def apply(force: Array) -> Array:
+        """Return approximate motions under a ``force``, both (fields, L1, ..., Lp)."""
         motions = solve(stencils.list_forces(force).ravel())
         return stencils.gather_motions(motions.reshape(contacts.n_balls, -1))
 

@@ -1,12 +1,12 @@
-"""One step of a loading history: Newton's method for the balance of forces and torques under the
-law of the contacts.
+"""One step of the load in a loading history: Newton's method for the balance of forces and torques
+under the law of the contacts.
 
 The linear equations of a step of Newton's method are solved no more accurately than it needs. The
 tangent C^T D C is not symmetric where contacts slide, or where the shear stiffness changes with the
 overlap: GMRES solves for it, in single precision. The preconditioner moves each ball as if its
-neighbours were held, and then all by Green's function of the lattice under what that leaves. Balls
-that hold each other while nothing else holds them are found by what GMRES leaves on them, and are
-then moved together (:class:`~granphon.array.preconditioners.Patches`).
+neighbours were held, and then all by Green's function of the lattice under the forces that are
+left. Balls that hold each other while nothing else holds them are found by the forces that GMRES
+leaves on them, and are then moved together (:class:`~granphon.array.preconditioners.Patches`).
 
 A ball whose contacts all slide can be turned without resistance, and a step of Newton's method
 would turn it without limit. Such balls are turned by themselves after the step, to where their
@@ -34,11 +34,11 @@ from granphon.contacts.friction import Contacts, FrictionLaw, Tangent
 
 #: largest force, or torque over the diameter, left on a ball, over the mean normal force
 BALANCE_TOLERANCE = 1e-9
-#: Newton steps before a step of the load is halved, at most
+#: largest number of steps of Newton's method in a step of the load
 _NEWTON_STEPS = 120
-#: Newton steps in which the residual must fall by half
+#: number of steps of Newton's method in which the residual has to fall by half
 _PATIENCE = 15
-#: the same where the limits of sliding have just been found anew
+#: the same number where the limits of sliding have just been found anew
 _SHORT_PATIENCE = 5
 #: friction coefficient below which Newton's method is continued in the shear stiffness of contacts,
 #: from soft ones on
@@ -47,28 +47,28 @@ SMALL_FRICTION = 0.02
 _STIFFER = 10.0
 #: residual at which a stage ends, over the friction coefficient
 _NEARLY = 0.03
-#: Newton steps of a stage, at most
+#: largest number of steps of Newton's method in a stage
 _SOFT_STEPS = 60
-#: stages, at most: smaller stiffnesses lose digits
+#: largest number of stages: smaller stiffnesses lose digits
 _MOST_STAGES = 300
-#: tolerance of the linear equations of a step, over the residual, at most
+#: largest tolerance of the linear equations of a step, over the residual
 _LOOSEST = 0.1
 #: tolerance of the linear equations of a step, over the root of the distance from balance
 _FORCING = 0.1
-#: residual under the law as it is, over that from which Newton's method was tried last, below which
-#: it is tried again
+#: residual with limits of sliding as the law has them, over that from which Newton's method was
+#: tried last, up to which Newton's method is tried again
 _NEARER = 0.5
-#: part of the residual that a whole step leaves, from which a longer one is tried
+#: part of the residual that is left after a whole step, from which a longer step is tried next
 _LEFT_BY_LOOSE = 0.12
 #: length of that longer step: Newton's method comes to the zero of h^(3/2), where a ball that
 #: nothing else holds leaves its last contact, by two thirds of the way at a time
 _LONGER = 1.5
-#: number of times that a step of Newton's method is halved
+#: number of lengths of a step of Newton's method that are tried, each half of the one before
 _LENGTHS = 6
 #: factor by which the added stiffness is raised after a step that had to be made short, where a
 #: ball has lost what held it, and lowered after a whole one
 _EASE = 10.0
-#: raised added stiffness, over the usual one, from which the iteration is given up
+#: largest added stiffness, over the usual one: beyond it the iteration is given up
 _MOST_HOLD = 1e6
 #: share of their secant stiffness that sliding contacts have in a step of Newton's method, over the
 #: distance from balance, in space: without it nothing would hold balls whose contacts all slide
@@ -87,22 +87,22 @@ _LOOSE = 1e-2
 #: torques on balls that turn without resistance, over all that is left of balance, from which they
 #: are turned by themselves
 _TURNING = 0.01
-#: GMRES iterations, at most
+#: largest number of iterations of GMRES
 _MOST_ITERATIONS = 300
-#: GMRES iterations after which weakly held balls are looked for
+#: number of iterations of GMRES after which weakly held balls are looked for
 _FEW = 15
 
 
 class FixedLimitSettings(NamedTuple):
-    """How the limits of sliding are found anew.
+    """How often and when Coulomb's limits of sliding are fixed at given overlaps, and found anew.
 
     Attributes
     ----------
-    most : largest number of times.
-    steps : number of steps of Newton's method after which the limits stay as they are.
-    left : part of the residual that may remain with given limits before they are found anew.
-    often : number of times after which Newton's method is tried with the law as it is, even where
-        the residual under it is more than half of that from which it was tried last.
+    most : largest number of times that limits are found anew.
+    steps : number of steps of Newton's method after which limits are no longer found anew.
+    left : part of the residual that may remain with fixed limits before they are found anew.
+    often : number of times after which Newton's method is tried with the law itself, even where the
+        residual under the law is more than half of that from which this was tried last.
     """
 
     most: int
@@ -111,18 +111,30 @@ class FixedLimitSettings(NamedTuple):
     often: int
 
 
-#: without patience, and with it: a ball that is squeezed out from between others has a long way to
-#: go, on which the limits change little at a time
+#: settings with little patience, and with much: a ball that is squeezed out from between others has
+#: a long way to go, on which the limits change little at a time
 FAST_LIMITS = FixedLimitSettings(most=30, steps=600, left=1e-2, often=1)
 SLOW_LIMITS = FixedLimitSettings(most=80, steps=900, left=1e-4, often=8)
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """Motion tried in a step, and what it leaves: the ``pull`` on balls, ``push`` of the load, and
-    their norms.
+    """Motions of the balls tried in a step of the load, and the forces that are left there.
 
-    ``linearise`` finds the tangent of the law, which few trials need.
+    Attributes
+    ----------
+    place : configuration of the balls.
+    balls : (fields, L1, ..., Lp) motions of the balls.
+    overlap : y.
+    contacts : state of the contacts.
+    linearise : function that finds the tangent of the law, which few trials need.
+    pull : (fields, L1, ..., Lp) forces left on balls, dashpots included.
+    push : what the normal forces lack to the load, in sum; zero at a given overlap.
+    left : largest force, or torque over the diameter, left on a ball, over the mean normal force or
+        the drag of dashpots, the greater of both; infinite if the balls have come apart.
+    missed : magnitude of ``push`` for each contact, over the same number.
+    size : norm of ``pull`` and ``push`` together.
+    newton, krylov : numbers of steps of Newton's method and of GMRES so far.
     """
 
     place: PressedPlace
@@ -140,7 +152,7 @@ class Trial:
 
     @property
     def tangent(self) -> Tangent:
-        """Derivatives of the contacts' forces; the law keeps them once they are found."""
+        """Derivatives of the forces of contacts, found at the first call and kept."""
         return self.linearise()
 
     @property
@@ -149,15 +161,22 @@ class Trial:
         return self.left <= BALANCE_TOLERANCE and self.missed <= LOAD_TOLERANCE
 
     def follow(self, other: Trial) -> Trial:
-        """Return another trial that has taken the steps of this one."""
+        """Return the ``other`` trial with the numbers of steps of this one."""
         return replace(other, newton=self.newton, krylov=self.krylov)
 
 
 class LoadStep:
-    """A step of the load, from the state ``here``, at its ``place``, to the balance of forces and
-    torques under ``load``.
+    """A step of the load, to the balance of forces and torques.
 
-    ``drag`` is the stiffness of dashpots between neighbours, see :mod:`granphon.array.stepper`.
+    Parameters
+    ----------
+    geometry, law : geometry and law of the contacts.
+    here : state at the start of the step.
+    place : configuration at the start.
+    load : load at the end.
+    patches : what finds and inverts patches of weakly held balls.
+    drag : stiffness of dashpots between neighbours over the step, in c W^(1/2); see
+        :mod:`granphon.array.stepper`.
     """
 
     def __init__(
@@ -180,31 +199,31 @@ class LoadStep:
         self._patches = patches
         self._linear = LinearSteps(patches, bool(drag))
         self._slides = 0.0 < law.friction_coefficient < math.inf
-        # dashpots hold balls whose contacts all slide
+        # balls whose contacts all slide turn freely in a plane, unless dashpots hold them
         self._spins = self._slides and len(self._stencils.motions.rotations) == 1 and not drag
 
     def solve(self, balls: Array, overlap: float, lags: FixedLimitSettings | None) -> Trial:
-        """Return the state to which Newton's method leads from these motions and overlap, in
-        balance or not.
+        """Return the trial to which Newton's method leads from the motions ``balls`` (fields, L1,
+        ..., Lp) and the ``overlap`` y; the trial may be in balance or not.
 
-        Newton's method is tried at first with the law as it is. Where many contacts begin or cease
-        to slide, steps then go to and fro between the two sides of Coulomb's limit. So in a second
-        attempt, if ``lags`` are given, the limit is that of given overlaps, at which there is
-        always an equilibrium; the overlaps found give a new limit, and from there Newton's method
-        is tried.
+        Newton's method is first tried with the law itself. Where many contacts begin or cease to
+        slide, steps go to and fro between the two sides of Coulomb's limit. So in a second attempt,
+        if ``lags`` are given, the limit is fixed at the overlaps of the last trial: with a fixed
+        limit there is always an equilibrium. The overlaps found then give a new limit, and Newton's
+        method with the law itself is tried again from there.
         """
-        near = self._stiffen(self._try(balls, overlap))
+        near = self._stiffen(self._make_trial(balls, overlap))
         trial = self._iterate(near, _NEWTON_STEPS, _PATIENCE)
         if lags is not None and not trial.is_balanced and self._slides:
-            lagged = trial.follow(near)
-            tried = math.inf
+            lagged = trial.follow(near)  # the last trial with a fixed limit
+            tried = math.inf  # residual from which the law itself was tried last
             for lag in range(1, lags.most + 1):
                 if lagged.left == math.inf or lagged.newton > near.newton + lags.steps:
                     break
                 guess = lagged.contacts.overlaps
-                lagged = lagged.follow(self._try(lagged.balls, lagged.overlap, guess))
+                lagged = lagged.follow(self._make_trial(lagged.balls, lagged.overlap, guess))
                 lagged = self._iterate(lagged, _PATIENCE, _PATIENCE, guess, share=lags.left)
-                trial = lagged.follow(self._try(lagged.balls, lagged.overlap))
+                trial = lagged.follow(self._make_trial(lagged.balls, lagged.overlap))
                 if trial.size > _NEARER * tried and lag % lags.often:
                     continue
                 tried = trial.size
@@ -215,12 +234,14 @@ class LoadStep:
         return trial
 
     def _stiffen(self, trial: Trial) -> Trial:
-        """Return a state near balance if friction is small; otherwise the state as it is.
+        """Return a trial near balance if friction is small; otherwise the ``trial`` as it is.
 
         With small friction all contacts slide but for as few as hold the balls from turning, and
-        Newton's method does not find out which. If contacts are soft against slip, fewer slide.
-        They become stiffer and stiffer, and each equilibrium is near the one before. The limits of
-        sliding are those of the overlaps before, which friction hardly changes.
+        Newton's method does not find out which. If contacts are soft against slip, fewer slide. So
+        contacts are soft against slip in a first stage and stiffer in each following one, and the
+        equilibrium of each stage is near that of the one before. Coulomb's limit is fixed at the
+        overlaps of the stage before, which friction hardly changes. If the balls come apart, the
+        ``trial`` is returned.
         """
         mu = self._law.friction_coefficient
         guess = None
@@ -240,12 +261,12 @@ class LoadStep:
                 patches=self._patches,
                 drag=self._drag,
             )
-            trial = trial.follow(step._try(trial.balls, trial.overlap, guess))
+            trial = trial.follow(step._make_trial(trial.balls, trial.overlap, guess))
             trial = step._iterate(trial, _SOFT_STEPS, _PATIENCE, guess, _NEARLY * mu)
             if trial.left == math.inf:
                 return trial.follow(first)
             guess = trial.contacts.overlaps
-        return trial.follow(self._try(trial.balls, trial.overlap))
+        return trial.follow(self._make_trial(trial.balls, trial.overlap))
 
     def _iterate(
         self,
@@ -256,14 +277,16 @@ class LoadStep:
         enough: float = 0.0,
         share: float = 0.0,
     ) -> Trial:
-        """Return the state after Newton's method: ``most`` steps, of which each ``patience`` have
-        to halve the residual.
+        """Return the trial after at most ``most`` steps of Newton's method from a ``trial``.
 
-        It ends where no more than ``enough`` is left of balance, or a ``share`` of what was left.
+        The iteration ends in balance; where ``left`` and ``missed`` are at most ``enough``; where
+        the residual is less than a ``share`` of the first one; where ``patience`` steps have not
+        halved it; and where the added stiffness has become too large. With a ``guess`` of the
+        overlaps Coulomb's limit is fixed there.
         """
         last_size = math.inf
-        hold = 1.0
-        slow = False
+        hold = 1.0  # added stiffness, over the usual one
+        slow = False  # whether the last step was a whole one and left much
         aim = share * trial.size
         for count in range(most):
             if trial.is_balanced or trial.size < aim or trial.left == math.inf:
@@ -275,12 +298,12 @@ class LoadStep:
                 if trial.size > 0.5 * last_size:
                     break
                 last_size = trial.size
-            motion, iterations = self._direct(trial, hold)
-            new, length = self._search(trial, motion, guess, slow)
+            motion, iterations = self._find_newton_step(trial, hold)
+            new, length = self._search_line(trial, motion, guess, slow)
             slow = length == 1.0 and new.size > _LEFT_BY_LOOSE * trial.size
             turned = self._turn_loose(new, guess)
-            # where contacts of turned balls change, this may undo the step, and again after the
-            # next one
+            # where contacts of turned balls change, the turn may undo the step, and would do so
+            # after each step: then balls are not turned
             new = turned if turned.size <= trial.size else new
             trial = replace(new, newton=trial.newton + 1, krylov=trial.krylov + iterations)
             if not math.isfinite(trial.size) or hold > _MOST_HOLD:
@@ -291,54 +314,58 @@ class LoadStep:
                 hold *= _EASE
         return trial
 
-    def _search(
+    def _search_line(
         self, trial: Trial, motion: Motion, guess: Array | None, slow: bool
     ) -> tuple[Trial, float]:
-        """Return the state after a step of Newton's method, and the length of the step: halved
-        until less is left.
+        """Return the best trial along the ``motion`` of a step of Newton's method from a ``trial``,
+        and the length of the step over the whole one.
 
-        With a ``guess`` the slope of the energy decides. If the step before was ``slow``, a longer
-        one is tried too.
+        The whole step is halved until the residual is less. With a ``guess`` of the overlaps, at
+        which Coulomb's limit is fixed, forces are derivatives of an energy: a step is also accepted
+        if the energy does not rise steeply at its end. If the step before was ``slow``, one that is
+        longer than a whole one is tried too; its length is returned as one.
         """
 
-        def go(length: float) -> Trial:
+        def try_length(length: float) -> Trial:
             """Return the trial after a part ``length`` of the motion."""
-            return self._try(
+            return self._make_trial(
                 trial.balls + length * motion.balls,
                 trial.overlap + length * motion.compression,
                 guess,
             )
 
-        def slope(state: Trial) -> float:
-            """Return the power, along the motion, of the forces that a state leaves."""
+        def find_power(state: Trial) -> float:
+            """Return the power, along the motion, of the forces left in a trial."""
             return dot(state.pull, motion.balls) + state.push * motion.compression
 
-        slope_at_start = slope(trial)
+        power_at_start = find_power(trial)
         length = 1.0
-        new = go(length)
+        new = try_length(length)
         best = new
         best_length = length
         for _ in range(_LENGTHS - 1):
             leaves_less = new.size < (1.0 - 0.1 * length) * trial.size
-            is_past_half = guess is not None and slope(new) > -0.5 * slope_at_start
-            if leaves_less or is_past_half:
+            is_not_too_far = guess is not None and find_power(new) > -0.5 * power_at_start
+            if leaves_less or is_not_too_far:
                 if guess is not None:
                     best = new
                     best_length = length
                 break
             length *= 0.5
-            new = go(length)
+            new = try_length(length)
             if new.size < best.size:
                 best = new
                 best_length = length
         if slow and best_length == 1.0 and best.size > _LEFT_BY_LOOSE * trial.size:
-            new = go(_LONGER)
+            new = try_length(_LONGER)
             best = new if new.size < best.size else best
         return best, best_length
 
-    def _try(self, balls: Array, overlap: float, guess: Array | None = None) -> Trial:
-        """Return the trial with the ``balls`` displaced, (fields, L1, ..., Lp), at an ``overlap``;
-        ``guess`` are overlaps that say how stiff contacts are against slip.
+    def _make_trial(self, balls: Array, overlap: float, guess: Array | None = None) -> Trial:
+        """Return the trial with the motions ``balls`` (fields, L1, ..., Lp) at an ``overlap`` y.
+
+        With a ``guess`` of the overlaps, (n_c, L1, ..., Lp), the stiffness against slip and
+        Coulomb's limit are fixed there.
         """
         from granphon.contacts.slips import find_largest  # averages need no Numba
 
@@ -352,7 +379,7 @@ class LoadStep:
         force = float(np.mean(forces))
         normal = forces
         shears = contacts.shears
-        if self._drag:  # dashpots resist what neighbours have moved against each other
+        if self._drag:  # dashpots resist the motion of neighbours against each other in the step
             loss = contacts.overlaps - start.overlaps - (overlap - self._here.overlap)
             normal = forces + self._drag * loss
             shears = shears + stencils.mindlin_ratio * self._drag * (contacts.slips - start.slips)
@@ -380,8 +407,14 @@ class LoadStep:
             size=size,
         )
 
-    def _direct(self, trial: Trial, hold: float) -> tuple[Motion, int]:
-        """Return the step of Newton's method, and the number of iterations that it took."""
+    def _find_newton_step(self, trial: Trial, hold: float) -> tuple[Motion, int]:
+        """Return the motion of a step of Newton's method from a ``trial``, and the number of
+        iterations of GMRES that it took.
+
+        Far from balance, stiffness is added to contacts, and sliding contacts have a part of their
+        secant stiffness; ``hold`` times as much as usual. Motions of balls that go far are made
+        shorter, each ball by itself.
+        """
         stencils = self._stencils
         distance = max(trial.left, trial.missed)
         free = self._load.overlap is None
@@ -419,8 +452,12 @@ class LoadStep:
         return Motion(fields.reshape(trial.balls.shape), motion.compression), iterations
 
     def _turn_loose(self, trial: Trial, guess: Array | None) -> Trial:
-        """Return the state with balls whose contacts all slide turned by themselves until their
-        torques vanish.
+        """Return the trial in which balls whose contacts all slide have turned by themselves until
+        their torques vanish; the ``trial`` itself if there are no such balls, or these torques are
+        a small part of what is left.
+
+        With a ``guess`` of the overlaps the stiffness against slip and Coulomb's limit are fixed
+        there.
         """
         if not self._spins or trial.left == math.inf or trial.is_balanced:
             return trial
@@ -440,8 +477,8 @@ class LoadStep:
         held = end.overlaps if guess is None else guess
         bent, springs, limits = self._law.bend(ends_before, held[index], end.slips[0][index][None])
         turns = _find_turns(bent[0], springs * arms, limits, arms)
-        # balls that touch would each undo what the other's turn has brought: of those the one with
-        # the greatest torque turns
+        # of loose balls that touch each other only the one with the greatest torque turns: each
+        # turn changes the torque on the other ball
         torques = np.abs(np.sum(arms * np.clip(bent[0], -limits, limits), axis=0))
         numbers = np.ravel_multi_index(index, (stencils.n_contacts, *stencils.shape))
         torques_at_contacts = np.where(arms != 0.0, torques, 0.0)
@@ -453,13 +490,14 @@ class LoadStep:
         fields = balls.reshape(stencils.n_balls, count, *stencils.shape)
         rotations = fields[:, turning]
         rotations[loose] += np.where(has_greatest, turns, 0.0)
-        return self._try(balls, trial.overlap, guess)
+        return self._make_trial(balls, trial.overlap, guess)
 
     def _find_loose(self, trial: Trial) -> Flags:
-        """Return (balls, L1, ..., Lp) which balls have contacts that all slide."""
+        """Return whether the contacts of each ball all slide, (n_balls, L1, ..., Lp)."""
         stencils = self._stencils
         tangent = trial.tangent
         least = _LOOSE * self._law.mindlin_ratio
+        # below zero for a contact that slides, and far above zero otherwise
         resisting = np.ravel(tangent.springs[0] - least * tangent.stiffness)
         contacts = self._geometry.contacts
         n_balls = stencils.n_balls * math.prod(stencils.shape)
@@ -468,9 +506,12 @@ class LoadStep:
         return np.asarray(around.reshape(stencils.n_balls, *stencils.shape) < 0.0)
 
     def _list_around(self, loose: Flags, turning: int) -> tuple[tuple[Index, ...], Array]:
-        """Return the index (contacts, balls) of the contacts around each of the ``loose`` balls,
-        and their slips as the ball turns, which is the ``turning`` motion of it; zero for contacts
-        of other balls of the cell.
+        """Return, for each of the ``loose`` balls (n_balls, L1, ..., Lp), the contacts around it
+        and their slips by a unit turn of the ball, its motion number ``turning``.
+
+        The contacts are a tuple of indices (contacts, balls) into arrays (n_c, L1, ..., Lp), the
+        slips are (contacts, balls). All kinds of contacts at the ball's cell are listed: slips are
+        zero for those of other balls of the cell.
         """
         stencils = self._stencils
         count = stencils.motions.count
@@ -492,10 +533,10 @@ class LoadStep:
 
 
 class LinearSteps:
-    """Solver of the equations of steps that follow each other; it keeps the patch of weakly held
-    balls.
+    """Solver of the linear equations of the steps of Newton's method in one step of the load; it
+    keeps the patch of weakly held balls from step to step.
 
-    ``damped`` arrays have dashpots: few of their balls touch.
+    ``damped`` says whether there are dashpots: few balls of such arrays touch.
     """
 
     def __init__(self, patches: Patches, damped: bool) -> None:
@@ -513,11 +554,14 @@ class LinearSteps:
         push: float | None,
         reduction: float,
     ) -> tuple[Motion, int]:
-        """Return the motion that takes all but the part ``reduction`` of a ``pull`` away, and the
-        number of iterations.
+        """Return the motion under the forces ``pull`` (fields, L1, ..., Lp) on balls and ``push``
+        on the overlap, and the number of iterations of GMRES.
 
-        The mean stiffness of the ``tangent`` is one; its ``product`` is that of the geometry.
-        Without a ``push``, the force that the contacts lack in sum, the overlap stays as it is.
+        ``push`` is the force that the contacts lack in sum; if it is None, the overlap stays as it
+        is. The residual is at most ``reduction`` times the forces, unless there are too many
+        iterations. ``tangent`` is that of the contacts, with a mean stiffness of one, and
+        ``product`` multiplies motions by the tangent of the whole. Weakly held balls that the
+        iteration finds are added to the patch.
         """
         from granphon.array.minimal_residuals import solve_by_minimal_residuals  # compiled
 
@@ -525,20 +569,22 @@ class LinearSteps:
         inverse = self.invert(tangent, product)
         held = np.float32(1.0 / tangent.stiffness.size)
 
-        # the last entry of a vector is the change of the overlap, or what lacks of the load
+        # the last entry of a vector is the change of the overlap, or the force on it
         def apply(vector: Single, image: Single) -> None:
+            """Set ``image`` to the forces against the motions ``vector``."""
             image[size] = product.resist(vector[:size], vector[size], image[:size])
 
         def precondition(vector: Single, image: Single) -> None:
+            """Set ``image`` to approximate motions under the forces ``vector``."""
             inverse(vector[:size].reshape(pull.shape), image[:size].reshape(pull.shape))
             image[size] = held * vector[size]
 
         right = np.append(pull, push or 0.0)
         solution = np.zeros_like(right)
         residual = right
-        taken = 0
-        most = _FEW
-        renewed = False
+        taken = 0  # iterations
+        most = _FEW  # iterations until weakly held balls are looked for
+        renewed = False  # whether the patch has been inverted with this tangent
         goal = reduction * math.sqrt(dot(right, right))
         while taken < _MOST_ITERATIONS:
             norm = math.sqrt(dot(residual, residual))
@@ -558,7 +604,7 @@ class LinearSteps:
                 self._weak, self._patches.find_worst(residual[:size].reshape(pull.shape))
             )
             if weak.size == self._weak.size and (renewed or not weak.size):
-                # the patch has no more to give
+                # the patch does not grow, and its inverse is new: only iterations are left
                 most = _MOST_ITERATIONS - taken
             else:
                 self._weak = weak
@@ -567,11 +613,12 @@ class LinearSteps:
         return Motion(solution[:size].reshape(pull.shape), float(solution[size])), taken
 
     def invert(self, tangent: Tangent, product: PressedTangent) -> Put:
-        """Return a preconditioner of C^T D C, whose products with motions are those of ``product``:
-        a function that sets motions to about those under given forces.
+        """Return an approximate inverse of C^T D C, a function of a force that sets motions, both
+        (fields, L1, ..., Lp) or flat.
 
-        The patch may be that of an earlier tangent: it is made anew only when it does not serve any
-        more.
+        D is the ``tangent`` of the contacts, and ``product`` multiplies motions by C^T D C. The
+        inverse of the patch may be that of an earlier tangent: :meth:`solve` finds it anew when
+        many iterations are needed.
         """
         from granphon.contacts import grid_product  # imported here: averages need no Numba
 
@@ -583,7 +630,7 @@ class LinearSteps:
         remaining = np.empty(fields, np.float32)
 
         def apply(force: Single, motion: Single) -> None:
-            """Add to ``motion`` what the preconditioner makes of a ``force``, both flat."""
+            """Set ``motion`` to the approximate motion under a ``force``."""
             pull = force.reshape(fields)
             moved = motion.reshape(fields)
             moved[:] = 0.0
@@ -592,21 +639,23 @@ class LinearSteps:
             if self._put is not None:
                 self._put(force, motion)
                 grid_product.leave(product.product, pull, moved, remaining)
-            # where few balls touch, Green's function would pass on what each ball's own motion
-            # leaves too far
+            # after that of single balls, the motion by Green's function under the forces that are
+            # left. Where few balls touch, it would carry these forces too far: there it acts on the
+            # whole force
             motion += green(force if self._damped else remaining.reshape(force.shape))
 
         return apply
 
 
 def _find_turns(bent: Array, pull: Array, limits: Array, arms: Array) -> Array:
-    """Return the angles (balls,) by which balls turn until their torques vanish; zero where no
-    angle does it.
+    """Return the angles (balls,) by which balls turn until their torques vanish; zero where the
+    torque vanishes at no angle.
 
-    Of the contacts (contacts, balls) around each ball ``bent`` are the shears without a turn, which
-    grow by ``pull`` times the angle up to the ``limits``; the torque is the sum of the shears times
-    ``arms``. It rises with the angle, and vanishes between two of the angles at which a contact
-    begins to slide.
+    All arguments are (contacts, balls), for the contacts around each ball. The tangential forces
+    are ``bent`` without a turn, and change by ``pull`` times the angle, between minus and plus the
+    ``limits``; the torque is the sum of these forces times ``arms``. It is a piecewise linear,
+    rising function of the angle, with corners where a contact begins or ceases to slide: it
+    vanishes between two corners.
     """
     safe = np.where(pull == 0.0, 1.0, pull)
     corners = [np.where(pull == 0.0, 0.0, (side * limits - bent) / safe) for side in (-1.0, 1.0)]

@@ -21,16 +21,17 @@ from granphon.base.arrays import Array
 from granphon.base.compiled import compiled
 
 Single = NDArray[Any]
-#: sets the second array to what it makes of the first
+#: function that sets its second array to a linear function of the first
 Map = Callable[[Single, Single], None]
-#: vectors that are kept, after which the method starts again
+#: number of vectors of Krylov space after which the method starts again
 _KEPT = 60
 #: elements of vectors that are multiplied at a time: a power of two
 _LENGTH = 1024
 #: part of a vector's length that is left by the projection on those before it, below which it is
 #: projected once more
 _CANCELLED = 0.1
-#: part of it that is nothing but rounding: the vector then lies among those before it
+#: part of a vector's length that is nothing but rounding: if no more is left, the vector lies in
+#: the space of those before it
 _ROUNDING = float(np.finfo(np.float32).eps)
 
 
@@ -41,8 +42,8 @@ def solve_by_minimal_residuals(
     there are ``most_iterations`` at most.
 
     ``apply`` and ``precondition`` set their second array to the product of A, or of the
-    preconditioner, with the first; both arrays are flat, in single precision. A part of ``right``
-    that no product with A contains adds nothing to x.
+    preconditioner, with the first; both arrays are flat, in single precision. The tolerance is not
+    reached if ``right`` has a part that no product with A contains: this part adds nothing to x.
     """
     size = math.sqrt(dot(right, right))
     iterations = 0
@@ -69,7 +70,9 @@ def _cycle(
     apply: Map, precondition: Map, residual: Single, reduction: float, length: int
 ) -> tuple[int, float, Single]:
     """Return the number of iterations of one cycle, ``length`` at most, the norm of the residual
-    and the change of the solution.
+    after the cycle, and the change of the solution (size,).
+
+    The cycle ends early once the norm is ``reduction`` or less.
 
     Arnoldi's relation A W = V H has the preconditioned vectors W, the orthonormal basis V of Krylov
     space, and H, zero below its first subdiagonal. Givens rotations make H triangular, column by
@@ -115,8 +118,9 @@ def _cycle(
 
 
 def _make_orthogonal(basis: Single, vector: Single) -> tuple[list[float], float]:
-    """Take its parts along the ``basis`` (n, size) off a ``vector``; return the parts (n,), and the
-    length of what remains, zero if it is nothing but rounding.
+    """Subtract from a ``vector`` (size,), in place, its parts along the orthonormal ``basis`` (n,
+    size). Return the parts (n,), and the length of what remains; zero if that is nothing but
+    rounding.
     """
     parts, length = _project(basis, vector)
     whole = math.hypot(*parts, length)
@@ -130,7 +134,9 @@ def _make_orthogonal(basis: Single, vector: Single) -> tuple[list[float], float]
 
 
 def _solve_triangle(columns: list[list[float]], right: list[float]) -> list[float]:
-    """Return the solution of an upper triangle, given by its columns, for a right side."""
+    """Return the solution (n,) of n equations whose matrix is an upper triangle, given by its
+    ``columns``, for the first n numbers of a ``right`` side.
+    """
     count = len(columns)
     solution = [0.0] * count
     for row in reversed(range(count)):
@@ -141,8 +147,8 @@ def _solve_triangle(columns: list[list[float]], right: list[float]) -> list[floa
 
 
 def _project(old: Single, new: Single) -> tuple[list[float], float]:
-    """Take its parts along ``old`` (n, size) off a vector ``new``; return these n numbers, and the
-    length of what remains.
+    """Subtract from a vector ``new`` (size,), in place, its parts along the vectors ``old`` (n,
+    size). Return the n parts, and the length of what remains.
     """
     parts = np.empty(len(old), np.float32)
     square = _take_off(old, new, parts)
@@ -151,8 +157,8 @@ def _project(old: Single, new: Single) -> tuple[list[float], float]:
 
 @compiled
 def _take_off(old: Single, new: Single, parts: Single) -> float:
-    """Take its parts along ``old`` (n, size) off a vector ``new``; set ``parts`` (n,) to them, and
-    return the square of the length of what remains.
+    """Subtract from a vector ``new`` (size,), in place, its parts along the vectors ``old`` (n,
+    size). Set ``parts`` (n,) to them, and return the square of the length of what remains.
     """
     products = np.empty(_LENGTH, np.float32)
     for row in range(len(old)):
@@ -176,10 +182,13 @@ def _take_off(old: Single, new: Single, parts: Single) -> float:
 
 @compiled
 def _multiply(first: Single, second: Single, products: Single) -> float:
-    """Return the scalar product of two vectors; ``products`` are overwritten."""
+    """Return the scalar product of two vectors of :data:`_LENGTH` elements; ``products``, as long,
+    are overwritten.
+    """
     for place in range(_LENGTH):
         products[place] = first[place] * second[place]
-    # sums of pairs, of pairs of pairs, ...: several at a time, and with little rounding
+    # the upper half is added to the lower one until one element is left: the compiler adds several
+    # elements at a time, and rounding stays small
     half = _LENGTH // 2
     while half:
         for place in range(half):

@@ -6,8 +6,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-#: largest width over diameter: of balls that differ more, some leave their neighbours, and touch
-#: others
+#: largest width over diameter: of balls that differ more, some leave their neighbours on the
+#: lattice and touch other balls
 LARGEST_RATIO = 0.2
 #: reduced spacing a* = y + 1/2 at which a history begins, at rest without friction
 START_SPACING = 0.5
@@ -23,8 +23,9 @@ class ReducedLoad(NamedTuple):
     """Prescribed load: the reduced ``overlap`` y or, if that is None, the reduced mean contact
     ``force`` f*.
 
-    If ``on_boundary`` is true, the load is a pressure: ``force`` is the f* under it where the cell
-    keeps its size. In the true geometry the boundary shrinks with the cell.
+    If ``on_boundary`` is true, the load is a pressure, given by the mean contact force ``force``
+    that has this pressure in a cell that keeps its size. In the true geometry the boundary shrinks
+    with the cell, and the mean contact force is then another one.
     """
 
     overlap: float | None = None

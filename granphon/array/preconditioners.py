@@ -1,12 +1,13 @@
 """Approximate inverses of C^T D C for GMRES, where few balls hold each other but nothing else holds
 them.
 
-With friction there are patches: few balls that move while all others are held. Newton's method
-takes long where few balls hold each other but nothing else holds them. The lattice's Green's
-function does not know of them, and the inverse of a single ball takes its neighbours to be fixed.
-What GMRES leaves after some iterations sits on such balls and tells where they are. An inverse of
-their own matrix, neighbours included, then takes the place of those of single balls. Patches that
-do not touch are inverted together: one is a block of the matrix.
+With friction, GMRES takes long where few balls hold each other and nothing else holds them. The
+lattice's Green's function does not know of such balls, and the inverse of the block of a single
+ball takes its neighbours to be fixed. But the forces that GMRES leaves after some iterations act on
+these balls, and so tell where they are. They and their neighbours make a patch: the matrix of the
+patch, while all other balls are held, is inverted, and this inverse takes the place of those of
+single balls. Parts of a patch that do not touch are blocks of this matrix, and need no case of
+their own.
 """
 
 from __future__ import annotations
@@ -23,13 +24,14 @@ from granphon.base.arrays import Array, Index
 from granphon.contacts.friction import Tangent
 from granphon.dynamics.factors import factorise
 
-#: puts the motions of some balls under a force into an array of motions
+#: function of a force and an array of motions that writes the motions under the force of some balls
+#: into the array
 Put = Callable[[Array, Array], None]
-#: part of the square of a residual that the balls hold which are added to a patch
+#: part of the square of a residual that acts on the balls that are added to a patch
 _HELD = 0.9
-#: balls that are added to a patch at a time, at most, as a part of the array
+#: largest number of balls that are added to a patch at a time, over all balls of the array
 _MOST_PART = 1.0 / 32.0
-#: the same as a number, where that is more
+#: the same as a number, where this is more
 _MOST = 48
 #: part of the array from which a patch is the whole array, if that is not too large
 _WHOLE = 0.4
@@ -50,14 +52,16 @@ class Patches:
 
     @cached_property
     def _ends(self) -> Index:
-        """(2, contacts) balls j and i of each contact."""
+        """(2, contacts) numbers of ball j and of ball i of each contact."""
         i, j = (self._cells * ball[:, None] for ball in np.transpose(self.stencils.ends))
         far = number_cells(self.stencils.shape, self.stencils.shifts)
         return np.array([j + far, i + np.arange(self._cells)]).reshape(2, -1)
 
     @cached_property
     def _by_ball(self) -> tuple[Index, Index]:
-        """Contacts of one ball after the other, and the places where those of each begin."""
+        """``contacts``, the contacts of one ball after the other, and ``starts`` (balls + 1,):
+        those of ball b are ``contacts[starts[b] : starts[b + 1]]``.
+        """
         order = np.argsort(self._ends, axis=None, kind="stable")
         contacts = order % self._ends.shape[1]
         balls = self._ends.ravel()[order]
@@ -65,8 +69,8 @@ class Patches:
 
     @cached_property
     def _rows(self) -> Array:
-        """(2, kinds, rows, fields) coefficients of the motions of balls j, and less those of balls
-        i.
+        """(2, kinds, rows, fields) coefficients, in the deformations of each kind of contact, of
+        the motions of ball j and, with the sign turned, of ball i.
         """
         kinds = self.stencils.n_contacts
         head, tail = self.stencils.coefficients
@@ -76,25 +80,29 @@ class Patches:
         return np.array([rows[0][:, kind, j], rows[1][:, kind, i]]).swapaxes(1, 2)
 
     def find_worst(self, forces: Array) -> Index:
-        """Return the balls, with their neighbours, on which most of the ``forces`` (fields, L1,
-        ..., Lp) are left.
+        """Return the numbers of the balls on which the largest ``forces`` (fields, L1, ..., Lp)
+        act, and of their neighbours.
+
+        The balls are as few as bear the part :data:`_HELD` of the sum of the squares of all forces,
+        and no more than the limits on the size of a patch allow.
         """
         by_ball = forces.reshape(self.stencils.n_balls, self._fields, self._cells)
         squares = np.einsum("bfc,bfc->bc", by_ball, by_ball).ravel()
         near = 1 + self._ends.size // self._balls  # a ball and its neighbours
-        most = min(
-            max(_MOST, int(_MOST_PART * self._balls)), max(1, self._largest // near), self._balls
-        )
+        most_added = max(_MOST, int(_MOST_PART * self._balls))
+        most_in_patch = max(1, self._largest // near)
+        most = min(most_added, most_in_patch, self._balls)
         worst = np.argsort(-squares, kind="stable")[:most]
         sums = np.cumsum(squares[worst])
-        worst = worst[
-            : int(np.searchsorted(sums, min(_HELD * float(np.sum(squares)), sums[-1]))) + 1
-        ]
+        held = min(_HELD * float(np.sum(squares)), sums[-1])
+        worst = worst[: int(np.searchsorted(sums, held)) + 1]
         return np.unique(self._ends[:, self._find_contacts(worst)])
 
     def join(self, balls: Index, added: Index) -> Index:
-        """Return the balls of a patch and those ``added``, or all balls if these are many; the
-        ``balls`` alone if the patch would be too large.
+        """Return the numbers of the ``balls`` of a patch and of the balls ``added`` to it, sorted.
+
+        A patch of many balls becomes that of all balls, if the array is small enough. If the patch
+        would be too large, nothing is added.
         """
         joined = np.union1d(balls, added)
         if joined.size > _WHOLE * self._balls and self._balls <= self._largest:
@@ -102,14 +110,18 @@ class Patches:
         return joined if joined.size <= self._largest else balls
 
     def _find_contacts(self, balls: Index) -> Index:
+        """Return the numbers of all contacts of the ``balls``, sorted."""
         contacts, first = self._by_ball
         counts = first[balls + 1] - first[balls]
+        # the ranges first[ball] to first[ball + 1] of all balls, one after the other: entry n of
+        # the whole is entry n - (counts of the balls before) of its range
         starts = np.repeat(first[balls] - np.cumsum(counts) + counts, counts)
         return np.unique(contacts[starts + np.arange(starts.size)])
 
     def invert(self, balls: Index, tangent: Tangent) -> Put | None:
-        """Return a function that sets the motions of the ``balls`` of a patch to those under a
-        force, while all other balls are held; None if there is no inverse.
+        """Return a function ``put(force, motion)`` that writes the motions of the ``balls`` of a
+        patch under a force, while all other balls are held, into ``motion``; None if the matrix of
+        the patch has no inverse.
 
         The ``tangent`` has a mean stiffness of one. Forces and motions are (fields, L1, ..., Lp).
         """
@@ -119,7 +131,7 @@ class Patches:
         place = np.full(self._balls, -1)
         n = contacts.size
         place[balls] = np.arange(balls.size)
-        # C of these contacts and of the balls of the patch, field after field of each
+        # C of these contacts, row after row of all, and of the balls of the patch, ball after ball
         parts = []
         rows = np.arange(self._rows.shape[2])
         for ends, coefficients in zip(place[self._ends[:, contacts]], self._rows, strict=True):
@@ -132,7 +144,7 @@ class Patches:
         matrix = c.T.tocsr() @ (d @ c) + HOLDING * eye_array(c.shape[1], format="csr")
         try:
             factors = factorise(matrix, symmetric=False, approximate=True)
-        except RuntimeError:  # singular to the last digit
+        except RuntimeError:  # the matrix is singular to the last digit
             return None
         index = balls // self._cells, slice(None), balls % self._cells
         shape = self.stencils.n_balls, self._fields, self._cells
@@ -146,9 +158,11 @@ class Patches:
 
 
 def _list_tangent_entries(tangent: Tangent, contacts: Index) -> list[tuple[Index, Index, Array]]:
-    """Return the entries of D of some ``contacts`` (n,): rows, columns and values. Elongations come
-    first, slips along each tangent after them; D is not symmetric, as a force against slip depends
-    on the elongation.
+    """Return the entries of D, the ``tangent``, of some ``contacts`` (n,), as triplets of rows,
+    columns and values.
+
+    The n elongations come first, then the n slips along each tangent. D is not symmetric, as a
+    force against slip depends on the elongation.
     """
     stiffness, springs, coupling, cross = (
         values.reshape(-1, tangent.stiffness.size)[:, contacts]

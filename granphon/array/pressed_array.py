@@ -21,10 +21,10 @@ class PressedArray:
     overlap : y, common to all contacts.
     balls : (fields, L1, ..., Lp) displacements and rotations, in the coordinates of the stencils.
     contacts : state of the contacts.
-    law : of the contacts.
+    law : the law of the contacts.
     residual : largest force or torque (over the diameter) left on a ball, over the mean normal
         force.
-    work : of the load since the start, a mean over contacts, in units of c W^(5/2).
+    work : work of the load since the start, a mean over contacts, in units of c W^(5/2).
     slid, loosened, damped : energies lost since the start by sliding, by the law of the tangential
         force, and to dashpots, between the gas and rest and where balls fall; as ``work``.
     steps, newton, krylov : numbers of steps of the load, of Newton's method and of GMRES since the
@@ -63,10 +63,9 @@ class PressedArray:
         """Return the largest change of an overlap or a slip since another state, in W."""
         now = self.contacts
         then = before.contacts
-        return max(
-            float(np.max(np.abs(a - b)))
-            for a, b in ((now.overlaps, then.overlaps), (now.slips, then.slips))
-        )
+        change_of_overlaps = float(np.max(np.abs(now.overlaps - then.overlaps)))
+        change_of_slips = float(np.max(np.abs(now.slips - then.slips)))
+        return max(change_of_overlaps, change_of_slips)
 
     @property
     def sliding_fraction(self) -> float:

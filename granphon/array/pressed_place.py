@@ -1,8 +1,8 @@
-"""Where the contacts of an array of balls that roll and slip are, in the directions of the lattice
-or in the true ones.
+"""Configurations of an array of balls that roll and slip: the overlaps and slips of its contacts,
+and what contacts exert, in the directions of the lattice or in the true ones.
 
-Units are those of :mod:`granphon.array.geometry`; what contacts measure and exert are the loops of
-:mod:`granphon.contacts.slips` over their list.
+Units are those of :mod:`granphon.array.geometry`. The formulas, and the loops over contacts, are
+those of :mod:`granphon.contacts.slips`.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ class PressedGeometry:
 
     Parameters
     ----------
-    stencils : how balls move; contacts resist slip.
-    deviations : x = Delta/W of the balls.
+    stencils : stencils of the array, of contacts that resist slip.
+    deviations : (L1, ..., Lp) or (n, L1, ..., Lp), x = Delta/W of the balls.
     ratio : eps = W/d of contacts in their true directions; zero where they keep those of the
         lattice.
 
@@ -54,7 +54,7 @@ class PressedGeometry:
         tangents = np.stack(frames[1], axis=1)
         #: the list of the contacts
         self.contacts = RollingContacts(
-            # of their own: loops are compiled anew for arrays that cannot be written
+            # copies: loops are compiled anew for read-only arrays, as those of the grid are
             i=grid.i.copy(),
             j=grid.j.copy(),
             normal=grid.normal.copy(),
@@ -63,24 +63,29 @@ class PressedGeometry:
             uneven=np.ravel(0.5 * ratio * (means - ends)),
             ratio=float(ratio),
         )
-        #: (p, p) what takes the coordinates of displacements to the axes of space
+        #: (p, p) matrix that takes the coordinates of displacements to the axes of space
         self.axes = np.ascontiguousarray(np.linalg.inv(stencils.basis), float)
         self._distance = np.ones(means.size)
 
     @cached_property
     def product(self) -> GridProduct:
-        """What multiplies tangents, without blocks."""
+        """The contacts as loops that multiply tangents read them; its blocks are empty."""
         from granphon.contacts.grid_product import GridProduct  # averages need no Numba
 
         return GridProduct.of(self.contacts.i, self.contacts.j, math.prod(self.stencils.shape))
 
     def place(self, balls: Array, overlap: float) -> PressedPlace:
-        """Return the configuration with these motions ``balls`` and the overlap y."""
+        """Return the configuration with the motions ``balls`` (fields, L1, ..., Lp) and the overlap
+        y.
+        """
         return PressedPlace(self, balls, overlap)
 
     def begin(self, balls: Array, overlap: float) -> tuple[Array, Array]:
-        """Return the overlaps of contacts and their slips, with which a history begins: those from
-        the sites, or zeros where contacts turn.
+        """Return the overlaps (n_c, L1, ..., Lp) of contacts, and the slips (n_s, n_c, L1, ..., Lp)
+        with which a history begins at the motions ``balls`` and the ``overlap`` y.
+
+        Slips are counted from the sites where contacts keep their directions, and from here where
+        contacts turn.
         """
         place = self.place(balls, overlap)
         return place.overlaps, place.find_slips(place, np.zeros(self.slip_shape))
@@ -92,7 +97,9 @@ class PressedGeometry:
         return (len(stencils.shape) - 1, stencils.n_contacts, *stencils.shape)
 
     def list_motions(self, balls: Array) -> tuple[Array, Array]:
-        """Return displacements and rotations (n, 3), of motions (fields, L1, ..., Lp)."""
+        """Return the displacements and the rotations (n, 3) of balls along the axes of space, from
+        their motions ``balls`` (fields, L1, ..., Lp).
+        """
         from granphon.contacts import slips  # imported here: averages need no Numba
 
         fields = balls.reshape(self.stencils.n_balls, self.stencils.motions.count, -1)
@@ -101,7 +108,9 @@ class PressedGeometry:
         return displacement, rotation
 
     def collect_forces(self, force: Array, torque: Array) -> Array:
-        """Return forces (fields, L1, ..., Lp) against motions, of forces and torques (n, 3)."""
+        """Return the forces (fields, L1, ..., Lp) that do work on the motions of balls, from
+        ``force`` and ``torque`` (n, 3) along the axes of space.
+        """
         from granphon.contacts import slips  # imported here: averages need no Numba
 
         stencils = self.stencils
@@ -111,8 +120,11 @@ class PressedGeometry:
         return fields.reshape(stencils.n_fields, *stencils.shape)
 
     def measure(self, balls: Array, overlap: float) -> tuple[Configuration, Array, Array | None]:
-        """Return where balls and contacts are, overlaps (n_c,), and slips (n_s, n_c) if they follow
-        from that alone.
+        """Return where balls and contacts are, the overlaps (n_c,), and the slips (n_s, n_c) of
+        contacts that keep their directions.
+
+        Slips are None where contacts turn: they then depend on the way to the motions ``balls``
+        (fields, L1, ..., Lp) and the ``overlap`` y.
         """
         from granphon.contacts import slips  # imported here: averages need no Numba
 
@@ -134,7 +146,7 @@ class PressedGeometry:
 
 
 class PressedPlace:
-    """Configuration of an array in its :class:`PressedGeometry`.
+    """Configuration of an array of balls that roll and slip.
 
     Attributes
     ----------
@@ -154,8 +166,11 @@ class PressedPlace:
         self._slips = None if slips is None else slips.reshape(geometry.slip_shape)
 
     def find_slips(self, before: PressedPlace, slips: Array) -> Array:
-        """Return (n_s, n_c, L1, ..., Lp) slips, if they are ``slips`` in the place ``before``: that
-        does not matter where contacts keep their directions.
+        """Return the slips (n_s, n_c, L1, ..., Lp) of contacts after a step from the configuration
+        ``before``, in which they are ``slips``.
+
+        Where contacts keep their directions, slips follow from the motions alone, and neither
+        argument matters.
         """
         from granphon.contacts import slips as loops  # imported here: averages need no Numba
 
@@ -182,11 +197,15 @@ class PressedPlace:
         return force, torque
 
     def pull(self, forces: Array, shears: Array) -> Array:
-        """Return the forces of :meth:`push` against motions, (fields, L1, ..., Lp)."""
+        """Return the forces of :meth:`push` in the coordinates of motions, (fields, L1, ...,
+        Lp).
+        """
         return self.geometry.collect_forces(*self.push(forces, shears))
 
     def turn(self, shears: Array) -> Array:
-        """Return the vectors (n_c, 3) of tangential forces, along the axes of space."""
+        """Return the vectors (contacts, 3), along the axes of space, of tangential forces whose
+        components along the two tangents are ``shears`` (n_s, n_c, L1, ..., Lp).
+        """
         t = self.configuration.tangent
         tangential = by_contact(shears, len(shears))
         vectors = tangential[0][:, None] * t
@@ -200,8 +219,9 @@ class PressedPlace:
         return shrink_boundary(self.geometry.ratio, self.overlap, len(self.geometry.stencils.shape))
 
     def press(self, forces: Array, shears: Array) -> float:
-        """Return the force whose work on dy is that of the load: the mean of (f n - T).e over
-        contacts.
+        """Return the force per contact that does the work of the load as y grows: the mean of (f n
+        - T).e over contacts, with the normal forces ``forces`` (n_c, L1, ..., Lp) and the
+        tangential ones ``shears`` (n_s, n_c, L1, ..., Lp).
         """
         if not self.geometry.ratio:
             return float(np.mean(forces))
@@ -216,11 +236,12 @@ class PressedPlace:
         precision: DTypeLike = np.float32,
         free: bool = True,
     ) -> PressedTangent:
-        """Return the changes of :meth:`pull` and of the sum of forces by small motions, both times
-        -1, in a given precision.
+        """Return what resists small motions: minus the changes of the forces of :meth:`pull`, and
+        of the sum of the normal forces, in a ``precision``.
 
-        They follow from the ``tangent`` of the law of friction, and from the forces that act where
-        contacts turn. The overlap may change if it is ``free``.
+        The changes follow from the ``tangent`` of the law of friction and, where contacts turn,
+        from the ``forces`` and ``shears`` that act. ``free`` says whether the overlap y is a motion
+        too.
         """
         from granphon.contacts.rolling_tangent import fill_tangent  # averages need no Numba
 
@@ -256,15 +277,16 @@ class PressedPlace:
 
 @dataclass(frozen=True, eq=False)
 class PressedTangent:
-    """Changes of forces on balls, and of the sum of normal forces, by small motions, both times -1.
+    """What resists small motions: minus the changes of the forces on balls, and of the sum of the
+    normal forces of contacts.
 
     Attributes
     ----------
-    product : of motions, with the overlap held.
-    diagonal : its blocks (m, m, n) of balls, in double precision.
-    ahead, back : (m, n) forces by a unit of the overlap, and what each motion changes of the sum;
-        (m, 0) if the overlap is held.
-    corner : change of the sum by a unit of the overlap.
+    product : blocks of forces on balls against motions of balls, with the overlap held.
+    diagonal : (m, m, n) the blocks of each ball and its own motions, in double precision.
+    ahead : (m, n) forces on balls against a unit of the overlap; (m, 0) if the overlap is held.
+    back : (m, n) minus the change of the sum by each motion; (m, 0) if the overlap is held.
+    corner : minus the change of the sum by a unit of the overlap.
     """
 
     product: GridProduct
@@ -274,8 +296,11 @@ class PressedTangent:
     corner: float
 
     def resist(self, balls: NDArray[Any], press: float, forces: NDArray[Any]) -> float:
-        """Set ``forces`` to the changes by motions ``balls``, (fields, L1, ..., Lp) or flat, and by
-        a change ``press`` of the overlap, if that is free; return the change of the sum.
+        """Set ``forces`` to minus the changes of forces on balls by motions ``balls`` and by a
+        change ``press`` of the overlap; both arrays are (fields, L1, ..., Lp) or flat.
+
+        Return minus the change of the sum of the normal forces. If the overlap is held, ``press``
+        is not read, and zero is returned.
         """
         from granphon.contacts.grid_product import multiply_pressed  # averages need no Numba
 
@@ -291,8 +316,8 @@ class PressedTangent:
         )
 
     def invert_alone(self, added: float) -> NDArray[Any]:
-        """Return the (m, m, n) inverses of the blocks of balls, with ``added`` added to their
-        diagonal.
+        """Return the inverses (m, m, n) of the blocks of each ball and its own motions, to whose
+        diagonal the stiffness ``added`` is added first.
         """
         from granphon.contacts.grid_product import invert_blocks  # averages need no Numba
 

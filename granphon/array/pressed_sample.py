@@ -74,7 +74,11 @@ class PressedEquilibrium(Equilibrium):
 
     @classmethod
     def of(cls, pressed: PressedArray, deviations: Array, stencils: Stencils, ratio: float) -> Self:
-        """Take the state of a history, whose ``stencils`` have slips."""
+        """Return the ``pressed`` state of a history as an equilibrium.
+
+        ``deviations`` are those of the balls, ``stencils`` those of the history, with slips, and
+        ``ratio`` is W/d in the true geometry, or else zero.
+        """
         motions = stencils.motions
         fields = pressed.balls.reshape(stencils.n_balls, motions.count, *stencils.shape)
         displacements = fields[:, motions.translating].reshape(-1, *stencils.shape)
@@ -147,8 +151,8 @@ class PressedEquilibrium(Equilibrium):
 
     @property
     def contacts(self) -> Contacts:
-        """State of the contacts, with the slips of a motion on the lattice: only changes of slips
-        count.
+        """State of the contacts. Slips are those of the balls' motions in the directions of the
+        lattice, in the true geometry too: only changes of slips count.
         """
         stencils = self.sheared
         motion = stencils.spread(self.balls, self.rotations)
@@ -156,7 +160,7 @@ class PressedEquilibrium(Equilibrium):
         return Contacts(self.overlaps, slips.reshape(self.shears.shape), self.shears)
 
     def resume(self) -> PressedArray:
-        """Return the state as a history takes it up again."""
+        """Return the state from which a history goes on."""
         return PressedArray(
             overlap=self.overlap,
             balls=self.sheared.spread(self.balls, self.rotations),
@@ -197,16 +201,18 @@ class PressedEquilibrium(Equilibrium):
         :meth:`shear_ratios`.
 
         Other arguments, units and errors are those of
-        :meth:`~granphon.array.equilibrium.Equilibrium.find_elasticity`. In the true geometry it is
-        that of :func:`~granphon.statics.response.find_elastic_tensor`, under the forces that
-        act.
+        :meth:`~granphon.array.equilibrium.Equilibrium.find_elasticity`. In the true geometry the
+        tensor is that of :func:`~granphon.statics.response.find_elastic_tensor`, of contacts with
+        the static forces that act.
         """
         return super().find_elasticity(shear, torsion, bending)
 
     def _list_contacts(
         self, shear: ArrayLike = 0.0, torsion: ArrayLike = 0.0, bending: float = 0.0
     ) -> ContactList:
-        """Return the contacts with their springs, in the true geometry with the forces that act."""
+        """Return the contacts with their springs, in the true geometry with the static forces that
+        act; arguments are those of :meth:`find_elasticity`.
+        """
         if not self.ratio:
             return super()._list_contacts(shear, torsion, bending)
         forces = self.forces * (self.stiffnesses > 0.0)
@@ -258,9 +264,7 @@ class PressedSample(Sample):
     @cached_property
     def network(self) -> ContactNetwork:
         """The balls, and the contacts that carry load, as a network with the springs of the linear
-        response.
-
-        See :attr:`Sample.network`; it has the tangential forces too.
+        response; see :attr:`Sample.network`. This network also has the tangential forces.
         """
         ratios = np.moveaxis(self.equilibrium.shear_ratios(self.shear_response), 0, -1)
         return self._make_network(ratios, self.tangential_forces)
@@ -357,11 +361,12 @@ class PressedSample(Sample):
         return slope_in_log * k / f
 
     def _average_stiffness(self, tensor: Array, force: float, overlap: float) -> float:
-        """Return df/d(delta), N/m, of an elastic tensor: under an even strain only normal forces do
-        work on the whole.
+        """Return df/d(delta), N/m, the change of the mean force with the overlap, of an elastic
+        ``tensor``, at a ``force``, N, and an ``overlap``, m.
 
-        In the true geometry the tensor is that of the stress: the boundary on which the forces act
-        shrinks.
+        It follows from the work of an even strain of the cell, in which only normal forces take
+        part. In the true geometry the tensor is the derivative of the stress, and the boundary on
+        which the stress acts shrinks, which the last line takes into account.
         """
         structure = self.packing.structure
         p = self.packing.structure.periods
@@ -414,6 +419,9 @@ class PressedSample(Sample):
         return read_only(tensors)
 
     def _find_elasticity(self, equilibrium: Equilibrium, torsion: Any) -> Array:
+        """Return the elastic tensor of an ``equilibrium`` in its own units, with the tangential
+        stiffness of :attr:`shear_response`.
+        """
         assert isinstance(equilibrium, PressedEquilibrium)
         return equilibrium.find_elasticity(
             equilibrium.shear_ratios(self.shear_response), torsion, self.packing.bending

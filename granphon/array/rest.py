@@ -1,7 +1,12 @@
 """Arrays of balls that come to rest: as assemblies under loads, in units of W and c W^(3/2).
 
-Contacts keep the directions of the lattice, the limit of small spread, or turn with their balls, of
-which the ratio W/d tells. The search is that of :func:`~granphon.statics.find_rest.find_rest`.
+Contacts keep the directions of the lattice, the limit of small spread, or turn with their balls: in
+the true geometry, with a given ratio W/d. The search for rest is that of
+:func:`~granphon.statics.find_rest.find_rest`.
+
+The lengths of an assembly are in W. In the true geometry its contacts are as long as d/W at touch;
+in the directions of the lattice their length does not matter, and is one. Either length is written
+1/``scale``.
 """
 
 from __future__ import annotations
@@ -32,21 +37,21 @@ from granphon.statics.options import RestOptions
 from granphon.statics.response import find_elastic_tensor
 from granphon.statics.rest import Rest
 
-#: part of the tolerance of forces to which a load is met in the directions of the lattice: the load
-#: is a number that the user gave
+#: tolerance of the load over that of the forces on balls, in the directions of the lattice: the
+#: load is a number that the user gave
 _LOAD_PART = 1e-3
-#: force left on a ball over W/d times the mean force, at most: loose balls carry forces of about
-#: that
+#: largest force left on a ball over W/d times the mean force: the forces on loose balls are of the
+#: order of W/d times the mean force
 _OF_RATIO = 1e-4
 #: least tolerance that rounding allows
 LEAST_TOLERANCE = 1e-12
-#: tolerance of a rest from which a search starts that goes farther: of that on the lattice, where
-#: one rest is near or the interior-point method has brought the balls there, and of that in a cell
-#: that keeps its shape
+#: tolerance of a rest that is only the start of another search: of the rest on the lattice, where
+#: the rest in the true geometry does not depend on the start or the interior-point method has found
+#: the start, and of the rest in a cell that keeps its shape
 START_TOLERANCE = 1e-3
-#: overlap, in W, and f* below which rests differ: the side to which loose balls go, and so the
-#: energy, depends on where the lattice leaves them. With a rough start energies are higher, in two
-#: of three arrays that differ
+#: overlap, in W, and f* below which the rest in the true geometry depends on the start: the side to
+#: which loose balls go, and so the energy, depends on where the lattice leaves them. From a start
+#: to START_TOLERANCE the energy is higher, in two of three arrays in which it differs
 _DIFFERING_OVERLAP = 0.05
 _DIFFERING_FORCE = 0.05
 
@@ -67,7 +72,7 @@ def equilibrate(
         cell.
     load : overlap or mean contact force, reduced. In the true geometry the overlap is that of the
         spacing of the cell, and the force the mean normal force over all contacts.
-    stencils : of the array; by default those of the triangular lattice.
+    stencils : stencils of the array; by default those of the triangular lattice.
     start : equilibrium from which to begin, for example that of the same balls under a similar
         load; in the true geometry by default that on the lattice under the same load.
     tolerance : largest force left on a ball, over the mean contact force, by default 1e-10. On the
@@ -103,7 +108,9 @@ def equilibrate(
 
 
 def _find_start(deviations: Array, load: ReducedLoad, stencils: Stencils) -> Equilibrium:
-    """Return the equilibrium on the lattice, as near to rest as the search needs."""
+    """Return the equilibrium on the lattice under the ``load``, as near to rest as a search in the
+    true geometry needs its start.
+    """
     options = RestOptions()
     if load.overlap is None:
         rests_differ = load.force < _DIFFERING_FORCE
@@ -125,7 +132,11 @@ def _rest_on_lattice(
     start: Equilibrium | None,
     tolerance: float,
 ) -> Equilibrium:
-    """Return the equilibrium in the directions of the lattice."""
+    """Return the equilibrium of :func:`equilibrate` in the directions of the lattice.
+
+    Raises InputError if the sample carries no load, and ConvergenceError if it does not come to
+    rest.
+    """
     is_small = load.overlap is None and load.force < THRESHOLD_FORCE
     if is_small and start is None and np.ptp(deviations):
         raise explain_too_small(load.force)
@@ -162,9 +173,11 @@ def _rest_on_lattice(
 
 
 def equilibrate_by_factors(state: Equilibrium) -> Equilibrium:
-    """Return the equilibrium in the directions of the lattice of the balls of a ``state`` that
-    rests there, at its overlap, found from the sites by another way: contacts are a list that is
-    no grid, and each step of Newton's method factorises its matrix.
+    """Return the equilibrium of the balls of a ``state``, in the directions of the lattice and at
+    the overlap of the state, found by a second way that shares no linear algebra with the first.
+
+    Balls begin on their sites, contacts are a list that is no grid, and each step of Newton's
+    method factorises its matrix.
 
     Raises :class:`~granphon.base.errors.GranphonError` if the search does not come to rest.
     """
@@ -186,7 +199,8 @@ def equilibrate_by_factors(state: Equilibrium) -> Equilibrium:
 
 def find_tensor_by_factors(state: Equilibrium, shear: float) -> Array:
     """Return the elastic tensor of :meth:`~granphon.array.equilibrium.Equilibrium.find_elasticity`,
-    with springs against slip, found by factors of a list that is no grid.
+    with springs against slip of ``shear`` times the normal stiffness, found by factors of a list
+    that is no grid.
     """
     return find_elastic_tensor(replace(state._list_contacts(shear), grid=()))
 
@@ -199,12 +213,17 @@ def _rest_in_true_directions(
     tolerance: float,
     ratio: float,
 ) -> TrueEquilibrium:
-    """Return the equilibrium in the true geometry."""
+    """Return the equilibrium of :func:`equilibrate` in the true geometry, found from ``start``.
+
+    Raises InputError if the sample carries no load, and ConvergenceError if it does not come to
+    rest.
+    """
     overlap = start.overlap if load.overlap is None else load.overlap
     assembly = assemble(deviations, stencils, ratio)
     applied = apply_load(assembly, load, ratio, LOAD_TOLERANCE / REST_TOLERANCE)
     begin = take_up(assembly, start.balls, overlap, stencils, ratio)
-    # the search measures a residual by the mean force of closed contacts
+    # the search measures a residual by the mean force of closed contacts, the tolerance is over
+    # that of all contacts; a tenth less is aimed at than is required
     closed_share = float(np.mean(start.forces > 0.0))
     options = RestOptions(
         tolerance=0.9 * closed_share * tolerance, required=closed_share * tolerance
@@ -235,8 +254,8 @@ def _rest_in_true_directions(
 
 
 def assemble(deviations: Array, stencils: Stencils, scale: float) -> GridAssembly:
-    """Return the contacts of an array, as long as 1/``scale`` at touch: W/d of balls that turn
-    about each other.
+    """Return the contacts of an array, whose length at touch is 1/``scale``, in W; ``scale`` is W/d
+    in the true geometry, and otherwise 1.
     """
     grid = find_lattice_grid(stencils.shape, stencils.lattice)
     p = stencils.lattice.periods
@@ -251,8 +270,8 @@ def assemble(deviations: Array, stencils: Stencils, scale: float) -> GridAssembl
 
 
 def _find_overlap(rest: Rest, load: ReducedLoad, scale: float) -> float:
-    """Return the overlap y of a state whose contacts are as long as 1/``scale``, if it is not
-    given.
+    """Return the overlap y of a ``rest`` whose contacts have the length 1/``scale``: that of the
+    ``load`` if this is an overlap, or else that of the strain.
     """
     if load.overlap is not None:
         return float(load.overlap)
@@ -260,14 +279,18 @@ def _find_overlap(rest: Rest, load: ReducedLoad, scale: float) -> float:
 
 
 def find_residual(rest: Rest) -> float:
-    """Return the residual by the mean force of all contacts, which is that of closed ones times
-    their part.
+    """Return the largest force left on a ball over the mean force of all contacts.
+
+    The residual of a ``rest`` is over the mean force of closed contacts, which is larger than that
+    of all by one over the part of contacts that are closed.
     """
     return rest.residual / float(np.mean(rest.overlap > 0.0))
 
 
 def gather_balls(rest: Rest, stencils: Stencils) -> Array:
-    """Return displacements (n p, L1, ..., Lp) in the coordinates of the stencils."""
+    """Return the displacements (n p, L1, ..., Lp) of a ``rest`` in the coordinates of the stencils,
+    without their mean.
+    """
     p = rest.displacement.shape[1]
     motions = (stencils.basis @ rest.displacement.T).reshape(p, stencils.n_balls, -1)
     return stencils.centre(motions.swapaxes(0, 1).reshape(-1, *stencils.shape))
@@ -276,7 +299,9 @@ def gather_balls(rest: Rest, stencils: Stencils) -> Array:
 def apply_load(
     assembly: Assembly, load: ReducedLoad, scale: float, cell_tolerance: float
 ) -> AppliedLoad:
-    """Return the load on an assembly whose contacts are as long as 1/``scale``."""
+    """Return the ``load`` on an assembly whose contacts have the length 1/``scale``; a load that is
+    not an overlap is met to ``cell_tolerance`` times the tolerance of forces.
+    """
     p = assembly.dimension
     no_force = np.broadcast_to(0.0, (assembly.n_balls * p,))
     strain = np.zeros((p, p))
@@ -303,8 +328,9 @@ def apply_load(
 def take_up(
     assembly: Assembly, balls: Array, overlap: float, stencils: Stencils, scale: float
 ) -> Rest:
-    """Return the state from which a search begins, of displacements in the coordinates of the
-    stencils and an overlap y.
+    """Return the state from which a search begins, with the displacements ``balls`` (n p, L1, ...,
+    Lp) in the coordinates of the stencils and the ``overlap`` y; contacts of the assembly have the
+    length 1/``scale``.
     """
     p = assembly.dimension
     return Rest(

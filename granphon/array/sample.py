@@ -31,11 +31,12 @@ if TYPE_CHECKING:
 
 
 #: step in log f, to either side, for finite differences of moduli. The bias of an exponent is
-#: proportional to its square: it is 2e-3 STEP^2 = 5e-6 at f* = 1, where the statistical error is
-#: least, and that is the standard error of a million balls. The variance grows only as -log STEP
+#: proportional to the square of the step: at f* = 1, where the statistical error is least, the bias
+#: is 2e-3 STEP^2 = 5e-6, as large as the standard error of a million balls. The variance grows only
+#: as -log STEP
 STEP = 0.05
-#: force that may be left on a ball at rest at the end of a step, over the mean: an exponent differs
-#: by 1e-7 or less from that of rests to 1e-10
+#: force that may be left on a ball under the loads beside, over the mean force: exponents differ by
+#: 1e-7 or less from those found with 1e-10
 _TOLERANCE = 1e-8
 
 
@@ -62,6 +63,7 @@ class Sample(Result):
 
     @property
     def _units(self) -> WidthUnits:
+        """The units of the equilibrium in SI."""
         return self.packing.width_units
 
     @property
@@ -70,8 +72,9 @@ class Sample(Result):
         return self.equilibrium.stencils.shape
 
     def _order(self, values: Array) -> Array:
-        """Return values of balls, (..., n, L1, ..., Lp) or (..., L1, ..., Lp) of one ball in the
-        cell, with n last.
+        """Return ``values`` of balls with the axis of the n balls of a cell last: (..., n, L1, ...,
+        Lp) becomes (..., L1, ..., Lp, n). With one ball in the cell there is no such axis, and
+        values are returned as they are.
         """
         several = self.packing.structure.n_balls > 1
         return np.moveaxis(values, -1 - len(self.shape), -1) if several else values
@@ -121,8 +124,8 @@ class Sample(Result):
 
     @property
     def boundary_force(self) -> float:
-        """Force, N, that the stress on the cell stands for: in the exact geometry other than the
-        mean ``force``.
+        """Mean contact force, N, that has the same pressure in a cell that keeps its size; in the
+        true geometry it differs from the mean ``force``.
         """
         return self._units.force * self.equilibrium.boundary_force
 
@@ -213,12 +216,11 @@ class Sample(Result):
 
     @cached_property
     def network(self) -> ContactNetwork:
-        """The balls, and the contacts that carry load, as a network; contacts have the directions
-        of the lattice.
+        """The balls, and the contacts that carry load, as a network.
 
-        All balls have the mass, inertia and arms of the mean ball, as in the paper's limit. In the
-        true geometry directions and arms are the contacts' own, and static forces act on
-        displacements (prestress).
+        Contacts have the directions of the lattice. All balls have the mass, inertia and arms of
+        the mean ball, as in the paper's limit. In the true geometry directions and arms are the
+        contacts' own, and static forces act on displacements (prestress).
         """
         return self._make_network()
 
@@ -289,8 +291,8 @@ class Sample(Result):
         )
 
     def _find_frames(self, shape: tuple[int, ...]) -> tuple[Array, Array, Array]:
-        """Return the normals (cells, n_c, 3) and both arms (cells, n_c), m, of all contacts; the
-        last two arrays have this ``shape``.
+        """Return the normals (cells, n_c, 3) and the arms of balls i and of balls j (cells, n_c),
+        m, of all contacts; ``shape`` is (cells, n_c).
         """
         packing = self.packing
         table = packing.structure.contacts
@@ -298,8 +300,8 @@ class Sample(Result):
         if self.is_exact:
             exact = self.equilibrium.place
             by_kind = exact.normal.reshape(len(table), -1, 3)
-            reach = [0.5 * exact.size + sign * exact.uneven for sign in (-1.0, 1.0)]
-            arm_i, arm_j = (d * np.moveaxis(arm, 0, -1).reshape(shape) for arm in reach)
+            arms = [0.5 * exact.size + sign * exact.uneven for sign in (-1.0, 1.0)]
+            arm_i, arm_j = (d * np.moveaxis(arm, 0, -1).reshape(shape) for arm in arms)
             return np.ascontiguousarray(by_kind.swapaxes(0, 1)), arm_i, arm_j
         normal = np.zeros((*shape, 3))
         normal[..., : packing.structure.dimension] = table.normal
@@ -315,8 +317,8 @@ class Sample(Result):
 
     @property
     def _deformation(self) -> Array:
-        """(p, p) deformation of the cell, symmetric: that of no load where contacts keep the
-        directions of the lattice.
+        """(p, p) symmetric matrix by which the load deforms the cell; the unit matrix where
+        contacts keep the directions of the lattice.
         """
         equilibrium = self.equilibrium
         deformation = (1.0 - equilibrium.ratio * equilibrium.overlap) * np.eye(len(self.shape))
@@ -325,8 +327,8 @@ class Sample(Result):
         return deformation
 
     def _compute_elastic_tensor(self, equilibrium: Equilibrium) -> Array:
-        """Return the elastic tensor of an ``equilibrium`` in Voigt notation: N on a line, N/m in
-        the plane, Pa in space.
+        """Return the elastic tensor of an ``equilibrium`` of this packing, with the units of
+        :attr:`elastic_tensor`.
         """
         packing = self.packing
         d = self.packing.diameter
@@ -340,7 +342,9 @@ class Sample(Result):
         return read_only(scale * self._find_elasticity(equilibrium, torsion))
 
     def _find_elasticity(self, equilibrium: Equilibrium, torsion: Any) -> Array:
-        """Return the elastic tensor in the units of the equilibrium."""
+        """Return the elastic tensor of an ``equilibrium`` in its own units; ``torsion`` is a
+        number, or (n_c, L1, ..., Lp).
+        """
         return equilibrium.find_elasticity(
             self.packing.mindlin_ratio, torsion, self.packing.bending
         )
@@ -363,7 +367,7 @@ class Sample(Result):
         cell = np.eye(3)
         vectors = packing.structure.vectors[:, :p] @ self._deformation
         cell[:p, :p] = vectors * np.array(shape)[:, None]
-        moved, sites = (np.zeros((self.equilibrium.deviations.size, 3)) for _ in range(2))
+        moved, sites = np.zeros((2, self.equilibrium.deviations.size, 3))
         moved[:, :p] = self.displacements.reshape(-1, p) / d
         sites[:, :p] = self.sites.reshape(-1, p) @ self._deformation
         balls = Atoms(
@@ -397,8 +401,11 @@ class Sample(Result):
 
 
 def find_density(values: Array, bins: int, least: float, largest: float) -> tuple[Array, Array]:
-    """Return (bins + 1,) edges and the (bins,) probability density of ``values``, of all of them:
-    it may leave some out.
+    """Return (bins + 1,) edges from ``least`` to ``largest``, and the (bins,) probability density
+    of ``values``.
+
+    Values beyond the edges count in the norm: over the bins the density then integrates to less
+    than one.
 
     Raises :class:`~granphon.base.errors.InputError` if ``bins`` is no whole number from 1 to a
     million, or no number is between ``least`` and ``largest``.
@@ -416,8 +423,9 @@ def find_density(values: Array, bins: int, least: float, largest: float) -> tupl
 
 
 def _number_ends(structure: Lattice, shape: tuple[int, ...]) -> tuple[Index, Index, Index]:
-    """Return the numbers (cells, n_c) of the balls i and j of all contacts of an array, and by how
-    many periods of the array (cells, n_c, 3) the place of ball j is shifted.
+    """Return the numbers (cells, n_c) of balls i and of balls j of all contacts of an array of
+    ``shape`` cells, and the numbers (cells, n_c, 3) of periods of the array by which the image of
+    ball j that ball i touches is shifted.
     """
     table = structure.contacts
     n = structure.n_balls

@@ -57,14 +57,15 @@ def equilibrate_sheared(
 
     Parameters
     ----------
-    deviations, load, stencils : as in :func:`~granphon.array.equilibrium.equilibrate`. The overlap
-        is that of a cell of the same size and an even spacing.
+    deviations, load, stencils : as in :func:`~granphon.array.rest.equilibrate`. The overlap is that
+        of a cell of the same size and an even spacing.
     ratio : W/d in the true geometry; zero in the directions of the lattice.
 
-    Raises errors as :func:`~granphon.array.equilibrium.equilibrate` does.
+    Raises errors as :func:`~granphon.array.rest.equilibrate` does, and
+    :class:`~granphon.base.errors.ConvergenceError` if no pressure is found for the load.
     """
     if stencils.lattice.periods == 1 or not np.ptp(deviations):
-        # nothing to shear, or equal forces that do not
+        # a line cannot shear, and the stress of equal balls is hydrostatic already
         return equilibrate(deviations, load, stencils)
     if load.overlap is None and load.force < THRESHOLD_FORCE:
         raise explain_too_small(load.force)
@@ -75,6 +76,7 @@ def equilibrate_sheared(
         goal = load.force
 
         def measure(state: Equilibrium) -> float:
+            """Return the overlap of equal balls that have the mean force of a ``state``."""
             return float(hertz.overlap_of(state.force))
 
         return search.find(goal, measure, float(hertz.overlap_of(goal)), explain_too_small(goal))
@@ -86,7 +88,8 @@ def equilibrate_sheared(
 class _PressureSearch:
     """The equilibria of one array under pressures, each searched for from the last.
 
-    Pressures are given as the force f* of contacts under them where the cell keeps its size.
+    A pressure is given as the mean contact force f* that has this pressure in a cell that keeps its
+    size.
     """
 
     def __init__(self, deviations: Array, ratio: float, stencils: Stencils) -> None:
@@ -100,7 +103,9 @@ class _PressureSearch:
         self._iterations = 0
 
     def press(self, force: float) -> Equilibrium:
-        """Return the equilibrium under a pressure."""
+        """Return the equilibrium under the pressure of a mean contact ``force`` f*, and keep it as
+        the start of the next search.
+        """
         load = apply_load(self._assembly, ReducedLoad(force=force, on_boundary=True), 1.0, 1.0)
         geometry: Geometry = "exact" if self._ratio else "lattice"
         options = RestOptions(tolerance=LEAST_TOLERANCE, required=REST_TOLERANCE)
@@ -117,14 +122,14 @@ class _PressureSearch:
         goal: float,
         too_small: InputError,
     ) -> Equilibrium:
-        """Return the equilibrium of which a ``measure`` in units of W, an overlap, is the ``goal``;
-        from a ``guess`` of the pressure; raise the error ``too_small`` of a sample that carries no
-        load there.
+        """Return the equilibrium whose ``measure``, an overlap in W, is the ``goal``.
 
-        The overlap of equal balls under the pressure is nearly linear in it: the search is one by
-        secants.
+        The search begins at the pressure ``guess``, given as f*. It is one by secants in the
+        overlap that equal balls have under a pressure, of which the measure is a nearly linear
+        function. Raises ``too_small`` where a pressure is so small that the sample carries no load,
+        and :class:`~granphon.base.errors.ConvergenceError` if no pressure is found.
         """
-        pressure = hertz.overlap_of(guess)
+        pressure = hertz.overlap_of(guess)  # as the overlap of equal balls
         slope = 1.0
         last: tuple[float, float] | None = None
         for _ in range(_PRESSURES):
@@ -146,7 +151,7 @@ class _PressureSearch:
         raise ConvergenceError(problem, mend="Raise the load, or give a pressure")
 
     def _make_state(self, rest: Rest) -> Equilibrium:
-        """Return the equilibrium of balls at rest."""
+        """Return the equilibrium of balls at rest, with all steps of the search so far."""
         stencils = self._stencils
         ratio = self._ratio
         overlap, strain = split_strain(rest.strain, ratio)
@@ -166,12 +171,14 @@ class _PressureSearch:
 
 
 def split_strain(strain: Array, ratio: float) -> tuple[float, Array]:
-    """Return the overlap y, in W, of a cell with a ``strain`` (p, p), that of a cell of the same
-    size, and the strain (p, p) beside it, in W/d; of contacts as long as d/W in the true geometry,
-    with a ``ratio`` W/d, and else as long as one.
+    """Split the ``strain`` (p, p) of a cell into the overlap y, in W, of an evenly compressed cell
+    of the same size, and the strain (p, p) beside -y, in units of W/d; return both.
+
+    ``ratio`` is W/d in the true geometry, where the contacts of the cell are as long as d/W.
+    Otherwise it is zero: strains are small, and contacts are as long as one.
     """
     p = len(strain)
-    if ratio:
+    if ratio:  # cells of the same size have the same determinant of 1 + strain
         logarithms = np.log1p(np.linalg.eigvalsh(strain))
         overlap = -math.expm1(float(np.mean(logarithms))) / ratio
     else:
@@ -182,11 +189,13 @@ def split_strain(strain: Array, ratio: float) -> tuple[float, Array]:
 def equilibrate_as(
     state: Equilibrium, load: ReducedLoad, tolerance: float | None = None
 ) -> Equilibrium:
-    """Return the equilibrium of the balls of a ``state`` under a load near by, in the same geometry
-    and with the same boundary.
+    """Return the equilibrium of the balls of a ``state`` under a ``load`` near the one that it
+    bears, in the same geometry and with the same boundary.
 
-    Where the cell keeps its shape the search begins where the balls come to rest to first order,
-    and ends at the ``tolerance`` of :func:`~granphon.array.rest.equilibrate`.
+    Where the cell keeps its shape, the search begins at the ``state``, in the true geometry where
+    its balls come to rest under the load to first order, and ends at the ``tolerance`` of
+    :func:`~granphon.array.rest.equilibrate`. Otherwise the balls come to rest anew, and the
+    tolerance is not used.
     """
     if state.strain is not None:
         return equilibrate_sheared(state.deviations, load, state.ratio, state.stencils)

@@ -13,25 +13,26 @@ from numpy.typing import ArrayLike
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-#: most motions of a matrix that is factorised, for balls on a line, in a plane, in space: they take
-#: 5 GB at most. SuperLU, which stands in for rslab, and factorises matrices that are not symmetric,
-#: has ten times as many entries in space
+#: largest number of motions of a matrix that is factorised, for balls on a line, in a plane, in
+#: space: its factors take 5 GB at most. SuperLU, which stands in for rslab and factorises matrices
+#: that are not symmetric, makes factors with ten times as many entries in space
 LARGEST_UNSYMMETRIC = {1: 1_000_000, 2: 300_000, 3: 12_000}
 LARGEST_FACTORS = LARGEST_UNSYMMETRIC | ({3: 120_000} if find_spec("rslab") else {})
-#: time of these factors, complex ones, s for each of n motions: c n^p
+#: c and p, by dimension: to make complex factors of n motions takes c n^p seconds for each motion
 _FACTORS_TIME = {1: (3.6e-7, 0.0), 2: (1.8e-7, 0.5), 3: (2.1e-8, 1.0)}
-#: their bytes for each of n motions while they are made, c n^p; of lattices that are not the
-#: densest, and of packings, from a quarter of that
+#: c and p, by dimension: to make complex factors of n motions takes c n^p bytes for each motion; of
+#: lattices that are not the densest, and of packings, they take down to a quarter of that
 _FACTORS_BYTES = {1: (5e3, 0.0), 2: (15e3, 0.0), 3: (1.6e3, 0.33)}
 
 
 def compose(
     parts: Iterable[tuple[ArrayLike, ArrayLike, ArrayLike]], shape: tuple[int, int]
 ) -> csr_array[Any]:
-    """Return a sparse matrix from parts (lines, columns, entries), arrays of one shape or that
-    broadcast to one.
+    """Return a sparse matrix (CSR) of a ``shape`` from parts (lines, columns, entries); the three
+    arrays of a part broadcast to one shape.
 
-    Entries at the same place add up, as those of a ball that touches itself across the boundary do.
+    Entries at the same line and column add up: a ball that touches itself across the boundary has
+    several. Entries whose sum is zero are not stored.
     """
     from scipy.sparse import coo_array  # imported here: most simulations do not need it
 
@@ -44,10 +45,10 @@ def compose(
 
 
 def share_places(matrices: Iterable[Any]) -> list[Any]:
-    """Return a matrix (CSC) with a place for each entry that any square sparse matrix has, and the
-    entries of each there.
+    """Return a list: first a sparse matrix (CSC) of zeros that stores an entry wherever one of the
+    square sparse ``matrices`` does; then, for each matrix, the array of its entries in this order.
 
-    Sums of the matrices are then sums of arrays.
+    Sums of the matrices are then sums of these arrays.
     """
     from scipy.sparse import csc_array
 

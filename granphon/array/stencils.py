@@ -34,10 +34,10 @@ CACHED = 2**15
 #: stiffness, over the mean, that preconditioners add to contacts or balls: a ball may have no
 #: contact, and its block has an inverse all the same
 HOLDING = 1e-5
-#: part of the way to its balance that each ball moves before and after Green's function
+#: part of the motion to its own balance that each ball makes before and after Green's function
 _DAMPED = 0.8
-#: standard deviation of stiffnesses, over their mean, from which the preconditioner has a part for
-#: each ball
+#: standard deviation of stiffnesses, over their mean, up to which Green's function alone is the
+#: preconditioner
 _UNEVEN = 0.1
 #: number of wave vectors at which matrices are inverted at a time
 _WAVES = 2**15
@@ -61,9 +61,10 @@ class Stencils:
     """Compatibility matrix C of an array of ``shape`` (L1, ..., Lp) cells of a lattice; the unit of
     length is the diameter.
 
-    With a ``mindlin_ratio`` eta, a ``torsion`` or a ``bending`` (over k d^2) above zero, C has
-    slips, twists and rolls too, and rotations. Their stiffness is that multiple of the normal one.
-    ``workers`` threads share each Fourier transform.
+    With a ``mindlin_ratio`` eta, a ``torsion`` or a ``bending`` (over k d^2) above zero, C also has
+    slips, twists or rolls, and rotations. The stiffness against a slip, twist or roll is that
+    number times the normal stiffness of the contact. ``workers`` threads share each Fourier
+    transform.
     """
 
     def __init__(
@@ -108,7 +109,9 @@ class Stencils:
         self._found: dict[Any, Array] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Green's function is not pickled: it is large, and quickly computed again
+        """Return what pickles the stencils without Green's function, which is large and quickly
+        computed again.
+        """
         return Stencils, (
             self.shape,
             self.mindlin_ratio,
@@ -119,8 +122,8 @@ class Stencils:
         )
 
     def forget(self) -> None:
-        """Drop what is quickly computed again from memory: Green's function, and the operator with
-        its buffers.
+        """Free the memory of Green's function, and of the operator with its buffers; both are
+        computed again when they are needed.
         """
         self._found.clear()
         for name in ("_green", "operator"):
@@ -128,22 +131,22 @@ class Stencils:
 
     @cached_property
     def coefficients(self) -> Array:
-        """(2, rows, fields) coefficients of the motions of ball j in each kind of deformation, and
-        then those of ball i.
+        """(2, rows, fields) coefficients in each kind of deformation: first those of the motions
+        of ball j, then those of the motions of ball i.
         """
         p = len(self.basis)
         n = self.n_contacts
         m = self.motions.count
         matrices = np.zeros((2, self.n_rows, self.n_fields))
         project = np.eye(m)
-        project[:p, :p] = np.linalg.inv(self.basis)
+        project[:p, :p] = np.linalg.inv(self.basis)  # from coordinates to the axes of space
         for number, kind in enumerate(self._kinds):
             for end, projected in enumerate((kind.head @ project, kind.tail @ project)):
                 # whole numbers without rounding, so that motions of the whole deform nothing
                 whole = np.rint(projected)
                 rows = np.where(np.abs(projected - whole) < _ROUNDED, whole, projected)
                 for contact, (ends, row) in enumerate(zip(self.ends, rows, strict=True)):
-                    first = m * ends[1 - end]
+                    first = m * ends[1 - end]  # heads belong to ball j, the second of `ends`
                     matrices[end, number * n + contact, first : first + m] = row
         return matrices
 
@@ -171,11 +174,12 @@ class Stencils:
         return values.reshape(self.n_balls, *self.shape)
 
     def weights(self, stiffness: Array, **ratios: Any) -> Array:
-        """Return (rows, L1, ..., Lp) stiffnesses of all deformations, from those of elongations
-        (contacts, L1, ..., Lp).
+        """Return the stiffnesses (rows, L1, ..., Lp) against all deformations, from the
+        ``stiffness`` against elongations (contacts, L1, ..., Lp).
 
-        The ``ratios`` of a kind of deformation, "slip" or "twist", one for each contact, take the
-        place of its own.
+        The stiffness against a kind of deformation is its own number times that against elongation,
+        or else ``ratios`` times: "slip" or "twist" may be given so, as a number or one for each
+        contact, (contacts, L1, ..., Lp).
         """
         if self.n_rows == self.n_contacts:
             return stiffness
@@ -184,8 +188,9 @@ class Stencils:
         )
 
     def sort_springs(self, springs: Array) -> list[Array]:
-        """Return the stiffnesses (contacts, L1, ..., Lp) against elongation, slip, twist and roll,
-        of those (rows, L1, ..., Lp) of all deformations; zeros of what there is not.
+        """Return four arrays (contacts, L1, ..., Lp), the stiffnesses against elongation, slip,
+        twist and roll, from the stiffnesses ``springs`` (rows, L1, ..., Lp) against all
+        deformations; zeros for deformations that C does not have.
         """
         parts = zip(self._kinds, np.split(springs, len(self._kinds)), strict=True)
         rows = {kind.kind: part for kind, part in parts}
@@ -193,8 +198,8 @@ class Stencils:
         return [rows.get(kind, none) for kind in ("elongation", "slip", "twist", "roll")]
 
     def strains(self) -> Array:
-        """Return (rows, p, p) deformations of all contacts under unit displacement gradients u_a,b,
-        without rotation.
+        """Return the deformations (rows, p, p) of all kinds of contacts under unit displacement
+        gradients u_a,b, without rotation.
         """
         return np.concatenate(
             [strain_rows(kind, self._vector, self.motions) for kind in self._kinds]
@@ -203,8 +208,8 @@ class Stencils:
     # -- C and its transpose -----------------------------------------------------------------------
 
     def deformations(self, motion: Motion) -> Array:
-        """Return (rows, L1, ..., Lp) C u, with the compression taken from elongations, which are
-        then losses of overlap.
+        """Return the deformations C u (rows, L1, ..., Lp) by the balls of a ``motion``, with its
+        compression subtracted from elongations, which are then losses of overlap.
         """
         out = self.operator.deform(motion.balls)
         if motion.compression:
@@ -212,22 +217,20 @@ class Stencils:
         return out
 
     def forces(self, *tensions: Array) -> Array:
-        """Return (fields, L1, ..., Lp) C^T f, the forces on balls in the coordinates of their
-        motion, for a tension f.
-
-        It is given in parts (n, L1, ..., Lp), one after the other.
+        """Return the forces C^T f (fields, L1, ..., Lp) on balls, in the coordinates of their
+        motions, for tensions f whose rows are given in parts (n, L1, ..., Lp), one after the other.
         """
         return self.operator.pull(*tensions)
 
     def hessian(self, stiffness: Array) -> ContactHessian:
-        """Return the product of C^T K C with motions, for ``stiffness`` (rows, L1, ..., Lp), in its
-        precision.
+        """Return the product of C^T K C with motions, where the diagonal of K is ``stiffness``
+        (rows, L1, ..., Lp); it is computed in the precision of the stiffness.
         """
         return ContactHessian(self.operator, [stiffness], precision=stiffness.dtype)
 
     def around(self, contacts: Array) -> Array:
-        """Return sums of the values (contacts, L1, ..., Lp) over the contacts of each ball, of
-        :attr:`ball_shape`.
+        """Return the sum over the contacts of each ball, an array of :attr:`ball_shape`, of values
+        of ``contacts`` (contacts, L1, ..., Lp).
         """
         out = np.zeros((self.n_balls, *self.shape), contacts.dtype)
         axes = tuple(range(len(self.shape)))
@@ -237,16 +240,16 @@ class Stencils:
         return out.reshape(self.ball_shape)
 
     def average_around(self, contacts: Array) -> Array:
-        """Return means of the values (contacts, L1, ..., Lp) over the contacts of each ball, of
-        :attr:`ball_shape`.
+        """Return the mean over the contacts of each ball, an array of :attr:`ball_shape`, of values
+        of ``contacts`` (contacts, L1, ..., Lp).
         """
         counts = np.bincount(np.ravel(self.ends), minlength=self.n_balls).astype(float)
         means = self.by_ball(self.around(contacts)) / counts.reshape(-1, *(1,) * len(self.shape))
         return np.asarray(means.reshape(self.ball_shape))
 
     def average_pairs(self, values: Array) -> Array:
-        """Return (contacts, L1, ..., Lp) means over the two balls of each contact, of values of
-        :attr:`ball_shape`.
+        """Return the mean (contacts, L1, ..., Lp) over the two balls of each contact of ``values``
+        of balls, of :attr:`ball_shape`.
         """
         balls = self.by_ball(values)
         axes = tuple(range(len(self.shape)))
@@ -257,12 +260,14 @@ class Stencils:
         return np.stack(means)
 
     def displacements(self, balls: Array) -> Array:
-        """Return (p, *ball_shape) displacements along the axes of space, from their projections."""
+        """Return the displacements (p, *ball_shape) along the axes of space, from motions ``balls``
+        (fields, L1, ..., Lp).
+        """
         return self._turn(np.asarray(np.linalg.inv(self.basis), float), balls)
 
     def spread(self, displacements: Array, rotations: Array | None = None) -> Array:
-        """Return the motion (fields, L1, ..., Lp) of displacements (n p, L1, ..., Lp) and
-        rotations, if there are any.
+        """Return the motions (fields, L1, ..., Lp) that combine ``displacements`` (n p, L1, ...,
+        Lp), in the coordinates of motions, and ``rotations`` (n r, L1, ..., Lp), zeros if None.
         """
         fields = np.zeros((self.n_balls, self.motions.count, *self.shape))
         fields[:, self.motions.translating] = displacements.reshape(self.n_balls, -1, *self.shape)
@@ -271,8 +276,8 @@ class Stencils:
         return fields.reshape(self.n_fields, *self.shape)
 
     def centre(self, balls: Array) -> Array:
-        """Return motions less the mean displacement, or forces less the mean force: nothing resists
-        those of the whole.
+        """Return motions less the mean displacement, or forces less the mean force, (fields, L1,
+        ..., Lp): nothing resists translations of the whole array.
         """
         fields = balls.reshape(self.n_balls, self.motions.count, *self.shape).copy()
         moved = fields[:, self.motions.translating]
@@ -280,8 +285,8 @@ class Stencils:
         return fields.reshape(balls.shape)
 
     def list_forces(self, forces: Array) -> Array:
-        """Return forces (balls, motions) along the axes of space on balls one after the other, from
-        those (fields, L1, ..., Lp) in the coordinates of motions.
+        """Return the forces (n_balls cells, motions) along the axes of space on balls one after
+        the other, from ``forces`` (fields, L1, ..., Lp) in the coordinates of motions.
         """
         values = forces.reshape(self.n_balls, self.motions.count, -1).copy()
         moved = self.motions.translating
@@ -289,8 +294,8 @@ class Stencils:
         return values.swapaxes(1, 2).reshape(-1, self.motions.count)
 
     def gather_motions(self, motions: Array) -> Array:
-        """Return motions (fields, L1, ..., Lp) in their coordinates, from those (balls, motions)
-        along the axes of space of balls one after the other.
+        """Return the motions (fields, L1, ..., Lp) in their coordinates, from ``motions`` (n_balls
+        cells, motions) along the axes of space of balls one after the other.
         """
         values = motions.reshape(self.n_balls, -1, self.motions.count).swapaxes(1, 2).copy()
         moved = self.motions.translating
@@ -298,8 +303,8 @@ class Stencils:
         return values.reshape(self.n_fields, *self.shape)
 
     def _turn(self, matrix: Array, fields: Array) -> Array:
-        """Apply a (p, p) matrix to the displacements, or to the forces against them, of each
-        ball.
+        """Return (p, *ball_shape) the product of a ``matrix`` (p, p) with the displacement, or the
+        force, of each ball; ``fields`` are (fields, L1, ..., Lp).
         """
         by_ball = fields.reshape(self.n_balls, self.motions.count, *self.shape)
         turned = np.einsum("ka,ba...->kb...", matrix, by_ball[:, self.motions.translating])
@@ -333,6 +338,8 @@ class Stencils:
                 indexing="ij",
             )
             matrix = self._find_wave_matrices(half_phases)
+            # at wave vector zero the matrix is singular: a projection makes it regular, and is
+            # subtracted from the inverse again
             if first == 0:
                 matrix[(0,) * len(shape)] += still
             inverse = invert_hermitian(matrix)
@@ -345,7 +352,9 @@ class Stencils:
         return entries
 
     def _project_on_translations(self) -> Array:
-        """Return the projection (fields, fields) on translations of the whole array."""
+        """Return the matrix (fields, fields) that projects motions at wave vector zero on
+        translations of the whole array.
+        """
         per_ball = self.motions.count
         projection = np.zeros((self.n_fields, self.n_fields))
         is_rotation = np.tile(self.motions.is_rotation, self.n_balls)
@@ -354,8 +363,11 @@ class Stencils:
         return projection
 
     def _find_wave_matrices(self, half_phases: Sequence[Array]) -> NDArray[Any]:
-        """Return C^T K C (L1, ..., fields, fields) of equal contacts for waves of which half the
-        phase from cell to cell along each axis is given, (L1, ...); see :attr:`_green`.
+        """Return the matrices C^T K C (L1, ..., fields, fields) of equal contacts for waves, with
+        the real entries of :attr:`_green` if the cell has one ball.
+
+        ``half_phases`` are, for each axis, half of the phases (L1, ...) of the waves from cell to
+        cell.
         """
         real = self.n_balls == 1
         is_rotation = np.tile(self.motions.is_rotation, self.n_balls)
@@ -393,15 +405,15 @@ class Stencils:
     def preconditioner(
         self, stiffness: Array, product: ContactHessian | None = None
     ) -> Callable[[Array], Array]:
-        """Return an approximate inverse of C^T K C, as precise as the stiffness (rows, L1, ...,
-        Lp), single or double.
+        """Return an approximate inverse of C^T K C, a function of a force that returns the motion,
+        both (fields, L1, ..., Lp), in the precision of ``stiffness`` (rows, L1, ..., Lp).
 
-        Each ball moves as if its neighbours were held, then all move by Green's function of the
-        mean stiffness under what that leaves, and then each ball again. Green's function carries
-        stress across the array; single balls take account of contacts that differ. It takes two
-        products with C^T K C, ``product`` if that is at hand, and half as many iterations as the
-        sum of the two motions, which serves where balls rotate. Where contacts are nearly alike,
-        Green's function alone is as good.
+        Green's function of the mean stiffness carries stress across the array; the motion of each
+        ball while its neighbours are held takes account of contacts that differ. Where contacts are
+        nearly alike, the inverse is Green's function alone. Where balls rotate, it is the sum of
+        both. Otherwise each ball moves first, then all by Green's function under the forces that
+        are left, then each ball again: this takes two products with C^T K C, for which ``product``
+        is used if it is given, and half as many iterations as the sum.
         """
         normal = stiffness[: self.n_contacts]
         mean = float(np.mean(normal))
@@ -439,8 +451,9 @@ class Stencils:
     def green_preconditioner(
         self, precision: DTypeLike, stiffness: float
     ) -> Callable[[NDArray[Any]], NDArray[Any]]:
-        """Return the inverse of C^T K C for contacts of equal ``stiffness``: Green's function, in a
-        given precision.
+        """Return the inverse of C^T K C for contacts of equal ``stiffness``, Green's function, as
+        a function of a force that returns the motion, both (fields, L1, ..., Lp) in a
+        ``precision``. The table of each precision is kept for further calls.
         """
         from scipy import fft  # imported here: media that are not simulated do not need it
 
@@ -460,7 +473,7 @@ class Stencils:
         axes = tuple(range(1, len(self.shape) + 1))
 
         def apply(force: NDArray[Any]) -> NDArray[Any]:
-            """Return the motion under a ``force``, (fields, L1, ..., Lp), divided wave by wave."""
+            """Return the motion under a ``force``, both (fields, L1, ..., Lp), wave by wave."""
             waves = fft.rfftn(force, axes=axes, workers=self.workers)
             moved = multiply_waves(table, softness, waves)
             return np.asarray(
@@ -472,10 +485,11 @@ class Stencils:
     def block_jacobi(
         self, stiffness: Array, damping: float = 1.0
     ) -> Callable[[Array, Array], None]:
-        """Return a function of a ``force`` and ``out`` that adds to ``out`` the motion of each ball
-        while its neighbours are held.
+        """Return a function of a ``force`` and ``out``, both (fields, L1, ..., Lp), that adds to
+        ``out`` the motion of each ball while its neighbours are held, times ``damping``.
 
-        Displacements and rotations are taken apart; motions are multiplied by ``damping``.
+        Displacements and rotations of a ball do not couple in it. ``stiffness`` (rows, L1, ..., Lp)
+        is the diagonal of K.
         """
         spring = HOLDING * float(np.mean(stiffness[: self.n_contacts]))
         ratios = np.array([float(kind.stiffness) for kind in self._kinds]).repeat(self.n_contacts)
@@ -520,8 +534,8 @@ class Stencils:
         return add
 
     def _blocks(self) -> Iterator[slice]:
-        """Yield slices of layers of balls, each small enough to stay in the processor's cache; in a
-        plane larger ones do.
+        """Yield slices of layers along the first axis: in space so few that all fields of them
+        stay in the processor's cache; on a line or in a plane as many as one field may have.
         """
         arrays = self.n_fields if len(self.shape) == 3 else 1
         step = max(1, CACHED // (arrays * math.prod(self.shape[1:])))
@@ -530,7 +544,9 @@ class Stencils:
 
     @cached_property
     def _groups(self) -> list[slice]:
-        """Fields of the displacements, and those of the rotations, of each ball of the cell."""
+        """Slices of the fields that move together: for each ball of the cell those of its
+        displacements, and those of its rotations if it has any.
+        """
         count = self.motions.count
         n_translations = len(self.motions.translations)
         groups = []
@@ -542,16 +558,17 @@ class Stencils:
 
 
 def dot(first: Array, second: Array) -> float:
-    """Return the sum of products, without BLAS: its threads wait for each other, and their number
-    changes the last digit.
+    """Return the sum of the products of the elements of two arrays of one shape.
+
+    BLAS is not used: its threads wait for each other, and their number changes the last digit.
     """
     axes = "abcde"[: first.ndim]
     return float(np.einsum(f"{axes},{axes}->", first, second))
 
 
 def number_cells(shape: Sequence[int], shifts: Sequence[Sequence[int]]) -> NDArray[np.intp]:
-    """Return (shifts, cells) numbers of the cells that are each shift away from each cell of a
-    periodic array.
+    """Return the numbers (shifts, cells) of the cells that lie each of the ``shifts`` away from
+    each cell of a periodic array of ``shape`` cells.
     """
     cells = np.arange(math.prod(shape)).reshape(shape)
     return np.stack(
@@ -560,8 +577,8 @@ def number_cells(shape: Sequence[int], shifts: Sequence[Sequence[int]]) -> NDArr
 
 
 def _invert_symmetric(entries: Array, size: int) -> None:
-    """Invert symmetric matrices of one to three rows in place; ``entries`` are the upper triangle,
-    row after row.
+    """Invert symmetric matrices of ``size`` one to three in place; the first axis of ``entries``
+    runs over the upper triangle, row after row.
     """
     if size == 1:
         entries[0] = 1.0 / entries[0]
@@ -584,7 +601,9 @@ def _invert_symmetric(entries: Array, size: int) -> None:
 
 
 def _choose_independent(normals: Array) -> Array:
-    """Return the first p of the ``normals`` (n_c, p) that are independent."""
+    """Return the first p of the ``normals`` (n_c, p), as rows (p, p), of which each makes an angle
+    with the space of those before whose sine is above :data:`_INDEPENDENT`.
+    """
     p = normals.shape[1]
     basis = np.empty((0, p))
     for normal in normals:

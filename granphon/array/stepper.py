@@ -1,25 +1,25 @@
 """One step of the load of an array with friction: from the states before it to the equilibrium
 under a new load.
 
-Newton's method (:mod:`granphon.array.load_step`) solves the balance of forces and torques, from the
-polynomial in the load through the last states, three at most. Where it fails, another method may be
-given; where that fails too, the step is taken in two halves.
+Newton's method (:mod:`granphon.array.load_step`) solves the balance of forces and torques; it
+begins on the polynomial in the load through the last states, three at most. Where it fails, balls
+are slowed by dashpots; where that fails too, the step is taken in two halves.
 
-The work of the load is what the contacts store and lose. Where dashpots act, it is found as the
-integral of f* dy for each contact, and they take the rest. Between two states f* is then taken from
-the parabola through them and the one before.
+The work of the load is what the contacts store and lose. Where dashpots act, the work is found as
+the integral of f* dy for each contact, and dashpots take the rest. Between two states f* is then
+taken from the parabola through them and the one before.
 
 Where a ball loses what held it, there is no equilibrium near the one before, and Newton's method
-does not find the next one. A real ball falls, and what damps it brings it to rest. Here dashpots
-do: in a step they resist what balls move against each other, with ``drag`` times the displacement
-over the step (in units of c W^(1/2)); slips meet eta times as much. So a step with weaker dashpots
-is one of a longer time. They are weakened from step to step under the same load, until the array is
-in balance without them. While balls fall, and too long a step finds no balance, they are made
-stronger again.
+does not find the next one. A real ball falls, and damping brings it to rest. Here dashpots do: in a
+step they resist the motion of balls against each other, with a force ``drag`` (in units of c
+W^(1/2)) times the displacement over the step, and eta times as much for slips. So a step with
+weaker dashpots is one of a longer time. Dashpots are weakened from step to step under the same
+load, until the array is in balance without them. While balls fall, and too long a step finds no
+balance, they are made stronger again.
 
 Dashpots take what the load gives and contacts neither store nor lose, and no less than they would
 if balls moved evenly through the step: where balls hardly move, the error of the work of the load
-is larger.
+is larger than that.
 
 A loading history may begin at the gas: balls apart on their sites, pressed with friction until they
 stand. Where too few balls touch, nothing holds them, and no equilibrium is unique. A real array
@@ -72,41 +72,42 @@ from granphon.contacts.friction import Contacts, FrictionLaw
 #: number of times that a step of the load is halved where Newton's method fails, and where f* is
 #: not yet accurate
 MOST_HALVINGS = 12
-#: number of halvings below which limits of sliding are not looked for again, as they were in the
-#: whole step: it takes long
+#: number of halvings below which the halves of a step are tried without finding limits of sliding
+#: anew, which takes long and has failed in the whole step
 _LAG_HALVINGS = 6
 #: number of steps without a balance after which a load is given up
 _MOST_FAILED = 40
 #: largest step of the load, over the one before, across which a polynomial is continued
 _FARTHEST = 4.0
-#: stiffness of dashpots within a step, at first
+#: first stiffness of dashpots over a step, in c W^(1/2)
 DRAG = 1e-2
 #: factor by which dashpots are weakened from one step to the next
 WEAKER = 0.3
 #: largest number of steps with dashpots, those that find no balance included
 _MOST_DAMPED_STEPS = 60
-#: number of steps, after each of which forces on dashpots have become smaller, after which it is
-#: tried to do without
+#: number of steps in a row, in each of which the forces of dashpots have become smaller, after
+#: which a balance without dashpots is tried
 _CALM = 3
-#: change of the overlap in a step
+#: change of the overlap, in W, in a step from the gas
 STEP = 0.0125
 #: mean force at which an array that has been a gas has to stand
 STANDING_FORCE = 2e-2
 #: largest number of steps at held overlap
 _MOST_SETTLINGS = 30
-#: largest force of a dashpot, over the mean force, with which they are taken away
+#: largest force of a dashpot, over the mean force, at which dashpots are taken away
 _NEXT_TO_NOTHING = 1e-3
-#: largest motion in a step with the weakest dashpots with which they are taken away there, in W
+#: largest motion in a step, in W, at which the weakest dashpots are taken away in the true geometry
+#: of space
 _STILL = 1e-3
 #: weakest dashpots in the true geometry of space, over W/d times the mean force: contacts push
 #: balls aside with about that stiffness
 _ABOVE_PUSH = 10.0
-#: largest overlap at which an array of different balls is still a gas
+#: overlap, in W, at which an array that does not stand yet is given up
 _MOST_OVERLAP = 2.0
 
 
 def find_aim(load: ReducedLoad) -> float:
-    """Return what a load prescribes: the overlap, or the force."""
+    """Return the number that a load prescribes: the overlap y, or the force f*."""
     return load.force if load.overlap is None else load.overlap
 
 
@@ -116,9 +117,11 @@ class Stepper:
 
     Parameters
     ----------
-    geometry : of the contacts.
-    law : of the contacts.
+    geometry : geometry of the contacts.
+    law : law of the contacts.
     from_gas : whether balls were pressed from the gas, so that friction alone may hold them.
+
+    A *trail* is a sequence of the last states, one to three, the newest last.
     """
 
     geometry: PressedGeometry
@@ -130,8 +133,8 @@ class Stepper:
         self._located: deque[tuple[Array, PressedPlace]] = deque(maxlen=3)
 
     def place(self, displacements: Array, overlap: float, residual: float = 0.0) -> PressedArray:
-        """Return balls with displacements (n p, L1, ..., Lp), without rotations and tangential
-        forces.
+        """Return the state with the ``displacements`` (n p, L1, ..., Lp) at the ``overlap`` y,
+        without rotations and tangential forces; ``residual`` is that of the state.
         """
         motion = self.geometry.stencils.spread(displacements)
         overlaps, slips = self.geometry.begin(motion, overlap)
@@ -139,7 +142,7 @@ class Stepper:
         return PressedArray(overlap, motion, contacts, self.law, residual)
 
     def halve(self, here: PressedArray, load: ReducedLoad) -> ReducedLoad:
-        """Return the load half-way from a state to another load."""
+        """Return the load half-way from the load at the state ``here`` to a ``load``."""
         if load.overlap is None:
             return load._replace(force=0.5 * (self.measure(here, load) + load.force))
         return load._replace(overlap=0.5 * (here.overlap + load.overlap))
@@ -147,19 +150,21 @@ class Stepper:
     def step(
         self, trail: Sequence[PressedArray], load: ReducedLoad, drag: float = 0.0
     ) -> PressedArray:
-        """Return the equilibrium under a load; ``trail`` holds the last states before it, one to
-        three.
+        """Return the equilibrium under a ``load`` to which the last state of the ``trail`` leads.
 
         Where Newton's method fails, balls are slowed by dashpots, or the load is reached in two
         steps or more. With a ``drag`` dashpots of this stiffness act in each step, and the state is
         no equilibrium of the contacts.
+
+        Raises :class:`~granphon.base.errors.ConvergenceError` if no load is left on the balls, or
+        no balance is found however short the steps.
         """
-        # with small friction balls come into balance only in stages, which steps with dashpots do
-        # without
+        # with small friction Newton's method finds a balance only in stages of softer contacts,
+        # which steps with dashpots do not have: so balls are not slowed by dashpots then
         relaxes = not drag and self.law.friction_coefficient >= SMALL_FRICTION
-        ahead = [load]
-        halvings = 0
-        failed = 0
+        ahead = [load]  # loads still to be reached, the nearest last
+        halvings = 0  # of the present step
+        failed = 0  # steps without a balance
         while ahead:
             state = trail[-1]
             # where friction alone holds balls, shorter steps of the load help sooner
@@ -196,10 +201,11 @@ class Stepper:
         drag: float,
         lags: FixedLimitSettings | None = None,
     ) -> PressedArray | None:
-        """Return the state to which balls come from the last of the ``trail`` in one step, slowed
-        by dashpots.
+        """Return the state to which balls come from the last state of the ``trail`` in one step to
+        a ``load``, slowed by dashpots of stiffness ``drag``; None if no balance is found.
 
-        It is None if it is not found. Unlike :meth:`step`, it is not sought in shorter steps.
+        Unlike :meth:`step`, this method takes no shorter steps. With ``lags`` the limits of sliding
+        are found anew as they say.
         """
         balls, overlap = self._extrapolate(trail[-1:], load)
         trial = self._make_step(trail[-1], load, drag).solve(balls, overlap, lags)
@@ -208,16 +214,16 @@ class Stepper:
     def relax_overdamped(
         self, trail: Sequence[PressedArray], load: ReducedLoad
     ) -> PressedArray | None:
-        """Return the state in which balls come to rest under a load, from the last of the
-        ``trail``; None if not found.
+        """Return the state in which balls come to rest under a ``load``, from the last state of the
+        ``trail``; None if it is not found.
 
-        Balls follow dashpots step by step. The drag is the stiffness of a dashpot over one step:
-        the weaker, the longer the step. It is weakened from step to step as long as a balance is
-        found, and once pushes fall, the balance without dashpots is tried.
+        Balls are slowed by dashpots in each step. Dashpots are weakened from step to step as long
+        as a balance is found, and made stronger where none is found. Once the forces of dashpots
+        have fallen in :data:`_CALM` steps in a row, the balance without dashpots is tried.
         """
         drag = DRAG
         too_weak = 0.0  # largest drag that has found no balance
-        push = math.inf
+        push = math.inf  # largest force of a dashpot in the last step
         calm_steps = 0  # in a row, in each of which the push has fallen
         for _ in range(_MOST_DAMPED_STEPS):
             start = trail[-1]
@@ -243,7 +249,9 @@ class Stepper:
         return None
 
     def _make_step(self, here: PressedArray, load: ReducedLoad, drag: float) -> LoadStep:
-        """Return the step from a state to a load, with dashpots of stiffness ``drag``."""
+        """Return the step from the state ``here`` to a ``load``, with dashpots of stiffness
+        ``drag``.
+        """
         return LoadStep(
             geometry=self.geometry,
             law=self.law,
@@ -274,14 +282,18 @@ class Stepper:
         return self.explain(load, why)
 
     def explain(self, load: ReducedLoad, why: str, mend: str = "") -> ConvergenceError:
-        """Return the error of a load that is not reached."""
+        """Return the error of a ``load`` that is not reached because of ``why``; by default
+        ``mend`` says to end the path before, or to begin otherwise.
+        """
         problem = f"the loading with friction has not reached {self.name_load(load)}"
         remedy = "take another seed" if self.from_gas else "start at a higher load"
         mend = mend or f"End the path before this load, or {remedy}"
         return ConvergenceError(problem, why[0].upper() + why[1:], mend)
 
     def locate(self, here: PressedArray) -> PressedPlace:
-        """Return the configuration of a state; those of the last three are kept."""
+        """Return the configuration of the state ``here``; the configurations of the last three
+        states are kept.
+        """
         for balls, place in self._located:
             if balls is here.balls:
                 return place
@@ -290,8 +302,8 @@ class Stepper:
         return place
 
     def measure(self, state: PressedArray, load: ReducedLoad) -> float:
-        """Return of a state what the load prescribes: its overlap, its force, or its force under
-        the same pressure.
+        """Return the number of a ``state`` that corresponds to what the ``load`` prescribes: its
+        overlap, its mean force, or the mean force that has its pressure in a cell of fixed size.
         """
         if load.overlap is not None:
             return state.overlap
@@ -302,10 +314,12 @@ class Stepper:
         return state.force
 
     def _extrapolate(self, trail: Sequence[PressedArray], load: ReducedLoad) -> tuple[Array, float]:
-        """Return the motion and overlap to begin with, on the parabola through the last three
-        states, or on a line.
+        """Return the motions (fields, L1, ..., Lp) and the overlap y from which the search for a
+        balance under a ``load`` begins.
 
-        After a turn of the path only the last state is used.
+        They are on the parabola in the load through the last three states of the ``trail``, on the
+        line through two, or those of the last state: only states are used from which the path has
+        not turned, in steps of similar length.
         """
         loads = [self.measure(state, load) for state in trail[-3:]]
         aim = find_aim(load)
@@ -324,7 +338,9 @@ class Stepper:
         return balls, float(overlap)
 
     def _arrive(self, here: PressedArray, trial: Trial) -> PressedArray:
-        """Return the state at the end of a step, with energies."""
+        """Return the state that a ``trial`` in balance has reached from the state ``here``, with
+        the energies lost on the way and the work of the load; keep its configuration.
+        """
         slid, loosened = self.law.lost(here.contacts, trial.contacts)
         state = PressedArray(
             overlap=trial.overlap,
@@ -344,8 +360,8 @@ class Stepper:
         return replace(state, work=state.work + state.stored - here.stored)
 
     def _damp(self, trail: Sequence[PressedArray], trial: Trial) -> PressedArray:
-        """Return the state after a step in which dashpots take what the load gives and contacts
-        neither store nor lose.
+        """Return the state that a ``trial`` in balance has reached from the last state of the
+        ``trail`` with dashpots: they take what the load gives and contacts neither store nor lose.
         """
         state = self._arrive(trail[-1], trial)
         states = [*trail[-2:], state]
@@ -361,7 +377,7 @@ class Stepper:
 
     def press_gas(self, contact: float) -> PressedArray:
         """Return the first state that stands with friction, from balls on their sites at the
-        overlap ``contact``.
+        overlap ``contact`` y, at which the first two balls touch.
 
         Raises :class:`~granphon.base.errors.ConvergenceError` if it stands at no overlap below two
         widths, or if balls that dashpots slow down do not come into balance.
@@ -397,8 +413,10 @@ class Stepper:
         )
 
     def _come_to_rest(self, state: PressedArray) -> PressedArray | None:
-        """Return the state to which balls come without dashpots at the same overlap, None if they
-        give way.
+        """Return the state in which balls stand without dashpots at the overlap of a ``state``,
+        bearing at least half of :data:`STANDING_FORCE`; None if they give way.
+
+        Dashpots are weakened from step to step, and taken away when balls hardly move.
         """
         load = ReducedLoad(overlap=state.overlap)
         drag = DRAG
@@ -429,8 +447,8 @@ class Stepper:
 
 
 def goes_on(loads: Sequence[float]) -> bool:
-    """Return whether the last of three ``loads`` continues the way of the first two, by a step of
-    similar length.
+    """Return whether there are three ``loads``, of which the last continues the way of the first
+    two by a step of similar length.
     """
     steps = np.diff(loads)
     return len(loads) == 3 and bool(
@@ -439,7 +457,9 @@ def goes_on(loads: Sequence[float]) -> bool:
 
 
 def weigh_states(loads: Sequence[float], load: float) -> list[float]:
-    """Return the weights of the states at ``loads`` in Lagrange's polynomial, at another load."""
+    """Return the weights of the values at ``loads`` in the polynomial of Lagrange through all of
+    them, at another ``load``.
+    """
     weights = []
     for node in loads:
         factors = [(load - root) / (node - root) for root in loads if root != node]
@@ -448,11 +468,11 @@ def weigh_states(loads: Sequence[float], load: float) -> list[float]:
 
 
 def integrate_last(loads: Sequence[float], values: Sequence[float]) -> float:
-    """Return the integral of a function between the last two of two or three ``loads``, of which
-    ``values`` are known.
+    """Return the integral between the last two of two or three ``loads`` of a function whose
+    ``values`` at the loads are known.
 
-    It is that of the parabola through three values; after a turn of the path, that of the straight
-    line through two.
+    The function is taken for the parabola through three values, or, with two values and after a
+    turn of the path, for the straight line through the last two.
     """
     start, end = loads[-2:]
     value_at_start, value_at_end = values[-2:]
@@ -467,9 +487,10 @@ def integrate_last(loads: Sequence[float], values: Sequence[float]) -> float:
 
 
 def _find_even_loss(start: PressedArray, end: PressedArray, drag: float) -> float:
-    """Return the mean energy that dashpots of stiffness ``drag`` take from a contact if balls move
-    evenly through the step: the least that they take.
+    """Return the mean energy of a contact, in c W^(5/2), that dashpots of stiffness ``drag`` take
+    if balls move evenly from the state ``start`` to the state ``end``: the least that they take.
     """
+    # elongations by the motions of balls alone: dashpots do not resist the even strain of the cell
     loss = start.contacts.overlaps - end.contacts.overlaps + end.overlap - start.overlap
     slips = end.contacts.slips - start.contacts.slips
     squares = dot(loss, loss) + end.law.mindlin_ratio * dot(slips, slips)

@@ -3,8 +3,8 @@
 The energy is the sum of (2/5) h_+^(5/2) over all contacts, with the overlaps of
 :mod:`granphon.array.geometry`. Away from the limit of small spread it is no longer convex: a
 contact that carries a force f pushes the balls aside, with the stiffness -f W/d. On the lattice a
-ball between two others in line may stay there. In truth it moves out until it touches a third,
-which then carries a force of the order f W/d. The array is an assembly
+ball between two others in line may stay there. In truth the ball moves out until it touches a third
+one, and this contact then carries a force of the order f W/d. The array is an assembly
 (:mod:`granphon.contacts.assembly`) whose contacts turn, and comes to rest as others do
 (:mod:`granphon.statics.find_rest`), from the equilibrium on the lattice.
 """
@@ -33,8 +33,8 @@ from granphon.contacts.placed import collect_pulls
 from granphon.contacts.tangent import fill_blocks
 from granphon.statics.response import LinearResponse
 
-#: force that holds a ball which moves aside, over W/d times the force that pushes it there, at
-#: least: the distance in W
+#: least force that holds a ball which another contact pushes aside, over W/d times the force of
+#: that contact: the least distance, in W, by which such a ball lies aside
 _ASIDE = 1e-2
 
 
@@ -48,12 +48,13 @@ class TrueEquilibrium(Equilibrium):
     """
 
     def _act(self) -> Array:
-        """Return the forces (n_c, L1, ..., Lp) of contacts that carry load, without friction; below
-        zero where they hold balls against going aside, and do not push them there.
+        """Return the normal forces (n_c, L1, ..., Lp) of contacts that carry load, with the sign
+        turned of those that count as holding their balls against going aside.
 
-        Balls that light contacts push aside lean on others with about W/d of their force. Where
-        that cannot be told from the residual, the light contacts hold instead, with W/d of their
-        force.
+        A contact with the force f pushes its balls aside, and they come to lean on other contacts
+        with about f W/d. If so small a force cannot be told from the residual, these other contacts
+        do not count as carrying load, and nothing would hold the balls: the contact itself then
+        counts as holding them, with the same stiffness f W/d.
         """
         least_force = CARRIED_FORCE * self.residual * self.force
         holds_aside = _ASIDE * self.ratio * self.forces > least_force
@@ -61,12 +62,14 @@ class TrueEquilibrium(Equilibrium):
         return np.asarray(acting * (self.stiffnesses > 0.0))
 
     def _act_at_rest(self, shear: Array | None = None) -> Array:
-        """Return the forces of :meth:`_act` where the energy is known to be least.
+        """Return the forces of :meth:`_act`, with the sign also turned for all contacts of balls
+        that would go aside alone: the balls are known to rest where their energy is least.
 
-        A ball nearly in line with two others may lean on a third with less than can be told from
-        the residual. It is at rest all the same: what pushes it aside then holds it. Contacts that
-        resist slip with ``shear`` times their stiffness hold balls themselves, and light ones need
-        not.
+        A ball nearly in line with two others may lean on a third with a force that cannot be told
+        from the residual. Whether its own contacts would push it aside is seen by its block of the
+        tangent: the lowest eigenvalue is then below zero. Contacts that resist slip with ``shear``
+        times their normal stiffness hold balls themselves: then all contacts count as pushing, and
+        signs are turned only where this resistance is not enough.
         """
         acting = self._act()
         ratio = np.asarray(0.0 if shear is None else shear)
@@ -83,10 +86,11 @@ class TrueEquilibrium(Equilibrium):
         return np.where(leans, -np.abs(acting), acting)
 
     def _follow(self) -> tuple[SmallMotions, Array]:
-        """Return the small motions of the balls, and the relative displacements (contacts, 3) of
-        contacts by a unit of y in a cell that keeps its shape.
+        """Return the small motions of the balls, and the displacements (contacts, 3) of balls j
+        less those of balls i by a unit of y in a cell that keeps its shape.
         """
         motions = SmallMotions(self)
+        # the cached property would make the small motions once more
         if "_along" not in vars(self):
             vars(self)["_along"] = self._find_along(motions)
         along = list_displacements(self.stencils, self._along)
@@ -100,12 +104,12 @@ class TrueEquilibrium(Equilibrium):
         return self._find_along(SmallMotions(self))
 
     def _find_along(self, motions: SmallMotions) -> Array:
-        """Return what :attr:`_along` holds."""
+        """Return the derivatives :attr:`_along`, by the small ``motions`` of the balls."""
         return self.stencils.gather_motions(motions.relax(motions.even))
 
     def approach(self, load: ReducedLoad) -> TrueEquilibrium:
-        """Return the balls where they come to rest under a near ``load``, but for the square of the
-        difference; of a cell that keeps its shape.
+        """Return the state under a ``load`` near the one that the balls bear, to first order in the
+        difference of the loads; the cell keeps its shape.
         """
         if load.overlap is None:
             change = (load.force - self.force) / self.stiffness
@@ -122,34 +126,38 @@ class TrueEquilibrium(Equilibrium):
         if self.strain is not None:
             course = self._shear_along()
             return -self.place.lose(course.moved) / course.growth[0]
-        return -self.place.lose(self._follow()[1])
+        _, moved = self._follow()
+        return -self.place.lose(moved)
 
     @cached_property
     def _derivatives(self) -> tuple[float, float]:
-        """First and second derivative of the mean force of contacts by the overlap."""
+        """First and second derivative of the mean force of contacts with respect to y, reduced."""
         if self.strain is not None:
             return self._shear_along().find_derivatives()
         place = self.place
         motions, moved = self._follow()
         loss = place.lose(moved)
         stiffness = self.stiffnesses
-        # the second derivatives: of the overlaps along the motion itself, and by the motion that
-        # balances those of forces
+        # along the straight motion, overlaps have the second derivative `bend`, and forces `push`;
+        # the balls have a second derivative that balances these forces
         bend, push = place.curve(moved, self.forces, stiffness, self.stiffness_slopes)
-        balancing = motions.separate(motions.find(motions.collect(push)[0]))
+        push_on_balls, _ = motions.collect(push)
+        balancing = motions.separate(motions.find(push_on_balls))
         overlap_curvature = bend - place.lose(balancing)
         curvature = self.stiffness_slopes * loss**2 + stiffness * overlap_curvature
         return float(np.mean(-stiffness * loss)), float(np.mean(curvature))
 
     def _shear_along(self) -> HydrostaticCourse:
-        """Return how the cell and the balls move as the pressure rises."""
+        """Return how the cell and the balls move as the pressure rises and the stress stays
+        hydrostatic.
+        """
         return HydrostaticCourse(self, *self._follow())
 
     def _list_contacts(
         self, shear: ArrayLike = 0.0, torsion: ArrayLike = 0.0, bending: float = 0.0
     ) -> ContactList:
-        """Return the contacts with their springs and the forces that act, so that elastic constants
-        include prestress; those that carry no load have none.
+        """Return the contacts with their springs and the static forces that act, so that elastic
+        constants include prestress; contacts that carry no load have neither.
         """
         ratio = np.asarray(shear, float)
         turns = bool(np.any(ratio))
@@ -168,7 +176,7 @@ class SmallMotions:
     Attributes
     ----------
     even : (contacts, 3) displacements of balls j less those of balls i where y grows by one and
-        balls keep their places in the cell.
+        balls keep their places in the cell: minus the directions on the lattice.
     """
 
     def __init__(self, state: TrueEquilibrium) -> None:
@@ -190,8 +198,10 @@ class SmallMotions:
         return push
 
     def collect(self, push: Array) -> tuple[Array, Array]:
-        """Return the forces (n, p) on balls by forces (contacts, 3) on balls j, and the opposite
-        ones on balls i; and the sum (p, p) of forces times directions on the lattice.
+        """Return the forces (n, p) on balls, and the sum (p, p) over contacts of ``push`` times the
+        direction on the lattice.
+
+        Ball j of each contact bears the force ``push`` (contacts, 3), and ball i the opposite one.
         """
         contacts = self._contacts
         p = contacts.dimension
@@ -207,7 +217,8 @@ class SmallMotions:
         """Return the motions (n, p) with which balls come into balance again, after the
         displacements ``affine`` (contacts, 3) of balls j less those of balls i.
         """
-        return self.find(-self.collect(self.resist(affine))[0])
+        resistance, _ = self.collect(self.resist(affine))
+        return self.find(-resistance)
 
     def separate(self, motions: Array) -> Array:
         """Return the displacements (contacts, 3) of balls j against balls i by motions (n, p)."""
@@ -229,15 +240,23 @@ class SmallMotions:
 class HydrostaticCourse:
     """The motion of a cell that shears as the pressure on it rises: its stress stays hydrostatic.
 
-    Derivatives are by a parameter t with which the cell shrinks evenly by W, and shears by strains
-    that keep its size in first order.
+    The course is a function of a parameter t. The cell F, a (p, p) matrix that takes the lattice to
+    the cell, has the derivative eps (-1 + sum of shears) by t: it shrinks evenly by W a diameter,
+    and shears by strains that keep its size to first order. The displacement of a contact is here
+    that of ball j less that of ball i. A stress is here, but for a factor, the sum S over contacts
+    of the force on ball j times the direction on the lattice, times F transposed, which is
+    symmetric at rest; hydrostatic, if all shears of :func:`~granphon.array.equilibrium.list_shears`
+    do no work on it.
 
     Parameters
     ----------
     state : balls at rest.
-    motions : their small motions.
-    even : (contacts, 3) relative displacements of contacts where the cell shrinks and does not
-        shear.
+    motions : the small motions of these balls.
+    even : (contacts, 3) displacements of contacts by a unit of t in a cell that does not shear.
+
+    Attributes
+    ----------
+    moved : (contacts, 3) displacements of contacts by a unit of t.
     """
 
     def __init__(self, state: TrueEquilibrium, motions: SmallMotions, even: Array) -> None:
@@ -249,35 +268,38 @@ class HydrostaticCourse:
         eps = state.ratio
         strain = np.zeros((p, p)) if state.strain is None else state.strain
         self._cell = np.eye(p) - eps * state.overlap * np.eye(p) + eps * strain
-        forces = motions.collect(state.forces.reshape(-1, 1) * state.place.normal)[1]
+        push = state.forces.reshape(-1, 1) * state.place.normal
+        _, forces = motions.collect(push)  # S
+        #: (contacts, 3) displacements of contacts by each unit shear, balls in balance again
         self._sheared = [motions.strain(unit) for unit in self._units]
-        turned = [
+        # changes of the stress by each unit shear, and by the even strain
+        by_shears = [
             eps * forces @ unit + self._resist(moved) @ self._cell
             for unit, moved in zip(self._units, self._sheared, strict=True)
         ]
-        self._resistance = self._project(turned).T
-        along = -eps * forces + self._resist(even) @ self._cell
-        shears = self._balance(along)
-        #: (contacts, 3) relative displacements of contacts
+        self._resistance = self._project(by_shears).T
+        by_even_strain = -eps * forces + self._resist(even) @ self._cell
+        shears = self._balance(by_even_strain)
         self.moved = self._add(even, shears)
-        #: (p, p) the deformation of the cell
+        #: (p, p) first derivative of the cell
         self._strained = eps * (np.einsum("s,sab->ab", shears, self._units) - np.eye(p))
 
     @cached_property
     def growth(self) -> tuple[float, float]:
-        """First and second derivative of y."""
+        """First and second derivative of y by t, where the cell has no second derivative."""
         return self._measure(np.zeros_like(self._cell))
 
     def find_derivatives(self) -> tuple[float, float]:
-        """Return the first and the second derivative of the mean force f* by the overlap y of the
-        spacing, by way of those by t.
+        """Return the first and the second derivative of the mean force f* by the overlap y, from
+        those of both by t.
         """
         state = self._state
         place = self._place
         stiffness = state.stiffnesses
         slopes = state.stiffness_slopes
-        # the second derivative of the motion: forces that the first leaves move balls, and shear
-        # the cell so that the stress stays hydrostatic
+        # the first derivative of the motion, continued in a straight line, would leave forces and a
+        # stress of second order: the second derivative moves balls and shears the cell so that
+        # balls are in balance and the stress is hydrostatic
         bend, push = place.curve(self.moved, state.forces, stiffness, slopes)
         on_balls, on_cell = self._motions.collect(push)
         straight = self._motions.separate(self._motions.find(on_balls))
@@ -293,8 +315,8 @@ class HydrostaticCourse:
         return first / rise, (second - first / rise * curvature) / rise**2
 
     def _measure(self, bent: Array) -> tuple[float, float]:
-        """Return the first and the second derivative of y, where ``bent`` (p, p) is that of the
-        cell's deformation.
+        """Return the first and the second derivative of y by t, from those of the cell's size;
+        ``bent`` (p, p) is the second derivative of the cell.
         """
         eps = self._state.ratio
         p = len(self._cell)
@@ -306,23 +328,26 @@ class HydrostaticCourse:
         return first, -shrinking * spacing / (p * eps) - eps * first**2 / spacing
 
     def _add(self, moved: Array, shears: Array) -> Array:
-        """Return the relative displacements with those of the ``shears`` of the cell."""
+        """Return the displacements ``moved`` (contacts, 3) plus those by the ``shears`` (s,) of the
+        cell.
+        """
         for shear, sheared in zip(shears, self._sheared, strict=True):
             moved = moved + shear * sheared
         return moved
 
     def _resist(self, moved: Array) -> Array:
-        """Return how the forces of contacts times their directions on the lattice (p, p) change
-        with relative displacements.
-        """
-        return -self._motions.collect(self._motions.resist(moved))[1]
+        """Return the change (p, p) of S by displacements ``moved`` (contacts, 3) of contacts."""
+        _, sum_of_resistances = self._motions.collect(self._motions.resist(moved))
+        return -sum_of_resistances
 
     def _project(self, stresses: Any) -> Array:
-        """Return the parts (..., s) of stresses (..., p, p) that shear the cell."""
+        """Return the work (..., s) of stresses (..., p, p) on the unit shears of the cell."""
         return np.asarray(np.einsum("...ab,sab->...s", np.asarray(stresses), self._units))
 
     def _balance(self, stress: Array) -> Array:
-        """Return the shears (s,) with which a stress (p, p) is hydrostatic."""
+        """Return the shears (s,) of the cell whose change of stress makes a ``stress`` (p, p)
+        hydrostatic.
+        """
         return np.asarray(-np.linalg.solve(self._resistance, self._project(stress)))
 
 
@@ -337,10 +362,11 @@ def list_exact_contacts(
 ) -> ContactList:
     """Return the contacts of a state at rest in the true geometry, with the forces that act.
 
-    ``forces`` (n_c, L1, ..., Lp) are normal, below zero where they hold balls that go aside, and
-    ``shears`` (contacts, 3) tangential, if there are any. ``shear``, ``torsion`` and ``bending``
-    are those of :meth:`~granphon.array.equilibrium.Equilibrium.find_elasticity`; ``turns`` says
-    whether balls rotate.
+    ``forces`` (n_c, L1, ..., Lp) are the normal forces, below zero where they hold balls against
+    going aside; ``shears`` (contacts, 3) are the tangential forces along the axes of space, None
+    without friction. ``shear``, ``torsion`` and ``bending`` are those of
+    :meth:`~granphon.array.equilibrium.Equilibrium.find_elasticity`; ``turns`` says whether balls
+    rotate.
     """
     normal = state.stiffnesses
     springs = Springs.of(normal, shear * normal, np.asarray(torsion) * normal, bending * normal)

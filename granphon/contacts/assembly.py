@@ -26,7 +26,8 @@ from granphon.base.arrays import Array, Flags, Index
 from granphon.contacts.grid import Grid
 from granphon.contacts.laws import ContactLaws
 
-#: component of a normal that is zero but for rounding, and so is such a part of the largest overlap
+#: a component of a unit normal up to this counts as zero, and so does an overlap up to this part
+#: of the largest overlap
 ROUNDING = 1e-12
 
 
@@ -112,8 +113,11 @@ class Assembly:
 
     @cached_property
     def standing(self) -> set[int]:
-        """Numbers of free strains of the cell with which no motion is known to be without energy
-        while all contacts touch, beside those of the whole; a search that has looked adds to them.
+        """Numbers of strains of the cell that may be free without a motion that costs no energy,
+        but for motions of the whole, while all contacts touch.
+
+        The set is empty at first: a search for motions without energy adds the numbers of free
+        strains with which it has found none.
         """
         return set()
 
@@ -124,7 +128,7 @@ class Assembly:
 
     @cached_property
     def free_axes(self) -> list[int]:
-        """The axes along which nothing hinders all balls together."""
+        """The axes along which no wall and nothing held resists a motion of all balls together."""
         hindering = np.abs(self.normal[~self.is_between_balls]) > ROUNDING
         hindered = np.any(hindering, axis=0)
         return [axis for axis in range(self.dimension) if not hindered[axis]]
@@ -142,11 +146,14 @@ class Assembly:
         return np.bincount(ends, minlength=self.n_bodies)[: self.n_balls]
 
     def make_losses(self) -> Any:
-        """Return the sparse matrix (n_c, n_bodies d), in rows, that takes displacements of bodies
-        to what contacts lose of their overlaps along their normals at touch; its transpose takes
-        forces of contacts to those on bodies.
+        """Return the sparse matrix L (n_c, n_bodies d), stored by rows, with a row (-n, n) for each
+        contact.
+
+        L times the displacements of bodies, m, is the loss n.(u_j - u_i) of the overlap of each
+        contact, m, along its normal at touch. The transpose of L times the forces of contacts, N,
+        is the force on each body, N.
         """
-        from scipy.sparse import csr_array  # averages do not need it
+        from scipy.sparse import csr_array  # imported here: averages do not need SciPy
 
         d = self.dimension
         normal = self.normal[:, :d]
@@ -158,12 +165,14 @@ class Assembly:
         return csr_array((entries.ravel(), columns.ravel(), starts), shape=shape)
 
     def cut_out(self, balls: Flags, vector: Array, overlap: Array) -> Assembly:
-        """Return the contacts of some of the ``balls`` (n,), while all else is held.
+        """Return the assembly of the chosen ``balls`` (n,) alone; all other bodies are held.
 
-        The balls begin at rest relative to each other where their contacts have these vectors (n_c,
-        3) and ``overlap`` (n_c,).
+        The assembly keeps the contacts of which at least one body is chosen. Its displacements are
+        counted from a state in which contacts have the ``vector`` (n_c, 3), m, from body to body
+        and the ``overlap`` (n_c,), m.
         """
         count = int(np.count_nonzero(balls))
+        # chosen balls are numbered from zero; all else has the number of what is held
         number = np.full(self.n_bodies, count)
         number[: self.n_balls][balls] = np.arange(count)
         i = number[self.i]
@@ -185,8 +194,10 @@ class Assembly:
 
 
 class GridAssembly(Assembly):
-    """The contacts of an array of cells, between balls that have one law; they are spelled out when
-    something asks for them.
+    """The contacts of an array of equal cells, which all have one law.
+
+    The arrays over contacts, such as ``i`` and ``vector``, are made from the kinds of contacts of
+    the ``grid`` when they are first read.
 
     Parameters
     ----------
@@ -194,16 +205,18 @@ class GridAssembly(Assembly):
     offset : (n_c,) overlaps on the sites, m.
     law : the law of all contacts.
     cell : (p, p) the periods, m.
-    stands : whether all motions are known to cost energy while all contacts touch, but those of the
-        whole.
+    stands : whether it is known that, while all contacts touch, all motions but those of the whole
+        cost energy, whichever strains of the cell are free.
     """
 
     grid: Grid
+    law: PairLaw
 
     def __init__(
         self, grid: Grid, offset: Array, law: PairLaw, cell: Array, stands: bool = False
     ) -> None:
         p = len(cell)
+        # attributes of a frozen class are set in its dictionary
         values = {
             "grid": grid,
             "law": law,
@@ -213,11 +226,10 @@ class GridAssembly(Assembly):
             "dimension": p,
             "directions": np.zeros((0, p)),
             "wall_balls": np.zeros(0),
+            # from no free strain to all p (p + 1)/2
             "standing": set(range(p * (p + 1) // 2 + 1)) if stands else set(),
         }
         vars(self).update(values)
-
-    law: PairLaw
 
     @property
     def n_contacts(self) -> int:
@@ -270,7 +282,7 @@ class GridAssembly(Assembly):
         return list(range(self.dimension))
 
     def spell_out(self) -> Assembly:
-        """Return the same contacts as a list that is no grid."""
+        """Return an assembly of the same contacts without ``grid``: its arrays are all made."""
         return Assembly(
             n_balls=self.n_balls,
             i=self.i,

@@ -17,7 +17,9 @@ from granphon.base.compiled import compiled
 
 @compiled
 def _find_root(parents: NDArray[np.int64], ball: int) -> int:
-    """Return the ball that stands for the group of a ``ball``, and shorten the way there."""
+    """Return the root of the group of a ``ball``: the ball that the chain of ``parents`` (n,) ends
+    at. Balls on the way get their grandparents as parents, so that the next search is shorter.
+    """
     while parents[ball] != ball:
         parents[ball] = parents[parents[ball]]
         ball = parents[ball]
@@ -28,10 +30,10 @@ def _find_root(parents: NDArray[np.int64], ball: int) -> int:
 def join_balls(
     i: NDArray[np.int64], j: NDArray[np.int64], joining: Flags, group: NDArray[np.int64]
 ) -> int:
-    """Set ``group`` (n,) to the numbers of the groups of balls between which contacts are
-    ``joining`` (n_c,), and return how many groups there are.
+    """Set ``group`` (n,) to the number of the group of each ball, and return the number of groups.
 
-    Bodies from number n on join nothing.
+    Balls i and j (n_c,) of each ``joining`` contact (n_c,) are in the same group. Contacts with
+    bodies from number n on, which are not balls, join nothing.
     """
     n = len(group)
     parents = np.arange(n)
@@ -60,8 +62,13 @@ def _order_balls(
     order: NDArray[np.int64],
     place: NDArray[np.int64],
 ) -> int:
-    """Set ``order`` from ``begin`` on to the balls that contacts join to the ``first``, level by
-    level, and ``place`` to where they stand; return where they end.
+    """Write the cluster of the ball ``first`` into ``order`` from the index ``begin`` on.
+    Return the index after its last ball.
+
+    The order is that of a search level by level: first the neighbours of ``first``, then theirs.
+    ``place`` (n,), the index of each ball in ``order``, is set for the balls of the cluster; before
+    the call it must be -1 for them. ``starts`` and ``neighbours`` are those of
+    :func:`_list_neighbours`.
     """
     order[begin] = first
     place[first] = begin
@@ -84,7 +91,7 @@ def _multiply(values: Array, start: int, other_start: int, count: int) -> float:
     """Return the sum of the products of ``count`` values from ``start`` on and as many from
     ``other_start`` on.
     """
-    # four sums at a time: an addition need not wait for the last one
+    # four sums, which do not wait for each other, take less time than one
     first = 0.0
     second = 0.0
     third = 0.0
@@ -104,9 +111,14 @@ def _multiply(values: Array, start: int, other_start: int, count: int) -> float:
 def _list_neighbours(
     i: NDArray[np.int64], j: NDArray[np.int64], along: Array, n: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return where the neighbours of each ball begin, (n + 2,), and the neighbours, ball after
-    ball: those at its contacts that are closed, with a stiffness ``along`` (n_c,) above zero.
+    """Return ``starts`` (n + 2,) and ``neighbours``: the neighbours of ball b are
+    ``neighbours[starts[b] : starts[b + 1]]``.
+
+    Neighbours are balls that share a closed contact, one whose stiffness ``along`` (n_c,) its
+    normal is above zero. Bodies from number n on are no neighbours.
     """
+    # numbers of neighbours are counted two entries on, summed to starts one entry on, and each
+    # start ends at its own entry as neighbours are written
     starts = np.zeros(n + 2, np.int64)
     for contact in range(len(i)):
         if along[contact] > 0.0 and i[contact] < n and j[contact] < n:
@@ -115,7 +127,6 @@ def _list_neighbours(
     for ball in range(n):
         starts[ball + 2] += starts[ball + 1]
     neighbours = np.empty(starts[n + 1], np.int64)
-    # each start moves on to that of the next ball as neighbours are written
     for contact in range(len(i)):
         if along[contact] > 0.0 and i[contact] < n and j[contact] < n:
             neighbours[starts[i[contact] + 1]] = j[contact]
@@ -129,8 +140,13 @@ def _list_neighbours(
 def _order_clusters(
     starts: NDArray[np.int64], neighbours: NDArray[np.int64], moves: Flags
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the balls of all clusters of balls that ``moves`` (n,) names, cluster after cluster,
-    each from one of its ends; and the place (n,) of each ball among these, -1 of others.
+    """Return ``order``, the balls of all clusters cluster after cluster, and ``place`` (n,), the
+    index of each ball in ``order``, which is -1 for balls that do not move.
+
+    The balls that move are those where ``moves`` (n,) is true; a cluster is all balls that closed
+    contacts join to one of them. Each cluster is ordered from one of its ends, which keeps the
+    entries of its matrix near the diagonal. ``starts`` and ``neighbours`` are those of
+    :func:`_list_neighbours`.
     """
     n = len(moves)
     order = np.empty(n, np.int64)
@@ -138,7 +154,7 @@ def _order_clusters(
     count = 0
     for ball in range(n):
         if moves[ball] and place[ball] < 0:
-            # from the last of a first order, at an end of the group
+            # a search from any ball ends at an end of the cluster; the second search starts there
             end = _order_balls(starts, neighbours, ball, count, order, place)
             last = order[end - 1]
             for entry in range(count, end):
@@ -155,9 +171,13 @@ def _lay_rows(
     place: NDArray[np.int64],
     d: int,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
-    """Return how the lower triangle of a matrix (rows, rows) is stored, each row from its first
-    entry to the diagonal: the column of its first entry, and the index that its column zero would
-    have among all entries, (rows,) each; and the number of entries.
+    """Return how the lower triangle of the matrix of all clusters is stored: ``first`` (rows,),
+    ``row_starts`` (rows,) and the number of entries.
+
+    Ball ``order[e]`` has the ``d`` rows from d e on. Each row is stored from column ``first[row]``,
+    the earliest one of a neighbour, to the diagonal; the entry of a column has the index
+    ``row_starts[row] + column`` among all entries. ``starts`` and ``neighbours`` are those of
+    :func:`_list_neighbours`, ``order`` and ``place`` those of :func:`_order_clusters`.
     """
     size = d * len(order)
     first = np.empty(size, np.int64)
@@ -187,7 +207,14 @@ def _add_contacts(
     values: Array,
     d: int,
 ) -> None:
-    """Add the stiffnesses of contacts to the entries ``values`` of the lower triangle."""
+    """Add the stiffness matrix of each closed contact, ``along`` nn + ``across`` (1 - nn), to the
+    entries ``values`` of the lower triangle.
+
+    ``ends`` are the numbers (n_c,) of the two bodies of contacts, ``normal`` (n_c, 3) their unit
+    vectors, ``along`` and ``across`` (n_c,) their stiffnesses. ``place`` (n,) is that of
+    :func:`_order_clusters`, ``row_starts`` (rows,) that of :func:`_lay_rows`, and ``d`` the number
+    of axes. A body without a place does not move: then only the block of the other one is added.
+    """
     i, j = ends
     n = len(place)
     for contact in range(len(i)):
@@ -218,12 +245,15 @@ def _add_contacts(
 def _solve(
     first: NDArray[np.int64], row_starts: NDArray[np.int64], values: Array, solution: Array
 ) -> None:
-    """Set ``solution`` (rows,), the right side, to the solution, by factors L D L^T of the lower
-    triangle, whose entries ``values`` become those of L.
+    """Solve the equations of a symmetric positive definite matrix by its factors L D L^T.
+
+    ``solution`` (rows,) holds the right side before and the solution after. ``values`` hold the
+    lower triangle before and L, without its diagonal of ones, after; ``first`` and ``row_starts``
+    (rows,) are those of :func:`_lay_rows`.
     """
     size = len(first)
     diagonal = np.empty(size)
-    # factors row by row, and L^-1 of the right side along with them
+    # row by row: the entries of L D, then those of L, then L^-1 of the right side
     for row in range(size):
         row_start = row_starts[row]
         begin = first[row]
@@ -240,6 +270,7 @@ def _solve(
         diagonal[row] = pivot
     for row in range(size):
         solution[row] /= diagonal[row]
+    # L^-T of what D^-1 has left
     for row in range(size - 1, -1, -1):
         for column in range(first[row], row):
             solution[column] -= values[row_starts[row] + column] * solution[row]
@@ -257,15 +288,16 @@ def find_cluster_steps(
     forces: Array,
     steps: Array,
 ) -> None:
-    """Set ``steps`` (n, d) to the motions under ``forces`` (n, d) of the balls that ``moves`` (n,)
-    names; others stay.
+    """Set ``steps`` (n, d) to the displacements of balls that ``forces`` (n, d) cause: the steps of
+    Newton's method. Balls where ``moves`` (n,) is false stay, unless a closed contact joins them
+    to a cluster of balls that move.
 
     Parameters
     ----------
     i, j : (n_c,) numbers of the two bodies of each contact; those from n on are held.
     normal : (n_c, 3) unit vectors.
     along, across : (n_c,) stiffnesses along normals and across them, zero or above; contacts
-        without the first are open.
+        with ``along`` zero are open.
     springs : (n,) stiffnesses, above zero, that hold balls to the ground.
     """
     n, d = forces.shape
@@ -301,10 +333,13 @@ def measure_slopes(
     work: Array,
     rise: Array,
 ) -> None:
-    """Add to ``work`` (groups,) that of the forces of contacts along the steps (n, d) of each group
-    of balls, and to ``rise`` (groups,) what contacts make it fall by, over the length of a step.
+    """Add to ``work`` (groups,) the work of the forces of contacts over a unit length of each
+    group's step, and to ``rise`` (groups,) the rate at which that work falls with the length.
 
-    ``current`` (n_c, 3) and ``distance`` (n_c,) are vectors from body to body, and their lengths.
+    The step of a ball is its length times ``steps`` (n, d). Contacts (n_c,) have the numbers ``i``
+    and ``j`` of their bodies, the ``current`` vectors (n_c, 3) from body to body of the length
+    ``distance``, a ``force`` and a ``stiffness``; ``group`` (n,) numbers the group of each ball.
+    Bodies from number n on do not move. Changes of directions are left out of ``rise``.
     """
     n, d = steps.shape
     for contact in range(len(i)):
@@ -339,12 +374,23 @@ def choose_lengths(
     high: Array,
     is_done: Flags,
 ) -> bool:
-    """Set the lengths (groups,) of steps that are tried next, between ``low`` and ``high``, which
-    are narrowed; return whether all groups are done.
+    """Choose the ``length`` (groups,) of the step that each group tries next; return whether all
+    groups are done.
 
-    A group is done where its energy still falls at the end of the step, or the ``work`` is at most
-    ``slope`` times the ``first``. Of one contact that closes on the way the work is first - c
-    (length - place)^exponent.
+    Parameters
+    ----------
+    work, rise : (groups,) the work at the present length and its fall with the length, of
+        :func:`measure_slopes`.
+    first : (groups,) work at length zero.
+    exponent : of a contact's force as a function of its overlap. While a single contact closes on
+        the way, the work is first - c (length - closing length)^exponent: the root of this
+        function is the next trial.
+    slope : a group is done where its work is at most this part of ``first``.
+    length : (groups,) present lengths, which are set to the next ones.
+    low, high : (groups,) lengths between which the work passes zero, which are narrowed; ``high``
+        is infinite until a trial has gone too far. No trial is longer than one.
+    is_done : (groups,) set where a group is done: also where its energy still falls at the end of a
+        step that never went too far.
     """
     all_done = True
     for group in range(len(work)):
@@ -362,9 +408,11 @@ def choose_lengths(
         all_done = False
         change = -work[group]
         if change > 0.0:
+            # beyond the root, Newton's step would be too short: the root of the power instead
             fall = first[group] + change
             change = exponent * fall * (1.0 - (first[group] / fall) ** (1.0 / exponent))
         near = trial - change / rise[group] if rise[group] > 0.0 else trial
+        # at least a tenth of the interval is cut off at either end
         end = min(high[group], 1.0)
         least = 0.9 * low[group] + 0.1 * end
         length[group] = min(max(near, least), 0.1 * low[group] + 0.9 * end)

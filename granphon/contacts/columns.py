@@ -1,4 +1,4 @@
-"""What compiled loops read of a list of contacts; this alone needs no Numba."""
+"""What compiled loops read of a list of contacts. This module needs no Numba."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ class Columns(NamedTuple):
     normal_stiffness, shear_stiffness : (n_c,) force over elongation and over slip.
     torsion_stiffness, bending_stiffness : (n_c,) torque over twist and over roll.
     side_stiffness : (n_c,) force over push by the static force along the normal, -f/r.
-    tangential_force : (n_c, 3) static force of ball i on ball j across the normal; (0, 3) without.
+    tangential_force : (n_c, 3) static force of ball i on ball j across the normal; (0, 3) if there
+        is none.
     origin : (n_c, 3) normals from which tangents were turned with the balls, on the shortest way
         from direction to direction, and with the mean rotation of both about the origin; (0, 3) if
         T does not turn about n.
@@ -45,8 +46,10 @@ class Columns(NamedTuple):
     origin: Array
 
     def freeze(self) -> Columns:
-        """Return the same columns, all of them read-only: loops over them are then compiled once,
-        and not for each choice of columns that happen to be.
+        """Return read-only views of all columns.
+
+        A compiled loop is compiled anew for each combination of writable and read-only arguments;
+        with views that are all read-only it is compiled once.
         """
         views = {name: column.view() for name, column in self._asdict().items()}
         for view in views.values():

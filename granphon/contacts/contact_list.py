@@ -39,7 +39,8 @@ class ContactList:
     torsion_stiffness, bending_stiffness : (n_c,) torque over twist and over roll.
     normal_force : (n_c,) static force along the normal, above zero where balls are pressed
         together; zeros where static forces do not act on small motions.
-    tangential_force : (n_c, 3) static force of ball i on ball j across the normal; (0, 3) without.
+    tangential_force : (n_c, 3) static force of ball i on ball j across the normal; (0, 3) if there
+        is none.
     origin : (n_c, 3) normals from which tangents, and the tangential force with them, are carried
         with the balls; (0, 3) if the force does not turn about the normal.
     leaning : (n_c,) whether the static force along the normal holds the balls against going aside,
@@ -137,7 +138,9 @@ class ContactList:
 
     @property
     def columns(self) -> Columns:
-        """What loops read."""
+        """The arrays that compiled loops read; without tangential forces, ``tangential_force`` and
+        ``origin`` are (0, 3).
+        """
         static = self.has_tangential_force
         none = np.zeros((0, 3))
         return Columns(
@@ -169,9 +172,12 @@ class ContactList:
 
 
 def _whole(values: ArrayLike) -> NDArray[np.int64]:
+    """Return whole numbers as an array that compiled loops read."""
     return np.ascontiguousarray(values, np.int64)
 
 
 def _reals(values: ArrayLike, *shape: int) -> Array:
-    """Return numbers, one for each contact or one for all, as loops read them."""
+    """Return numbers, one for each contact or one for all, as an array of this ``shape`` that
+    compiled loops read.
+    """
     return np.ascontiguousarray(np.broadcast_to(np.asarray(values, float), shape))

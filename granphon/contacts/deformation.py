@@ -1,8 +1,9 @@
 """Loops over contacts, compiled: what contacts measure, and what they exert.
 
 Of an assembly bodies have the displacements (bodies, 3), the cell has a strain (3, 3), and vectors
-at touch are (n_c, 3): see :mod:`granphon.contacts.assembly`. On axes that there are not, all is
-zero: loops of three turns take half of the time of loops whose length is not known.
+at touch are (n_c, 3): see :mod:`granphon.contacts.assembly`. In fewer than three dimensions the
+components along the other axes are zero: loops over three axes take half of the time of loops over
+a number of axes that the compiler does not know.
 
 Of balls whose places are given contacts have the vectors (n_c, d) between centres, and the
 distances l (n_c,) from which their losses of overlap are counted.
@@ -178,18 +179,21 @@ def add_row(
     pull: Array,
     torque: Array,
 ) -> float:
-    """Add the forces of springs against one row of deformations, and return their energy.
+    """Add the forces of springs that resist one deformation of each contact to ``pull`` and their
+    torques to ``torque``, and return the energy of the springs.
 
     Parameters
     ----------
+    i, j : (n_c,) numbers of the two balls of each contact.
     axes : (t,) axes of displacements.
-    head, tail : (t + r, n_c) coefficients of the motions of ball j and of ball i; those of
-        displacements are the same, but of a spring to the ground, which has them in ``tail``.
-    stiffness : (n_c,)
+    head, tail : (t + r, n_c) coefficients of the t displacements and r rotations of ball j and of
+        ball i in the deformation, head . x_j - tail . x_i. Those of displacements are the same in
+        both; ``tail`` alone is read for them, since a spring to the ground has no ``head``.
+    stiffness : (n_c,) force over deformation.
     apart : (n_c, d) displacement of ball j against ball i.
     turns : (bodies, r) rotations.
-    pull : (n_c, d) forces on balls j.
-    torque : (bodies, r) torques on all balls.
+    pull : (n_c, d) forces on balls j, added to.
+    torque : (bodies, r) torques on all balls, added to.
     """
     t = len(axes)
     energy = 0.0
@@ -222,8 +226,9 @@ def add_forces(
     on_bodies: Array,
     virial: Array,
 ) -> None:
-    """Add the forces along the normals to those on bodies (bodies, 3), and f n v to the ``virial``
-    (3, 3).
+    """Add the ``force`` f (n_c,) of contacts along their ``normal`` n (n_c, 3), on body j and the
+    opposite on body i, to the forces ``on_bodies`` (bodies, 3); and f n v, with the ``vector`` v
+    (n_c, 3) from body to body, to the ``virial`` (3, 3).
     """
     for contact in range(len(i)):
         size = force[contact]
@@ -247,7 +252,9 @@ def add_blocks(
     stiffness: Array,
     blocks: Array,
 ) -> None:
-    """Add k nn of each contact to the ``blocks`` (bodies, d, d) of its two bodies alone."""
+    """Add k nn, with the ``stiffness`` k (n_c,) and the ``normal`` n (n_c, 3), of each contact to
+    the diagonal ``blocks`` (bodies, d, d) of its two bodies.
+    """
     d = blocks.shape[1]
     for contact in range(len(i)):
         if i[contact] == j[contact]:  # a ball and its own image

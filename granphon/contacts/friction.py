@@ -76,10 +76,10 @@ class Configuration(NamedTuple):
 
     Attributes
     ----------
-    overlap : y.
-    displacement, rotation : (n, 3) of the balls.
+    overlap : y, by which the load compresses the cell.
+    displacement, rotation : (n, 3) displacements and rotations of the balls.
     normal, tangent : (n_c, 3) unit vectors of the contacts.
-    distance : (n_c,) of the centres, over the diameter.
+    distance : (n_c,) distances of the centres, over the diameter.
     """
 
     overlap: float
@@ -91,7 +91,9 @@ class Configuration(NamedTuple):
 
 
 class SlipTangent(NamedTuple):
-    """A :class:`Tangent` as compiled loops read it, (n_c,) and (n_s, n_c)."""
+    """A :class:`Tangent` as compiled loops read it: ``stiffness`` and ``shear`` are (n_c,),
+    ``coupling`` and ``sliding`` (n_s, n_c).
+    """
 
     stiffness: Array
     shear: Array
@@ -132,8 +134,8 @@ class Contacts:
         return np.asarray(self.closed * self.roots)
 
     def flatten(self) -> tuple[Array, Array, Array]:
-        """Return overlaps (n_c,), slips and tangential forces (n_s, n_c) as compiled loops read
-        them.
+        """Return the overlaps (contacts,), the slips and the tangential forces (n_s, contacts) as
+        compiled loops read them, with all contacts along one axis.
         """
         count = len(self.slips)
         return (
@@ -151,19 +153,26 @@ class Contacts:
 
     @property
     def carried(self) -> NDArray[np.bool_]:
-        """(n_c, L1, ..., Lp) whether each contact counts as one that carries load."""
+        """(n_c, L1, ..., Lp) whether each contact counts as one that carries load: its normal force
+        is more than a part :data:`~granphon.balls.hertz.COUNTED_FORCE` of the mean.
+        """
         forces = self.forces
         return np.asarray(forces > hertz.COUNTED_FORCE * np.mean(forces))
 
 
 @dataclass(frozen=True, eq=False)
 class Tangent:
-    """Derivatives of a contact's forces in a step with respect to the overlap h and the slip s at
-    its end.
+    """Derivatives of the forces of contacts at the end of a step with respect to the overlap h and
+    the slip s there.
 
-    df = ``stiffness`` dh and dT = ``shear`` (ds - q q.ds) + ``coupling`` dh; q, ``sliding``, is the
-    unit vector of T where the contact slides, and zero elsewhere. Along every slip there is the
-    stiffness ``drag`` besides.
+    The normal force changes by df = k dh, and the tangential force by dT = k_s (ds - q q.ds) + c dh
+    + drag ds, where q is the unit vector of T if the contact slides, and zero otherwise.
+
+    Attributes
+    ----------
+    stiffness, shear : (n_c, L1, ..., Lp) k and k_s.
+    coupling, sliding : (n_s, n_c, L1, ..., Lp) c and q.
+    drag : stiffness along every slip of dashpots over the step.
     """
 
     stiffness: Array
@@ -175,15 +184,17 @@ class Tangent:
     def regularise(
         self, added: float, eta: float, share: float, drag: float, unit: float
     ) -> Tangent:
-        """Return the tangent of contacts that are stiffer by ``added``, and eta times as much
-        against slip, in units.
+        """Return a stiffer tangent, divided by ``unit``, with which the equations of a step have a
+        solution.
 
-        Against sliding they are stiffer by a ``share``: if that is one, a contact that slides has
-        the secant stiffness, that of a spring which would carry T. Beside the contacts there are
-        dashpots of stiffness ``drag``, and eta times as much, which neither slide nor open.
+        The stiffness ``added`` is added to that of contacts, and eta times ``added`` to that
+        against slip. A contact that slides has the ``share`` of the stiffness against slip also
+        along q: with a share of one it resists as a spring that carries T. Beside the contacts
+        there are dashpots, which neither slide nor open: their stiffness over the step is ``drag``
+        against elongation, and eta times ``drag`` against slip.
         """
         stiffness = self.stiffness + added + drag
-        sliding = math.sqrt(1.0 - share) * self.sliding
+        sliding = math.sqrt(1.0 - share) * self.sliding  # enters the tangent squared
         factor = 1.0 / unit
         shear = factor * (self.shear + eta * added)
         drag = factor * (self.drag + eta * drag)
@@ -191,7 +202,7 @@ class Tangent:
 
     @cached_property
     def springs(self) -> Array:
-        """(n_s, n_c, L1, ..., Lp) shear stiffnesses along each slip."""
+        """(n_s, n_c, L1, ..., Lp) stiffnesses against each slip alone."""
         return np.asarray(self.shear * (1.0 - self.sliding**2) + self.drag)
 
     def flatten(self) -> SlipTangent:
@@ -207,15 +218,17 @@ class Tangent:
 
     @property
     def cross(self) -> Array:
-        """(1, n_c, L1, ..., Lp) stiffness between the two slips in space, with the sign turned; (0,
-        ...) in a plane.
+        """(1, n_c, L1, ..., Lp) minus the stiffness that couples the two slips in space; (0, n_c,
+        L1, ..., Lp) in a plane, which has one slip.
         """
         if len(self.sliding) == 1:
             return np.empty((0, *self.stiffness.shape))
         return np.asarray((self.shear * self.sliding[0] * self.sliding[1])[None])
 
     def apply(self, loss: Array, slip: Array) -> tuple[Array, Array]:
-        """Return (-df, dT) for a ``loss`` of overlap -dh and a ``slip`` ds."""
+        """Return (-df, dT) for a ``loss`` of overlap -dh (n_c, L1, ..., Lp) and a ``slip`` ds (n_s,
+        n_c, L1, ..., Lp).
+        """
         change = self.springs * slip - self.coupling * loss
         if len(slip) == 2:
             change -= self.cross * slip[::-1]
@@ -224,10 +237,10 @@ class Tangent:
 
 @dataclass(frozen=True)
 class FrictionLaw:
-    """Law of the contacts with shear stiffness ``mindlin_ratio`` eta times the normal one, and
-    friction coefficient mu.
+    """Law of contacts whose stiffness against slip is ``mindlin_ratio`` eta times the normal one,
+    and whose friction coefficient is ``friction_coefficient`` mu.
 
-    ``friction_coefficient`` may be zero, and infinite: then no contact slides.
+    mu may be zero: then there are no tangential forces; or infinite: then no contact slides.
     """
 
     mindlin_ratio: float
@@ -236,11 +249,12 @@ class FrictionLaw:
     def advance(
         self, before: Contacts, overlaps: Array, slips: Array, guess: Array | None = None
     ) -> tuple[Contacts, Callable[[], Tangent]]:
-        """Return the contacts at the end of a step to ``overlaps`` and ``slips``, and what finds
-        the tangent there.
+        """Return the contacts at the end of a step from the state ``before`` to ``overlaps`` (n_c,
+        L1, ..., Lp) and ``slips`` (n_s, n_c, L1, ..., Lp), and a function that returns the tangent
+        there. The function computes the tangent once, at its first call.
 
-        With a ``guess`` of the overlaps the stiffness against slip and Coulomb's limit are those
-        that the guess gives. The forces are then derivatives of a convex energy, and the tangent is
+        With a ``guess`` of the overlaps, the stiffness against slip and Coulomb's limit are those
+        at the guess. The forces are then derivatives of a convex energy, and the tangent is
         symmetric.
         """
         from granphon.contacts import sliding  # imported here: averages need no Numba
@@ -275,8 +289,9 @@ class FrictionLaw:
         return contacts, cache(linearise)
 
     def bend(self, before: Contacts, overlaps: Array, slips: Array) -> tuple[Array, Array, Array]:
-        """Return the tangential forces if nothing slid in a step, the stiffness against slip, and
-        Coulomb's limit.
+        """Return, for a step from the state ``before``, the tangential forces (n_s, ...) if no
+        contact slid, and the stiffness against slip and Coulomb's limit, as the ``overlaps`` (...)
+        give them. ``slips`` are (n_s, ...); other axes are those of the overlaps.
         """
         from granphon.contacts import sliding  # imported here: averages need no Numba
 
@@ -287,13 +302,14 @@ class FrictionLaw:
             eta, by_contact(before.overlaps), by_contact(overlaps), springs.reshape(-1)
         )
         limit = self.friction_coefficient * hertz.force_of(overlaps)
-        return sticking.advance(before, overlaps, slips)[0].shears, springs, limit
+        stuck, _ = sticking.advance(before, overlaps, slips)
+        return stuck.shears, springs, limit
 
     def mobilise(self, contacts: Contacts) -> Array:
-        """Return (n_c, L1, ..., Lp) |T| over Coulomb's limit mu f: one where a contact slides, zero
+        """Return |T| over Coulomb's limit mu f (n_c, L1, ..., Lp): one where a contact slides, zero
         where balls are apart.
 
-        It is zero if mu is infinite, and one at all contacts that carry load if it is zero.
+        If mu is infinite, the ratio is zero; if mu is zero, it is one at all closed contacts.
         """
         forces = contacts.forces
         mu = self.friction_coefficient
@@ -304,7 +320,7 @@ class FrictionLaw:
         return self.ratios(contacts) / mu
 
     def ratios(self, contacts: Contacts) -> Array:
-        """Return (n_c, L1, ..., Lp) |T| over the normal force f, at most mu; zero where balls are
+        """Return |T| over the normal force f (n_c, L1, ..., Lp), at most mu; zero where balls are
         apart.
         """
         forces = contacts.forces
@@ -330,8 +346,9 @@ class FrictionLaw:
         )
 
     def lost(self, before: Contacts, after: Contacts) -> tuple[float, float]:
-        """Return the mean energies that a contact loses in a step, by sliding and by the law, along
-        its straight line.
+        """Return two energies that a contact loses in a step, means over contacts in units of c
+        W^(5/2): by sliding, and by the law of the tangential force. In the step overlaps and slips
+        change along a straight line.
         """
         from granphon.contacts import sliding  # imported here: averages need no Numba
 
@@ -347,8 +364,8 @@ class FrictionLaw:
 
 
 def by_contact(values: Array, *rows: int) -> Array:
-    """Return numbers (n_c,) of contacts one after the other, or ``rows`` of such numbers, as loops
-    read them.
+    """Return ``values`` of contacts as compiled loops read them: flat, (contacts,), or (rows,
+    contacts) if the number of ``rows`` is given.
     """
-    # of one layout, and writable: loops are compiled anew for each
+    # of one layout, and writable: loops are compiled anew for any other
     return np.require(values, float, ["C", "W"]).reshape(*rows, -1)

@@ -20,20 +20,24 @@ from granphon.balls.lattices import Lattice
 from granphon.balls.neighbours import ContactTable
 from granphon.base.arrays import Array
 
-#: cells of a grid, at most, whose balls of contacts are kept: 16 bytes a contact
+#: number of balls up to which a grid of a lattice is kept, and of cells up to which a grid in
+#: another unit shares the numbers of the balls of its contacts, which take 16 bytes a contact
 _KEPT_CELLS = 2**13
-#: component of a normal that is rounding
+#: component of a unit normal up to which it is rounding
 _ROUNDING = 1e-15
 
 
 class Runs(NamedTuple):
     """What loops read of a grid.
 
+    A run is a number of contacts of one kind: the next contact of the run starts, and ends, in the
+    next cell.
+
     Attributes
     ----------
-    table : (runs, 4) kind of each run, the cells where its contacts start and end, and the number
-        of its contacts.
-    ends : (kinds, 2) balls of the cell that each kind joins.
+    table : (runs, 4) the kind of each run, the cell where its first contact starts, the cell where
+        its first contact ends, and the number of its contacts.
+    ends : (kinds, 2) numbers in the cell of the balls that each kind joins.
     normal : (kinds, d) unit vectors, from ball i to ball j.
     """
 
@@ -68,7 +72,9 @@ class Grid:
 
     @classmethod
     def of(cls, table: ContactTable, shape: tuple[int, ...], n_balls: int) -> Self:
-        """Return the contacts of cells that have those of a ``table`` each."""
+        """Return the contacts of an array of cells of this ``shape``; each cell has the ``n_balls``
+        balls and the contacts of the ``table``.
+        """
         p = len(shape)
         vector = np.zeros((len(table), 3))
         vector[:, :p] = table.vector[:, :p]
@@ -102,9 +108,11 @@ class Grid:
         return np.asarray(self.vector / self.distance[:, None])
 
     def scale(self, factor: float) -> Grid:
-        """Return the contacts in another unit of length, ``factor`` times as many."""
+        """Return the contacts in another unit of length, in which every length has ``factor`` times
+        the number.
+        """
         scaled = replace(self, vector=factor * self.vector)
-        # neither depends on the unit
+        # runs, normals and ends do not depend on the unit: both grids share them
         vars(scaled).update(runs=self.runs, normal=self.normal)
         if "ends" in vars(self) or self.n_cells <= _KEPT_CELLS:
             vars(scaled).update(ends=self.ends)
@@ -112,28 +120,8 @@ class Grid:
 
     @cached_property
     def runs(self) -> Runs:
-        """The runs of all contacts."""
-        *outer, inner = self.shape
-        rows = math.prod(outer)
-        places = np.array(np.unravel_index(np.arange(rows), outer)) if outer else np.zeros((0, 1))
-        tables = []
-        for kind, shift in enumerate(self.shift.tolist()):
-            row = np.arange(rows)
-            if outer:
-                moved = [
-                    (place + step) % length
-                    for place, step, length in zip(places, shift[:-1], outer, strict=True)
-                ]
-                row = np.ravel_multi_index(tuple(moved), outer)
-            turn = shift[-1] % inner
-            starts = np.stack([inner * np.arange(rows), inner * np.arange(rows) + inner - turn])
-            stops = np.stack([inner * row + turn, inner * row])
-            counts = np.repeat([[inner - turn], [turn]], rows, axis=1)
-            runs = np.stack(
-                [np.full(2 * rows, kind), *(part.T.ravel() for part in (starts, stops, counts))],
-                axis=1,
-            )
-            tables.append(_join_runs(runs[runs[:, 3] > 0]))
+        """The runs of all contacts, in the order of their kinds and of their first cells."""
+        tables = [self._find_runs(kind) for kind in range(self.n_kinds)]
         d = len(self.shape)
         return Runs(
             np.ascontiguousarray(np.concatenate(tables), np.int64),
@@ -142,11 +130,37 @@ class Grid:
             np.where(np.abs(self.normal[:, :d]) > _ROUNDING, self.normal[:, :d], 0.0),
         )
 
+    def _find_runs(self, kind: int) -> NDArray[np.int64]:
+        """Return the runs (runs, 4) of one ``kind`` of contacts; see :class:`Runs`."""
+        *outer, inner = self.shape
+        shift = self.shift[kind].tolist()
+        # cells follow each other in rows along the last period
+        rows = np.arange(math.prod(outer))
+        end_rows = rows
+        if outer:
+            indices = np.unravel_index(rows, outer)
+            moved = [
+                (index + step) % length
+                for index, step, length in zip(indices, shift[:-1], outer, strict=True)
+            ]
+            end_rows = np.ravel_multi_index(tuple(moved), outer)
+        # each row has two runs: the last `turn` contacts of the row pass the boundary and end at
+        # the beginning of a row
+        turn = shift[-1] % inner
+        starts = np.stack([inner * rows, inner * rows + inner - turn])
+        stops = np.stack([inner * end_rows + turn, inner * end_rows])
+        counts = np.repeat([[inner - turn], [turn]], len(rows), axis=1)
+        columns = [np.full(2 * len(rows), kind)]
+        columns += [values.T.ravel() for values in (starts, stops, counts)]
+        runs = np.stack(columns, axis=1)
+        return _join_runs(runs[runs[:, 3] > 0])
+
     @cached_property
     def ends(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Numbers (n_c,) of the two balls of each contact."""
+        """Numbers (n_c,) of the two balls of each contact, read-only."""
         cells = np.arange(self.n_cells).reshape(self.shape)
         axes = range(cells.ndim)
+        # of each kind, the cell where the contact ends that starts in each cell
         far = [np.roll(cells, [-step for step in shift], axes) for shift in self.shift.tolist()]
         i = self.n_cells * self.i[:, None] + cells.ravel()
         j = self.n_cells * self.j[:, None] + np.reshape(far, (self.n_kinds, -1))
@@ -157,8 +171,9 @@ class Grid:
 
 
 def _join_runs(runs: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return runs (n, 4) of a kind, in the order of their starts, of which those that follow each
-    other at both ends are one.
+    """Return the ``runs`` (n, 4) of one kind, which are in the order of their first cells, with
+    neighbours joined: a run that starts and ends where the run before it has stopped becomes part
+    of that run.
     """
     follows = np.ones(len(runs), bool)
     for end in (1, 2):
@@ -171,8 +186,8 @@ def _join_runs(runs: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def find_lattice_grid(shape: tuple[int, ...], lattice: Lattice) -> Grid:
-    """Return the contacts of so many cells of a lattice, kind by kind, in diameters; those of few
-    are kept.
+    """Return the contacts of an array of ``shape`` cells of a lattice, kind by kind; lengths are
+    over the diameter. The last 8 grids of at most ``_KEPT_CELLS`` balls are kept for further calls.
     """
     small = math.prod(shape) * lattice.n_balls <= _KEPT_CELLS
     find = _keep_lattice_grid if small else _keep_lattice_grid.__wrapped__
@@ -181,4 +196,5 @@ def find_lattice_grid(shape: tuple[int, ...], lattice: Lattice) -> Grid:
 
 @lru_cache(maxsize=8)
 def _keep_lattice_grid(shape: tuple[int, ...], lattice: Lattice) -> Grid:
+    """Return the grid of :func:`find_lattice_grid`, which is kept."""
     return Grid.of(lattice.contacts, shape, lattice.n_balls)

@@ -1,7 +1,7 @@
 """Loops over the contacts of a grid that keep their directions, compiled.
 
 Motions of balls and forces on them are arrays (f, cells), of the d axes of each ball of the cell;
-what contacts have is (kinds, cells). Loops take the precision of what they are given.
+numbers of contacts are (kinds, cells). Loops work in the precision of their arguments.
 """
 
 from __future__ import annotations
@@ -15,17 +15,20 @@ from granphon.base.compiled import compiled
 from granphon.contacts.grid import Runs
 
 Values = NDArray[Any]
-#: contacts of a run that are worked on at a time, so that they stay in the processor's cache
+#: number of contacts of a run that are worked on at a time, so that they stay in the processor's
+#: cache
 _CACHED = 512
-#: contacts of a grid, at most, whose tensions stay in the cache
+#: number of contacts of a grid up to which all tensions stay in the cache
 _SMALL = 2**15
-#: products that are added up beside each other
+#: number of sums into which products are added in turn: they do not wait for each other
 _LANES = 16
 
 
 @compiled
 def measure_losses(runs: Runs, motions: Values, loss: Values) -> None:
-    """Set ``loss`` (kinds, cells) to n.(u_j - u_i): what contacts lose of their overlaps."""
+    """Set ``loss`` (kinds, cells) to n.(u_j - u_i), the loss of overlap of each contact by the
+    ``motions`` (f, cells) of balls.
+    """
     d = runs.normal.shape[1]
     for run in range(len(runs.table)):
         kind = runs.table[run, 0]
@@ -46,8 +49,8 @@ def measure_losses(runs: Runs, motions: Values, loss: Values) -> None:
 
 @compiled
 def add_forces(runs: Runs, force: Values, on_balls: Values) -> None:
-    """Add to ``on_balls`` (f, cells) the forces (kinds, cells) by which contacts push balls
-    apart.
+    """Add to ``on_balls`` (f, cells) the forces of contacts on their balls: ``force`` (kinds,
+    cells) is above zero where balls are pushed apart.
     """
     d = runs.normal.shape[1]
     for run in range(len(runs.table)):
@@ -77,17 +80,21 @@ def resist(
     forces: Values,
     tensions: Values,
 ) -> None:
-    """Add to ``forces`` (f, cells) those by which contacts of a ``stiffness`` (kinds, cells) resist
-    ``motions`` (f, cells), together with elongations ``strained`` (kinds,) by strains of the cell.
+    """Add to ``forces`` (f, cells) the forces that balls need to make ``motions`` (f, cells)
+    against contacts of a ``stiffness`` (kinds, cells): C^T K (C u + e).
 
-    ``tensions`` (kinds,) are the sums of the tensions; of a cell that is held, both are (0,).
+    ``strained`` (kinds,) are the elongations e of contacts by strains of the cell, and the sums of
+    the tensions of each kind are added to ``tensions`` (kinds,). If the cell is held, both are
+    (0,).
     """
-    if stiffness.size <= _SMALL:  # short runs take less time in loops of one job each
+    # where tensions stay in the cache, loops over whole runs that do one thing each take less time
+    if stiffness.size <= _SMALL:
         tension_of_all = np.empty_like(stiffness)
         measure_losses(runs, motions, tension_of_all)
         for kind in range(len(stiffness)):
             pulling = tension_of_all[kind]
             spring = stiffness[kind]
+            # a zero of the precision of the springs, so that no loop is in another one
             elongation = strained[kind] if len(strained) else spring[0] - spring[0]
             for contact in range(len(spring)):
                 pulling[contact] = spring[contact] * (pulling[contact] + elongation)
@@ -142,8 +149,8 @@ def resist(
 
 @compiled
 def add_blocks(runs: Runs, stiffness: Values, blocks: Values) -> None:
-    """Add to ``blocks`` (d, d, n) of balls, lines up to the diagonal alone, k nn of each of their
-    contacts.
+    """Add k nn of each contact, with its ``stiffness`` k (kinds, cells), to the ``blocks`` (d, d,
+    n) of both balls; only entries up to the diagonal are set.
     """
     d = runs.normal.shape[1]
     cells = stiffness.shape[1]
@@ -170,8 +177,9 @@ def add_blocks(runs: Runs, stiffness: Values, blocks: Values) -> None:
 
 @compiled
 def invert_blocks(blocks: Values, added: float, part: float, inverses: Values) -> None:
-    """Set ``inverses`` (d, d, n) to those of symmetric ``blocks`` (d, d, n), known up to the
-    diagonal, with ``added`` added to it, times a ``part``.
+    """Set ``inverses`` (d, d, n) to ``part`` times the inverses of symmetric ``blocks`` (d, d, n),
+    to whose diagonals the stiffness ``added`` is added first; only entries up to the diagonal are
+    read.
     """
     d = len(blocks)
     for ball in range(blocks.shape[2]):
@@ -229,8 +237,8 @@ def add_alone(alone: Values, forces: Values, motions: Values) -> None:
 def leave(
     runs: Runs, stiffness: Values, forces: Values, motions: Values, remaining: Values
 ) -> None:
-    """Set ``remaining`` (f, cells) to the ``forces`` that ``motions`` leave while the cell is
-    held.
+    """Set ``remaining`` (f, cells) to the ``forces`` less those that balls need to make ``motions``
+    against contacts of a ``stiffness`` (kinds, cells) while the cell is held.
     """
     remaining[:] = 0.0
     none = np.zeros(0, motions.dtype)
@@ -270,13 +278,23 @@ def go_on(
     solution: Values,
     remaining: Values,
 ) -> tuple[float, float, float]:
-    """Take a step of conjugate gradients; return the product of the ``remaining`` forces with the
-    ``preconditioned`` ones, the curvature along the ``direction``, and the square of the forces
-    that then remain.
+    """Take a step of conjugate gradients. Return the product of the ``remaining`` forces with the
+    ``preconditioned`` motions, the curvature along the new ``direction``, and the square of the
+    forces that remain after the step.
 
+    Where the curvature is not above zero, no step is taken, and the square is given as zero.
     Vectors (n + s,) are motions of balls, field by field, and strains of the cell, or forces on
-    them. ``strained`` (kinds, s) are elongations by unit strains, and ``last`` is the product of
-    the step before, zero at first. Where the curvature is not above zero, no step is taken.
+    both.
+
+    Parameters
+    ----------
+    stiffness : (kinds, cells) stiffnesses of contacts.
+    strained : (kinds, s) elongations of contacts by unit strains.
+    preconditioned : approximate inverse times the ``remaining`` forces.
+    last : product that the step before has returned; zero at first.
+    direction : direction of the step before, zeros at first; set to that of this step.
+    change : set to the forces against a unit step along the direction.
+    solution, remaining : motions and remaining forces before the step, set to those after it.
     """
     kinds, cells = stiffness.shape
     s = strained.shape[1]

@@ -1,8 +1,8 @@
 """Loops that multiply the tangent of the contacts of a grid by motions, compiled.
 
-Motions and forces are arrays (f, k, cells), of f motions of the balls of a cell and k right sides:
-loops go through cells that follow each other in memory. The blocks of the tangent are multiplied as
-they are; no sparse matrix is made.
+Motions and forces are arrays (f, k, cells), of k right sides and of the f = b m motions of the b
+balls of a cell, each of which has m motions: loops go through cells that follow each other in
+memory. The blocks of the tangent are multiplied as they are; no sparse matrix is made.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ class GridProduct(NamedTuple):
 
     @classmethod
     def of(cls, i: NDArray[np.int64], j: NDArray[np.int64], cells: int) -> GridProduct:
-        """Return a product without blocks, of contacts between these balls of a grid of
-        ``cells``.
+        """Return a product whose blocks are empty, for the contacts between the balls ``i`` and
+        ``j`` (n_c,) of a grid of ``cells`` cells, kind by kind.
         """
-        # numbers without a sign: a loop need not ask whether an index counts from the end
+        # unsigned numbers: a loop need not test whether an index is below zero
         steps = (j % cells).reshape(-1, cells).astype(np.uint32)
         ends = np.stack([i[::cells], j[::cells]], axis=1) // cells
         none = np.empty((0, 0, 0))
@@ -64,7 +64,9 @@ class GridProduct(NamedTuple):
 
 @compiled
 def leave(product: GridProduct, forces: Values, motions: Values, remaining: Values) -> None:
-    """Set ``remaining`` to the ``forces`` that ``motions`` leave."""
+    """Set ``remaining`` to the ``forces`` less the tangent times the ``motions``, (f, k, cells)
+    each.
+    """
     remaining[:] = 0.0
     add_alone(product.diagonal, motions, remaining)
     add_across(product, motions, remaining)
@@ -78,8 +80,10 @@ def leave(product: GridProduct, forces: Values, motions: Values, remaining: Valu
 
 @compiled
 def add_alone(blocks: Values, columns: Values, out: Values) -> None:
-    """Add to ``out`` (f, k, cells) the products of the blocks (m, m, n) of balls with columns (f,
-    k, cells).
+    """Add to ``out`` (f, k, cells) the product of the block (m, m) of each ball with the m
+    ``columns`` of that ball alone.
+
+    ``blocks`` are (m, m, n), ``columns`` (f, k, cells).
     """
     m = len(blocks)
     cells = columns.shape[2]
@@ -96,8 +100,11 @@ def add_alone(blocks: Values, columns: Values, out: Values) -> None:
 
 @compiled
 def add_across(product: GridProduct, motions: Values, forces: Values) -> None:
-    """Add to ``forces`` (f, k, cells) those of contacts on their two balls against motions of the
-    other ball.
+    """Add to ``forces`` (f, k, cells) the forces of contacts on each of their two balls against the
+    ``motions`` (f, k, cells) of the other ball.
+
+    The motions of balls j of ``_CACHED`` contacts of a kind are gathered first, and the forces on
+    balls j are scattered last: the multiplications between go through memory in order.
     """
     ends = product.ends
     steps = product.steps
@@ -141,10 +148,11 @@ def add_across(product: GridProduct, motions: Values, forces: Values) -> None:
 
 @compiled
 def invert_blocks(blocks: Values, added: float, part: float, inverses: Values) -> None:
-    """Set ``inverses`` (m, m, n) to those of blocks with ``added`` added to the diagonal, times a
-    ``part``.
+    """Set ``inverses`` (m, m, n) to ``part`` times the inverses of the ``blocks`` (m, m, n); the
+    stiffness ``added`` is first added to the diagonal of each block.
 
-    The blocks, or their parts that are symmetric, are positive.
+    The symmetric parts of the blocks with ``added`` must be positive definite: the elimination
+    looks for no other pivots than the diagonal.
     """
     m = len(blocks)
     balls = blocks.shape[2]
@@ -196,12 +204,13 @@ def multiply_pressed(
     press: float,
     forces: Values,
 ) -> float:
-    """Set ``forces`` (f, k, cells) to those against ``motions`` and a change ``press`` of the
-    overlap; return the change of the sum of the normal forces with the sign turned.
+    """Set ``forces`` (f, 1, cells) to the forces against ``motions`` (f, 1, cells) and against a
+    change ``press`` of the overlap y by which the cell is compressed. Return minus the change of
+    the sum of the normal forces, or zero if the overlap is held.
 
-    ``ahead`` and ``back`` (m, n) are the forces by a unit of the overlap, and the changes of that
-    sum by motions; ``corner`` is that by a unit of the overlap. They are empty if the overlap is
-    held.
+    ``ahead`` (m, n) are the forces against a unit of y; ``back`` (m, n) and ``corner`` are minus
+    the changes of the sum by unit motions and by a unit of y. ``ahead`` and ``back`` are empty if
+    the overlap is held.
     """
     forces[:] = 0.0
     add_alone(product.diagonal, motions, forces)

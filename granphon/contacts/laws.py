@@ -74,17 +74,19 @@ class ContactLaws:
         return bool(np.any(self.tension > 0.0))
 
     def size(self, force: Array) -> float:
-        """Return the size of forces by which residuals are measured: the mean of those that are not
-        zero, N.
+        """Return the size of forces by which residuals are measured, N: the mean magnitude of the
+        forces (n_c,) that are not zero, or the mean :attr:`adhesion` of all contacts if that is
+        larger.
 
-        It is the tension that contacts can bear, if that is larger; zero if all contacts are open,
-        or at rest as bonds.
+        The size is zero if no force acts and no contact adheres.
         """
         loaded = np.abs(force[force != 0.0])
         return max(float(np.mean(loaded)) if loaded.size else 0.0, float(np.mean(self.adhesion)))
 
     def among(self, contacts: Index) -> ContactLaws:
-        """Return the laws of some of the contacts, in their order."""
+        """Return the laws of the chosen ``contacts``, whose numbers differ from each other,
+        numbered anew from zero in this order.
+        """
         number = np.full(self.count, -1)
         number[contacts] = np.arange(len(contacts))
         groups = []
@@ -94,8 +96,9 @@ class ContactLaws:
         return ContactLaws(groups, len(contacts), self.modulus[contacts])
 
     def append(self, groups: Sequence[tuple[PairLaw, Index]], count: int) -> ContactLaws:
-        """Return the laws of these contacts and of ``count`` more behind them, whose ``groups``
-        number them from zero.
+        """Return the laws of these contacts and, numbered after them, of ``count`` further ones.
+
+        ``groups`` are the laws of the further contacts, numbered from zero; their ``modulus`` is 1.
         """
         if not count:
             return self
@@ -120,8 +123,8 @@ class ContactLaws:
         return self._evaluate(overlap, ENERGY)
 
     def _evaluate(self, overlap: Array, order: int) -> Array:
-        """Return the energy of all contacts or its derivative of an ``order`` of 1 to 3, J/m^order,
-        each by its law.
+        """Return the energy of each contact (n_c,), J, by its law, or the derivative of ``order`` 1
+        to 3: force, stiffness or its slope, J/m^order.
 
         Trials of a solver may leave the floating range, which the solver notices: laws of granphon
         are evaluated without checks.
@@ -155,7 +158,9 @@ class ContactLaws:
         return any(callable(getattr(law, "contact_radius", None)) for law, _ in self.groups)
 
     def punch(self, overlap: Array) -> Array:
-        """Return the stiffnesses 2 E* a of flat punches as wide as the contacts, N/m."""
+        """Return the stiffnesses 2 E* a (n_c,), N/m, of flat punches with the radius a of the
+        contacts at overlaps (n_c,), m.
+        """
         stiffness = np.zeros(self.count)
         for law, contacts in self.groups:
             stiffness[contacts] = punch_stiffness(law, overlap[contacts], self.modulus[contacts])

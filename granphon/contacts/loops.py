@@ -39,7 +39,9 @@ from granphon.contacts.columns import Columns
 
 @compiled
 def _set_turning(normal: Array, turning: Array) -> None:
-    """Set ``turning`` (3, 3) to the matrix that takes phi to phi x n; its diagonal is zero."""
+    """Set ``turning`` (3, 3) off its diagonal, which must be zero, to the matrix that takes phi to
+    phi x n, with the ``normal`` n (3,).
+    """
     for axis in range(3):
         following = (axis + 1) % 3
         turning[axis, following] = normal[(axis + 2) % 3]
@@ -56,7 +58,9 @@ def fill_tangent(
     ahead: Array,
     corner: Array,
 ) -> None:
-    """Add the tangents of all contacts, but for static forces across normals, to zeros.
+    """Add the tangents of all contacts to ``diagonal``, ``ahead`` and ``corner``, and set
+    ``forward``, all of which must be zeros before. What static forces across normals do is left to
+    :func:`add_static_turn`.
 
     Parameters
     ----------
@@ -84,12 +88,13 @@ def fill_tangent(
         slip = columns.shear_stiffness[contact]
         torsion = columns.torsion_stiffness[contact]
         bending = columns.bending_stiffness[contact]
-        # of displacements: across (1 - nn) + k nn
+        # against displacements: across (1 - nn) + k nn = across 1 + along nn
         across = slip + columns.side_stiffness[contact]
         along = columns.normal_stiffness[contact] - across
         if across == 0.0 and along == 0.0 and torsion == 0.0 and bending == 0.0:
             continue
         _set_turning(normal, turning)
+        # near: force on ball i against motions of i; far: of j on j; between: on i against j
         for line in range(m):
             row = axes[line]
             for column in range(m):
@@ -122,6 +127,7 @@ def fill_tangent(
                 diagonal[line, column, i] += near
                 diagonal[line, column, j] += far
                 forward[line, column, contact] = between
+        # a unit strain moves ball j against ball i by `strained`, which the contact pulls back
         for strain in range(s):
             elongation = 0.0
             for axis in range(3):
@@ -162,16 +168,19 @@ def _cross(first: Array, second: Array, out: Array) -> None:
 def _set_static_turn(
     columns: Columns, contact: int, work: Array, push: Array, torque: Array, lever: Array
 ) -> None:
-    """Set ``push``, ``torque`` and ``lever`` to what a unit v along each axis, and a unit sum of
-    the rotations about each, make of the static force across the normal: turn x T, turn x (n x T),
-    and (e/2) n x T, the first six rows of (6 + s, 3) each. ``work`` (4, 3) is overwritten.
+    """Set the first six rows of ``push``, ``torque`` and ``lever``, (6 + s, 3) each, to the changes
+    turn x T, turn x (n x T) and (e/2) n x T that small motions of one ``contact`` cause.
+
+    Rows 0 to 2 belong to a unit motion v of the contact along each axis, rows 3 to 5 to a unit sum
+    phi_i + phi_j of the rotations about each axis. T is taken with its sign turned, as the tangent
+    resists motions. ``work`` (4, 3) is overwritten.
     """
     force, beside, tilt, turn = work
     normal = columns.normal[contact]
     over = 1.0 / columns.distance[contact]
     spins = len(columns.origin) > 0
     for axis in range(3):
-        force[axis] = -columns.tangential_force[contact, axis]  # as the tangent resists
+        force[axis] = -columns.tangential_force[contact, axis]
     _cross(normal, force, beside)
     for axis in range(3):
         for a in range(3):
@@ -179,7 +188,7 @@ def _set_static_turn(
             lever[axis, a] = 0.5 * normal[axis] * beside[a]
         tilt[axis] += over
         _cross(normal, tilt, turn)
-        if spins:
+        if spins:  # carried on the shortest way from the origin, tangents also turn about n
             origin = columns.origin[contact]
             across = turn[0] * origin[0] + turn[1] * origin[1] + turn[2] * origin[2]
             along = normal[0] * origin[0] + normal[1] * origin[1] + normal[2] * origin[2]
@@ -208,11 +217,12 @@ def add_static_turn(
     back: Array,
     corner: Array,
 ) -> None:
-    """Add what static forces across normals do as they turn.
+    """Add to all blocks the changes that static forces across normals cause as they turn with their
+    contacts.
 
-    ``backward`` (m, m, n_c) are, of each motion of ball i of a contact, the forces on ball j, and
-    ``back`` (n, m, s) forces on strains against unit motions of balls; see :func:`fill_tangent` for
-    the others.
+    ``backward`` (m, m, n_c) are, for each motion of ball i of a contact, the forces on ball j.
+    ``back`` (n, m, s) are the forces on strains against unit motions of balls. The other arguments
+    are those of :func:`fill_tangent`.
     """
     m = len(axes)
     s = len(strains)
@@ -285,10 +295,12 @@ def fill_entries(
     by_contact: NDArray[np.int64],
     data: Array,
 ) -> None:
-    """Add blocks to the entries ``data`` of a sparse matrix in columns, zeros.
+    """Add the blocks of balls and contacts to the entries ``data`` of a sparse matrix in columns.
 
-    ``by_ball`` (n, 2) and ``by_contact`` (n_c, 2, 2) are where the block of each ball, and those of
-    (i, j) and (j, i) of each contact, begin, and how far apart two columns of the block are.
+    ``diagonal`` (m, m, n), ``forward`` and ``backward`` (m, m, n_c) are those of
+    :func:`add_static_turn`. ``by_ball`` (n, 2) has, for the block of each ball, the index of its
+    first entry in ``data`` and the distance in ``data`` from one of its columns to the next;
+    ``by_contact`` (n_c, 2, 2) has both for the blocks (i, j) and (j, i) of each contact.
     """
     m = len(diagonal)
     for column in range(m):

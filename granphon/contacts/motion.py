@@ -34,9 +34,9 @@ from granphon.contacts.motion_loops import Columns, Moment, Rules
 from granphon.dynamics.damping import Losses
 from granphon.networks.network import ContactNetwork
 
-#: forces across a contact against slip
+#: number of components of the force across a contact against slip
 _N_SLIPS = 3
-#: rows of a pull without torques: the normal force, then those against slip
+#: number of rows of a pull without torques: the normal force, then those against slip
 _ROWS_OF_SLIP = 1 + _N_SLIPS
 
 
@@ -48,7 +48,8 @@ class MetPairs(NamedTuple):
     i, j : (n_p,) numbers of the balls.
     shift : (n_p, 3) whole periods by which ball j is displaced.
     slip_ratio : (n_p,) stiffness of slip over that of a flat punch as wide as the contact.
-    bulge : the pairs push where their distance is that of their radii and this, m.
+    bulge : length, m: pairs begin to push where their distance is the sum of their radii and this
+        length.
     """
 
     i: Index
@@ -59,8 +60,15 @@ class MetPairs(NamedTuple):
 
 
 class _Geometry(NamedTuple):
-    """Contacts at rest, as :mod:`granphon.contacts.motion_loops` has them: r (n_c, 3), its length,
-    gaps, whether r follows the balls, and the arms (n_c,).
+    """Contacts at rest, with the r of :mod:`granphon.contacts.motion_loops`.
+
+    Attributes
+    ----------
+    r : (n_c, 3) r at rest.
+    length : (n_c,) length of r.
+    gap : (n_c,) distance of the surfaces of pairs that may meet, m; zero of contacts.
+    is_free : (n_c,) one where r follows the balls, and zero where it stays.
+    near, far : (n_c,) arms of balls i and of balls j, in units of r.
     """
 
     r: Array
@@ -80,19 +88,21 @@ class MovingContacts:
     ----------
     network : the balls at rest, and their contacts.
     pairs : pairs of balls that may meet, whose contacts come behind those of the network.
-    law : of the normal forces of all contacts.
+    law : the law of the normal forces of all contacts.
     punch : stiffnesses of flat punches as wide as the contacts of the network at rest, N/m.
-    losses : of the network.
-    rules : what holds for all contacts.
+    losses : the losses of the network.
+    rules : choices that hold for all contacts.
 
     Attributes
     ----------
-    axes : (m,) those of the motions, 0 to 2 of displacements, 3 to 5 of rotations.
+    axes : (m,) axes of the motions of a ball, 0 to 2 of displacements, 3 to 5 of rotations.
     ratios : (rows - 1, n_c) stiffnesses against slip (3), twist and rolling (3) over those of flat
         punches.
     held : (rows - 1, n_c) forces across contacts at rest.
     springs : (n, m) stiffnesses of springs to the ground; None without such springs.
-    on_balls : (n, m) forces of contacts and of springs to the ground on balls, of the last step.
+    on_balls : (n, m) forces of contacts and of springs to the ground on balls, set by each step.
+    still : (n, m) the same forces at rest.
+    dash : (rows, n_c) forces of dashpots, set by each step with dashpots; (rows, 0) without any.
     stiffest : greatest stiffness of a contact, or of a flat punch as wide, after the last step,
         N/m.
     is_damped : whether there are dashpots.
@@ -135,19 +145,19 @@ class MovingContacts:
         self.dash = self._no_dash
         if self.is_damped:
             self.dash = np.zeros((len(self.ratios) + 1, n_contacts))
-        # the forces of contacts on balls at rest, which those in motion are compared with
+        # forces of contacts on balls at rest, by a step without motion; a step sets `pull`
         still = self.make_moment()
-        self._go(still, still._replace(pull=still.pull.copy()), self._stick)
+        self._advance(still, still._replace(pull=still.pull.copy()), self._stick)
         self.still = self.on_balls.copy()
 
     @property
     def _stick(self) -> Rules:
-        """The rules of contacts that do not slide, whose normal forces are known."""
+        """The rules of the contacts, but that no contact slides."""
         return self.rules._replace(mu=math.inf)
 
     def make_moment(self) -> Moment:
-        """Return contacts of balls at rest, that bear what they bear at rest; stiffnesses are still
-        to be set.
+        """Return the moment of rest: no motions, and the forces across contacts at rest.
+        Stiffnesses are ones, which the caller has to set.
         """
         n_contacts = len(self._columns.i)
         pull = np.concatenate([np.zeros((1, n_contacts)), self.held])
@@ -157,8 +167,8 @@ class MovingContacts:
         return Moment(np.zeros_like(self.on_balls), np.zeros(n_contacts), pull, k, punch)
 
     def make_spare(self, moment: Moment, has_pull: bool) -> Moment:
-        """Return a moment whose arrays may be written over; with a pull of its own, or with that of
-        another ``moment``.
+        """Return a moment with arrays like those of another ``moment``, to be written over; its
+        pull is a new array if ``has_pull``, and otherwise that of the other moment.
         """
         k = np.empty_like(moment.k)
         return Moment(
@@ -170,61 +180,67 @@ class MovingContacts:
         )
 
     def measure(self, moment: Moment) -> None:
-        """Set the elongations of contacts whose balls have moved."""
+        """Set the elongations ``e`` of a ``moment`` from its motions."""
         loops.measure(self._columns, moment.motions, self.axes, self.rules.turns, moment.e)
 
     def press(self, moment: Moment, joined: Any) -> None:
-        """Set normal forces and stiffnesses at the elongations of a moment."""
+        """Set the normal forces and the stiffnesses of a ``moment`` from its elongations.
+
+        ``joined`` says which contacts whose force jumps are joined: see :meth:`Powers.press`.
+        """
         self.law.press(moment.e, (moment.pull[0], moment.k), joined)
         if isinstance(self.law, PairLaws) and self.law.know_radii:
             self.law.punch(moment.e, moment.punch, joined)
 
     def begin(self, moment: Moment) -> Any:
-        """Let contacts come from rest to where a ``moment`` has the balls, in one step, at the end
-        of which they slide to Coulomb's limit; contacts are as stiff before as after. Return which
-        contacts are joined.
+        """Set all of a ``moment`` but its motions, as if balls had come to these motions from rest
+        in one step; return which contacts are joined, None if no force jumps.
+
+        In the step contacts are as stiff as at its end, and forces beyond Coulomb's limit slide to
+        it. The step also sets :attr:`on_balls`.
         """
         self.measure(moment)
         joined = self.law.begin(moment.e)
         self.press(moment, joined)
         at_rest = self.make_moment()._replace(k=moment.k, punch=moment.punch)
-        self._go(at_rest, moment, self.rules)
+        self._advance(at_rest, moment, self.rules)
         return joined
 
     def act(self, moment: Moment, speeds: Array) -> None:
-        """Set the forces on balls of contacts that a step begins with, of which dashpots have those
-        of the ``speeds`` (n, m) of the balls.
+        """Set :attr:`on_balls` to the forces of contacts at a ``moment``, and of their dashpots at
+        the ``speeds`` (n, m) of the balls; the moment is not changed.
         """
-        damped_moment = moment._replace(pull=moment.pull.copy())
-        self._go(moment, damped_moment, self._stick, speeds=speeds)
+        after = moment._replace(pull=moment.pull.copy())  # of a step without motion
+        self._advance(moment, after, self._stick, speeds=speeds)
 
     def follow(
         self, before: Moment, after: Moment, knows_law: bool, speeds: Array
     ) -> tuple[float, float]:
-        """Set forces of contacts ``after`` a step and those on balls, with dashpots at the
-        ``speeds`` (n, m) after it; return the energies that slip, twist and roll, and dashpots take
-        up, J.
+        """Set the forces across contacts ``after`` a step, and :attr:`on_balls` to the forces after
+        it, with those of dashpots at the ``speeds`` (n, m) after it. Return the energy, J, that
+        slip, twist and roll take up in the step, and that which dashpots take up.
 
-        If the loops know the law, they set neither elongations nor normal forces nor stiffnesses.
+        The motions ``after`` are given, and so are elongations, normal forces and stiffnesses,
+        unless ``knows_law``: then loops find them by Hertz's law, and do not set them.
         """
-        return self._go(before, after, self.rules._replace(is_hertz=knows_law), speeds=speeds)
+        return self._advance(before, after, self.rules._replace(is_hertz=knows_law), speeds=speeds)
 
     def follow_mean(
         self, before: Moment, after: Moment, joined: Any, step: float
     ) -> tuple[float, float]:
-        """Set forces of contacts ``after`` a ``step``, s, and on balls the mean forces of the step,
-        by which it keeps the energy; return the energies that slip, twist and roll, and dashpots
-        take up, J.
+        """Set the forces across contacts ``after`` a ``step``, s, and :attr:`on_balls` to the mean
+        forces of the step, by which it keeps the energy. Return the energy, J, that slip, twist and
+        roll take up in the step, and that which dashpots take up.
         """
         mean = self.law.mean(before.e, after.e, joined)
-        return self._go(before, after, self.rules, mean=mean, step=step)
+        return self._advance(before, after, self.rules, mean=mean, step=step)
 
     @property
     def knows_law(self) -> bool:
         """Whether the loops know the law of normal forces."""
         return self._is_hertz
 
-    def _go(
+    def _advance(
         self,
         before: Moment,
         after: Moment,
@@ -234,7 +250,13 @@ class MovingContacts:
         speeds: Array | None = None,
         step: float = 0.0,
     ) -> tuple[float, float]:
-        """Make a step; without speeds or a mean, there are no dashpots."""
+        """Take contacts from the moment ``before`` to the moment ``after`` by ``rules``, and return
+        the two energies of :meth:`follow`.
+
+        ``mean``, ``speeds`` and ``step`` are those of the loop
+        :func:`~granphon.contacts.motion_loops.follow`; without ``mean`` and ``speeds`` dashpots do
+        not act. Sets :attr:`on_balls` and :attr:`stiffest`, and :attr:`dash` if dashpots act.
+        """
         has_dash = speeds is not None or mean is not None
         spent, damped, self.stiffest = loops.follow(
             self._columns,
@@ -257,8 +279,11 @@ class MovingContacts:
         return spent, damped
 
     def rest_energy(self, moment: Moment) -> float:
-        """Return the energy of the loads that hold the balls at rest, J, less what the laws count
-        of it, and that of springs to the ground.
+        """Return the part, J, of the energy at a ``moment`` that the laws of contacts do not count:
+        that of the loads which hold the balls at rest, and of springs to the ground.
+
+        The energy of a law contains that of a load f_0 along its contact. Where directions turn,
+        the loads on balls take the place of these, which are subtracted.
         """
         energy = float(np.sum(self.still * moment.motions))
         if self.springs is not None:
@@ -268,7 +293,9 @@ class MovingContacts:
         return energy
 
     def shear_energy(self, moment: Moment) -> float:
-        """Return the energy T^2/2k_t of slip, twist and rolling, J, of all contacts."""
+        """Return the energy, J, that all contacts together store by slip, twist and rolling,
+        T^2/2k_t for each force T of a ``moment``.
+        """
         sides = moment.pull[1:]
         double_stiffness = 2.0 * self.ratios * moment.punch
         is_closed = double_stiffness > 0.0
@@ -278,23 +305,23 @@ class MovingContacts:
         return float(np.sum(energies))
 
     def shears(self, moment: Moment) -> Array:
-        """Return the sizes of the forces across contacts (n_c,), N."""
+        """Return the magnitudes (n_c,) of the forces across contacts at a ``moment``, N."""
         return np.asarray(np.sqrt(np.sum(moment.pull[1:_ROWS_OF_SLIP] ** 2, axis=0)))
 
     def pass_ends(self, e: Array, joined: Any) -> Array:
-        """Return how far contacts whose force jumps have passed where they join or part, m; below
-        zero before it.
+        """Return how far, m, each contact whose force jumps has passed the elongation at which it
+        joins or parts, see :meth:`PairLaws.pass_ends`; (0,) if no force jumps.
         """
         if isinstance(self.law, PairLaws):
             return self.law.pass_ends(e, joined)
         return np.zeros(0)
 
     def switch(self, moment: Moment, joined: Any) -> tuple[Any, Index, float]:
-        """Join or part the contacts of a moment that have passed their ends.
+        """Join or part the contacts of a ``moment`` that have passed their ends.
 
-        Returns which contacts are joined after that, the numbers of those that have joined or
-        parted, and the energy lost, J. Contacts that part have no force of slip, twist and roll any
-        more.
+        Return which contacts are joined after that, the numbers of those that have joined or
+        parted, and the energy lost, J. The forces across these contacts are set to zero, and the
+        normal forces and stiffnesses of the moment to those of contacts as they are now joined.
         """
         law = self.law
         have_passed = self.pass_ends(moment.e, joined) > 0.0
@@ -312,12 +339,9 @@ def measure_along(network: ContactNetwork, motions: Array) -> Array:
     """Return the elongations (n_c,) of the contacts of a network, in the directions of rest, whose
     balls have moved by ``motions`` (n, m).
     """
-    axes = np.array(
-        [
-            *network.ball_motions.translations,
-            *(3 + axis for axis in network.ball_motions.rotations),
-        ]
-    )
+    motions_of_ball = network.ball_motions
+    turning = [3 + axis for axis in motions_of_ball.rotations]
+    axes = np.array([*motions_of_ball.translations, *turning])
     r = network.normal
     directions = {loops.REST + axis * loops.CHUNK: r[:, axis] for axis in range(3)}
     columns = _make_columns((network.i, network.j), directions)
@@ -327,7 +351,9 @@ def measure_along(network: ContactNetwork, motions: Array) -> Array:
 
 
 def _list_columns(geometry: _Geometry, law: Powers | PairLaws, ratios: Array) -> dict[int, Any]:
-    """Return the columns (n_c,) of contacts at rest that compiled loops read, by their numbers."""
+    """Return the columns (n_c,) of contacts at rest that compiled loops read, by the places where
+    their rows begin.
+    """
     columns: dict[int, Any] = {
         loops.REST + axis * loops.CHUNK: geometry.r[:, axis] for axis in range(3)
     }
@@ -349,8 +375,10 @@ def _list_columns(geometry: _Geometry, law: Powers | PairLaws, ratios: Array) ->
 
 
 def _make_columns(ends: tuple[Index, Index], values: dict[int, Any]) -> Columns:
-    """Return the contacts as loops read them, from ``values`` (n_c,) by row; the numbers of other
-    rows are zero.
+    """Return the contacts as loops read them: ``ends`` (n_c,) are the numbers of balls i and j, and
+    ``values`` the columns (n_c,) by the place where their row begins; other columns are zero.
+
+    A column of equal numbers is kept as one number.
     """
     shared = np.zeros(loops.N_COLUMNS // loops.CHUNK)
     separate = {}
@@ -369,13 +397,15 @@ def _make_columns(ends: tuple[Index, Index], values: dict[int, Any]) -> Columns:
 
 
 def _find_geometry(network: ContactNetwork) -> _Geometry:
-    """Return contacts whose directions stay."""
+    """Return contacts that keep their directions at rest."""
     zeros = np.zeros(network.n_contacts)
     return _Geometry(network.normal, zeros + 1.0, zeros, zeros, network.arm_i, network.arm_j)
 
 
 def _find_true_geometry(network: ContactNetwork, pairs: MetPairs) -> _Geometry:
-    """Return contacts whose directions turn, but for those with flat walls."""
+    """Return the contacts of a network and of ``pairs`` that may meet, which turn with their balls
+    unless they are with flat walls.
+    """
     i = pairs.i
     j = pairs.j
     is_flat = np.isinf(network.distance)
@@ -412,10 +442,11 @@ def _find_arms(network: ContactNetwork, pairs: MetPairs) -> Array:
 
 
 def _find_ratios(network: ContactNetwork, pairs: MetPairs, punch: Array) -> Array:
-    """Return stiffnesses (3, or with twist and rolling 7, n_c) over those of flat punches.
+    """Return the stiffnesses of contacts and pairs against slip (3, n_c), or against slip, twist
+    and roll (7, n_c) if some contact resists twist or roll, over those of flat punches.
 
-    Twists and rolls of pairs are resisted as in the mean of contacts, with the square of the
-    distance of the balls.
+    The ratios of twist and roll of a pair, m^2, are the square of the distance of its balls at
+    touch times the mean over contacts of the ratio over that square.
     """
     slip = np.append(network.shear_stiffness / punch, pairs.slip_ratio)
     squares, pair_squares = np.split(_find_arms(network, pairs) ** 2, [network.n_contacts])

@@ -95,7 +95,7 @@ class Powers:
         return change, k
 
     def begin(self, e: Array) -> Any:
-        """Return which contacts are joined, as for :meth:`press`."""
+        """Return None: no force jumps, so that no contact is joined or not."""
         return None
 
     def mean(self, e: Array, end: Array, joined: Any = None) -> Array:
@@ -106,8 +106,8 @@ class Powers:
         return _mean_of(self, e, end)
 
     def store(self, e: Array, joined: Any = None) -> Array:
-        """Return the energy of each contact and of its share of the load, J, since rest: zero at e
-        = 0, and never below.
+        """Return the energy (n,), J, of each contact together with that of a load f_0 which holds
+        it at rest, since rest and at elongations e (n,), m: zero at e = 0, and never below.
         """
         if self.exponent == hertz.EXPONENT:
             return np.asarray(self.coefficient * hertz.stretch(self.overlap, self.root, e))
@@ -132,7 +132,8 @@ class PairLaws:
     overlap : (n,) at rest, m.
     rest : (n,) force at rest, N.
     end : (n,) elongation at which a contact opens, m; infinite of a bond.
-    apart : number of the last contacts that are those of balls that may meet, which no load holds.
+    apart : number of contacts of balls that are apart at rest and may meet, which no load holds;
+        they are the last ones.
     jumps : numbers of the contacts whose force jumps where they join or part.
     know_radii : whether some law knows the radius of its contacts.
     """
@@ -188,17 +189,19 @@ class PairLaws:
         beyond_joining = h - self.springs.touch[jumps]
         return np.where(joined[jumps], beyond_parting, beyond_joining)
 
-    def _reach(self, e: Array) -> Array:
-        """Return the overlaps (n,), m, at which laws are evaluated, of elongations e (n,), m:
-        contacts that jump stay within their law.
+    def _find_law_overlaps(self, e: Array) -> Array:
+        """Return the overlaps (n,), m, at which laws are evaluated at elongations e (n,), m: those
+        of contacts whose force jumps are at least the first overlap of their law.
         """
         h = self.overlap - e
         jumps = self.jumps
         h[jumps] = np.maximum(h[jumps], self._first_overlap[jumps])
         return h
 
-    def _parted(self, joined: Any) -> Index:
-        """Return numbers of the jumps that are not joined."""
+    def _find_parted(self, joined: Any) -> Index:
+        """Return the numbers of the contacts :attr:`jumps` that are not ``joined`` (n,); none if
+        that is None.
+        """
         return self.jumps[:0] if joined is None else self.jumps[~joined[self.jumps]]
 
     def press(self, e: Array, out: Any = None, joined: Any = None) -> tuple[Array, Array]:
@@ -207,8 +210,8 @@ class PairLaws:
         counts as zero.
         """
         change, k = (np.empty_like(e), np.empty_like(e)) if out is None else out
-        h = self._reach(e)
-        parted = self._parted(joined)
+        h = self._find_law_overlaps(e)
+        parted = self._find_parted(joined)
         change[:] = self.springs.force(h)
         k[:] = np.maximum(self.springs.stiffness(h), 0.0)
         change[parted] = 0.0
@@ -217,9 +220,11 @@ class PairLaws:
         return change, k
 
     def punch(self, e: Array, out: Array, joined: Any = None) -> Array:
-        """Return stiffnesses 2 E* a of flat punches as wide as the contacts, N/m, in ``out``."""
-        out[:] = self.springs.punch(self._reach(e))
-        out[self._parted(joined)] = 0.0
+        """Write into ``out`` (n,), and return, the stiffnesses 2 E* a, N/m, of flat punches with
+        the radius a of the contacts at elongations e (n,), m; zero of contacts that have parted.
+        """
+        out[:] = self.springs.punch(self._find_law_overlaps(e))
+        out[self._find_parted(joined)] = 0.0
         return out
 
     def mean(self, e: Array, end: Array, joined: Any = None) -> Array:
@@ -232,7 +237,7 @@ class PairLaws:
         """
         first = self._first_overlap
         h = np.maximum(self.overlap - e, first)
-        parted = self._parted(joined)
+        parted = self._find_parted(joined)
         h[parted] = first[parted]
         energy = self.springs.energy(h) - self._rest_energy + self.rest * e
         # joined contacts that are stretched beyond their law keep its last force until a step ends

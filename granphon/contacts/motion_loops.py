@@ -16,8 +16,10 @@ of forces act alone.
 
 A step is one pass over the contacts (:func:`follow`), in chunks. Motions of balls are gathered for
 a chunk, and forces are scattered to balls. In between each number of a contact has a row of the
-chunk. A few loops go over the rows, on several contacts at a time, as the processor can where a
-loop has no index of a ball, no branch, and one array: rows at fixed places do not overlap.
+chunk. Most loops go over the rows, on several contacts at a time, as the processor can where a
+loop has no index of a ball, no branch, and one array: rows at fixed places do not overlap. These
+functions take the ``rows`` of a chunk, an array of all of them, and the number ``n`` of contacts in
+the chunk; the constants at the head of this module say where each row begins.
 """
 
 from __future__ import annotations
@@ -34,8 +36,8 @@ from granphon.base.compiled import compiled
 
 #: contacts of a chunk, whose rows stay in the processor's first cache
 CHUNK = cast("int", np.int64(64))  # no Python int: Numba compiles a loop anew for each value of one
-#: what stands for zero where it divides zero
-_NONE = hertz.LEAST_NORMAL
+#: least divisor: zero is divided by this number in place of zero
+_LEAST_DIVISOR = hertz.LEAST_NORMAL
 #: the stiffness of Hertz's law, over c h^(1/2)
 _STIFFNESS = hertz.EXPONENT
 
@@ -73,7 +75,8 @@ _ACROSS = 20 * CHUNK
 _ACROSS_END = 23 * CHUNK
 _TURN_I = 26 * CHUNK
 _TURN_J = 29 * CHUNK
-#: n before the step, in its mean and after it, r and |r| with which forces act, and the mean of r
+#: n before the step, along the mean of r, and after the step; r and |r| with which forces act; and
+#: the mean of r before and after the step
 _START = 32 * CHUNK
 _MIDDLE = 35 * CHUNK
 _END = 38 * CHUNK
@@ -87,12 +90,14 @@ _E = 49 * CHUNK
 #: the whole angle and one
 _HALF = 50 * CHUNK
 _COSINE = 51 * CHUNK
-#: deformations of the step; forces before it, turned to its middle; after it; and their mean
+#: slip, twist and roll of the step; forces against them: before the step, then turned to its
+#: middle; after it; and the mean of both
 _SIDES = 52 * CHUNK
 _HELD = 59 * CHUNK
 _PULL = 66 * CHUNK
 _MEAN = 73 * CHUNK
-#: f - f_0, stiffnesses
+#: f - f_0; normal stiffnesses, and those of flat punches, before and after the step; and the work
+#: of the step against slip, twist and roll
 _CHANGE = 80 * CHUNK
 _K_START = 81 * CHUNK
 _K = 82 * CHUNK
@@ -110,13 +115,13 @@ _RATES = 99 * CHUNK
 _DASH_START = 106 * CHUNK
 _DASH = 114 * CHUNK
 _LOSS = 122 * CHUNK
-#: the share of the step in which contacts are closed, for dashpots that are as viscous as ever
-#: then; the viscosity against slip over its ratio; and f - f_0 that acts
+#: the share of its constant viscosities with which the dashpot of a contact acts; the viscosity
+#: against slip over the ratio of slip; and f - f_0 to which the dashpot adds
 _SHARE = 123 * CHUNK
 _VISCOSITY = 124 * CHUNK
 _PRESSURE = 125 * CHUNK
 _N_ROWS = 126 * CHUNK
-#: rows from that of slip to those of twist and of roll
+#: where twist and roll begin, from where slip begins, and the length of all three
 _TWIST = 3 * CHUNK
 _ROLL = 4 * CHUNK
 _N_SIDES = 7 * CHUNK
@@ -128,8 +133,9 @@ class Columns(NamedTuple):
     Attributes
     ----------
     i, j : (n_c,) numbers of the two balls.
-    shared : (n_k,) numbers that all contacts share, by row.
-    separate : (n_s, n_c) those that differ, and ``lines`` (n_s,) where their rows begin.
+    shared : (n_k,) the number of each row, if all contacts have the same.
+    separate : (n_s, n_c) the numbers of the other rows.
+    lines : (n_s,) where these rows begin in a chunk.
     """
 
     i: NDArray[np.uint32]
@@ -140,15 +146,16 @@ class Columns(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """What holds for all contacts.
+    """Choices that hold for all contacts.
 
     Attributes
     ----------
-    turns : whether directions are the true ones.
-    mu : of Coulomb's limit.
-    pulls : whether dashpots may pull, beyond the force of the law.
-    is_total : whether Coulomb's limit is of the forces of the law with those of dashpots.
-    is_hertz : whether normal forces follow Hertz's law; else they are found between two loops.
+    turns : whether the directions of contacts follow their balls, and are not those of rest.
+    mu : friction coefficient of Coulomb's limit.
+    pulls : whether the force of the law and the dashpot together may pull.
+    is_total : whether the forces of dashpots count in Coulomb's limit, on both sides.
+    is_hertz : whether loops find normal forces by Hertz's law; otherwise they are known before the
+        loop.
     """
 
     turns: bool
@@ -159,7 +166,7 @@ class Rules(NamedTuple):
 
 
 class Moment(NamedTuple):
-    """Contacts at a moment.
+    """State of the balls and of their contacts at a moment.
 
     Attributes
     ----------
@@ -217,7 +224,9 @@ def _turn(force: _Vector, start: _Vector, end: _Vector, half: float, cosine: flo
     """
     # for a vector across the start, the smallest rotation is a mirror image across the bisector
     bisector = _add(start, 1.0, end)
-    carried = _add(force, -_dot(bisector, force) / max(1.0 + _dot(start, end), _NONE), bisector)
+    carried = _add(
+        force, -_dot(bisector, force) / max(1.0 + _dot(start, end), _LEAST_DIVISOR), bisector
+    )
     return _add(_scale(cosine - 1.0, carried), half * cosine, _cross(end, carried))
 
 
@@ -230,7 +239,9 @@ def _slip(
     r: _Vector,
     n: _Vector,
 ) -> _Vector:
-    """Return the slip across n of two balls that turn, and of which j goes ``across`` from i."""
+    """Return the slip across n of two balls: j moves by ``across`` against i, and they turn by
+    ``turn_i`` and ``turn_j`` about centres that are r apart; ``arms`` are parts of r.
+    """
     turn = _add(_scale(arms[0], turn_i), arms[1], turn_j)
     slip = _add(across, -1.0, _cross(turn, r))
     return _add(slip, -_dot(n, slip), n)
@@ -255,7 +266,9 @@ def _set(rows: Array, place: int, a: _Vector) -> None:
 
 @compiled
 def _begin(shared: Array) -> Array:
-    """Return rows with the numbers that all contacts share."""
+    """Return new rows of a chunk: the first ones hold the numbers ``shared`` by all contacts, the
+    others zeros.
+    """
     rows = np.zeros(_N_ROWS)
     for row in range(0, N_COLUMNS, CHUNK):
         for c in range(CHUNK):
@@ -267,14 +280,16 @@ def _begin(shared: Array) -> Array:
 def _read_separate(
     rows: Array, separate: Array, lines: NDArray[np.int64], first: int, n: int
 ) -> None:
-    """Set the rows of numbers that contacts do not share."""
+    """Set the rows that begin at ``lines`` to the numbers ``separate`` of n contacts from the
+    ``first`` on.
+    """
     for line in range(len(lines)):
         _read(rows, lines[line], separate[line], first, n)
 
 
 @compiled
 def _read(rows: Array, row: int, values: Array, first: int, n: int) -> None:
-    """Set a row to numbers of contacts."""
+    """Set a row to the ``values`` (n_c,) of n contacts from the ``first`` on."""
     block = values[first : first + n]
     for c in range(n):
         rows[row + c] = block[c]
@@ -282,7 +297,7 @@ def _read(rows: Array, row: int, values: Array, first: int, n: int) -> None:
 
 @compiled
 def _write(rows: Array, row: int, values: Array, first: int, n: int) -> None:
-    """Set numbers of contacts to a row."""
+    """Set the ``values`` (n_c,) of n contacts from the ``first`` on to a row."""
     block = values[first : first + n]
     for c in range(n):
         block[c] = rows[row + c]
@@ -298,7 +313,11 @@ def _gather(
     first: int,
     n: int,
 ) -> None:
-    """Set the displacements between two balls, and their rotations in the step."""
+    """Set the rows of the displacement of ball j less that of ball i, before and after the step,
+    and of the rotations of both balls in the step.
+
+    ``before`` and ``after`` (n_balls, m) are the motions of all balls along ``axes`` (m,).
+    """
     balls_i = ends[0][first : first + n]
     balls_j = ends[1][first : first + n]
     for motion in range(len(axes)):
@@ -330,8 +349,8 @@ def _gather_speeds(
     first: int,
     n: int,
 ) -> None:
-    """Set the velocity of ball j less that of ball i, and the spins of both, in place of
-    displacements and rotations.
+    """Set the rows of displacements before the step and of rotations to the velocity of ball j
+    less that of ball i, and to the spins of both, from the ``speeds`` (n_balls, m) of all balls.
     """
     balls_i = ends[0][first : first + n]
     balls_j = ends[1][first : first + n]
@@ -356,7 +375,9 @@ def _scatter(
     first: int,
     n: int,
 ) -> None:
-    """Add to the forces and torques on balls."""
+    """Add the rows of forces and torques on balls i and j to the ``forces`` (n_balls, m) on all
+    balls.
+    """
     balls_i = ends[0][first : first + n]
     balls_j = ends[1][first : first + n]
     for motion in range(len(axes)):
@@ -371,8 +392,10 @@ def _scatter(
 
 
 @compiled
-def _go_along(rows: Array, n: int) -> None:
-    """Find elongations and slips where n stays."""
+def _deform_straight(rows: Array, n: int) -> None:
+    """Find the elongations before and after the step, and the slips of the step, of contacts that
+    keep their directions; forces act along these.
+    """
     for c in range(n):
         normal = _get(rows, REST + c)
         gap = rows[GAP + c]
@@ -407,7 +430,10 @@ def _lengthen(
 
 @compiled
 def _find_directions(rows: Array, n: int, is_mean: bool) -> None:
-    """Find r, its directions and elongations where n turns."""
+    """Find r, its directions and the elongations, before and after the step, of contacts that turn.
+
+    Forces will act with the mean of r if ``is_mean``, and otherwise with r after the step.
+    """
     for c in range(n):
         r_at_rest = _get(rows, REST + c)
         length = rows[LENGTH + c]
@@ -432,7 +458,9 @@ def _find_directions(rows: Array, n: int, is_mean: bool) -> None:
 
 @compiled
 def _slip_turning(rows: Array, n: int) -> None:
-    """Find slips where n turns."""
+    """Find the slips of the step, and the angles by which forces turn about n in half of it, of
+    contacts that turn.
+    """
     for c in range(n):
         arms = (rows[NEAR + c], rows[FAR + c])
         turn_i = _get(rows, _TURN_I + c)
@@ -442,7 +470,8 @@ def _slip_turning(rows: Array, n: int) -> None:
         _set(
             rows, _SIDES + c, _slip(across, turn_i, turn_j, arms, _get(rows, _R_MIDDLE + c), normal)
         )
-        # half of the mean of both rotations
+        # the mean spin of both balls, over four: half of the angle in half of the step. It is taken
+        # for the tangent of itself, from which the cosine follows without a loop of angles
         half = 0.125 * _dot(normal, _add(turn_i, 1.0, turn_j))
         rows[_HALF + c] = half
         rows[_COSINE + c] = 2.0 / (1.0 + half * half)
@@ -450,7 +479,9 @@ def _slip_turning(rows: Array, n: int) -> None:
 
 @compiled
 def _turn_rows(rows: Array, n: int, row: int, start: int, end: int) -> None:
-    """Turn the vectors of three rows from a direction to another, and about that."""
+    """Turn the vectors that begin at ``row`` with their contacts, from the directions that begin at
+    ``start`` to those that begin at ``end``, and about these; see :func:`_turn`.
+    """
     for c in range(n):
         turned = _turn(
             _get(rows, row + c),
@@ -463,7 +494,10 @@ def _turn_rows(rows: Array, n: int, row: int, start: int, end: int) -> None:
 
 
 @compiled
-def _go_turning(rows: Array, n: int, is_mean: bool) -> None:
+def _deform_turning(rows: Array, n: int, is_mean: bool) -> None:
+    """Find how contacts that turn deform in the step, and turn the forces against slip to its
+    middle.
+    """
     _find_directions(rows, n, is_mean)
     _slip_turning(rows, n)
     _turn_rows(rows, n, _HELD, _START, _MIDDLE)
@@ -471,7 +505,9 @@ def _go_turning(rows: Array, n: int, is_mean: bool) -> None:
 
 @compiled
 def _roll(rows: Array, n: int, turns: bool) -> None:
-    """Find twists and rolls of a step, and turn torques of roll to its middle."""
+    """Find the twists and rolls of the step; if contacts turn, turn the torques against roll to its
+    middle.
+    """
     for c in range(n):
         normal = _get(rows, _MIDDLE + c) if turns else _get(rows, REST + c)
         roll = _add(_get(rows, _TURN_J + c), -1.0, _get(rows, _TURN_I + c))
@@ -490,7 +526,7 @@ def _press(rows: Array, n: int) -> None:
     for c in range(n):
         coefficient = rows[COEFFICIENT + c]
         overlap = rows[OVERLAP + c]
-        loss = min(rows[_E + c], overlap)  # of h_+
+        loss = min(rows[_E + c], overlap)  # loss of h_+
         root = math.sqrt(overlap - loss)
         # the difference of the powers 3/2, over that of h and y, is h^(1/2) + y/(h^(1/2) + y^(1/2))
         factor = root + overlap / (root + rows[ROOT + c])
@@ -504,12 +540,12 @@ def _press(rows: Array, n: int) -> None:
 
 @compiled
 def _resist(rows: Array, n: int, mu: float, is_total: bool) -> None:
-    """Find the forces against slip at the end of a step, up to Coulomb's limit, and their work, of
-    which sliding loses a part. The forces at its start are turned to the middle of the step. With
-    ``is_total`` the limit is that of all forces, those of dashpots too.
+    """Find the forces T against slip at the end of the step, and the work against slip, of which
+    sliding loses a part. Forces before and after the step are both turned to its middle.
 
-    It is the law of :mod:`granphon.contacts.motion`: dT = k_t ds while a contact widens, and T/k_t
-    is kept while it narrows.
+    The law is that of :mod:`granphon.contacts.motion`: dT = k_t ds while a contact widens, and
+    T/k_t is kept while it narrows. T beyond Coulomb's limit is shortened; if ``is_total``, the sum
+    of T and the dashpot's force is, and its limit includes the normal dashpot.
     """
     slides = mu < math.inf
     for c in range(n):
@@ -518,7 +554,7 @@ def _resist(rows: Array, n: int, mu: float, is_total: bool) -> None:
         least = min(punch, start_punch)
         # the share of a force that the law keeps: all where the contact widens, as much as is left
         # of its stiffness where it narrows, nothing where it was open
-        kept = least / max(start_punch, _NONE)
+        kept = least / max(start_punch, _LEAST_DIVISOR)
         # the mean stiffness of a step in which the contact widens; that at its end otherwise
         stiffness = 0.5 * (least + punch) * rows[SLIP_RATIO + c]
         sides = _get(rows, _SIDES + c)
@@ -541,12 +577,14 @@ def _resist(rows: Array, n: int, mu: float, is_total: bool) -> None:
 
 @compiled
 def _resist_roll(rows: Array, n: int) -> None:
-    """Find the torques against twist and roll at the end of a step, and add their work."""
+    """Find the torques against twist and roll at the end of the step, as :func:`_resist` finds
+    forces but without a limit, and add the work against them.
+    """
     for c in range(n):
         start_punch = rows[_PUNCH_START + c]
         punch = rows[_PUNCH + c]
         least = min(punch, start_punch)
-        kept = least / max(start_punch, _NONE)
+        kept = least / max(start_punch, _LEAST_DIVISOR)
         stiffness = 0.5 * (least + punch)
         twist = rows[_SIDES + _TWIST + c]
         held_twist = rows[_HELD + _TWIST + c]
@@ -562,8 +600,8 @@ def _resist_roll(rows: Array, n: int) -> None:
 
 @compiled
 def _average(rows: Array, n: int) -> None:
-    """Find the means of forces in a step, before which and after which these are turned to its
-    middle.
+    """Find the means of the forces against slip, twist and roll before and after the step, both
+    turned to its middle.
     """
     for row in range(0, _N_SIDES, CHUNK):
         for c in range(n):
@@ -573,7 +611,7 @@ def _average(rows: Array, n: int) -> None:
 
 @compiled
 def _take_mean(rows: Array, n: int) -> None:
-    """Let mean forces of a step be those that act."""
+    """Set the rows of forces that act to the means of :func:`_average`."""
     for row in range(0, _N_SIDES, CHUNK):
         for c in range(n):
             rows[_PULL + row + c] = rows[_MEAN + row + c]
@@ -581,7 +619,7 @@ def _take_mean(rows: Array, n: int) -> None:
 
 @compiled
 def _take_mean_rates(rows: Array, n: int, step: float) -> None:
-    """Find the mean rates of deformations in a step."""
+    """Find the mean rates of elongation, slip, twist and roll in a ``step``, s."""
     for c in range(n):
         rows[_RATE + c] = (rows[_E + c] - rows[_E_START + c]) / step
     for row in range(0, _N_SIDES, CHUNK):
@@ -591,7 +629,9 @@ def _take_mean_rates(rows: Array, n: int, step: float) -> None:
 
 @compiled
 def _take_rates(rows: Array, n: int, turns: bool) -> None:
-    """Find the rates of deformations after a step, of balls whose velocities are gathered."""
+    """Find the rates of elongation, slip, twist and roll after the step, from the velocities and
+    spins of :func:`_gather_speeds`.
+    """
     for c in range(n):
         r = _get(rows, _R + c)
         normal = _get(rows, _END + c) if turns else r
@@ -609,19 +649,21 @@ def _take_rates(rows: Array, n: int, turns: bool) -> None:
 
 @compiled
 def _find_shares(rows: Array, n: int, is_mean: bool, pulls: bool) -> None:
-    """Find by what share of a dashpot that is as viscous as ever a contact is damped.
+    """Find the share of its constant viscosities with which the dashpot of each contact acts: one
+    where the contact stays closed, zero where it stays open.
 
-    In the mean of a step it is the share of the step in which the contact is closed. The force
-    after a step acts in the last half of the step, and in the first half of the next: with one half
-    more where a contact closes, and one half less where it opens, it does what a force does that
-    jumps in between. A dashpot that does not pull has no force where a contact opens.
+    Where the contact opens or closes in the step, the mean force of the step has the share of the
+    step in which the contact is closed. The force after the step, which a scheme lets act in the
+    last half of the step and in the first half of the next, has one half more where the contact
+    closes and one half less where it opens: over both halves it then does what a force does that
+    jumps in between. It is zero where a contact opens if the dashpot must not pull.
     """
     for c in range(n):
         was_closed = rows[_PUNCH_START + c] > 0.0
         is_closed = rows[_PUNCH + c] > 0.0
         longest = max(rows[OVERLAP + c] - min(rows[_E_START + c], rows[_E + c]), 0.0)
         travel = abs(rows[_E + c] - rows[_E_START + c])
-        share = min(longest / max(travel, _NONE), 1.0)
+        share = min(longest / max(travel, _LEAST_DIVISOR), 1.0)
         if not is_mean:
             share += 0.5 if is_closed else -0.5
             share = share if is_closed or pulls else 0.0
@@ -631,7 +673,9 @@ def _find_shares(rows: Array, n: int, is_mean: bool, pulls: bool) -> None:
 
 @compiled
 def _find_dash(rows: Array, n: int, is_mean: bool, pulls: bool) -> None:
-    """Find the forces of dashpots after a step, or those of its mean."""
+    """Find the forces of dashpots after the step, or those of its mean if ``is_mean``; unless it
+    ``pulls``, the normal dashpot is limited to the force of the law.
+    """
     for c in range(n):
         k = 0.5 * (rows[_K_START + c] + rows[_K + c]) if is_mean else rows[_K + c]
         punch = 0.5 * (rows[_PUNCH_START + c] + rows[_PUNCH + c]) if is_mean else rows[_PUNCH + c]
@@ -655,8 +699,9 @@ def _find_dash(rows: Array, n: int, is_mean: bool, pulls: bool) -> None:
 
 @compiled
 def _damp(rows: Array, n: int, is_mean: bool) -> None:
-    """Add the forces of dashpots to those that act, and find the energy that they take up: by their
-    means of before and after the step, or as those of its mean.
+    """Add the forces of dashpots to the forces that act, and find the energy that dashpots take up
+    in the step: the work of their forces if ``is_mean``, or else of the means of their forces
+    before and after the step.
     """
     for c in range(n):
         dash = rows[_DASH + c]
@@ -673,7 +718,10 @@ def _damp(rows: Array, n: int, is_mean: bool) -> None:
 
 @compiled
 def _act(rows: Array, n: int, turns: bool, rolls: bool) -> None:
-    """Find forces and torques on the two balls."""
+    """Find the forces and torques on both balls of each contact, from the normal force and those
+    against slip and, if the contact ``rolls``, against twist and roll. If contacts turn, static
+    forces act too, along n.
+    """
     for c in range(n):
         r = _get(rows, _R + c)
         pull = _get(rows, _PULL + c)
@@ -695,21 +743,21 @@ def _act(rows: Array, n: int, turns: bool, rolls: bool) -> None:
 
 @compiled
 def _copy(rows: Array, n: int, row: int, copy: int) -> None:
-    """Set a row to another."""
+    """Set the row ``copy`` to the numbers of the row ``row``."""
     for c in range(n):
         rows[copy + c] = rows[row + c]
 
 
 @compiled
 def _sum(rows: Array, n: int, row: int, sums: Array) -> None:
-    """Add a row to sums."""
+    """Add the numbers of a row to ``sums`` (CHUNK,)."""
     for c in range(n):
         sums[c] += rows[row + c]
 
 
 @compiled
 def _keep_greatest(rows: Array, n: int, row: int, greatest: Array) -> None:
-    """Keep the greater of a row and what is greatest so far."""
+    """Set ``greatest`` (CHUNK,) to the numbers of a row that are greater."""
     for c in range(n):
         greatest[c] = max(greatest[c], rows[row + c])
 
@@ -721,8 +769,9 @@ def _keep_greatest(rows: Array, n: int, row: int, greatest: Array) -> None:
 def measure(
     contacts: Columns, motions: Array, axes: NDArray[np.int64], turns: bool, e: Array
 ) -> None:
-    """Set the elongations ``e`` (n_c,) of contacts whose balls have the ``motions`` (n, m) along
-    ``axes`` (m,), 0 to 2 of displacements, 3 to 5 of rotations.
+    """Set ``e`` (n_c,) to the elongations of contacts whose balls have the ``motions`` (n, m) along
+    ``axes`` (m,), 0 to 2 of displacements, 3 to 5 of rotations; ``turns`` is that of
+    :class:`Rules`.
     """
     ends = (contacts.i, contacts.j)
     rows = _begin(contacts.shared)
@@ -733,7 +782,7 @@ def measure(
         if turns:
             _find_directions(rows, n, False)
         else:
-            _go_along(rows, n)
+            _deform_straight(rows, n)
         _write(rows, _E, e, first, n)
 
 
@@ -750,22 +799,25 @@ def follow(
     dash: Array,
     forces: Array,
 ) -> tuple[float, float, float]:
-    """Set the forces across contacts after a step, and those on balls; return the energies that
-    slip, twist and roll, and dashpots take up, J, and the greatest stiffness of a punch after it,
-    N/m.
+    """Set the forces across contacts after a step, and the forces on balls. Return the energy that
+    slip, twist and roll take up in the step, that which dashpots take up, both J, and the greatest
+    stiffness of a flat punch after the step, N/m.
 
     Parameters
     ----------
-    axes : (m,) those of the motions of a ball, 0 to 2 of displacements, 3 to 5 of rotations.
-    before, after : motions are known, and forces across contacts before. Normal forces and
-        stiffnesses after the step, and stiffnesses of punches before it, are known too, unless
-        all follow Hertz's law: they are then neither read nor set. Both may have one pull.
-    mean : (n_c,) means of f - f_0 over the step: forces on balls are then those of its mean, so
-        that it keeps the energy. (0,) where they are those after the step.
-    speeds : (n, m) velocities of balls after the step, for dashpots, unless there are means.
-    step : s.
-    dash : (rows, n_c) forces of dashpots before the step, set anew; (rows, 0) without dashpots.
-    forces : (n, m) forces and torques on balls.
+    contacts, rules : the contacts, and what holds for all of them.
+    axes : (m,) axes of the motions of a ball, 0 to 2 of displacements, 3 to 5 of rotations.
+    before, after : moments before and after the step. Both motions are read, and the forces across
+        contacts before; those after are set, into the same array if both moments share ``pull``.
+        Unless loops know Hertz's law, normal forces and stiffnesses after the step, and stiffnesses
+        of punches before it, are read too; none of them is set.
+    mean : (n_c,) means of f - f_0 over the step: forces on balls are then the mean forces of the
+        step, by which it keeps the energy. (0,) if forces on balls are to be those after the step.
+    speeds : (n, m) velocities of balls after the step, for dashpots; not read if there are means.
+    step : length of the step, s; read only if there are means.
+    dash : (rows, n_c) forces of dashpots before the step, replaced by those after it or, if there
+        are means, of its mean; (rows, 0) without dashpots.
+    forces : (n, m) forces and torques on balls, set.
     """
     ends = (contacts.i, contacts.j)
     separate = contacts.separate
@@ -794,9 +846,9 @@ def follow(
         for line in range(n_lines):
             _read(rows, _HELD + line * CHUNK, pull[1 + line], first, n)
         if rules.turns:
-            _go_turning(rows, n, is_mean)
+            _deform_turning(rows, n, is_mean)
         else:
-            _go_along(rows, n)
+            _deform_straight(rows, n)
         if rolls:
             _roll(rows, n, rules.turns)
         if rules.is_hertz:
@@ -858,7 +910,9 @@ def follow(
 
 @compiled
 def spread(x: Array, places: NDArray[np.int64], weights: Array, motions: Array) -> None:
-    """Set what is at these ``places`` of the motions (n, m) to x times ``weights``, (size,)."""
+    """Set the entries of ``motions`` (n, m) at ``places`` (size,) of the flat array to x times
+    ``weights``, (size,) each.
+    """
     flat = motions.reshape(motions.size)
     for place in range(len(x)):
         flat[places[place]] = weights[place] * x[place]
@@ -868,7 +922,9 @@ def spread(x: Array, places: NDArray[np.int64], weights: Array, motions: Array) 
 def drift(
     x: Array, v: Array, acceleration: Array, step: float, x_after: Array, v_mean: Array
 ) -> None:
-    """Set x after a step, and the mean velocity in the step, (size,)."""
+    """Set ``v_mean`` to the velocity v + a dt/2 in the middle of a ``step`` dt, s, and ``x_after``
+    to the coordinates x + v_mean dt after it; all are (size,).
+    """
     for place in range(len(x)):
         mean = v[place] + 0.5 * step * acceleration[place]
         v_mean[place] = mean
@@ -879,8 +935,8 @@ def drift(
 def gather(
     forces: Array, places: NDArray[np.int64], weights: Array, steady: Array, acceleration: Array
 ) -> None:
-    """Set accelerations (size,) to what is at these places of the forces (n, m), times ``weights``,
-    and what is ``steady``.
+    """Set ``acceleration`` to the entries of ``forces`` (n, m) at ``places`` of the flat array,
+    times ``weights``, plus the accelerations ``steady``; all but the forces are (size,).
     """
     flat = forces.reshape(forces.size)
     for place in range(len(acceleration)):
@@ -889,6 +945,6 @@ def gather(
 
 @compiled
 def kick(v: Array, acceleration: Array, step: float) -> None:
-    """Add to velocities (size,) what a step adds."""
+    """Add ``acceleration`` times a ``step``, s, to the velocities v, (size,) each."""
     for place in range(len(v)):
         v[place] += step * acceleration[place]

@@ -31,7 +31,8 @@ def find_overlaps(
     vector : (n_c, d) from the centre of ball i to that of ball j.
     length : distance l, a number or (n_c,).
     at_length : overlap o at that distance, a number or (n_c,).
-    normal : (n_c, d) directions that do not turn; by default contacts have those of their vectors.
+    normal : (n_c, d) unit vectors along which contacts push, which do not turn with ``vector``; by
+        default contacts push along ``vector``.
     """
     from granphon.contacts.deformation import (  # averages need no Numba
         measure_along,
@@ -61,8 +62,8 @@ class ContactForces:
 
     Attributes
     ----------
-    energy : that of the springs that :meth:`resist` has added; the energy of normal forces is not
-        in it.
+    energy : energy of the springs that :meth:`resist` has added; the energy of the forces of
+        :meth:`press` is not counted.
     pull : (n_c, d) forces on balls j.
     torque : (count, r) torques on balls.
     """
@@ -96,7 +97,8 @@ class ContactForces:
             i,
             j,
             self._axes,
-            # of contacts these are views: coefficients of one motion follow each other in memory
+            # coefficients of one motion have to follow each other in memory; where they do, none
+            # is copied
             np.ascontiguousarray(row.head.T),
             np.ascontiguousarray(row.tail.T),
             stiffness,
@@ -116,9 +118,10 @@ class ContactForces:
 def collect_pulls(
     ends: tuple[Index, Index], vector: Array, pull: Array, count: int
 ) -> tuple[Array, Array]:
-    """Return the forces (count, 3) on balls by forces ``pull`` (n_c, d) of any direction on balls
-    j, and the opposite ones on balls i; and the sum (3, 3) of pull times ``vector`` (n_c, d).
+    """Return the forces (count, 3) on balls, and the sum (3, 3) over contacts of ``pull`` times
+    ``vector``, both (n_c, d).
 
+    Ball j of each contact bears the force ``pull``, of any direction, and ball i the opposite one.
     ``ends`` are the numbers (n_c,) of balls i and of balls j.
     """
     from granphon.contacts.deformation import add_forces  # averages need no Numba

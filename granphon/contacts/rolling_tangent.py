@@ -28,8 +28,9 @@ _CHUNK = 64
 
 @compiled
 def _write_rows(rows: Array, blocks: NDArray[Any], start: int, stop: int) -> None:
-    """Set the ``blocks`` (m, m, n_c) of the contacts of a chunk to its ``rows``: each entry of all
-    contacts goes through memory in order.
+    """Set the ``blocks`` (m, m, n_c) of the contacts from ``start`` to ``stop``, at most
+    :data:`_CHUNK` of them, to ``rows`` (m, m, _CHUNK). For each entry of a block the loop goes
+    through memory in order.
     """
     for line in range(len(rows)):
         for motion in range(len(rows)):
@@ -53,7 +54,9 @@ def _fill_plane(
     ahead: Array,
     back: Array,
 ) -> float:
-    """Fill the blocks of :func:`fill_tangent` in a plane."""
+    """Do what :func:`fill_tangent` does, with the same arguments, for balls in a plane: m is 3, two
+    displacements and a rotation.
+    """
     is_free = ahead.shape[1] > 0
     eps = contacts.ratio
     corner = 0.0
@@ -79,12 +82,12 @@ def _fill_plane(
             spring = tangent.shear[c] * (1.0 - q * q) + tangent.drag
             coupling = tangent.coupling[0, c]
             held = shears[0, c]
-            # stiffnesses as at the head of this module: of a motion across the normal, and of T as
-            # it turns
+            # stiffnesses by the formulas at the head of this module: against a motion across the
+            # normal, by T as it turns, and by the torque of T where the contact elongates
             aside = spring - over * normal_force[c]
             turned = over * held
             lever = 0.5 * eps * held
-            # the axes of displacements along n and t
+            # components along n and t of a unit motion in each coordinate of displacements
             for motion in range(2):
                 n[motion] = x * axes[0, motion] + y * axes[1, motion]
                 t[motion] = x * axes[1, motion] - y * axes[0, motion]
@@ -103,7 +106,8 @@ def _fill_plane(
                     back[motion, j] -= k * n[motion]
                 ahead[2, i] += arm_i * change + lever * e_n
                 ahead[2, j] += arm_j * change + lever * e_n
-            # displacements: what both balls bear, and what they exert as they rotate
+            # displacements of either ball: forces and torques on both balls; then
+            # forces on both balls against rotations
             for motion in range(2):
                 along = k * n[motion] - turned * t[motion]
                 across = aside * t[motion] - coupling * n[motion]
@@ -139,12 +143,18 @@ def _fill_plane(
 def _resist(
     law: tuple[float, ...], v_n: float, v_t: float, v_b: float, r_t: float, r_b: float, turn: float
 ) -> tuple[float, ...]:
-    """Return the components along n, t, b of what resists a small motion of a contact: of the
-    force on ball j, of the torque over the arm, and along t and b of what both balls bear besides.
+    """Return eight components of what resists a small motion of a contact.
 
-    ``v`` are components of the motion of the centres, ``r`` those of arm_i phi_i + arm_j phi_j, and
-    ``turn`` is the part of the spin that follows from rotations alone. The ``law`` is that of
-    :func:`fill_tangent`.
+    The first three are those of the force on ball j along n, t and b, k e n + dT - f dn + turn x T;
+    the next three those of n x dT + turn x (n x T), the torque over minus the arm; the last two
+    those along t and b of (eps/2) e (n x T), which is subtracted from the torque on both balls.
+
+    ``v_n``, ``v_t`` and ``v_b`` are components of the motion of centre j against centre i, ``r_t``
+    and ``r_b`` those of arm_i phi_i + arm_j phi_j, and ``turn`` is the part of the spin that
+    follows from rotations alone. The ``law`` is the tuple of :func:`_fill_space`: k; the two
+    couplings of T to the overlap; the three stiffnesses against slip; eps and f eps over the
+    distance of the centres; eps/2; the two components of T; and the tangential components of e
+    over 1 + n.e, by which the contact spins as n turns along b and t.
     """
     k, c_t, c_b, s_tt, s_tb, s_bb, over, push, lever, held_t, held_b, back_t, back_b = law
     slip_t = v_t - r_b
@@ -180,7 +190,9 @@ def _fill_space(
     ahead: Array,
     back: Array,
 ) -> float:
-    """Fill the blocks of :func:`fill_tangent` in space."""
+    """Do what :func:`fill_tangent` does, with the same arguments, for balls in space: m is 6, three
+    displacements and three rotations.
+    """
     is_free = ahead.shape[1] > 0
     eps = contacts.ratio
     # along n, t, b: each axis of displacements, and of rotations
@@ -243,7 +255,8 @@ def _fill_space(
                 e_t / below,
                 e_b / below,
             )
-            # the frame of the contact along the axes of space, and along those of displacements
+            # turning: n, t and b, as rows, along the axes of space; along: their components in the
+            # coordinates of displacements
             for axis in range(3):
                 turning[0, axis] = at.normal[c, axis]
                 turning[1, axis] = at.tangent[c, axis]
@@ -352,21 +365,24 @@ def fill_tangent(
     ahead: Array,
     back: Array,
 ) -> float:
-    """Add to the blocks of what resists small motions of balls; return the sum of the changes of
-    normal forces by a unit of the overlap y.
+    """Fill the blocks of the tangent: forces on balls that resist small motions of balls. Return
+    the sum over contacts of the changes of normal forces by a unit of the overlap y.
 
-    Motions and forces are those of :func:`list_motions` and :func:`collect_forces`. The law has the
-    ``tangent``; the forces that act, ``normal_force`` (n_c,) and ``shears`` (n_s, n_c), turn with
-    contacts that turn.
+    Motions and forces are in the coordinates of :func:`~granphon.contacts.slips.list_motions` and
+    :func:`~granphon.contacts.slips.collect_forces`.
 
     Parameters
     ----------
-    diagonal : (m, m, n) forces on each ball against its own motions.
-    forward, backward : (m, m, n_c) forces on ball i against the motions of ball j; of each motion
-        of ball i the forces on ball j. They are set.
-    ahead : (m, n) forces on balls by a unit of y.
-    back : (m, n) sums of the changes of normal forces by each motion, with the sign turned. It and
-        ``ahead`` have no columns if the overlap is held.
+    contacts, at : the contacts, and where they are.
+    tangent : derivatives of the forces by the law of friction.
+    normal_force, shears : (n_c,), (n_s, n_c) forces that act, which turn with their contacts.
+    axes : (p, p) matrix that takes coordinates of displacements to the axes of space.
+    diagonal : (m, m, n) forces on each ball against its own motions, added to.
+    forward, backward : (m, m, n_c) forces on ball i against the motions of ball j, and, for each
+        motion of ball i, the forces on ball j; both are set.
+    ahead : (m, n) forces on balls against a unit of y, added to; (m, 0) if the overlap is held.
+    back : (m, n) minus the sums over contacts of the changes of normal forces by each motion, added
+        to; (m, 0) if the overlap is held.
     """
     blocks = (diagonal, forward, backward, ahead, back)
     if len(axes) == 2:

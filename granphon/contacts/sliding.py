@@ -1,7 +1,10 @@
-"""Loops over the contacts of the law of friction, compiled; see
-:mod:`granphon.contacts.friction`.
+"""Loops over the contacts of the law of friction, compiled; the law, and the formulas of a step,
+are those of :mod:`granphon.contacts.friction`.
 
-Overlaps are (n_c,), slips and tangential forces (n_s, n_c).
+Arguments that all loops have are the law's numbers ``eta`` and ``mu``; the state before the step,
+``old_overlaps`` (n_c,), ``old_slips`` and tangential forces ``old_shears`` (n_s, n_c); and the
+``overlaps`` (n_c,) and ``slips`` (n_s, n_c) at its end. The root of an overlap h is r = h_+^(1/2);
+the stiffness is k = (3/2) r, and the normal force r^3.
 """
 
 from __future__ import annotations
@@ -20,14 +23,16 @@ _TINY = 1e-150
 
 @compiled
 def _find_spring(eta: float, old: float, new: float, change: float) -> float:
-    """Return the stiffness that slip meets while the root of h goes from ``old`` to ``new``, and h
-    by ``change``.
+    """Return the stiffness against slip in a step in which the root r of the overlap h goes from
+    ``old`` to ``new``, and h changes by ``change``.
 
-    That is eta times the mean of k while h rises, and k at the end where it falls. Of a step in
-    which a contact closes only the part after that counts.
+    Where h rises, the stiffness is eta df/dh between the ends, eta (new^3 - old^3)/(new^2 - old^2);
+    where h falls, eta k at the end. Where a contact closes in the step, ``change`` is that of the
+    whole step, below touch included, so that only the closed part of the slip counts.
     """
     if old == 0.0 and new > 0.0:
         return eta * new * new * new / change
+    # the quotient of powers, divided out; with both roots equal to the end it is (3/2) r
     least = min(old, new)
     total = least + new
     return eta * (total - least * new / max(total, _TINY))
@@ -35,7 +40,7 @@ def _find_spring(eta: float, old: float, new: float, change: float) -> float:
 
 @compiled
 def set_springs(eta: float, old_overlaps: Array, overlaps: Array, springs: Array) -> None:
-    """Set the stiffnesses (n_c,) that slip meets in a step."""
+    """Set ``springs`` (n_c,) to the stiffnesses of contacts against slip in a step."""
     for c in range(len(overlaps)):
         old = math.sqrt(max(old_overlaps[c], 0.0))
         new = math.sqrt(max(overlaps[c], 0.0))
@@ -53,15 +58,15 @@ def set_shears(
     slips: Array,
     shears: Array,
 ) -> None:
-    """Set tangential forces at the end of a step, with what is above Coulomb's limit lost by
-    sliding.
+    """Set ``shears`` (n_s, n_c) to the tangential forces at the end of a step.
 
-    ``overlaps`` are those that say how stiff contacts are, and what the limit is.
+    A force beyond Coulomb's limit is shortened to the limit, in its own direction. The ``overlaps``
+    (n_c,) are those from which the stiffness against slip and the limit are found.
     """
     for c in range(len(overlaps)):
         old = math.sqrt(max(old_overlaps[c], 0.0))
         new = math.sqrt(max(overlaps[c], 0.0))
-        least = min(old, new)  # where h falls, as if it had been at its end before
+        least = min(old, new)  # where h falls, T is first rescaled by new/old
         spring = _find_spring(eta, old, new, overlaps[c] - old_overlaps[c])
         size = 0.0
         for s in range(len(slips)):
@@ -92,12 +97,13 @@ def set_tangent(
     coupling: Array,
     sliding: Array,
 ) -> None:
-    """Set the derivatives of the forces of contacts at the end of a step; see
+    """Set ``stiffness``, ``shear`` (n_c,), ``coupling`` and ``sliding`` (n_s, n_c) to the
+    derivatives of the forces of contacts at the end of a step: those of
     :class:`~granphon.contacts.friction.Tangent`.
 
-    ``held`` are the overlaps that say how stiff contacts are against slip, and what the limit is.
-    If they are given ones, tangential forces do not depend on ``overlaps``: then ``couples`` is
-    false, and ``coupling`` becomes zero.
+    ``held`` (n_c,) are the overlaps from which the stiffness against slip and Coulomb's limit are
+    found. If they are not ``overlaps`` but a guess that does not change, tangential forces do not
+    depend on ``overlaps``: then ``couples`` must be false, and ``coupling`` is zero.
     """
     n_s = len(slips)
     trial = np.zeros(n_s)
@@ -110,6 +116,7 @@ def set_tangent(
         k = EXPONENT * math.sqrt(max(overlaps[c], 0.0))
         stiffness[c] = k
         over = 1.0 / max(least + new, _TINY) if new > 0.0 else 0.0
+        # slope: derivative of `spring` by the overlap at the end, where h rises
         if old == 0.0 and new > 0.0:
             slope = eta * (EXPONENT * new - new * new * new / width) / width
         else:
@@ -117,14 +124,14 @@ def set_tangent(
         size = 0.0
         for s in range(n_s):
             change = slips[s, c] - old_slips[s, c]
-            bent = old_shears[s, c] / old if old > 0.0 else 0.0
+            bent = old_shears[s, c] / old if old > 0.0 else 0.0  # T/r before the step
             trial[s] = spring * change + least * bent
             size = math.hypot(size, trial[s]) if s else abs(trial[s])
             coupled = 0.0
             if couples:
                 coupled = slope * change
-                # where h falls, the stiffness does as k does at the end, twice as fast, and what T
-                # was before in proportion
+                # where h falls, both roots in `spring` are that at the end: its slope is twice as
+                # large; and the old T falls in proportion to the root
                 if new < old:
                     coupled += coupled + over * bent
             coupling[s, c] = coupled
@@ -155,8 +162,8 @@ def sum_losses(
     overlaps: Array,
     slips: Array,
 ) -> tuple[float, float]:
-    """Return the energies that contacts lose by sliding and by the law, along the straight line of
-    a step.
+    """Return two energies that all contacts together lose along the straight line of a step: by
+    sliding, and by the law of the tangential force.
     """
     slid = 0.0
     loosened = 0.0
@@ -198,10 +205,14 @@ def _lose_rising(
     eta: float,
     mu: float,
 ) -> tuple[float, float]:
-    """Return the energies lost by sliding and by the law while h rises from ``old``^2 to
-    ``new``^2.
+    """Return the energies that one contact loses by sliding and by the law while h rises from
+    ``old``^2 to ``new``^2: the integrals over the step of :mod:`granphon.contacts.friction`.
 
-    The squares and the ``product`` are those of T/r at first, and of the slip since then.
+    ``bent_square`` is the square of T/r before the step, ``slip_square`` that of the slip in the
+    step, and ``product`` their scalar product. With f as the variable T is a + s b, linear in the
+    share s of the change of f: it sticks until its magnitude comes to mu f, and slides from there.
+    The polynomials in roots are what the integrals of powers of r become once common factors are
+    divided out, so that steps without a change of h lose no digits.
     """
     mean = eta * (old * old + old * new + new * new) / max(old + new, _TINY)
     cube = old * old * old
@@ -210,7 +221,7 @@ def _lose_rising(
     a_dot_b = old * mean * product
     b_square = mean * mean * slip_square
     share, over = _meet(a_square, a_dot_b, b_square, mu, cube, rise)
-    # where it begins to slide
+    # the root of h where the contact begins to slide
     turn = new if share == 1.0 else min(max(float(np.cbrt(cube + share * rise)), old), new)
     three = max(old * old + old * turn + turn * turn, _TINY)
     stuck = old * bent_square + (turn + 2.0 * old) * share * a_dot_b / three
@@ -235,8 +246,11 @@ def _lose_falling(
     eta: float,
     mu: float,
 ) -> tuple[float, float]:
-    """Return the energies lost by sliding and by the law while h falls, as
-    :func:`_lose_rising` does.
+    """Return the energies that one contact loses by sliding and by the law while h falls from
+    ``old``^2 to ``new``^2; arguments are those of :func:`_lose_rising`.
+
+    With h as the variable the elastic slip T/(eta k) is a + s b, linear in the share s of the
+    change of h, until its magnitude comes to mu f/(eta k) = 2 mu h/(3 eta).
     """
     to_slip = EXPONENT * eta
     fall = new * new - old * old
@@ -262,9 +276,11 @@ def _lose_falling(
 def _meet(
     a_square: float, a_dot_b: float, b_square: float, mu: float, size: float, rise: float
 ) -> tuple[float, float]:
-    """Return the share s of a step at which ``|a + s b|`` comes to mu (size + s rise), 1 if it does
-    not; and by how much it is above that at the end of the step, zero if it is not, or mu is
-    infinite.
+    """Return the share s of a step at which ``|a + s b|`` comes to the limit mu (size + s rise),
+    and the excess of ``|a + b|`` over the limit at the end of the step.
+
+    Where the limit is not passed at the end, or mu is infinite, they are 1 and 0. ``a_square``,
+    ``a_dot_b`` and ``b_square`` are the scalar products of the vectors a and b.
     """
     if mu == math.inf:
         return 1.0, 0.0
@@ -273,11 +289,12 @@ def _meet(
     over = math.sqrt(max(a_square + 2.0 * a_dot_b + b_square, 0.0)) - (limit + rise)
     if not over > 0.0:
         return 1.0, 0.0
+    # the root of square s^2 + 2 half s + remaining = 0, without a difference of near numbers
     square = b_square - rise * rise
     half = a_dot_b - limit * rise
     remaining = min(a_square - limit * limit, 0.0)
     root = math.sqrt(max(half * half - square * remaining, 0.0))
-    if half <= 0.0:  # T leaves the limit at first
+    if half <= 0.0:  # a + s b first moves away from the limit
         share = (root - half) / max(square, _TINY)
     else:
         share = -remaining / max(half + root, _TINY)

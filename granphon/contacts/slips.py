@@ -46,14 +46,15 @@ ROUND = float(np.finfo(float).tiny)
 
 @compiled
 def list_motions(fields: NDArray[Any], axes: Array, displacement: Array, rotation: Array) -> None:
-    """Set displacements and rotations (n, 3) of balls from ``fields`` (b, m, cells), the m motions
-    of b balls of each cell.
+    """Set ``displacement`` and ``rotation`` (n, 3) of balls from ``fields`` (b, m, cells), the m
+    motions of b balls of each cell.
 
     Displacements are the first p of m, multiplied by ``axes`` (p, p); a single rotation is that
-    about the last axis.
+    about the third axis. Components that no field sets keep their values.
     """
     p = len(axes)
     cells = fields.shape[2]
+    # rotations are about all axes, or about the third alone
     first = p if fields.shape[1] - p == 3 else p - 2
     for ball in range(len(fields)):
         place = ball * cells
@@ -70,8 +71,9 @@ def list_motions(fields: NDArray[Any], axes: Array, displacement: Array, rotatio
 
 @compiled
 def collect_forces(force: Array, torque: Array, axes: Array, fields: NDArray[Any]) -> None:
-    """Set ``fields`` (b, m, cells) to the forces against the motions of :func:`list_motions`, from
-    forces and torques (n, 3).
+    """Set ``fields`` (b, m, cells) to the forces that do work on the motions of
+    :func:`list_motions`, from ``force`` and ``torque`` (n, 3) on balls; ``axes`` (p, p) are the
+    same.
     """
     p = len(axes)
     cells = fields.shape[2]
@@ -111,8 +113,8 @@ def measure_straight(
     overlaps: Array,
     slips: Array,
 ) -> None:
-    """Set the ``overlaps`` (n_c,) and ``slips`` (n_s, n_c) of contacts that keep their
-    directions.
+    """Set the ``overlaps`` (n_c,) and ``slips`` (n_s, n_c) of contacts that keep their directions,
+    from ``displacement`` and ``rotation`` (n, 3) of balls and the ``overlap`` y.
     """
     for c in range(len(overlaps)):
         i = contacts.i[c]
@@ -126,7 +128,7 @@ def measure_straight(
         x = displacement[j, 0] - displacement[i, 0]
         y = displacement[j, 1] - displacement[i, 1]
         z = displacement[j, 2] - displacement[i, 2]
-        # what rotations carry the surfaces at the contact by: r x n
+        # rotations move the surfaces at the contact against each other by r x n
         arm_i = 0.5 - contacts.uneven[c]
         arm_j = 0.5 + contacts.uneven[c]
         rx = arm_i * rotation[i, 0] + arm_j * rotation[j, 0]
@@ -154,8 +156,11 @@ def measure_turned(
     tangent: Array,
     distance: Array,
 ) -> None:
-    """Set the ``overlaps`` and ``distance`` (n_c,), and ``normal`` and ``tangent`` (n_c, 3), of
-    contacts that turn with their balls.
+    """Set the ``overlaps`` and the ``distance`` (n_c,) of centres, and the unit vectors ``normal``
+    and ``tangent`` (n_c, 3), of contacts that turn with their balls.
+
+    ``displacement`` and ``rotation`` are (n, 3), and ``overlap`` is y. ``in_plane`` says whether
+    balls stay in the plane of x and y.
     """
     eps = contacts.ratio
     for c in range(len(overlaps)):
@@ -209,8 +214,10 @@ def measure_turned(
 
 @compiled
 def _find_angle(sine: float, cosine: float, eps: float) -> float:
-    """Return an angle over eps, from its ``cosine`` and the ``sine`` over eps, both times a
-    number.
+    """Return an angle over eps; ``cosine`` is the cosine of the angle, and ``sine`` its sine over
+    eps, both times the same positive number.
+
+    Small angles are found by the series of the arc tangent, so that eps may be zero.
     """
     slope = sine / cosine
     square = eps * eps * slope * slope
@@ -222,8 +229,8 @@ def _find_angle(sine: float, cosine: float, eps: float) -> float:
 def measure_slips(
     contacts: RollingContacts, before: Configuration, after: Configuration, slips: Array
 ) -> None:
-    """Add to ``slips`` (n_s, n_c) those of contacts that turn with their balls from one
-    configuration to another.
+    """Add to ``slips`` (n_s, n_c) the slips of contacts, which turn with their balls, from the
+    configuration ``before`` to the configuration ``after``.
     """
     moved = after.displacement - before.displacement
     turned = after.rotation - before.rotation
@@ -244,7 +251,11 @@ def _measure_slips_in_plane(
     overlap_change: float,
     slips: Array,
 ) -> None:
-    """Add to ``slips`` (n_c,) those of :func:`measure_slips`."""
+    """Add to ``slips`` (n_c,) the slips of :func:`measure_slips` of balls in a plane.
+
+    ``moved`` and ``turned`` (n, 3) are the changes of displacements and rotations, and
+    ``overlap_change`` is that of y.
+    """
     eps = contacts.ratio
     for c in range(len(slips)):
         i = contacts.i[c]
@@ -273,7 +284,11 @@ def _measure_slips_in_space(
     overlap_change: float,
     slips: Array,
 ) -> None:
-    """Add to ``slips`` (2, n_c) those of :func:`measure_slips`."""
+    """Add to ``slips`` (2, n_c) the slips of :func:`measure_slips` of balls in space.
+
+    ``moved`` and ``turned`` (n, 3) are the changes of displacements and rotations, and
+    ``overlap_change`` is that of y.
+    """
     eps = contacts.ratio
     for c in range(slips.shape[1]):
         i = contacts.i[c]
@@ -308,6 +323,7 @@ def _measure_slips_in_space(
         tx = after.tangent[c, 0]
         ty = after.tangent[c, 1]
         tz = after.tangent[c, 2]
+        # twice the mean of the second tangents n x t at both ends
         bx = py * qz - pz * qy + ny * tz - nz * ty
         by = pz * qx - px * qz + nz * tx - nx * tz
         bz = px * qy - py * qx + nx * ty - ny * tx
@@ -324,8 +340,8 @@ def add_forces(
     force: Array,
     torque: Array,
 ) -> None:
-    """Add to the ``force`` and ``torque`` (n, 3) on balls those of normal forces (n_c,) and
-    tangential forces ``shears`` (n_s, n_c).
+    """Add to ``force`` and ``torque`` (n, 3) on balls the forces and torques of contacts with the
+    normal forces ``normal_force`` (n_c,) and the tangential forces ``shears`` (n_s, n_c).
     """
     for c in range(len(normal_force)):
         size = normal_force[c]

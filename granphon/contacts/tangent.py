@@ -24,9 +24,9 @@ from granphon.contacts.contact_list import ContactList
 from granphon.dynamics.elasticity import voigt_pairs
 from granphon.dynamics.factors import Elimination
 
-#: patterns that are kept, and the balls of a list, at most, whose pattern is: it takes some kB a
-#: ball, and to find it about as long as to factorise
+#: number of patterns that are kept: a pattern takes about as long to find as a matrix to factorise
 _KEPT_PATTERNS = 8
+#: number of balls up to which the pattern of a list is kept: a pattern takes some kB a ball
 _KEPT_BALLS = 2**13
 
 
@@ -96,7 +96,9 @@ class Pattern:
         return {}
 
     def lead(self, size: int) -> LeadingPart:
-        """Return where the entries of the leading part (size, size) stand."""
+        """Return where the entries of the leading part (size, size) stand; the part is kept for
+        further calls.
+        """
         if size not in self._leading:
             self._leading[size] = LeadingPart(self, size)
         return self._leading[size]
@@ -126,8 +128,8 @@ class LeadingPart:
         self._starts = np.searchsorted(columns, np.arange(size + 1)).astype(np.int32)
 
     def make_band(self, entries: Array) -> Array:
-        """Return the diagonals from the main one down, (diagonals, size), with these entries of a
-        symmetric matrix.
+        """Return the diagonals of a symmetric matrix with these ``entries``, in the order of
+        :attr:`places`, from the main one down: (band + 1, size).
         """
         columns = np.repeat(np.arange(len(self._starts) - 1), np.diff(self._starts))
         is_lower = self._lines >= columns
@@ -156,7 +158,11 @@ _patterns: OrderedDict[tuple[bytes, bytes, int, int], Pattern] = OrderedDict()
 def find_pattern(
     i: NDArray[np.int64], j: NDArray[np.int64], n_balls: int, n_motions: int
 ) -> Pattern:
-    """Return the pattern of a list with these ends; those of small lists are kept."""
+    """Return the pattern of a list with these ends.
+
+    The last ``_KEPT_PATTERNS`` patterns of lists of at most ``_KEPT_BALLS`` balls are kept for
+    further calls.
+    """
     if n_balls > _KEPT_BALLS:
         return Pattern(i, j, n_balls, n_motions)
     key = (i.tobytes(), j.tobytes(), n_balls, n_motions)
@@ -174,9 +180,9 @@ class Blocks:
     Attributes
     ----------
     diagonal : (m, m, n) blocks of A: forces on each ball against motions of the same ball.
-    forward : (m, m, n_c) the same on ball i of each contact against motions of ball j.
-    backward : (m, m, n_c) of each motion of ball i the forces on ball j; ``forward`` itself where A
-        is symmetric.
+    forward : (m, m, n_c) blocks of A: forces on ball i of each contact against motions of ball j.
+    backward : (m, m, n_c) blocks of A, transposed: for each motion of ball i of a contact, the
+        forces on ball j. They are ``forward`` itself where A is symmetric.
     ahead : (n, m, s) B, forces on balls against unit strains.
     back : (n, m, s) B' transposed, forces on strains against unit motions.
     corner : (s, s) S, forces on strains against unit strains.
@@ -196,7 +202,7 @@ class Blocks:
         return replace(self, diagonal=diagonal, forward=between, backward=between)
 
     def list_entries(self, pattern: Pattern) -> Array:
-        """Return the entries of A, by their ``pattern``."""
+        """Return the entries of A in the order of its ``pattern``."""
         from granphon.contacts.loops import fill_entries  # imported here: averages need no Numba
 
         data = np.zeros(pattern.n_entries)
@@ -251,7 +257,7 @@ class Tangent:
 
     @cached_property
     def data(self) -> Array:
-        """Entries of A."""
+        """Entries of A, in the order of :attr:`pattern`."""
         return self.blocks.list_entries(self.pattern)
 
     @cached_property
@@ -261,9 +267,9 @@ class Tangent:
 
     def symmetrise(self) -> Tangent:
         """Return the tangent with A replaced by its symmetric part."""
-        even = Tangent(self.contacts, self.blocks.symmetrise())
-        vars(even)["pattern"] = self.pattern  # entries stand at the same places
-        return even
+        symmetric = Tangent(self.contacts, self.blocks.symmetrise())
+        vars(symmetric)["pattern"] = self.pattern  # entries stand at the same places
+        return symmetric
 
 
 def unit_strains(dimension: int) -> Array:
