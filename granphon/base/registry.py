@@ -66,14 +66,14 @@ class Registry(Mapping[str, T]):
         self.every[noun] = self
 
     def own(self, name: str, entry: T | Later) -> None:
-        """Add an entry of granphon."""
+        """Add an entry of granphon itself, in place of a former entry of this ``name``."""
         entries: dict[str, Any] = self._entries  # in which an entry for later keeps its place
         entries[name] = entry
         if isinstance(entry, Later):
             self._later[name] = entry
 
     def _import(self, *names: str) -> None:
-        """Import those of the entries that have not been imported yet."""
+        """Import those of the entries called ``names`` that have not been imported yet."""
         for name in names:
             later = self._later.get(name)
             if later is not None:

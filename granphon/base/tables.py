@@ -154,7 +154,7 @@ class Table:
         cell.
         """
         requested = Heading.parse(name)
-        index = self._require_one(name, kind, mend)
+        index = self._require_column(name, kind, mend)
         if not self.lines:
             raise InputError(
                 f"{self.name} has no rows below its headings", mend="Write numbers there"
@@ -180,7 +180,7 @@ class Table:
             values = self._read_cells(index, kind, unit, may_quote)
         return values
 
-    def _require_one(self, name: str, kind: Quantity, mend: str) -> int:
+    def _require_column(self, name: str, kind: Quantity, mend: str) -> int:
         """Return the index of the column called ``name``, which may carry a unit; InputError, with
         the advice ``mend``, if there is no such column, or more than one.
         """
