@@ -103,11 +103,11 @@ class Shape(ABC):
         arrays of shape (*y.shape, n).
 
         For densities n = 1 + 2 ``order``, or 3 ``order`` with ``whole`` (more beyond a cutoff of
-        3). The range of x_Q is split
-        into three at y + x_Q/2 = -+max(x)/2. The part below the first of these, where F^Q = 0, gets
-        one node; each of the other two gets ``order`` Gauss nodes in the square root of the
-        distance to the singularity at or below its lower end. Convergence is exponential. With
-        ``whole`` the part where F^Q = 0 gets ``order`` nodes as well, for functions of x_Q itself.
+        3). The range of x_Q is split into three at y + x_Q/2 = -+max(x)/2. The part below the first
+        of these, where F^Q = 0, gets one node; each of the other two gets ``order`` Gauss nodes in
+        the square root of the distance to the singularity at or below its lower end. Convergence is
+        exponential. With ``whole`` the part where F^Q = 0 gets ``order`` nodes as well, for
+        functions of x_Q itself.
 
         For listed diameters every point is a node, and the result is exact at any ``order``.
         """
@@ -294,7 +294,7 @@ class NormalShape(_Density):
 
     @cached_property
     def _kept(self) -> float:
-        """Fraction of the density that the cut leaves."""
+        """Fraction of a normal distribution that lies within the cut."""
         return math.erf(self.cutoff / math.sqrt(2.0))
 
     def _compute_density(self, x: Array) -> Array:
@@ -688,6 +688,7 @@ class Spread(ABC):
         return self._compute_deviations(uniform_numbers(shape, seed))
 
     def _compute_deviations(self, probability: Array) -> Array:
+        """Return the deviations, m, below which the parts ``probability`` of the balls lie."""
         return self.width * np.asarray(self.shape.quantile(probability), float)
 
 
@@ -800,6 +801,7 @@ class _Listed(Spread):
         return replace(self, diameters=tuple(each + shift for each in self.diameters))
 
     def _compute_shares(self) -> Array:
+        """Return the fraction (n,) of the balls that each of the ``diameters`` stands for."""
         return np.full(len(self.diameters), 1.0 / len(self.diameters))
 
     @cached_property
@@ -816,6 +818,9 @@ class _Listed(Spread):
         return mean, above_least - mean_above_least, weights
 
     def _compute_deviations(self, probability: Array) -> Array:
+        """Return the deviation, m, of a listed diameter for each ``probability``, from 0 to 1; the
+        diameters are not condensed as in :attr:`shape`.
+        """
         _, deviations, weights = self._table
         return deviations[find_quantiles(weights, probability)]
 
@@ -884,6 +889,7 @@ class Discrete(_Listed):
             raise InputError(problem, "They are parts of a whole", "Divide them by their sum")
 
     def _compute_shares(self) -> Array:
+        """Return the fractions (n,), divided by their sum, which is 1 but for rounding."""
         return np.array(self.fractions) / math.fsum(self.fractions)
 
 

@@ -171,8 +171,8 @@ class Packing:
 
     @property
     def spread_matters(self) -> bool:
-        """Whether diameters make contact forces differ: not of equal balls, nor on a line, where
-        each passes its load on.
+        """Whether contact forces differ because the diameters do. They do not among equal balls,
+        nor on a line, where each ball passes its load on to the next.
         """
         return bool(self.width) and self.structure.periods > 1
 
@@ -444,8 +444,9 @@ LOSS_QUANTITIES: Mapping[str, Quantity | None] = {
 LOSSES: Mapping[str, str] = {
     name: "" if quantity is None else quantity.si_unit for name, quantity in LOSS_QUANTITIES.items()
 }
-#: the losses that may be two, of which one name is that of all motions; and the name of the second:
-#: of all other motion than the normal one, and of rotations
+#: the losses for which two numbers may be given. The key names the first, which applies to all
+#: motions if it stands alone. The entry names the second, which then applies to tangential motions
+#: of contacts or, as a drag, to rotations
 SECOND_LOSSES: Mapping[str, str] = {
     "damping": "tangential_damping",
     "loss_factor": "tangential_loss_factor",
@@ -696,12 +697,13 @@ def combine(
     axes: Sequence[Axis],
     units: Mapping[str, str] = _NO_UNITS,
 ) -> list[tuple[tuple[tuple[str, str], ...], ChangedT]]:
-    """Return pairs of each combination of values, names of parameters with their values as texts,
-    and what ``change`` makes of these values by name. ``units`` are those of the texts, by name; by
-    default SI units with decimal prefixes.
+    """Return one pair for each combination of the values of all ``axes``, of which the last runs
+    fastest: the combination in words, which is a pair of a name and a text for each parameter, and
+    the object that ``change`` returns for the values by name.
 
-    The last axis runs fastest. :class:`InputError` names a combination that makes no packing, or
-    says that there are too many.
+    ``units`` are the units of the texts, by the name of the parameter; by default they are SI units
+    with decimal prefixes. Raises :class:`InputError` if there are too many combinations, and, with
+    the combination in its message, if ``change`` raises it.
     """
     count_combinations(axes)
     names = [axis.name for axis in axes]
