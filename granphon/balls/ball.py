@@ -130,6 +130,8 @@ class Ball(_Elastic):
     )
 
     def __post_init__(self) -> None:
+        """Check all values, and put numbers in place of a mass and an inertia that are not given.
+        """
         if not isinstance(self.material, Material):
             raise InputError(
                 f"the material of a ball is {self.material!r}", mend="Give a granphon.Material"
@@ -194,6 +196,7 @@ class Wall(_Elastic):
     curvature: ClassVar[float] = 0.0
 
     def __post_init__(self) -> None:
+        """Check the material and the name."""
         given: Any = self.material
         if not isinstance(given, Material | str):
             raise InputError(

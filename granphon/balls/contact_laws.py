@@ -148,6 +148,7 @@ class PowerLaw(EnergyLaw):
     coefficient: float
 
     def __post_init__(self) -> None:
+        """Check both numbers, and keep them as plain floats."""
         object.__setattr__(self, "exponent", positive("exponent", self.exponent))
         object.__setattr__(
             self, "coefficient", positive("coefficient", self.coefficient, "N/m^exponent")
@@ -193,6 +194,7 @@ class _Adhesive:
     adhesion: float
 
     def __post_init__(self) -> None:
+        """Check the work of adhesion, and keep it as a plain float."""
         object.__setattr__(self, "adhesion", not_negative("adhesion", self.adhesion, "J/m^2"))
 
     def _find_tension(self, radius: float) -> float:
@@ -431,6 +433,7 @@ class TabulatedLaw(EnergyLaw):
     forces: tuple[float, ...]
 
     def __init__(self, overlap: ArrayLike, force: ArrayLike) -> None:
+        """Check the table, and keep it without a first point at zero."""
         delta = real_array("overlap", overlap)
         f = real_array("force", force)
         if delta.ndim != 1 or delta.shape != f.shape:

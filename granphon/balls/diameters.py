@@ -246,9 +246,11 @@ class UniformShape(_Density):
     _edge = 0.5
 
     def _compute_density(self, x: Array) -> Array:
+        """Return the density of balls, 1 at each ``x``."""
         return np.ones_like(x)
 
     def _compute_fraction_below(self, x: Array) -> Array:
+        """Return the fraction of the balls below each ``x``."""
         return x + 0.5
 
     def quantile(self, probability: ArrayLike) -> Any:
@@ -286,10 +288,13 @@ class NormalShape(_Density):
 
     @cached_property
     def _edge(self) -> float:  # type: ignore[override]
+        """Largest x, at which the distribution is cut."""
         return self.cutoff * self._std
 
     @cached_property
     def _stretch(self) -> int:  # type: ignore[override]
+        """Factor from the order to the number of Gauss nodes: one for each 3 standard deviations.
+        """
         return math.ceil(self.cutoff / 3.0)
 
     @cached_property
@@ -298,10 +303,12 @@ class NormalShape(_Density):
         return math.erf(self.cutoff / math.sqrt(2.0))
 
     def _compute_density(self, x: Array) -> Array:
+        """Return the density of balls at each ``x`` within the cut."""
         norm = self._std * math.sqrt(2.0 * math.pi) * self._kept
         return np.asarray(np.exp(-0.5 * (x / self._std) ** 2) / norm)
 
     def _compute_fraction_below(self, x: Array) -> Array:
+        """Return the fraction of the balls below each ``x`` within the cut."""
         from scipy.special import erf
 
         return np.asarray(0.5 + 0.5 * erf(x / (self._std * math.sqrt(2.0))) / self._kept)
@@ -708,6 +715,7 @@ class Uniform(Spread):
     width: float = field()
 
     def __post_init__(self) -> None:
+        """Check the width, and keep it as a plain float."""
         object.__setattr__(self, "width", not_negative("width", self.width, "m"))
 
     def with_width(self, width: float) -> Self:
@@ -748,6 +756,7 @@ class Normal(Spread):
     cutoff: float = 3.0
 
     def __post_init__(self) -> None:
+        """Check both numbers, and keep them as plain floats."""
         object.__setattr__(self, "std", not_negative("std", self.std, "m"))
         object.__setattr__(self, "cutoff", positive("cutoff", self.cutoff))
         if not CUTOFFS["low"] <= self.cutoff <= CUTOFFS["high"]:
@@ -867,6 +876,7 @@ class Discrete(_Listed):
     fractions: tuple[float, ...]
 
     def __post_init__(self) -> None:
+        """Check diameters and fractions, and keep both as tuples of plain floats."""
         diameters = finite_list("diameters", self.diameters, "m", "above zero")
         fractions = finite_list("fractions", self.fractions, low="zero or above")
         object.__setattr__(self, "diameters", diameters)
@@ -907,6 +917,7 @@ class Measured(_Listed):
     """
 
     def __post_init__(self) -> None:
+        """Check the diameters, and keep them as a tuple of plain floats."""
         object.__setattr__(
             self, "diameters", finite_list("diameters", self.diameters, "m", "above zero")
         )

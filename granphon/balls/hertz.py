@@ -221,6 +221,7 @@ class HertzLaw(EnergyLaw):
     coefficient: float
 
     def __post_init__(self) -> None:
+        """Check the coefficient, and keep it as a plain float."""
         object.__setattr__(
             self, "coefficient", positive("coefficient", self.coefficient, "N/m^(3/2)")
         )

@@ -77,6 +77,9 @@ class Lattice:
     sites: tuple[tuple[float, ...], ...] = ((),)
 
     def __post_init__(self) -> None:
+        """Check the name, the cell and the sites, find the contacts, and check that equal contact
+        forces balance. Cell and sites are kept as tuples.
+        """
         require("the name of a lattice", label, self.name)
         cell, sites = self._read_cell()
         if not (np.all(np.isfinite(cell)) and np.all(np.isfinite(sites))):

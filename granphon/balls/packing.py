@@ -99,6 +99,7 @@ class Packing:
     is_held: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
+        """Check all values; the torsion and the bending are kept as plain numbers."""
         if not isinstance(self.material, Material):
             raise InputError(f"material is {self.material!r}", mend="Give a granphon.Material")
         object.__setattr__(self, "diameter", positive("diameter", self.diameter, "m"))
@@ -274,6 +275,7 @@ class Packing:
         return rows
 
     def _repr_html_(self) -> str:
+        """Return the table that a notebook shows, in HTML."""
         return write_html("Packing", self.describe())
 
 

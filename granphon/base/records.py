@@ -73,6 +73,7 @@ class RecordFile:
         units: Mapping[str, str],
         about: Mapping[str, str],
     ) -> None:
+        """Open and lock the file, and write its head, with no record yet."""
         self._count = 0
         self._growing = growing
         head = _write_head(fixed, growing, units, about)

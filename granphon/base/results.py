@@ -258,13 +258,16 @@ class Result:
                     object.__setattr__(self, name, read_only(value))
 
     def __eq__(self, other: object) -> bool:
+        """Whether ``other`` is of the same class, and all compared fields are equal."""
         if type(other) is not type(self):
             return NotImplemented
         names = [f.name for f in fields(self) if f.compare]
         return all(_are_equal(getattr(self, name), getattr(other, name)) for name in names)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # built by the constructor, so that the arrays of copies and pickles are read-only too
+        """Return the function and its arguments from which a copy or pickle is made: copies are
+        made by the constructor, so that their arrays are read-only too.
+        """
         return self._of_fields, tuple(getattr(self, f.name) for f in fields(self))
 
     @classmethod
@@ -277,6 +280,7 @@ class Result:
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
+        """Return the result on one line: the class, and name, value and unit of each field."""
         parts = []
         for name, value, unit in self._list_values():
             text = describe_value(value)
@@ -285,6 +289,7 @@ class Result:
         return f"{type(self).__name__}({', '.join(parts)})"
 
     def _repr_html_(self) -> str:
+        """Return the table of fields that a notebook shows, in HTML."""
         return write_html(type(self).__name__, self._list_values())
 
     def _list_values(self) -> list[tuple[str, Any, str]]:

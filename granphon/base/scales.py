@@ -169,6 +169,7 @@ class Units:
     mass: float
 
     def __post_init__(self) -> None:
+        """Check that each scale is a finite number above zero, and keep it as a plain float."""
         # here alone, so that the command's help needs no numpy
         from granphon.base.validation import positive
 

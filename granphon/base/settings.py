@@ -171,6 +171,7 @@ def block_of(kinds: Mapping[str, Kind], needed: Sequence[str] = ()) -> Kind:
     """
 
     def read(value: Any, context: ValueContext) -> dict[str, Any]:
+        """Return the entries of the block by key, each read by the rule of its kind."""
         rules = {key: kind.rule(context) for key, kind in kinds.items()}
         return block(value, rules, needed)
 
@@ -328,6 +329,9 @@ class Block:
         }
 
     def __post_init__(self) -> None:
+        """Check each value by the rule of its setting, and keep what the rule returns; InputError
+        names the block and the setting. An optional setting may be None.
+        """
         for name, declared in self._settings.items():
             value = getattr(self, name)
             if value is None and declared.is_optional:

@@ -63,6 +63,7 @@ class Heading:
         return cls(name, unit or "")
 
     def __str__(self) -> str:
+        """Return the heading as it stands in a file, "force (N)"."""
         return f"{self.name} ({self.unit})" if self.unit else self.name
 
     @property
@@ -139,6 +140,7 @@ class Table:
             rows = list(islice(lines, most_rows))
 
     def __contains__(self, name: str) -> bool:
+        """Whether there is a column called ``name``, which may carry a unit."""
         return self._find_columns(name) != []
 
     def column(

@@ -289,6 +289,7 @@ class _Builder:
     """
 
     def __init__(self, text: str, name: str, lines: dict[Path_, int] | None = None) -> None:
+        """Take the text, which is not read before :meth:`build`."""
         self.text = text
         self.name = name
         self.lines = lines

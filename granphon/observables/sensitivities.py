@@ -149,13 +149,15 @@ def _make_slopes(network: ContactNetwork, products: dict[str, Array]) -> dict[st
     return fields
 
 
-def _multiply(lattice: ContactLattice, find: Callable[[Array], Array]) -> dict[str, Array]:
-    """Return sums over the rows of the compatibility matrix, by the names of the parameters of
-    contacts. ``find`` makes products (n_c, ...) of the deformations (n_c, n_u, p) of the rows of
-    one kind.
+def _sum_products(lattice: ContactLattice, multiply: Callable[[Array], Array]) -> dict[str, Array]:
+    """Return for each parameter of contacts, by its name, the sum (n_c, ...) of products over the
+    rows of the compatibility matrix that the parameter weights.
+
+    ``multiply`` takes the deformations (n_c, n_u, p) of the contacts in one kind of row, one for
+    each component of a gradient of displacement, and returns their products (n_c, ...).
     """
     rows, deformations = lattice.gradient_deformations
-    products = [find(deformation[: lattice.n_between]) for deformation in deformations]
+    products = [multiply(deformation[: lattice.n_between]) for deformation in deformations]
     return sum_kinds(rows, np.concatenate(products))
 
 
@@ -173,7 +175,7 @@ def _find_tensor_slopes(network: ContactNetwork) -> dict[str, Any]:
         strains = 0.5 * (gradients[:, i, j] + gradients[:, j, i])
         return np.asarray(strains[:, :, None] * strains[:, None])
 
-    products = _multiply(lattice, multiply)
+    products = _sum_products(lattice, multiply)
     if network.prestress:
         vector = lattice.contacts.vector[:, :p]
         stress = vector[:, :, None] * vector[:, None]
@@ -186,9 +188,12 @@ def _find_tensor_slopes(network: ContactNetwork) -> dict[str, Any]:
 
 
 def _find_velocity_slopes(network: ContactNetwork, direction: Array) -> dict[str, Any]:
-    """Return the velocities along a ``direction`` (p,) or (n, p), by the names of fields.
+    """Return the velocities along a ``direction`` (p,) or (n, p), SI, and their derivatives, by the
+    names of the fields of :class:`VelocitySensitivities`.
 
-    Velocities are (..., n_u), ascending, with the flags of those that are equal. Derivatives are
+    Velocities v are (..., n_u), ascending, with flags of those that are equal. As M v^2 is the
+    stored energy of a wave, M the mass of the cell, dv is d(M v^2)/(2 M v) at constant masses.
+    Derivatives are
     (..., n_u, n_c) by parameters of contacts, (..., n_u, n) by masses, and (..., n_u, n, motions)
     by springs to the ground.
     """
@@ -203,7 +208,9 @@ def _find_velocity_slopes(network: ContactNetwork, direction: Array) -> dict[str
     np.divide(1.0, 2.0 * reduced * total, out=slope, where=reduced > 0.0)
 
     def average(values: Array) -> Array:
-        """Return values (m, ..., n_u) times the slopes, as means over waves of one velocity."""
+        """Return derivatives (m, ..., n_u) of M v^2 as derivatives of v, in which each wave has the
+        mean over all waves of the same velocity.
+        """
         scaled = np.moveaxis(values, 0, -2) * slope[..., None, :]
         flat = scaled.reshape(math.prod(scaled.shape[:-2]), *scaled.shape[-2:])
         flat_groups = groups.reshape(-1, groups.shape[-1])
@@ -214,12 +221,14 @@ def _find_velocity_slopes(network: ContactNetwork, direction: Array) -> dict[str
         return np.moveaxis(np.reshape(means, scaled.shape), -2, 0)
 
     def square(deformation: Array) -> Array:
-        """Return the squares (n_c, ..., n_u) of the deformations in waves."""
+        """Return the derivatives (n_c, ..., n_u) of v that follow from the squares of the
+        ``deformation`` (n_c, n_u, p) of contacts in the waves.
+        """
         waves = np.einsum("cij,...iu,...j->c...u", deformation, vectors, direction)
         return average(waves**2)
 
     unit = network.scales.velocity
-    products = {name: unit * product for name, product in _multiply(lattice, square).items()}
+    products = {name: unit * product for name, product in _sum_products(lattice, square).items()}
     fields = _make_slopes(network, products)
     carried = np.einsum("bij,...ju->b...iu", lattice.carried, vectors)
     kinetic = np.sum(carried**2, axis=-2) * reduced**2
