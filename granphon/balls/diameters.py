@@ -121,10 +121,11 @@ class Shape(ABC):
         """
 
     def average(self, y: ArrayLike, power: float, x: ArrayLike | None = None) -> Any:
-        """Return the average power of the overlap, <(y + (x + x')/2)_+^p> with p = -1/2, 0, 1/2 ...
-        3, and 0^p = 0.
+        """Return the average <(y + (x + x')/2)_+^p> of a ``power`` p of the overlap, with 0^p = 0:
+        over the deviations x' of the other ball if that of the central ball, ``x``, is given, and
+        over both otherwise. ``y`` and ``x``, over W, broadcast.
 
-        Raises :class:`InputError` for another power.
+        Raises :class:`InputError` unless p is one of -1/2, 0, 1/2 ... 3.
         """
         if power not in _POWERS:
             raise InputError(f"power is {power!r}", mend="Give a multiple of 1/2 from -1/2 to 3")

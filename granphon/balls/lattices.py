@@ -306,8 +306,8 @@ KAGOME = Lattice(
 def _cubic(
     name: str, edge: float, steps: ArrayLike, sites: tuple[tuple[float, ...], ...] = ((),)
 ) -> Lattice:
-    """Make a lattice with cubic symmetry. ``steps`` (3, 3) are its primitive vectors along x, y and
-    z, in halves of the edge of the cube, and ``edge`` is the length of that edge, in spacings.
+    """Make a lattice with cubic symmetry. The rows of ``steps`` (3, 3) are its primitive vectors,
+    in halves of the edge of the cube; ``edge`` is the length of this edge, in spacings.
     """
     return Lattice(name, tuple(map(tuple, (0.5 * edge * np.asarray(steps)).tolist())), sites)
 

@@ -200,8 +200,12 @@ def _find_most_steps(cell: Array, radius: float) -> Array:
 
 
 def select_once(i: Index, j: Index, shift: Index) -> Flags:
-    """Return (n,) whether to keep each row of a list in which every contact was found from both
-    ends, so that each counts once; ``shift`` is (n, p).
+    """Return (n,) whether to keep each row of a list in which every contact stands twice, once from
+    each of its balls, so that it is kept once.
+
+    A row says that ball ``i`` touches the image of ball ``j`` that is displaced by ``shift`` (n, p)
+    cells. The row with the lower i is kept and, of a ball that touches its own images, the row
+    whose first number of cells that is not zero is above zero.
     """
     if not shift.shape[1]:
         return i < j
@@ -417,7 +421,9 @@ def _explain_lone_ball(cell: Array, positions: Array, radii: Array, ball: int) -
 
 
 def _explain_closing(pairs: _NearPairs, near: _NearGap) -> InputError:
-    """Return the error of a gap so small that it closes under load."""
+    """Return the error of a gap that is so small that it closes under load: ``near`` describes the
+    gap, which is one of the ``pairs``.
+    """
     gap = f"A gap of {near.ratio - 1.0:.2g}"
     least_gap = f"{_CLOSING:g}"
     if pairs.has_radii:  # without radii the distance is 1

@@ -197,12 +197,13 @@ class Packing:
         return self.material.mindlin_ratio if self.friction else 0.0
 
     def find_torsion(self, force: ArrayLike, stiffness: ArrayLike) -> NDArray[np.float64]:
-        """Return the stiffness against twist, over k d^2, of contacts with a ``force``, N, and
-        normal ``stiffness`` k, N/m; of the shape to which these broadcast.
+        """Return the stiffness against twist, over k d^2, of contacts with a ``force``, N, and a
+        normal ``stiffness`` k, N/m. The result has the shape to which both broadcast.
 
-        With ``torsion="mindlin"`` it is that of a Hertz contact that does not slip, (8/3) G r^3 (R.
-        D. Mindlin, J. Appl. Mech. 16, 259, 1949), of the contact radius r at the force; for equal
-        balls that is (1 - nu)/3 times the overlap over the diameter. It is then zero where k is.
+        With ``torsion="mindlin"`` the stiffness against twist is (8/3) G r^3, that of a Hertz
+        contact of radius r that does not slip (R. D. Mindlin, J. Appl. Mech. 16, 259, 1949); r
+        follows from the force. For equal balls the result is (1 - nu)/3 times the overlap over the
+        diameter. The result is zero where k is zero.
         """
         f, k = np.broadcast_arrays(np.asarray(force, float), np.asarray(stiffness, float))
         if self.torsion != MINDLIN:
@@ -210,6 +211,7 @@ class Packing:
         d = self.diameter
         overlap = self.law.overlap(f)
         radius_over_diameter = contact_radius_ratio(overlap, d) / 2.0
+        # (8/3) G r^3 / d^2, N/m
         twist = 8.0 / 3.0 * self.material.shear_modulus * d * radius_over_diameter**3
         return np.asarray(np.divide(twist, k, out=np.zeros(f.shape), where=k > 0.0))
 

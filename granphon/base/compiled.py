@@ -89,7 +89,9 @@ def _survive_cache_errors(cache: Any) -> None:
     """
 
     def survive_errors_of(access: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a method that calls ``access``, and returns None if ``access`` raises an error."""
+        """Return a method that calls ``access`` or, if that raises an error, warns and returns
+        None.
+        """
 
         def access_or_warn(*arguments: Any) -> Any:
             """Return what ``access`` returns; None, with a warning, if the cache cannot be used."""

@@ -90,6 +90,7 @@ class Refused(InputError):
     def __init__(
         self, found: str, allowed: str, mend: str = "", path: tuple[str | int, ...] = ()
     ) -> None:
+        """Make the text of the refusal from what was found, what is allowed, and how to mend it."""
         ending = "."
         if mend[:1].islower():
             # a mend in lower case, such as the text of another error, is no sentence of its own

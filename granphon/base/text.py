@@ -698,8 +698,11 @@ def read_sealed(path: str | os.PathLike[str]) -> tuple[str, bool]:
 
 
 def open_seal(path: str | os.PathLike[str], text: str) -> tuple[str, bool]:
-    """Return the ``text`` of the file at ``path`` without its seal, and whether there was a seal,
-    as :func:`read_sealed` does; line feeds end the lines of the text.
+    """Return the ``text`` of the file at ``path`` without its seal, and whether there was a seal:
+    the first comment line with the word sha256, which holds the digest of all other lines. Line
+    feeds end the lines of the text.
+
+    Raises :class:`~granphon.base.errors.InputError` if that line does not hold this digest.
     """
     lines = text.split("\n")
     seals = [n for n, line in enumerate(lines) if line.startswith("#") and "sha256" in line]

@@ -790,6 +790,7 @@ def _add_joint_legend(figure: Figure, axes: Any) -> None:
     """Add the legend of all ``axes``, each label once, below a figure; none where the total density
     would be its only entry.
     """
+    # of a label that several axes have, the entry of the first axes stays
     handles_by_label: dict[str, Any] = {}
     for ax in axes[::-1]:
         handles, labels = ax.get_legend_handles_labels()
@@ -839,11 +840,11 @@ def _find_clear_square(points: Array) -> tuple[float, float, float, float] | Non
 
 
 def _make_room(ax: Axes, points: Array) -> tuple[float, float, float, float]:
-    """Extend the axes upwards by no more than a square at their top needs, and return the square:
-    x, y, width, height in parts of the extended axes.
+    """Extend the axes upwards, as far as needed, so that a square at their top is clear of all
+    lines; return the square as x, y, width, height in parts of the extended axes.
 
-    The square stands where the highest of the ``points`` (n, 2) of lines, in parts of the axes
-    before, is lowest.
+    ``points`` (n, 2) are those of the lines, in parts of the axes before. The square stands where
+    the lines beneath it reach least high.
     """
     size = _TOP_INSET
     bottom_of_square = 1.0 - _MARGIN - size

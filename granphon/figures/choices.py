@@ -337,14 +337,16 @@ def arrange(
     """Return the panels for the curves of a ``variable`` of a sweep over ``x``, a load, or a
     parameter in numbers.
 
-    Without ``rows`` and ``columns`` there is one panel, unless the combinations of several
-    parameters are more than the shades of a colour that an eye tells apart. Then the parameters
-    with the fewest values have the panels, first columns and then rows. Of a parameter with many
-    values some are drawn, as of many loads where ``x`` is a parameter, and a parameter for which no
-    place is left is held at its first value. With ``alone`` each combination, also of media, has a
-    panel of its own.
-    :class:`~granphon.base.errors.InputError` if ``rows`` or ``columns`` name nothing that is swept,
-    or take too many panels.
+    ``rows`` and ``columns`` name the dimensions whose values have rows and columns of panels.
+    Without them there is one panel, unless several parameters have more combinations than the eye
+    tells shades of a colour apart. Then the parameters with the fewest values get the panels: the
+    first gets the columns, the second the rows, and any further one is held at its first value. If
+    a parameter has more values than there is place for, some of them are drawn; so it is with the
+    loads where ``x`` is a parameter. With ``alone`` each combination, also of media, has a panel of
+    its own.
+
+    Raises :class:`~granphon.base.errors.InputError` if ``rows`` or ``columns`` name nothing that is
+    swept, or take too many panels.
     """
     counts = _count_values(dataset, variable, x)
     all_counts = counts | {"medium": dataset.sizes["medium"]}

@@ -775,8 +775,9 @@ def _name_shades(groups: Sequence[Sequence[Curve]], colour: str) -> list[Line2D]
 
 
 def _choose_coloured(dataset: Dataset) -> str:
-    """Return the dimension whose values have colours: the medium, or of one medium the first of
-    several parameters for whose values the colours suffice.
+    """Return the name of the dimension whose values have colours. It is the medium; but if the data
+    set has one medium and several parameters, it is the first parameter that has no more values
+    than there are colours.
     """
     names = [name for name in list_parameters(dataset) if dataset.sizes[name] > 1]
     if dataset.sizes["medium"] > 1 or len(names) < 2:

@@ -345,8 +345,9 @@ class FitProblem:
 
     @property
     def widths(self) -> Array:
-        """Widths to try, (w,), m, ascending: from where disorder has no effect on the data to where
-        it rules them. The packing's own is one of them unless it is narrower than all.
+        """Widths (w,), m, ascending, from which the search starts: from a width at which disorder
+        has no effect on the data to one at which it dominates them. The packing's own width is one
+        of them, unless it is narrower than all others.
         """
         force = self.model.force
         packing = self.model.packing

@@ -361,8 +361,9 @@ class _SourceColumns:
     def read(
         cls, path: str | os.PathLike[str], names: Mapping[str, str], quantity: str
     ) -> _SourceColumns:
-        """Return the columns of the table at ``path`` of a ``quantity``; ``names`` are headings by
-        kind.
+        """Return the columns of the table at ``path``, which holds a transfer function of a
+        ``quantity``. ``names`` are headings by kind, for kinds that go by other names; magnitudes
+        are found under "H" too, and those of forces under "force".
 
         Raises :class:`~granphon.base.errors.InputError` for a table that cannot be read, or a kind
         in ``names`` that is not known.
@@ -463,8 +464,11 @@ class _SourceColumns:
         return angle
 
     def measure(self, kind: str) -> Array:
-        """Return the numbers of a column, (n,), in the unit of the magnitude: m/N, m/s/N or 1;
-        InputError for a column with the unit of another quantity, or without one that is needed.
+        """Return the numbers (n,) of the column of a ``kind``, "magnitude", "real", "imag" or
+        "sigma", in the SI unit of the response, such as m/N or m/s/N, or 1.
+
+        Numbers of sensors that are not calibrated are returned in their own unit. Raises InputError
+        for a column with the unit of another quantity, or without a unit if one is needed.
         """
         heading = self.headings[kind]
         unit = self.table.unit(heading)
@@ -1015,6 +1019,7 @@ class _Comparison:
 
         # a loss may vanish; a stiffness, load or gain of zero has no response
         low = np.where(self.is_loss, 0.0, 1e-3)
+        # a gain of sensors may have any size: its bound and its scale are those of the start
         is_gain = np.array([name == "gain" for name in self.names])
         low[is_gain] *= np.minimum(start[is_gain], 1.0)
         high = np.full(low.shape, np.inf)
@@ -1095,8 +1100,9 @@ def _average_contacts(pair: tuple[Any, Any]) -> Array:
 
 
 def _require_data(dof: int, parameters: int, *, sigma_given: bool) -> None:
-    """Raise InputError if the degrees of freedom ``dof``, measured numbers less ``parameters``, are
-    below zero; without a given sigma below one, as the scatter takes one.
+    """Raise InputError if there are too few measured numbers for the number of ``parameters``:
+    ``dof``, the difference of both, must be zero or above, and one or above if sigma is not given,
+    because the scatter takes one more.
     """
     n_needed = 0 if sigma_given else 1
     if dof >= n_needed:

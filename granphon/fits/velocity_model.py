@@ -380,6 +380,7 @@ class VelocityModel:
         """
         state, exponent = self._find_state(self._make_packing(logs))
         velocities, power = self.waves.velocity(state)
+        # d log v / d log p of long waves is a constant plus a factor times the local exponent
         constants, factors = np.array([VARIABLE[name] for name in self.names]).T
         slopes = constants + np.multiply.outer(exponent, factors)
         if self.waves.finite_overlap:

@@ -117,14 +117,18 @@ def find_parameter_sensitivities(
     names: Sequence[str] | None,
     finite_overlap: bool | None = None,
 ) -> ParameterSensitivities:
-    """Return the logarithmic derivatives of what ``find`` returns of a state, by the parameters of
-    these ``names``; None for all. The state is that of ``balls`` under a single ``load``, in the
-    medium of a ``choice``.
+    """Return the logarithmic derivatives of the number or array that ``find`` returns for a state,
+    by the parameters called ``names``, or by all parameters if that is None.
+
+    The state is that of ``balls`` under a single ``load``, in the medium of this ``choice``, with
+    terms of finite overlap if ``finite_overlap`` is true. Raises what
+    :func:`parameter_sensitivities` raises.
     """
     flat = replace(load, array=np.ravel(load.array)[0])
     all_names = list_parameters(balls, flat) if names is None else names
     of_statics = [name for name in all_names if name != MINDLIN_RATIO]
     changes = [_change_parameter(choice, balls, flat, name) for name in of_statics]
+    # the state, and for each change the state as a function of the relative change
     state, courses = choice.of(balls).follow(flat, changes, finite_overlap)
     course_of = dict(zip(of_statics, courses, strict=True))
     if names is None and balls.friction and not getattr(state, "samples", ()):

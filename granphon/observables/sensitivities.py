@@ -191,19 +191,23 @@ def _find_velocity_slopes(network: ContactNetwork, direction: Array) -> dict[str
     """Return the velocities along a ``direction`` (p,) or (n, p), SI, and their derivatives, by the
     names of the fields of :class:`VelocitySensitivities`.
 
-    Velocities v are (..., n_u), ascending, with flags of those that are equal. As M v^2 is the
-    stored energy of a wave, M the mass of the cell, dv is d(M v^2)/(2 M v) at constant masses.
-    Derivatives are
+    Velocities v are (..., n_u), ascending, with flags of those that are equal. Derivatives are
     (..., n_u, n_c) by parameters of contacts, (..., n_u, n) by masses, and (..., n_u, n, motions)
     by springs to the ground.
+
+    With M the mass of all balls, M v^2 is the sum of stiffnesses times squared deformations in a
+    wave, so that a derivative of v is one of that sum over 2 M v. A mass m takes part in M v^2 with
+    its kinetic energy instead, m v^2 times a squared displacement, which counts with a minus.
     """
     lattice = ContactLattice.from_network(network)
     named, polarisations = lattice.sound_velocities(direction)
     order = np.argsort(named, axis=-1, kind="stable")
     reduced = np.take_along_axis(named, order, -1)
+    # displacements (..., n_u, n_u), columns, with which the mass that each wave moves is M
     vectors = lattice._per_mass @ np.take_along_axis(polarisations, order[..., None, :], -1)
     total = lattice.masses.sum()
-    groups = number_equal(reduced)
+    groups = number_equal(reduced)  # waves of one velocity have one number
+    # dv over d(M v^2), for each wave
     slope = np.full(reduced.shape, np.nan)  # a velocity of zero has no derivative
     np.divide(1.0, 2.0 * reduced * total, out=slope, where=reduced > 0.0)
 
@@ -230,9 +234,11 @@ def _find_velocity_slopes(network: ContactNetwork, direction: Array) -> dict[str
     unit = network.scales.velocity
     products = {name: unit * product for name, product in _sum_products(lattice, square).items()}
     fields = _make_slopes(network, products)
+    # (balls, ..., n_u, n_u) displacements of each ball in each wave
     carried = np.einsum("bij,...ju->b...iu", lattice.carried, vectors)
     kinetic = np.sum(carried**2, axis=-2) * reduced**2
     motions = network.ball_motions
+    # springs against displacements leave no sound: only derivatives by those of rotations exist
     turns = square(_list_turns(network, lattice))
     turns = turns.reshape(lattice.n_balls, len(motions.rotations), *reduced.shape)
     by_spring = np.full((network.n_balls, motions.count, *reduced.shape), np.nan)

@@ -1042,6 +1042,7 @@ class _StudyTask(Task):
                     times_of_method[point.method] = statistics.median(runs.seconds)
                 except _BudgetError as error:
                     failures[point] = str(error)
+                    # the further settings of the method would take even longer
                     times_of_method[point.method] = math.inf
                 except GranphonError as error:
                     failures[point] = str(error)
