@@ -130,8 +130,7 @@ class Ball(_Elastic):
     )
 
     def __post_init__(self) -> None:
-        """Check all values, and put numbers in place of a mass and an inertia that are not given.
-        """
+        """Check all values, and put numbers in place of a mass and an inertia not given."""
         if not isinstance(self.material, Material):
             raise InputError(
                 f"the material of a ball is {self.material!r}", mend="Give a granphon.Material"

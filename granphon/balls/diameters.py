@@ -294,8 +294,7 @@ class NormalShape(_Density):
 
     @cached_property
     def _stretch(self) -> int:  # type: ignore[override]
-        """Factor from the order to the number of Gauss nodes: one for each 3 standard deviations.
-        """
+        """Factor from the order to the number of Gauss nodes: one per 3 standard deviations."""
         return math.ceil(self.cutoff / 3.0)
 
     @cached_property

@@ -462,8 +462,8 @@ def is_si(unit: str, wanted: str = "") -> bool:
 
 @cache
 def _find_unit(name: str) -> tuple[Fraction, Counter[str]]:
-    """Return the factor and the powers of :func:`_measure` for the name of one unit, perhaps with a
-    prefix or in the plural; KeyError if the name is not known.
+    """Return the factor and the powers, as :func:`_measure` does, of the unit ``name``, which may
+    have a prefix or be in the plural; raise KeyError if the name is not known.
     """
     singular = name.removesuffix("s") if len(name) > _PLURAL else name
     spellings = dict.fromkeys((name, singular))  # in this order, each once

@@ -299,8 +299,8 @@ def _find_network_motion(modes: NetworkModes, mode: int) -> _Motion:
 
 
 def _choose_balls(modes: NetworkModes, mode: int, most: int) -> NDArray[np.intp]:
-    """Return the indices (m,) of at most so many balls, ascending: those with the most kinetic
-    energy, without flat walls.
+    """Return the indices (m,), ascending, of the balls with the most kinetic energy in a mode: at
+    most ``most`` of them, no flat wall among them.
     """
     is_ball = np.isfinite(modes.network.radii)
     energies = np.sum(modes.vectors[mode] ** 2, axis=1)

@@ -309,9 +309,9 @@ def draw_densities(
 ) -> None:
     """Draw densities of states per ball over the frequency, with their standard errors as bands.
 
-    ``curves`` are colours, labels, frequencies (n,), Hz, densities (n,), 1/Hz, and errors (n,), nan
-    if unknown. The axis ends a little above the highest frequency at which a density is
-    above the part ``least`` of its greatest value.
+    Each of ``curves`` is (colour, label, frequencies (n,) in Hz, densities (n,) in 1/Hz, standard
+    errors (n,) in 1/Hz, nan where unknown). The axis ends a little above the highest
+    frequency at which a density is above the part ``least`` of its greatest value.
     """
     listed = list(curves)
     tops = []  # the highest frequency of each curve with a density

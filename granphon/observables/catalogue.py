@@ -189,7 +189,7 @@ def _or_none(find: Callable[[Analysis], Any]) -> Callable[[Analysis], Any]:
     """
 
     def find_or_none(analysis: Analysis) -> Any:
-        """Return the value of the quantity, or None."""
+        """Return the value of the quantity, or None where ``find`` raises InputError."""
         with suppress(InputError):
             return find(analysis)
         return None
