@@ -22,8 +22,8 @@ from granphon.base.validation import is_one_of, label, positive, require
 _WALL = "wall"
 #: reason given when a property of a ball is outside its limit
 WRONG_UNIT = "the unit is probably wrong, SI units are expected"
-#: conditions on balls, by name: the attribute of a ball or packing, what it is, its unit, the limit
-#: (SI), whether that is a least value
+#: conditions on balls, by name: the attribute of a ball or packing, the quantity in words, its SI
+#: unit, its limit in this unit, and whether the limit is a least value (or else a greatest)
 BALL_LIMITS = {
     "young_modulus": ("material.young_modulus", "Young modulus", "Pa", LEAST_YOUNG_MODULUS, True),
     "density": ("material.density", "density", "kg/m^3", LEAST_DENSITY, True),
@@ -66,7 +66,7 @@ class Body(Protocol):
 
 
 class _Elastic:
-    """What a body of an elastic ``material`` yields by at a contact."""
+    """The compliances at a contact of a body of an elastic ``material``."""
 
     material: Material | str
 
@@ -130,6 +130,7 @@ class Ball(_Elastic):
     )
 
     def __post_init__(self) -> None:
+        """Check all values, and put numbers in place of a mass and an inertia not given."""
         if not isinstance(self.material, Material):
             raise InputError(
                 f"the material of a ball is {self.material!r}", mend="Give a granphon.Material"
@@ -194,6 +195,7 @@ class Wall(_Elastic):
     curvature: ClassVar[float] = 0.0
 
     def __post_init__(self) -> None:
+        """Check the material and the name."""
         given: Any = self.material
         if not isinstance(given, Material | str):
             raise InputError(
@@ -238,7 +240,8 @@ def find_wall(edge: Any) -> Body | None:
 def name_walls(
     edges: Iterable[str | Wall], kinds: Mapping[str, Ball], known: Sequence[Wall]
 ) -> tuple[str | Wall, ...]:
-    """Return the edges of a cut, on which walls have their materials and names.
+    """Return the ``edges`` of a cut, in which each wall is replaced by one that has a
+    :class:`~granphon.Material` and a name of its own; other edges stay.
 
     ``kinds`` are the balls by the names of their kinds, and ``known`` the walls of earlier cuts.
     Raises :class:`InputError` for the material of a kind that there is not, and for a name that
@@ -259,7 +262,9 @@ def name_walls(
 def replace_walls(
     edges: tuple[str | Wall, str | Wall], walls: Mapping[str, Wall]
 ) -> tuple[str | Wall, str | Wall]:
-    """Return the edges of a cut with other ``walls``, by name, in the place of named walls."""
+    """Return the two edges of a cut, in which each wall whose name is a key of ``walls`` is
+    replaced by the entry of this key.
+    """
     lower, upper = (
         walls.get(edge.name, edge) if isinstance(edge, Wall) else edge for edge in edges
     )
@@ -283,8 +288,11 @@ def find_material(wall: Wall, kinds: Mapping[str, Ball]) -> Wall:
 
 
 def _name_wall(wall: Wall, kinds: Mapping[str, Ball], walls: Sequence[Wall]) -> Wall:
-    """Return a wall with its name: the given one, that of an equal one of the ``walls``, or the
-    next that is free.
+    """Return a wall that has a name. It is one of the known ``walls``, if that has the same
+    material and no other name is given; else it has the given name or, without one, the first free
+    name of "wall", "wall_2", "wall_3".
+
+    Raises InputError if another kind of balls or wall has the given name.
     """
     used_names = {*kinds, RIGID_PLANE.name, *(other.name for other in walls)}
     for other in walls:

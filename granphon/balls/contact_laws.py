@@ -78,13 +78,14 @@ class PairLaw(Protocol):
     """The contact law of two bodies; scalars or arrays of any shape, floats in, floats out.
 
     A law may also have ``least_overlap``, the overlap in m up to which the bodies are apart (0 if
-    it has none; below 0 where they adhere), and ``most_overlap``, up to which it is known. Below
-    the first all is zero. A law without a ``least_overlap`` whose force at overlaps below zero is
-    not zero is a bond: it pulls, and the bodies are never apart.
+    it has none; below 0 where they adhere), and ``most_overlap``, the overlap in m up to which the
+    law is known. Below ``least_overlap`` the energy, the force, the stiffness and its slope are
+    zero. A law without a ``least_overlap`` whose force at overlaps below zero is not zero is a
+    bond: it pulls, and the bodies are never apart.
 
     Bodies that adhere down to a ``least_overlap`` below 0 pull only once they have touched. They
-    touch where they come to the overlap 0, or to ``touch_overlap``, m, of a law that has it: that
-    of a force that acts from afar is its ``least_overlap``.
+    touch when their overlap rises to ``touch_overlap``, m, or to 0 if the law has no such
+    attribute. Of a force that acts from afar, ``touch_overlap`` equals ``least_overlap``.
 
     A law may have a method ``contact_radius(overlap)``, m, zero where bodies are apart. The
     stiffness against slip is then 8 G* a of this radius a, and that against twist follows from it
@@ -147,6 +148,7 @@ class PowerLaw(EnergyLaw):
     coefficient: float
 
     def __post_init__(self) -> None:
+        """Check both numbers, and keep them as plain floats."""
         object.__setattr__(self, "exponent", positive("exponent", self.exponent))
         object.__setattr__(
             self, "coefficient", positive("coefficient", self.coefficient, "N/m^exponent")
@@ -192,16 +194,19 @@ class _Adhesive:
     adhesion: float
 
     def __post_init__(self) -> None:
+        """Check the work of adhesion, and keep it as a plain float."""
         object.__setattr__(self, "adhesion", not_negative("adhesion", self.adhesion, "J/m^2"))
 
     def _find_tension(self, radius: float) -> float:
-        """Return 2 pi w R of bodies with this radius R of their contact, N."""
+        """Return 2 pi w R, N, of two bodies; ``radius`` is R, m, of which 1/R is the sum of both
+        curvatures. Raises InputError if the product is not finite.
+        """
         tension = 2.0 * math.pi * self.adhesion * radius
         if not tension < math.inf:
-            raise self._refuse()
+            raise self._make_precision_error()
         return tension
 
-    def _refuse(self) -> InputError:
+    def _make_precision_error(self) -> InputError:
         """Return the error of an adhesion that is beyond double precision."""
         problem = (
             f"an adhesion of {self.adhesion:g} J/m^2 is beyond double precision for these balls"
@@ -295,11 +300,12 @@ class JKR(_Adhesive):
             return Hertz().between(ball, other)
         constants = ContactConstants.of(ball, other)
         force_scale = self._find_tension(constants.radius)
+        # the scales of JKRLaw: the contact radius (2 pi w R^2/E*)^(1/3), and the overlap spot^2/R
         spot = math.cbrt(force_scale) * math.cbrt(constants.radius / constants.modulus)
         length = spot / constants.radius * spot
         has_all_digits = force_scale >= LEAST_NORMAL and LEAST_NORMAL <= length < math.inf
         if not has_all_digits:
-            raise self._refuse()
+            raise self._make_precision_error()
         return JKRLaw(force_scale, length, spot)
 
 
@@ -427,6 +433,7 @@ class TabulatedLaw(EnergyLaw):
     forces: tuple[float, ...]
 
     def __init__(self, overlap: ArrayLike, force: ArrayLike) -> None:
+        """Check the table, and keep it without a first point at zero."""
         delta = real_array("overlap", overlap)
         f = real_array("force", force)
         if delta.ndim != 1 or delta.shape != f.shape:
@@ -651,9 +658,8 @@ def opening_overlap(law: PairLaw) -> float:
     least_overlap = getattr(law, "least_overlap", None)
     if least_overlap is not None:
         return float(least_overlap)
-    is_bond = bool(
-        np.any(law.force(_APART))
-    )  # only a bond has a force between balls that are apart
+    # only a bond has a force between balls that are apart
+    is_bond = bool(np.any(law.force(_APART)))
     return -math.inf if is_bond else 0.0
 
 
@@ -681,11 +687,11 @@ def punch_stiffness(law: PairLaw, overlap: Array, modulus: Array | float) -> Arr
 
 
 def law_between(law: Any, ball: Body, other: Body) -> PairLaw:
-    """Return the law of a contact: that which ``law`` has between the two bodies, or itself if it
-    is the law of all pairs.
+    """Return the law of the contact of two bodies: ``law.between(ball, other)`` or, if ``law`` has
+    no method ``between``, ``law`` itself, which is then the law of all pairs.
 
-    Raises :class:`~granphon.base.errors.InputError` if it lacks one of the five methods, or is a
-    class of laws.
+    Raises :class:`~granphon.base.errors.InputError` if the law of the pair lacks one of the five
+    methods of :class:`PairLaw`, or if ``law`` is a class of laws.
     """
     if isinstance(law, type):
         raise InputError(
@@ -743,7 +749,7 @@ def check_law(law: PairLaw, radius: float) -> None:
         overlaps = np.concatenate([overlaps, -overlaps])
     # (n, 3): each overlap, and the two beside it
     steps = overlaps[:, None] * (1.0 + _STEP * np.array([0.0, 1.0, -1.0]))
-    numbers = {method: _ask_numbers(law, name, method, steps) for method in _DERIVATIVES}
+    numbers = {method: _call_for_numbers(law, name, method, steps) for method in _DERIVATIVES}
     for method, derivative in pairwise(_DERIVATIVES):
         called = f"{derivative} of the contact law {name}"
         derivatives = numbers[derivative][:, 0]
@@ -752,7 +758,7 @@ def check_law(law: PairLaw, radius: float) -> None:
     if np.any(is_flat):
         problem = f"the force of the contact law {name} does not rise"
         raise _refuse_at(overlaps[int(np.argmax(is_flat))], problem)
-    inverse = _ask_numbers(law, name, "overlap", numbers["force"][:, 0])
+    inverse = _call_for_numbers(law, name, "overlap", numbers["force"][:, 0])
     is_off = np.abs(inverse - overlaps) > _ALLOWED * np.abs(overlaps)
     if np.any(is_off):
         first = int(np.argmax(is_off))
@@ -769,7 +775,7 @@ def _check_opening(law: PairLaw, name: str, overlaps: Array) -> bool:
     """
     given_least = getattr(law, "least_overlap", None)
     least_overlap = 0.0 if given_least is None else given_least
-    forces = _ask(law, name, "force", least_overlap - overlaps)
+    forces = _call_method(law, name, "force", least_overlap - overlaps)
     if not np.all(np.isfinite(forces)):
         raise InputError(
             f"force of the contact law {name} is not finite below an overlap of"
@@ -787,11 +793,11 @@ def _check_opening(law: PairLaw, name: str, overlaps: Array) -> bool:
     return has_force
 
 
-def _ask(law: PairLaw, name: str, method: str, overlaps: Array) -> Array:
-    """Return what a method of a law returns for an array, of any shape; InputError if the method
-    takes no array.
+def _call_method(law: PairLaw, name: str, method: str, overlaps: Array) -> Array:
+    """Return what the ``method`` of a law called ``name`` returns for an array of ``overlaps``, m,
+    of any shape; InputError if the method does not take an array.
 
-    ``overlaps`` are in m, or forces in N where the ``method`` is the overlap.
+    For the method "overlap" the array holds forces, N.
     """
     try:
         with np.errstate(all="ignore"):  # the caller refuses numbers that are not finite
@@ -807,11 +813,12 @@ def _ask(law: PairLaw, name: str, method: str, overlaps: Array) -> Array:
         raise InputError(problem, "All contacts are asked at once", mend) from error
 
 
-def _ask_numbers(law: PairLaw, name: str, method: str, overlaps: Array) -> Array:
-    """Return the numbers (m,) that a ``method`` of a law called ``name`` returns for ``overlaps``
-    (m,), m; InputError unless they are finite, and as many as the overlaps.
+def _call_for_numbers(law: PairLaw, name: str, method: str, overlaps: Array) -> Array:
+    """Return the numbers that the ``method`` of a law called ``name`` returns for an array of
+    ``overlaps``, m (for the method "overlap" of forces, N); InputError unless the result is an
+    array of finite floats of the same shape.
     """
-    numbers = _ask(law, name, method, overlaps)
+    numbers = _call_method(law, name, method, overlaps)
     is_array = numbers.shape == overlaps.shape and numbers.dtype.kind == "f"
     if not is_array or not np.all(np.isfinite(numbers)):
         problem = (
@@ -857,8 +864,9 @@ class NamedLaw:
     Attributes
     ----------
     law : the law, or a class of laws.
-    numbers : what the class is given, by name: a quantity, a tuple of it for a list, or the rule of
-        a number without a unit.
+    numbers : how a scene gives each argument of the class, by the name of the argument: a quantity,
+        a tuple of one quantity for a list of such values, or a rule for a number without a unit;
+        empty for a law that is no class.
     """
 
     law: Any

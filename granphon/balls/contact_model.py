@@ -50,7 +50,9 @@ class ContactModel:
     law : that of all pairs, or a tuple of pairs of names, each with its law, as :func:`read_laws`
         returns it.
     friction : whether contacts resist slip, as those of Mindlin that do not slip.
-    torsion, bending : as for :class:`~granphon.Crystal`.
+    torsion : stiffness of a contact against twist, over k times the square of the distance of the
+        centres; or "mindlin", that of an elastic contact that does not slip.
+    bending : stiffness of a contact against rolling, over k times the square of the distance.
     own_radii : whether contacts have the curvatures of the radii of their balls, not those of the
         kinds.
     walls : those that balls touch, with their names.
@@ -77,7 +79,7 @@ class ContactModel:
 
     @property
     def is_plain(self) -> bool:
-        """Whether plain data can hold it: its laws are not a user's."""
+        """Whether plain data can hold the model: none of its laws is a user's own."""
         return all(isinstance(law, PlainLaw) for law in self._laws)
 
     @property
@@ -91,8 +93,8 @@ class ContactModel:
         return [law for _, law in self.law] if isinstance(self.law, tuple) else [self.law]
 
     def body(self, name: str) -> Body:
-        """Return the ball of the kind of a ``name``, or the wall, or the rigid plane for that of a
-        floor.
+        """Return the body called ``name``: the ball of a kind, a wall, or the rigid plane of a
+        floor. If the kinds have no names, any other name is that of the only kind.
         """
         walls: list[Body] = [RIGID_PLANE, *self.walls]
         for wall in walls:
@@ -101,8 +103,8 @@ class ContactModel:
         return self.kinds[self.names.index(name) if self.names else 0]
 
     def law_of(self, name: str, other: str) -> tuple[PairLaw, float, float]:
-        """Return the law of the kinds ``name`` and ``other``, or of a kind and a floor; 4 G*/E* (0
-        without friction); and E*, Pa.
+        """Return for a contact of the bodies called ``name`` and ``other`` the contact law, the
+        ratio 4 G*/E* of the shear to the normal stiffness (0 without friction), and E*, Pa.
         """
         body = self.body(name)
         other_body = self.body(other)

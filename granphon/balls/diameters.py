@@ -103,11 +103,11 @@ class Shape(ABC):
         arrays of shape (*y.shape, n).
 
         For densities n = 1 + 2 ``order``, or 3 ``order`` with ``whole`` (more beyond a cutoff of
-        3). The range of x_Q is split
-        into three at y + x_Q/2 = -+max(x)/2. The part below the first of these, where F^Q = 0, gets
-        one node; each of the other two gets ``order`` Gauss nodes in the square root of the
-        distance to the singularity at or below its lower end. Convergence is exponential. With
-        ``whole`` the part where F^Q = 0 gets ``order`` nodes as well, for functions of x_Q itself.
+        3). The range of x_Q is split into three at y + x_Q/2 = -+max(x)/2. The part below the first
+        of these, where F^Q = 0, gets one node; each of the other two gets ``order`` Gauss nodes in
+        the square root of the distance to the singularity at or below its lower end. Convergence is
+        exponential. With ``whole`` the part where F^Q = 0 gets ``order`` nodes as well, for
+        functions of x_Q itself.
 
         For listed diameters every point is a node, and the result is exact at any ``order``.
         """
@@ -121,10 +121,11 @@ class Shape(ABC):
         """
 
     def average(self, y: ArrayLike, power: float, x: ArrayLike | None = None) -> Any:
-        """Return the average power of the overlap, <(y + (x + x')/2)_+^p> with p = -1/2, 0, 1/2 ...
-        3, and 0^p = 0.
+        """Return the average <(y + (x + x')/2)_+^p> of a ``power`` p of the overlap, with 0^p = 0:
+        over the deviations x' of the other ball if that of the central ball, ``x``, is given, and
+        over both otherwise. ``y`` and ``x``, over W, broadcast.
 
-        Raises :class:`InputError` for another power.
+        Raises :class:`InputError` unless p is one of -1/2, 0, 1/2 ... 3.
         """
         if power not in _POWERS:
             raise InputError(f"power is {power!r}", mend="Give a multiple of 1/2 from -1/2 to 3")
@@ -246,9 +247,11 @@ class UniformShape(_Density):
     _edge = 0.5
 
     def _compute_density(self, x: Array) -> Array:
+        """Return the density of balls, 1 at each ``x``."""
         return np.ones_like(x)
 
     def _compute_fraction_below(self, x: Array) -> Array:
+        """Return the fraction of the balls below each ``x``."""
         return x + 0.5
 
     def quantile(self, probability: ArrayLike) -> Any:
@@ -286,22 +289,26 @@ class NormalShape(_Density):
 
     @cached_property
     def _edge(self) -> float:  # type: ignore[override]
+        """Largest x, at which the distribution is cut."""
         return self.cutoff * self._std
 
     @cached_property
     def _stretch(self) -> int:  # type: ignore[override]
+        """Factor from the order to the number of Gauss nodes: one per 3 standard deviations."""
         return math.ceil(self.cutoff / 3.0)
 
     @cached_property
     def _kept(self) -> float:
-        """Fraction of the density that the cut leaves."""
+        """Fraction of a normal distribution that lies within the cut."""
         return math.erf(self.cutoff / math.sqrt(2.0))
 
     def _compute_density(self, x: Array) -> Array:
+        """Return the density of balls at each ``x`` within the cut."""
         norm = self._std * math.sqrt(2.0 * math.pi) * self._kept
         return np.asarray(np.exp(-0.5 * (x / self._std) ** 2) / norm)
 
     def _compute_fraction_below(self, x: Array) -> Array:
+        """Return the fraction of the balls below each ``x`` within the cut."""
         from scipy.special import erf
 
         return np.asarray(0.5 + 0.5 * erf(x / (self._std * math.sqrt(2.0))) / self._kept)
@@ -688,6 +695,7 @@ class Spread(ABC):
         return self._compute_deviations(uniform_numbers(shape, seed))
 
     def _compute_deviations(self, probability: Array) -> Array:
+        """Return the deviations, m, below which the parts ``probability`` of the balls lie."""
         return self.width * np.asarray(self.shape.quantile(probability), float)
 
 
@@ -707,6 +715,7 @@ class Uniform(Spread):
     width: float = field()
 
     def __post_init__(self) -> None:
+        """Check the width, and keep it as a plain float."""
         object.__setattr__(self, "width", not_negative("width", self.width, "m"))
 
     def with_width(self, width: float) -> Self:
@@ -747,6 +756,7 @@ class Normal(Spread):
     cutoff: float = 3.0
 
     def __post_init__(self) -> None:
+        """Check both numbers, and keep them as plain floats."""
         object.__setattr__(self, "std", not_negative("std", self.std, "m"))
         object.__setattr__(self, "cutoff", positive("cutoff", self.cutoff))
         if not CUTOFFS["low"] <= self.cutoff <= CUTOFFS["high"]:
@@ -800,6 +810,7 @@ class _Listed(Spread):
         return replace(self, diameters=tuple(each + shift for each in self.diameters))
 
     def _compute_shares(self) -> Array:
+        """Return the fraction (n,) of the balls that each of the ``diameters`` stands for."""
         return np.full(len(self.diameters), 1.0 / len(self.diameters))
 
     @cached_property
@@ -816,6 +827,9 @@ class _Listed(Spread):
         return mean, above_least - mean_above_least, weights
 
     def _compute_deviations(self, probability: Array) -> Array:
+        """Return the deviation, m, of a listed diameter for each ``probability``, from 0 to 1; the
+        diameters are not condensed as in :attr:`shape`.
+        """
         _, deviations, weights = self._table
         return deviations[find_quantiles(weights, probability)]
 
@@ -862,6 +876,7 @@ class Discrete(_Listed):
     fractions: tuple[float, ...]
 
     def __post_init__(self) -> None:
+        """Check diameters and fractions, and keep both as tuples of plain floats."""
         diameters = finite_list("diameters", self.diameters, "m", "above zero")
         fractions = finite_list("fractions", self.fractions, low="zero or above")
         object.__setattr__(self, "diameters", diameters)
@@ -884,6 +899,7 @@ class Discrete(_Listed):
             raise InputError(problem, "They are parts of a whole", "Divide them by their sum")
 
     def _compute_shares(self) -> Array:
+        """Return the fractions (n,), divided by their sum, which is 1 but for rounding."""
         return np.array(self.fractions) / math.fsum(self.fractions)
 
 
@@ -901,6 +917,7 @@ class Measured(_Listed):
     """
 
     def __post_init__(self) -> None:
+        """Check the diameters, and keep them as a tuple of plain floats."""
         object.__setattr__(
             self, "diameters", finite_list("diameters", self.diameters, "m", "above zero")
         )

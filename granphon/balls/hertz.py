@@ -221,6 +221,7 @@ class HertzLaw(EnergyLaw):
     coefficient: float
 
     def __post_init__(self) -> None:
+        """Check the coefficient, and keep it as a plain float."""
         object.__setattr__(
             self, "coefficient", positive("coefficient", self.coefficient, "N/m^(3/2)")
         )
@@ -294,12 +295,13 @@ class HertzLaw(EnergyLaw):
         return float(self.force(high_pressure_overlap(width)))
 
 
-# -- the law in reduced units, c = 1, for loops over large arrays: unchecked, and from the roots
-# h_+^(1/2) that they keep ---
+# -- the law in reduced units, in which c = 1: without checks, for loops over large arrays --------
 
 
 def press(overlap: Array) -> tuple[Array, Array]:
-    """Return forces h_+^(3/2) and roots h_+^(1/2)."""
+    """Return the forces h_+^(3/2) and the roots h_+^(1/2) of contacts with the ``overlap`` h, in
+    reduced units and of the same shape; both are zero where h < 0.
+    """
     closed = np.maximum(overlap, 0.0)
     root = np.sqrt(closed)
     return np.multiply(closed, root, out=closed), root
@@ -308,10 +310,11 @@ def press(overlap: Array) -> tuple[Array, Array]:
 def press_further(
     overlap: float, differences: Array, out: Array | None = None
 ) -> tuple[Array, Array]:
-    """Return h_+^(3/2) - y_+^(3/2), without the loss of digits of a subtraction, and h_+^(1/2), of
-    the shape of the ``differences``, for h = y + difference and the ``overlap`` y.
+    """Return the changes of force h_+^(3/2) - y_+^(3/2) of contacts whose overlaps change from one
+    ``overlap`` y to h = y + ``differences``, and the roots h_+^(1/2); both have the shape of the
+    ``differences``, and all are in reduced units.
 
-    ``out`` takes the first of both.
+    No digits are lost by subtraction. The changes are written to ``out``, if it is given.
     """
     closed_overlap = max(overlap, 0.0)  # y_+
     change = np.maximum(differences, -overlap, out=out)  # becomes h_+ - y_+
@@ -331,11 +334,13 @@ def press_further(
 
 
 def release(rest: Array, rest_root: Array, elongation: Array, out: tuple[Array, Array]) -> None:
-    """Write to ``out`` the losses of force y^(3/2) - h_+^(3/2), and the roots h_+^(1/2), of
-    contacts that an ``elongation`` e takes from overlaps y = ``rest`` >= 0 to h = y - e.
+    """Write to the two arrays ``out`` the losses of force y^(3/2) - h_+^(3/2), and the roots
+    h_+^(1/2), of contacts whose overlaps fall from ``rest`` y >= 0 by an ``elongation`` e to
+    h = y - e.
 
-    All arrays have one shape. No digits are lost by subtraction. ``rest_root`` is y^(1/2), or the
-    least number above zero.
+    All arrays have one shape and are in reduced units. No digits are lost by subtraction.
+    ``rest_root`` is y^(1/2), and the least number above zero where y is zero, so that no quotient
+    is 0/0.
     """
     loss, root = out
     np.minimum(elongation, rest, out=loss)  # y - h_+, which the factor makes a loss of force
@@ -348,9 +353,9 @@ def release(rest: Array, rest_root: Array, elongation: Array, out: tuple[Array, 
 
 
 def stretch(rest: Array, rest_root: Array, elongation: Array) -> Array:
-    """Return the change of the stored energy by an ``elongation`` e from overlaps y = ``rest`` >= 0
-    to h = y - e, plus the work y^(3/2) e that the force at rest would do: the result begins with
-    e^2.
+    """Return, for contacts whose overlaps fall from ``rest`` y >= 0 by an ``elongation`` e to
+    h = y - e, the change (2/5) (h_+^(5/2) - y^(5/2)) of the stored energy plus the work y^(3/2) e
+    of the force at rest. The terms linear in e cancel, so that the result begins with e^2.
 
     All arrays have one shape; ``rest_root`` is that of :func:`release`.
     """
@@ -388,12 +393,14 @@ def mean_force(overlap: Array, other: Array) -> Array:
 
 
 def force_of(overlap: Any) -> Any:
-    """Return h_+^(3/2)."""
+    """Return the force h_+^(3/2) of a contact with the ``overlap`` h, in reduced units; zero where
+    h < 0.
+    """
     return np.maximum(overlap, 0.0) ** EXPONENT
 
 
 def overlap_of(force: Any) -> Any:
-    """Return f^(2/3)."""
+    """Return the overlap f^(2/3) of a contact under the ``force`` f >= 0, in reduced units."""
     return np.cbrt(force) ** 2
 
 
@@ -403,17 +410,21 @@ def energy_of(force: Any, overlap: Any) -> Any:
 
 
 def stiffness_of(root: Any) -> Any:
-    """Return (3/2) h^(1/2); it is linear in the ``root``, so that this may be a sum."""
+    """Return the stiffness (3/2) h^(1/2), in reduced units, of a contact with the ``root`` h^(1/2)
+    of its overlap; for a sum of roots, return the sum of the stiffnesses.
+    """
     return EXPONENT * root
 
 
 def slope_of(root: Array) -> Array:
-    """Return (3/4) h^(-1/2), and zero where balls are apart."""
+    """Return the slope (3/4) h^(-1/2) of the stiffness, in reduced units, of contacts with the
+    ``root`` h^(1/2) of their overlap; zero where the root is zero and balls are apart.
+    """
     return np.divide(0.75, root, out=np.zeros_like(root), where=root > 0.0)
 
 
 def stiffness_under(force: Any) -> Any:
-    """Return the stiffness (3/2) f^(1/3) under forces."""
+    """Return the stiffness (3/2) f^(1/3) of a contact under the ``force`` f, in reduced units."""
     return EXPONENT * np.cbrt(force)
 
 

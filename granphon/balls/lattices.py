@@ -77,6 +77,9 @@ class Lattice:
     sites: tuple[tuple[float, ...], ...] = ((),)
 
     def __post_init__(self) -> None:
+        """Check the name, the cell and the sites, find the contacts, and check that equal contact
+        forces balance. Cell and sites are kept as tuples.
+        """
         require("the name of a lattice", label, self.name)
         cell, sites = self._read_cell()
         if not (np.all(np.isfinite(cell)) and np.all(np.isfinite(sites))):
@@ -303,8 +306,8 @@ KAGOME = Lattice(
 def _cubic(
     name: str, edge: float, steps: ArrayLike, sites: tuple[tuple[float, ...], ...] = ((),)
 ) -> Lattice:
-    """Make a lattice of primitive vectors ``steps``, in halves of the ``edge`` (in spacings) of the
-    cube along x, y, z.
+    """Make a lattice with cubic symmetry. The rows of ``steps`` (3, 3) are its primitive vectors,
+    in halves of the edge of the cube; ``edge`` is the length of this edge, in spacings.
     """
     return Lattice(name, tuple(map(tuple, (0.5 * edge * np.asarray(steps)).tolist())), sites)
 

@@ -56,8 +56,8 @@ class Layers:
         space.
 
         ``axis`` is the number of the vector along which layers follow each other, or integer Miller
-        indices (p,). Raises
-        :class:`~granphon.base.errors.InputError` for another one, and for a cell without periods.
+        indices (p,). Raises :class:`~granphon.base.errors.InputError` for another ``axis``, and for
+        a cell without periods.
         """
         p, d = cell.shape
         basis = _find_basis(axis, cell)
@@ -65,8 +65,8 @@ class Layers:
         turn = np.eye(d)
 
         def turn_upright() -> None:
-            """Write the rotation after which the periods of a layer lie along x, or in the xy
-            plane, to ``turn``.
+            """Write to ``turn`` the rotation after which the periods of a layer lie along x, or in
+            the xy plane; with two periods or more it may be a reflection.
             """
             q, r = np.linalg.qr((basis @ cell)[:, :p].T)
             # with these signs each vector has a component above zero along its own axis

@@ -70,6 +70,7 @@ class Load:
     gravity: float | None = None
 
     def __post_init__(self) -> None:
+        """Check all values, and keep those of the load as a read-only array."""
         one_of("kind", self.kind, LOAD_KINDS)
         _require_memory(self.array, _LOAD_BYTES)
         object.__setattr__(self, "array", read_only(finite_array(self.kind, self.array)))
@@ -107,6 +108,7 @@ class Load:
         return cls(kind, np.array(real_list(kind, given[kind])))
 
     def __eq__(self, other: object) -> bool:
+        """Whether ``other`` is the same load; a single value is the same load as a list of one."""
         if not isinstance(other, Load):
             return NotImplemented
         return self._key == other._key

@@ -173,22 +173,22 @@ def steps_within(cell: Array, radius: float) -> Index:
     Returns (n, p) whole multiples of the p vectors of ``cell`` (p, d), sorted in ascending order,
     zero among them.
     """
-    return _list_steps(cell, radius, _reach(cell, radius))
+    return _list_steps(cell, radius, _find_most_steps(cell, radius))
 
 
-def _list_steps(cell: Array, radius: float, reach: Array) -> Index:
-    """Return the lattice vectors of :func:`steps_within`, (n, p), of no more steps along each
-    vector than ``reach`` (p,).
+def _list_steps(cell: Array, radius: float, most_steps: Array) -> Index:
+    """Return the lattice vectors of :func:`steps_within`, (n, p), that have at most ``most_steps``
+    (p,) steps along each vector of the ``cell``, to either side.
     """
     if not len(cell):
         return np.zeros((1, 0), np.intp)  # a cluster has no images
-    ranges = [np.arange(-count, count + 1) for count in reach.astype(int)]
+    ranges = [np.arange(-count, count + 1) for count in most_steps.astype(int)]
     steps = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, len(cell))
     lengths = np.linalg.norm(steps @ cell, axis=1)
     return np.asarray(steps[lengths <= radius], np.intp)
 
 
-def _reach(cell: Array, radius: float) -> Array:
+def _find_most_steps(cell: Array, radius: float) -> Array:
     """Return (p,) the largest number of steps along each vector of ``cell`` that a lattice vector
     at most ``radius`` long can have.
     """
@@ -200,8 +200,12 @@ def _reach(cell: Array, radius: float) -> Array:
 
 
 def select_once(i: Index, j: Index, shift: Index) -> Flags:
-    """Return (n,) whether to keep each row of a list in which every contact was found from both
-    ends, so that each counts once; ``shift`` is (n, p).
+    """Return (n,) whether to keep each row of a list in which every contact stands twice, once from
+    each of its balls, so that it is kept once.
+
+    A row says that ball ``i`` touches the image of ball ``j`` that is displaced by ``shift`` (n, p)
+    cells. The row with the lower i is kept and, of a ball that touches its own images, the row
+    whose first number of cells that is not zero is above zero.
     """
     if not shift.shape[1]:
         return i < j
@@ -417,7 +421,9 @@ def _explain_lone_ball(cell: Array, positions: Array, radii: Array, ball: int) -
 
 
 def _explain_closing(pairs: _NearPairs, near: _NearGap) -> InputError:
-    """Return the error of a gap so small that it closes under load."""
+    """Return the error of a gap that is so small that it closes under load: ``near`` describes the
+    gap, which is one of the ``pairs``.
+    """
     gap = f"A gap of {near.ratio - 1.0:.2g}"
     least_gap = f"{_CLOSING:g}"
     if pairs.has_radii:  # without radii the distance is 1
@@ -444,7 +450,7 @@ def _find_near(
     if n <= _FEW:
         return _find_near_among_all(cell, positions, radii, called)
     cutoff = 2.0 * _NEAR_TOUCH * float(radii.max())
-    _require_few_cells(_reach(cell, cutoff) + 1.0, n / _FEW, called)
+    _require_few_cells(_find_most_steps(cell, cutoff) + 1.0, n / _FEW, called)
     i, j, shift, vector = find_pairs(positions, cell, cutoff)
     is_near = np.linalg.norm(vector, axis=-1) <= _NEAR_TOUCH * (radii[i] + radii[j])
     i = i[is_near]
@@ -469,9 +475,9 @@ def _find_near_among_all(
     within_cell = positions[None] - positions[:, None]  # (n, n, d) from i to j of the same cell
     farthest = float(np.linalg.norm(within_cell, axis=-1).max())
     radius = 2.0 * _NEAR_TOUCH * float(radii.max()) + farthest
-    reach = _reach(cell, radius)
-    _require_few_cells(reach, 1.0, called)
-    steps = _list_steps(cell, radius, reach)
+    most_steps = _find_most_steps(cell, radius)
+    _require_few_cells(most_steps, 1.0, called)
+    steps = _list_steps(cell, radius, most_steps)
     vectors = within_cell[:, :, None] + (steps @ cell)[None, None]  # (n, n, steps, d)
     touch = radii[:, None] + radii  # (n, n)
     is_near = np.linalg.norm(vectors, axis=-1) <= _NEAR_TOUCH * touch[:, :, None]
@@ -481,12 +487,12 @@ def _find_near_among_all(
     return i, j, steps[step], vectors[i, j, step]
 
 
-def _require_few_cells(reach: Array, balls: float, called: str) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if too many cells are to be searched: those
-    up to ``reach`` (p,) cells along each vector to either side. A cell counts ``balls`` times: once
-    for each :data:`_FEW` balls in it.
+def _require_few_cells(most_steps: Array, cell_weight: float, called: str) -> None:
+    """Raise :class:`~granphon.base.errors.InputError`, which names what is ``called``, if too many
+    cells are to be searched: those up to ``most_steps`` (p,) cells along each vector to either
+    side. A cell counts ``cell_weight`` times, once for each :data:`_FEW` balls in it.
     """
-    if np.prod(2.0 * reach + 1.0) * balls > _MOST_CELLS:
+    if np.prod(2.0 * most_steps + 1.0) * cell_weight > _MOST_CELLS:
         problem = f"the cell of {called} is too oblique, or its sites are too far from each other"
         raise InputError(problem, mend="Give short lattice vectors, and sites from 0 to 1")
 
@@ -593,9 +599,11 @@ def require_joined(
 def _merge_held(
     i: Index, j: Index, shift: Index, held: Flags, periods: int
 ) -> tuple[Index, Index, Index, int]:
-    """Return the contacts i, j (n_c + p,), shift (n_c + p, p), and the number of balls, where all
-    ``held`` balls (n,) are one body, which comes last and touches its own images along all p
-    ``periods``.
+    """Replace all ``held`` balls (n,) by one body, which comes after the other balls and touches
+    its own images along all p ``periods``.
+
+    Returns the contacts i, j (n_c + p,) and shift (n_c + p, p), and the number of the other balls
+    plus one.
     """
     free_count = int(np.count_nonzero(~held))
     body = free_count

@@ -56,9 +56,10 @@ class SpringLaw(EnergyLaw):
         each ``overlap`` u, m.
         """
         u = np.asarray(overlap, float)
-        derivatives = {ENERGY: 0.5 * u, FORCE: np.ones_like(u)}
-        if order in derivatives:
-            return self.constant * u * derivatives[order]
+        if order == ENERGY:
+            return self.constant * u * (0.5 * u)
+        if order == FORCE:
+            return self.constant * u
         return np.full(u.shape, self.constant if order == STIFFNESS else 0.0)
 
     def overlap(self, force: ArrayLike) -> Any:
@@ -123,13 +124,13 @@ def _read_stiffness(value: Any, unit: str) -> float:
 
 
 def find_quantity(name: str) -> Quantity:
-    """Return the quantity that the stiffness of the spring of a ``name`` is."""
+    """Return the quantity, with its unit, of the stiffness of the spring called ``name``."""
     is_of_rotation = name.startswith(ROTATION)
     return quantities.TURN_STIFFNESS if is_of_rotation else quantities.STIFFNESS
 
 
 def find_unit(name: str) -> str:
-    """Return the SI unit of the stiffness of the spring of a ``name``."""
+    """Return the SI unit of the stiffness of the spring called ``name``."""
     return find_quantity(name).si_unit
 
 
@@ -153,8 +154,9 @@ def list_spring_parameters(motions: Motions) -> list[str]:
 def change_springs(
     on_site: Array | None, changes: Mapping[str, float], motions: Motions, n: int
 ) -> Array:
-    """Return the stiffnesses (n, motions) of the springs of n balls, of which some are changed:
-    those that a name of :data:`SPRING_PARAMETERS` stands for, of all balls.
+    """Return the stiffnesses (n, motions) of the springs of n balls after ``changes``: new
+    stiffnesses, N/m or N m, by their names in :data:`SPRING_PARAMETERS`. Each change applies to all
+    balls, and to all motions that its name stands for.
     """
     springs = np.zeros((n, motions.count)) if on_site is None else on_site.copy()
     names = name_springs(motions)
@@ -183,6 +185,7 @@ def turn_on_site(on_site: Array | None, turn: Array, motions: Motions) -> Array 
     ):
         springs = np.zeros((len(on_site), 3))
         springs[:, motion_axes] = on_site[:, columns]
+        # the stiffness of each ball as a tensor (n, 3, 3) along the new axes
         tensors = np.einsum("ab,nb,cb->nac", axes, springs, axes)
         diagonal = np.einsum("naa->na", tensors)
         across = np.abs(tensors - diagonal[:, :, None] * np.eye(3))

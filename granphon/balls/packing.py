@@ -99,6 +99,7 @@ class Packing:
     is_held: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
+        """Check all values; the torsion and the bending are kept as plain numbers."""
         if not isinstance(self.material, Material):
             raise InputError(f"material is {self.material!r}", mend="Give a granphon.Material")
         object.__setattr__(self, "diameter", positive("diameter", self.diameter, "m"))
@@ -171,8 +172,8 @@ class Packing:
 
     @property
     def spread_matters(self) -> bool:
-        """Whether diameters make contact forces differ: not of equal balls, nor on a line, where
-        each passes its load on.
+        """Whether contact forces differ because the diameters do. They do not among equal balls,
+        nor on a line, where each ball passes its load on to the next.
         """
         return bool(self.width) and self.structure.periods > 1
 
@@ -196,12 +197,13 @@ class Packing:
         return self.material.mindlin_ratio if self.friction else 0.0
 
     def find_torsion(self, force: ArrayLike, stiffness: ArrayLike) -> NDArray[np.float64]:
-        """Return the stiffness against twist, over k d^2, of contacts with a ``force``, N, and
-        normal ``stiffness`` k, N/m; of the shape to which these broadcast.
+        """Return the stiffness against twist, over k d^2, of contacts with a ``force``, N, and a
+        normal ``stiffness`` k, N/m. The result has the shape to which both broadcast.
 
-        With ``torsion="mindlin"`` it is that of a Hertz contact that does not slip, (8/3) G r^3 (R.
-        D. Mindlin, J. Appl. Mech. 16, 259, 1949), of the contact radius r at the force; for equal
-        balls that is (1 - nu)/3 times the overlap over the diameter. It is then zero where k is.
+        With ``torsion="mindlin"`` the stiffness against twist is (8/3) G r^3, that of a Hertz
+        contact of radius r that does not slip (R. D. Mindlin, J. Appl. Mech. 16, 259, 1949); r
+        follows from the force. For equal balls the result is (1 - nu)/3 times the overlap over the
+        diameter. The result is zero where k is zero.
         """
         f, k = np.broadcast_arrays(np.asarray(force, float), np.asarray(stiffness, float))
         if self.torsion != MINDLIN:
@@ -209,6 +211,7 @@ class Packing:
         d = self.diameter
         overlap = self.law.overlap(f)
         radius_over_diameter = contact_radius_ratio(overlap, d) / 2.0
+        # (8/3) G r^3 / d^2, N/m
         twist = 8.0 / 3.0 * self.material.shear_modulus * d * radius_over_diameter**3
         return np.asarray(np.divide(twist, k, out=np.zeros(f.shape), where=k > 0.0))
 
@@ -274,6 +277,7 @@ class Packing:
         return rows
 
     def _repr_html_(self) -> str:
+        """Return the table that a notebook shows, in HTML."""
         return write_html("Packing", self.describe())
 
 
@@ -444,8 +448,9 @@ LOSS_QUANTITIES: Mapping[str, Quantity | None] = {
 LOSSES: Mapping[str, str] = {
     name: "" if quantity is None else quantity.si_unit for name, quantity in LOSS_QUANTITIES.items()
 }
-#: the losses that may be two, of which one name is that of all motions; and the name of the second:
-#: of all other motion than the normal one, and of rotations
+#: the losses for which two numbers may be given. The key names the first, which applies to all
+#: motions if it stands alone. The entry names the second, which then applies to tangential motions
+#: of contacts or, as a drag, to rotations
 SECOND_LOSSES: Mapping[str, str] = {
     "damping": "tangential_damping",
     "loss_factor": "tangential_loss_factor",
@@ -696,12 +701,13 @@ def combine(
     axes: Sequence[Axis],
     units: Mapping[str, str] = _NO_UNITS,
 ) -> list[tuple[tuple[tuple[str, str], ...], ChangedT]]:
-    """Return pairs of each combination of values, names of parameters with their values as texts,
-    and what ``change`` makes of these values by name. ``units`` are those of the texts, by name; by
-    default SI units with decimal prefixes.
+    """Return one pair for each combination of the values of all ``axes``, of which the last runs
+    fastest: the combination in words, which is a pair of a name and a text for each parameter, and
+    the object that ``change`` returns for the values by name.
 
-    The last axis runs fastest. :class:`InputError` names a combination that makes no packing, or
-    says that there are too many.
+    ``units`` are the units of the texts, by the name of the parameter; by default they are SI units
+    with decimal prefixes. Raises :class:`InputError` if there are too many combinations, and, with
+    the combination in its message, if ``change`` raises it.
     """
     count_combinations(axes)
     names = [axis.name for axis in axes]

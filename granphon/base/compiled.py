@@ -43,8 +43,10 @@ def compiled(loop: _Loop) -> _Loop:
     """Return the ``loop``, a function of arrays and numbers, compiled with the arithmetic of NumPy:
     x/0 is no error.
 
-    Where a compiled loop cannot be read from the cache, or not be kept there, the first such loop
-    of a process issues a :class:`~granphon.base.errors.CacheWarning`.
+    The loop is compiled at its first call, which prints a line on stderr, see ``COMPILING``. If a
+    compiled loop cannot be read from the cache, or cannot be kept there, the first such loop of a
+    process issues a :class:`~granphon.base.errors.CacheWarning`. Without Numba the ``loop`` itself
+    is returned.
     """
     if UNCOMPILED:
         return loop
@@ -86,8 +88,10 @@ def _survive_cache_errors(cache: Any) -> None:
     error they issue a warning and clear the index, so that the loop is compiled anew.
     """
 
-    def forgiving(access: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a method that does as ``access`` does, or returns None where that fails."""
+    def survive_errors_of(access: Callable[..., Any]) -> Callable[..., Any]:
+        """Return a method that calls ``access`` or, if that raises an error, warns and returns
+        None.
+        """
 
         def access_or_warn(*arguments: Any) -> Any:
             """Return what ``access`` returns; None, with a warning, if the cache cannot be used."""
@@ -103,8 +107,8 @@ def _survive_cache_errors(cache: Any) -> None:
 
         return access_or_warn
 
-    cache.load_overload = forgiving(cache.load_overload)
-    cache.save_overload = forgiving(cache.save_overload)
+    cache.load_overload = survive_errors_of(cache.load_overload)
+    cache.save_overload = survive_errors_of(cache.save_overload)
 
 
 #: the line on stderr when a loop is compiled

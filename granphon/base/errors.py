@@ -90,6 +90,7 @@ class Refused(InputError):
     def __init__(
         self, found: str, allowed: str, mend: str = "", path: tuple[str | int, ...] = ()
     ) -> None:
+        """Make the text of the refusal from what was found, what is allowed, and how to mend it."""
         ending = "."
         if mend[:1].islower():
             # a mend in lower case, such as the text of another error, is no sentence of its own
@@ -130,8 +131,9 @@ class MissingFileError(InputError, FileNotFoundError):
     """A file that should be read does not exist."""
 
     def __new__(cls, *sentences: str, **named: str) -> Self:
-        """Make the error; without this, dask, which does not call the class, would take the method
-        of ``ValueError``.
+        """Return a new error, as FileNotFoundError makes it. dask rebuilds errors by ``__new__``
+        alone, without calling the class; Python would then find the ``__new__`` of ``ValueError``,
+        which cannot make a FileNotFoundError.
         """
         return FileNotFoundError.__new__(cls)
 
@@ -189,8 +191,8 @@ class InconsistencyWarning(UserWarning):
 
 
 class StoppedEarlyWarning(UserWarning):
-    """A run ends before its time, or has left a file that ends so; what it has found is kept.
-    ``interrupted``: by Ctrl-C.
+    """A run has ended before its time, or a file was read that such a run left; the results up to
+    the end are kept. ``interrupted`` says whether Ctrl-C ended the run.
     """
 
     interrupted = False
@@ -253,9 +255,9 @@ def warn_caller(text: str, category: type[Warning]) -> None:
 
 
 def message(what: str, why: str = "", mend: str = "") -> str:
-    """Return the sentences of an error message (what is wrong, why it matters, how to mend it) on
-    one line, each with its full stop, unless it ends in a question mark or three dots; empty ones
-    are left out.
+    """Return an error message on one line: the sentences ``what`` is wrong, ``why`` it matters and
+    how to ``mend`` the error, without those that are empty. Each sentence gets a full stop, unless
+    it ends in a question mark or three dots.
 
     Letters that cannot be printed are escaped, as a message may quote a file of unknown origin.
     """

@@ -45,15 +45,16 @@ def _find_zstandard(name: str) -> Any:
     raise MissingPackageError(fault, mend=mend)
 
 
-def _unpack_members(name: str, raw: bytes, limit: int, start: Any) -> tuple[bytes, bool]:
-    """Return the content of packed bytes, whose members follow each other, and whether the last one
-    is whole; ``start`` makes the object that unpacks one member. Other arguments and errors are
-    those of :func:`unpack`.
+def _unpack_members(name: str, raw: bytes, limit: int, make_unpacker: Any) -> tuple[bytes, bool]:
+    """Return the content of the packed bytes ``raw``, and whether the last of their members is
+    whole. A packed file is one member, or several that follow each other; ``make_unpacker`` returns
+    a new object that unpacks one member. The other arguments and the errors are those of
+    :func:`unpack`.
     """
     parts: list[bytes] = []
-    n_left = limit + 1  # one more shows that there is more
+    n_left = limit + 1  # a byte beyond the limit shows that the content is too large
     while raw.strip(b"\0") and n_left > 0:
-        member = start()
+        member = make_unpacker()
         try:
             content = member.decompress(raw, n_left)
         except Exception as error:  # each module has its own class

@@ -58,6 +58,7 @@ class Terminal:
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        """Set the ``clock``; nothing is drawn before a step begins."""
         self._clock = clock
 
     @contextmanager

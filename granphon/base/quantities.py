@@ -117,8 +117,9 @@ _SIGN_WORDS = {"above zero": " above zero", "zero or above": ", zero or above,",
 class Quantity:
     """A kind of quantity: its name, its SI unit, an example, and the units to suggest.
 
-    ``least`` says which numbers are taken: above zero, zero or above, or any. ``negative`` is the
-    word that messages use for a number below zero.
+    ``example`` is such a quantity as text, "8 mm", and ``common`` a list of its units, parted by
+    commas, of which messages suggest the closest. ``least`` says which numbers are allowed: above
+    zero, zero or above, or any. ``negative`` is the word that messages use for a number below zero.
     """
 
     name: str
@@ -381,9 +382,11 @@ def find_written_unit(text: Any) -> str:
 
 
 def split_error(text: str) -> tuple[Any, str] | None:
-    """Return the value and the standard error of a text such as "211.65 +- 2 GPa", "(211.65 +- 2)
-    GPa", "8 mm +- 4 um" or "8 mm +- 1 %", the value as it would stand alone; None if it is no such
-    text.
+    """Split a text such as "211.65 +- 2 GPa", "(211.65 +- 2) GPa", "8 mm +- 4 um" or "8 mm +- 1 %"
+    into its value and its standard error.
+
+    Returns the value in the form in which it would stand alone, "8 mm" or a plain number, and the
+    error as a text with its unit, "4 um" or "1 %"; None for a text of another form.
     """
     in_brackets = _IN_BRACKETS.fullmatch(text.strip())
     common_unit = in_brackets[2] if in_brackets else ""
@@ -400,8 +403,11 @@ def split_error(text: str) -> tuple[Any, str] | None:
     else:
         unit = own_unit.strip() or unit_of_error or common_unit
         unit_of_error = unit_of_error or unit
-    plain = int(number) if re.fullmatch("[-+]?[0-9]+", number) else float(number)
-    return f"{number} {unit}" if unit else plain, f"{error} {unit_of_error}".strip()
+    error_text = f"{error} {unit_of_error}".strip()
+    if unit:
+        return f"{number} {unit}", error_text
+    is_whole_number = re.fullmatch("[-+]?[0-9]+", number) is not None
+    return int(number) if is_whole_number else float(number), error_text
 
 
 def read_with_error(text: str, quantity: Quantity) -> tuple[float, float]:
@@ -456,8 +462,8 @@ def is_si(unit: str, wanted: str = "") -> bool:
 
 @cache
 def _find_unit(name: str) -> tuple[Fraction, Counter[str]]:
-    """Return the factor and the powers of :func:`_measure` for the name of one unit, perhaps with a
-    prefix or in the plural; KeyError if the name is not known.
+    """Return the factor and the powers, as :func:`_measure` does, of the unit ``name``, which may
+    have a prefix or be in the plural; raise KeyError if the name is not known.
     """
     singular = name.removesuffix("s") if len(name) > _PLURAL else name
     spellings = dict.fromkeys((name, singular))  # in this order, each once

@@ -73,6 +73,7 @@ class RecordFile:
         units: Mapping[str, str],
         about: Mapping[str, str],
     ) -> None:
+        """Open and lock the file, and write its head, with no record yet."""
         self._count = 0
         self._growing = growing
         head = _write_head(fixed, growing, units, about)
@@ -104,11 +105,12 @@ class RecordFile:
 
 
 def _open_held(path: str | os.PathLike[str]) -> BinaryIO:
-    """Return the file at ``path``, empty and locked; a file that another process has locked raises
-    OutputError, and stays as it is.
+    """Open the file at ``path`` for writing, lock it and empty it, and return it. If another
+    process has locked the file, raise OutputError and leave the file as it is.
     """
 
     def open_or_make(name: str, flags: int) -> int:
+        """Return the descriptor of the file ``name``, which is made if there is none."""
         return os.open(name, flags | os.O_CREAT, 0o666)
 
     # the mode "wb" would cut off what another run may be writing
@@ -212,7 +214,7 @@ def read_records(
 
     Raises :class:`~granphon.base.errors.InputError` for a file that does not exist, that is no file
     of records, or whose texts are not those of ``about``. Of a file that was cut the whole records
-    are read into memory, with a :class:`~granphon.base.errors.StoppedEarlyWarning`.
+    are read into memory, and a :class:`~granphon.base.errors.StoppedEarlyWarning` is issued.
     """
     name = os.fspath(path) if isinstance(path, str | os.PathLike) else "the data"
     try:

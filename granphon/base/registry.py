@@ -55,6 +55,7 @@ class Registry(Mapping[str, T]):
     every: dict[str, Registry[Any]] = {}
 
     def __init__(self, noun: str) -> None:
+        """Make an empty table, and enter the table into ``Registry.every``."""
         self.noun = noun
         self._entries = dict[str, T]()
         #: the entries of granphon that have not been imported yet
@@ -66,14 +67,14 @@ class Registry(Mapping[str, T]):
         self.every[noun] = self
 
     def own(self, name: str, entry: T | Later) -> None:
-        """Add an entry of granphon."""
+        """Add an entry of granphon itself, in place of a former entry of this ``name``."""
         entries: dict[str, Any] = self._entries  # in which an entry for later keeps its place
         entries[name] = entry
         if isinstance(entry, Later):
             self._later[name] = entry
 
     def _import(self, *names: str) -> None:
-        """Import those of the entries that have not been imported yet."""
+        """Import those of the entries called ``names`` that have not been imported yet."""
         for name in names:
             later = self._later.get(name)
             if later is not None:
@@ -161,6 +162,9 @@ class Registry(Mapping[str, T]):
             del self._entries[name], self._sources[name]
 
     def __getitem__(self, name: str) -> T:
+        """Return the entry of a name; KeyError if there is none. Plug-ins are loaded for a name
+        that is not there, and a module that has not been imported yet is imported.
+        """
         if name not in self._entries:
             load_plugins()
         if name in self._later:
@@ -168,10 +172,12 @@ class Registry(Mapping[str, T]):
         return self._entries[name]
 
     def __iter__(self) -> Iterator[str]:
+        """Iterate over the names as they are now; plug-ins are loaded first."""
         load_plugins()
         return iter(tuple(self._entries))
 
     def __len__(self) -> int:
+        """Return the number of entries; plug-ins are loaded first."""
         load_plugins()
         return len(self._entries)
 

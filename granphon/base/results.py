@@ -164,15 +164,19 @@ def read_only(values: Any, dtype: Any = None) -> np.ndarray[Any, Any]:
 
 
 def held(kind: Any, shape: str = "", unit: str = "", within: str = "", **options: Any) -> Any:
-    """Declare a field of a result: what it holds, as :func:`restore` takes it, with the options of
-    :func:`dataclasses.field`.
+    """Declare a field of a result class, in place of :func:`dataclasses.field`.
 
-    With a ``shape`` float, int, bool and complex are those of the entries of an array. A shape is a
-    text of sizes parted by spaces: a number; a letter, which means the same size in all shapes of
-    the class; or a letter plus a number, "s+1". "..." at the beginning stands for the shape of the
-    load, "|" parts layouts that are both allowed, "*" is any shape, and "?" at the end marks a
-    field that may be None. ``unit`` is the SI unit, and ``within`` the range of the numbers, one of
-    ``_RANGES``.
+    Parameters
+    ----------
+    kind : the type of the value, in the form that :func:`restore` takes. If there is a ``shape``,
+        the value is an array, and float, int, bool or complex is the type of its entries.
+    shape : the sizes of the axes, parted by spaces. A size is a number; a letter, which means the
+        same size in all shapes of the class; or a letter plus a number, as "s+1". "..." at the
+        beginning stands for the shape of the load, "|" parts two shapes that are both allowed, "*"
+        is any shape, and "?" at the end says that the field may be None.
+    unit : the SI unit.
+    within : the range of the numbers, one of the keys of ``_RANGES``.
+    options : those of :func:`dataclasses.field`.
     """
     layout = shape.rstrip("?")
     held_kind = np.dtype(_DTYPES[kind]) if layout and kind in _DTYPES else kind
@@ -223,6 +227,7 @@ class Result:
         declared = {name: entry for name, entry in vars(cls).items() if isinstance(entry, Field)}
 
         def list_words(key: str) -> dict[str, str]:
+            """Return the entry ``key`` of the declaration of each field that has one, by field."""
             return {name: f.metadata[key] for name, f in declared.items() if f.metadata.get(key)}
 
         cls._shapes = cls._shapes | list_words("shape")
@@ -231,6 +236,7 @@ class Result:
         if array:
 
             def make_array(self: Result, dtype: Any = None, copy: Any = None) -> Any:
+                """Return a copy of the field ``array``, for ``np.asarray``."""
                 return np.array(getattr(self, array), dtype)
 
             cls.__array__ = make_array  # type: ignore[attr-defined]
@@ -252,13 +258,16 @@ class Result:
                     object.__setattr__(self, name, read_only(value))
 
     def __eq__(self, other: object) -> bool:
+        """Whether ``other`` is of the same class, and all compared fields are equal."""
         if type(other) is not type(self):
             return NotImplemented
         names = [f.name for f in fields(self) if f.compare]
         return all(_are_equal(getattr(self, name), getattr(other, name)) for name in names)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # built by the constructor, so that the arrays of copies and pickles are read-only too
+        """Return the function and its arguments from which a copy or pickle is made: copies are
+        made by the constructor, so that their arrays are read-only too.
+        """
         return self._of_fields, tuple(getattr(self, f.name) for f in fields(self))
 
     @classmethod
@@ -271,6 +280,7 @@ class Result:
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
+        """Return the result on one line: the class, and name, value and unit of each field."""
         parts = []
         for name, value, unit in self._list_values():
             text = describe_value(value)
@@ -279,6 +289,7 @@ class Result:
         return f"{type(self).__name__}({', '.join(parts)})"
 
     def _repr_html_(self) -> str:
+        """Return the table of fields that a notebook shows, in HTML."""
         return write_html(type(self).__name__, self._list_values())
 
     def _list_values(self) -> list[tuple[str, Any, str]]:
@@ -443,7 +454,7 @@ def _are_equal(value: Any, other: Any) -> bool:
     equals nan.
     """
     if not isinstance(value, np.ndarray) and not isinstance(other, np.ndarray):
-        # objects that hold arrays, and are not equal themselves, are compared by their plain data
+        # objects that hold arrays may differ from their own copies: their plain data decide then
         return not (value != other and plain(value) != plain(other))
     # NumPy cannot look for nan in arrays of other kinds
     may_hold_nan = all(
@@ -478,13 +489,22 @@ def plain(value: Any) -> Any:
 
 
 def restore(value: Any, kind: Any, name: str = "the data") -> Any:
-    """Build an object of a ``kind`` from plain data.
+    """Build an object of a ``kind`` from plain data, the ``value``.
 
-    The kind is a dataclass, a scalar, or the type of the entries of an array; a tuple of kinds, or
-    of one kind and ``...``, is a tuple; a list or a union of kinds means one of them. Any is a
-    scalar, or an array; object is plain data, of which lists become tuples. A function returns a
-    kind that is defined later. Raises :class:`~granphon.base.errors.InputError`, which calls the
-    value ``name``, if the data are of another kind.
+    A ``kind`` is one of these:
+
+    - a dataclass, whose objects are mappings in plain data;
+    - a scalar type: str, float, int, bool or NoneType;
+    - a NumPy dtype, for an array of such entries;
+    - a tuple of kinds, for a tuple whose entries have these kinds in turn, or a tuple of one kind
+      and ``...``, for a tuple of any length;
+    - a list or a union of kinds, for an object of one of them;
+    - Any, for a scalar or an array;
+    - object, for plain data as they are, in which lists become tuples;
+    - a function without arguments that returns a kind, for a class that is defined later.
+
+    Raises :class:`~granphon.base.errors.InputError`, which calls the value ``name``, if the data
+    are of another kind.
     """
     if isinstance(kind, FunctionType):
         kind = kind()

@@ -26,7 +26,7 @@ _INFO = {
     "stiffness": "granphon_stiffness_N_per_m",
     "mass": "granphon_mass_kg",
 }
-#: numbers in a unit of the user that are written in this unit
+#: range of the sizes of numbers that are written in the unit that a user has chosen
 _LEAST_SHORT = 1e-3
 _MOST_SHORT = 1e4
 #: sizes of the decimal prefixes, ascending; ``_PREFIXES`` holds their names in the same order
@@ -75,9 +75,12 @@ def write_quantity(value: float, unit: str, digits: int = 5) -> str:
 
 
 def write_in(value: float, unit: str, written: str = "", digits: int = 5) -> str:
-    """Return the text of a value in the SI ``unit``, with ``digits`` significant digits, in the
-    unit ``written`` that a user has chosen, such as "0.5 mm"; with a decimal prefix without such a
-    unit, with one of another dimension, and where the number would be long.
+    """Return the text of a value with ``digits`` significant digits, such as "0.5 mm", in the unit
+    ``written`` that a user has chosen; ``value`` is in the SI ``unit``.
+
+    The text is that of :func:`write_quantity`, with a decimal prefix, if ``written`` is empty or
+    has another dimension than ``unit``, or if the number in ``written`` is below 1e-3 or not below
+    1e4.
     """
     factor = find_factor(unit, written) if written else None
     if factor is None:
@@ -167,6 +170,7 @@ class Units:
     mass: float
 
     def __post_init__(self) -> None:
+        """Check that each scale is a finite number above zero, and keep it as a plain float."""
         # here alone, so that the command's help needs no numpy
         from granphon.base.validation import positive
 

@@ -43,20 +43,20 @@ _DECLARED = "setting"
 
 @dataclass(frozen=True, kw_only=True)
 class ValueContext:
-    """On what the reading of a value depends.
+    """Where a value comes from; the reading of the value depends on that.
 
     Attributes
     ----------
-    folder : in which tables named in the file are sought.
-    written : whether values stand in a file, where quantities have units; in Python plain numbers
-        are in SI.
+    folder : the folder in which tables that a file names are sought.
+    written : whether the value stands in a file, where quantities have units. Numbers that come
+        from Python are in SI.
     """
 
     folder: Path = dataclasses.field(default_factory=Path)
     written: bool = True
 
 
-#: of values that Python gives
+#: the context of values that come from Python
 IN_PYTHON = ValueContext(written=False)
 
 
@@ -80,8 +80,8 @@ class Kind(NamedTuple):
         return cls(lambda value, _: rule(value), lambda value, _: write(value))
 
     def made(self, make: Callable[[Any], Any]) -> Kind:
-        """Return the kind of the objects that ``make`` makes of such values, and that are written
-        as these are.
+        """Return the kind of objects that ``make`` makes from the values of this kind. The objects
+        are written by the same writer as the values.
         """
         return self._replace(read=lambda value, context: make(self.read(value, context)))
 
@@ -91,7 +91,9 @@ class Kind(NamedTuple):
 
 
 def with_unit(kind: Quantity) -> Kind:
-    """Return the kind of a number: with its unit in a file, in SI in Python."""
+    """Return the kind of a number that has its unit in a file, as "8 mm", and is in SI in
+    Python.
+    """
     rule: Rule
     if kind.least == "any":
         rule = partial(number, low=-1e300, high=1e300)  # any finite number
@@ -106,10 +108,11 @@ def with_unit(kind: Quantity) -> Kind:
 
 
 def with_unit_unless_zero(kind: Quantity) -> Kind:
-    """Return the kind of a number :func:`with_unit`, of which zero needs none."""
+    """Return the kind of :func:`with_unit`, except that zero needs no unit."""
     number_kind = with_unit(kind)
 
     def read(value: Any, context: ValueContext) -> Any:
+        """Return the number in SI; a plain zero is read in a file too."""
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         return 0.0 if is_number and value == 0 else number_kind.read(value, context)
 
@@ -135,9 +138,11 @@ def listed(kind: Kind, what: str = "values") -> Kind:
 
 
 def one_or_more(kind: Kind, what: str, once: str = "") -> Kind:
-    """Return the kind of a tuple of values of a ``kind``, written as the one value or as a list;
-    ``what`` is the plural in messages. A list with a value twice is refused if there are words for
-    what is allowed, ``once``.
+    """Return the kind of a tuple of values, each of a ``kind``. In a file a tuple of one value is
+    written as this value, and a longer one as a list.
+
+    ``what`` is the plural for the values in messages. If ``once`` is given, a list that has a value
+    twice is refused, and ``once`` says in the message what is allowed.
     """
     several = listed(kind, what)
 
@@ -151,6 +156,7 @@ def one_or_more(kind: Kind, what: str, once: str = "") -> Kind:
         return values
 
     def write(values: Sequence[Any], context: ValueContext) -> Any:
+        """Return the list of the values as a file has them, or the only one."""
         entries = several.write(values, context)
         return entries if len(entries) > 1 else entries[0]
 
@@ -165,6 +171,7 @@ def block_of(kinds: Mapping[str, Kind], needed: Sequence[str] = ()) -> Kind:
     """
 
     def read(value: Any, context: ValueContext) -> dict[str, Any]:
+        """Return the entries of the block by key, each read by the rule of its kind."""
         rules = {key: kind.rule(context) for key, kind in kinds.items()}
         return block(value, rules, needed)
 
@@ -181,8 +188,9 @@ def block_of(kinds: Mapping[str, Kind], needed: Sequence[str] = ()) -> Kind:
 
 
 def read_counts(value: Any, what: str, low: int, high: int) -> tuple[int, ...]:
-    """Return whole numbers from ``low`` to ``high`` of one, of a list, or of a text of them;
-    ``what`` is the plural in messages.
+    """Return the whole numbers, from ``low`` to ``high``, that ``value`` holds: one number, a list
+    of numbers, or a text of numbers parted by spaces. ``what`` is the plural for the numbers in
+    messages.
     """
     counts = value if isinstance(value, list | tuple) else [value]
     if isinstance(value, str):
@@ -194,8 +202,9 @@ def read_counts(value: Any, what: str, low: int, high: int) -> tuple[int, ...]:
 
 
 def read_values(value: Any, rule: Rule) -> tuple[float, ...]:
-    """Return the numbers, in SI units, of a value: one that the ``rule`` reads, a list of such
-    values, or a range {from, to, points, scale}, evenly spaced on that scale, by default "log".
+    """Return the numbers, in SI units, that ``value`` holds: one number, a list of numbers, or a
+    range {from, to, points, scale}. The ``rule`` reads each number and both ends of a range; the
+    points of a range are evenly spaced on its scale, "log" (the default) or "linear".
     """
     if isinstance(value, list | tuple):
         return each(value, rule, "values")
@@ -234,8 +243,9 @@ def space_evenly(first: float, last: float, count: int, scale: str) -> tuple[flo
 
 
 def write_values(values: Sequence[float], write: Callable[[float], Any]) -> Any:
-    """Return plain data for ``values``, each of which ``write`` writes: one value, a range if the
-    range gives the same values to the last bit, or else a list.
+    """Return plain data that :func:`read_values` reads as the same ``values``: a single value, a
+    range whose points are the values to the last bit, or else a list. ``write`` returns the plain
+    data of one value.
     """
     first = values[0]
     last = values[-1]
@@ -278,8 +288,12 @@ class Setting(NamedTuple):
 def setting(
     kind: Kind, meaning: str, *, default: Any = MISSING, absent: str = "", title: str = ""
 ) -> Any:
-    """Declare an attribute of a :class:`Block`, see :class:`Setting`; ``absent`` says in words what
-    holds by ``default``, where the default itself does not.
+    """Declare an attribute of a :class:`Block`; ``kind``, ``meaning`` and ``title`` are those of
+    :class:`Setting`.
+
+    ``default`` is the value of the attribute if none is given; without a default a value is
+    required. ``absent`` describes the default in words, for a default that would not explain itself
+    in a table, such as None.
     """
     words = absent or NEEDED
     if default is not MISSING and not absent:
@@ -315,6 +329,9 @@ class Block:
         }
 
     def __post_init__(self) -> None:
+        """Check each value by the rule of its setting, and keep what the rule returns; InputError
+        names the block and the setting. An optional setting may be None.
+        """
         for name, declared in self._settings.items():
             value = getattr(self, name)
             if value is None and declared.is_optional:
@@ -345,7 +362,7 @@ def read_block(block_class: type[BlockClass], value: Any, context: ValueContext)
 
 
 def _keys_of(block_class: type[Block]) -> Kind:
-    """Return the kind of the block of keys that the settings are in a file."""
+    """Return the kind of the block of keys as which a file holds the settings of a class."""
     settings = list_settings(block_class)
     required = [name for name, declared in settings.items() if declared.default == NEEDED]
     return block_of({name: declared.kind for name, declared in settings.items()}, required)

@@ -53,11 +53,13 @@ if sys.platform == "win32":
     import msvcrt
 
     def _lock(descriptor: int) -> None:
+        """Lock an open file; OSError if another process has locked it."""
         msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
 else:
     import fcntl
 
     def _lock(descriptor: int) -> None:
+        """Lock an open file; OSError if another process has locked it."""
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
@@ -75,8 +77,8 @@ def read_written_files(folder: StrPath, what: str = "files") -> dict[str, str]:
     """Return the SHA-256 of each file that granphon wrote into ``folder``, by its name, from the
     list there; empty if there is no list that can be read.
 
-    With ``what`` = "old", of each file that is to leave the folder. Only bare names count: others
-    lead into another folder.
+    With ``what`` = "old" the files are those that are to leave the folder. Names that lead into
+    another folder are left out.
     """
     # the content of the list may be anything
     with suppress(GranphonError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
@@ -143,6 +145,7 @@ class ResultFiles:
 
     @property
     def _target(self) -> Path:
+        """The folder of the results."""
         return Path(self.folder)
 
     def require_free(self) -> None:
@@ -277,7 +280,7 @@ class ResultFiles:
             for name in self._stale:
                 self._require_removable(name, written[name])
             if not os.access(ancestor, os.W_OK | os.X_OK):
-                problem = f"there is no permission to write to {_name(ancestor)}"
+                problem = f"there is no permission to write to {_show_folder(ancestor)}"
                 raise OutputError(problem, mend="Choose another folder")
 
     def _require_own(self, existing: Sequence[str], written: Mapping[str, str]) -> None:
@@ -298,7 +301,7 @@ class ResultFiles:
                 digests.append(written[name])
                 reason = "granphon wrote it, and it has been changed since"
             if not _is_written(target / name, *digests):
-                problem = f"{_name(target)} already holds {name}: {reason}"
+                problem = f"{_show_folder(target)} already holds {name}: {reason}"
                 raise FileExistsInRunError(problem, why, "Move it away, or choose another folder")
 
     def _make_existing_error(
@@ -308,7 +311,7 @@ class ResultFiles:
         that are missing of it.
         """
         missing = [name for name in self.names if name in written and name not in existing]
-        problem = f"{_name(self._target)} already holds {', '.join(existing)}"
+        problem = f"{_show_folder(self._target)} already holds {', '.join(existing)}"
         if missing:
             problem += f", but not {', '.join(missing)}, which granphon wrote there too"
         mend = "Use --force (force=True) to replace it, or choose another folder"
@@ -328,7 +331,7 @@ class ResultFiles:
             reason = "it has been changed since"
         if reason:
             raise FileExistsInRunError(
-                f"{_name(target)} holds {name} of an earlier run, and {reason}",
+                f"{_show_folder(target)} holds {name} of an earlier run, and {reason}",
                 "It would stand beside a result that it does not belong to, and granphon"
                 " does not remove it",
                 "Move it away, or choose another folder",
@@ -360,9 +363,11 @@ def _find_existing_ancestor(path: Path) -> Path:
 
 
 def _finish(target: Path, is_alone: bool = False) -> None:
-    """Move the files of a result that counts from the folder :data:`NEW` into the folder
-    ``target``; if ``is_alone``, no other run is under way, and staging folders that killed runs
-    have left are removed.
+    """Complete what an earlier run may have left unfinished in the folder ``target``: move the
+    files of a complete result from the folder :data:`NEW` to their places.
+
+    ``is_alone`` says that no other run is under way; then staging folders, which only killed runs
+    leave behind, are removed too.
     """
     new_folder = target / NEW
     if new_folder.is_dir() and not new_folder.is_symlink():
@@ -403,7 +408,7 @@ def _move_files(new_folder: Path, target: Path) -> None:
         new_folder.rmdir()
 
 
-def _name(folder: Path) -> Path:
+def _show_folder(folder: Path) -> Path:
     """Return a folder as messages name it: by its whole path where it is "." or "..", which say
     nothing in a sentence.
     """
@@ -421,7 +426,7 @@ def explaining(target: Path, why: str = "It is left as it was") -> Iterator[None
     except GranphonError:
         raise
     except OSError as error:
-        problem = f"{_name(target)} cannot be written: {error.strerror or error}"
+        problem = f"{_show_folder(target)} cannot be written: {error.strerror or error}"
         if os.path.isdir(target / NEW):  # the result counts, and some of its files have not moved
             raise OutputError(
                 problem,
@@ -452,7 +457,7 @@ def _hold_lock(target: Path) -> Iterator[bool]:
             if error.errno in _NO_LOCKS:
                 yield False
                 return
-            problem = f"another run is writing into {_name(path.parent)}"
+            problem = f"another run is writing into {_show_folder(path.parent)}"
             why = "Two runs would mix their files"
             raise OutputError(
                 problem, why, "Wait until it ends, or choose another folder"
@@ -493,9 +498,9 @@ def _open_lock(path: Path) -> int:
 def write_text(path: StrPath, text: str, replace: bool = False) -> None:
     """Write a text in UTF-8, whole or not at all; its folder is made if need be.
 
-    An existing file makes way for a text of its kind: one that names granphon in its head as the
-    existing file does or, if the text does not name granphon, one that begins with the same line.
-    An empty file, and with ``replace`` any existing file, makes way.
+    An existing file is replaced if it is empty, if ``replace`` is true, or if the text is of its
+    kind: both name granphon in their heads or, if the text does not name granphon, both begin with
+    the same line.
 
     Raises
     ------
@@ -510,7 +515,7 @@ def write_text(path: StrPath, text: str, replace: bool = False) -> None:
         if not replace and os.path.lexists(target):
             with open(target, "rb") as stream:
                 old_head = stream.read(_HEAD_BYTES)
-            if old_head and not _are_alike(old_head, data[:_HEAD_BYTES]):
+            if old_head and not _are_of_one_kind(old_head, data[:_HEAD_BYTES]):
                 problem = f"{target} is there, and is no such file of granphon"
                 raise FileExistsInRunError(problem, mend="Give another name")
         with put_beside(target) as temporary, open(temporary, "xb") as stream:
@@ -519,9 +524,9 @@ def write_text(path: StrPath, text: str, replace: bool = False) -> None:
             os.fsync(stream.fileno())
 
 
-def _are_alike(old_head: bytes, new_head: bytes) -> bool:
-    """Whether the heads of two files are of one kind: both name granphon or, if the new head does
-    not, both begin with the same line.
+def _are_of_one_kind(old_head: bytes, new_head: bytes) -> bool:
+    """Whether two files, of which the first bytes are given, are of one kind. If the new head names
+    granphon, the old one must do so too; otherwise both must begin with the same line.
     """
     if b"granphon" in new_head:
         return b"granphon" in old_head

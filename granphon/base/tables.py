@@ -63,6 +63,7 @@ class Heading:
         return cls(name, unit or "")
 
     def __str__(self) -> str:
+        """Return the heading as it stands in a file, "force (N)"."""
         return f"{self.name} ({self.unit})" if self.unit else self.name
 
     @property
@@ -139,6 +140,7 @@ class Table:
             rows = list(islice(lines, most_rows))
 
     def __contains__(self, name: str) -> bool:
+        """Whether there is a column called ``name``, which may carry a unit."""
         return self._find_columns(name) != []
 
     def column(
@@ -154,7 +156,7 @@ class Table:
         cell.
         """
         requested = Heading.parse(name)
-        index = self._require_one(name, kind, mend)
+        index = self._require_column(name, kind, mend)
         if not self.lines:
             raise InputError(
                 f"{self.name} has no rows below its headings", mend="Write numbers there"
@@ -180,7 +182,7 @@ class Table:
             values = self._read_cells(index, kind, unit, may_quote)
         return values
 
-    def _require_one(self, name: str, kind: Quantity, mend: str) -> int:
+    def _require_column(self, name: str, kind: Quantity, mend: str) -> int:
         """Return the index of the column called ``name``, which may carry a unit; InputError, with
         the advice ``mend``, if there is no such column, or more than one.
         """

@@ -96,6 +96,7 @@ def read_bytes(path: str | os.PathLike[str], limit: int = MOST_FILE_BYTES) -> by
     require_path(path)
 
     def open_at_once(name: str, flags: int) -> int:
+        """Return the descriptor of the file ``name``, opened without waiting for a writer."""
         # without O_NONBLOCK, opening a pipe that nobody writes to would never return
         more_flags = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
         return os.open(name, flags | more_flags)
@@ -288,6 +289,7 @@ class _Builder:
     """
 
     def __init__(self, text: str, name: str, lines: dict[Path_, int] | None = None) -> None:
+        """Take the text, which is not read before :meth:`build`."""
         self.text = text
         self.name = name
         self.lines = lines
@@ -551,10 +553,11 @@ def write_float(value: float) -> str:
 
 
 def fill_floats(template: str, rows: Iterable[list[float]]) -> list[str]:
-    """Return the ``template`` filled with each of the ``rows``, of finite floats, as
-    :func:`write_float` writes them; each place of the template is %r after a space.
+    """Return one text for each of the ``rows`` of finite floats: the ``template``, in which each
+    %r, always after a space, is replaced by the next float of the row in the form of
+    :func:`write_float`.
 
-    No function is called for each number: files of bands hold millions.
+    All floats of a row are written at once, because files of bands hold millions.
     """
     return [_POINTLESS.sub(".0e", template % tuple(row)) for row in rows]
 
@@ -641,8 +644,8 @@ def spell(name: str) -> str:
 
 
 def join_alike(pairs: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
-    """Return each value of pairs of a name and a value with the names that have it, parted by
-    commas.
+    """Return for each different value of ``pairs``, which are pairs of a name and a value, a pair
+    of the value and of all names that have the value, parted by commas.
     """
     names_by_value = dict[str, list[str]]()
     for name, value in pairs:
@@ -695,8 +698,11 @@ def read_sealed(path: str | os.PathLike[str]) -> tuple[str, bool]:
 
 
 def open_seal(path: str | os.PathLike[str], text: str) -> tuple[str, bool]:
-    """Return the ``text`` of the file at ``path`` without its seal, and whether there was a seal,
-    as :func:`read_sealed` does; line feeds end the lines of the text.
+    """Return the ``text`` of the file at ``path`` without its seal, and whether there was a seal:
+    the first comment line with the word sha256, which holds the digest of all other lines. Line
+    feeds end the lines of the text.
+
+    Raises :class:`~granphon.base.errors.InputError` if that line does not hold this digest.
     """
     lines = text.split("\n")
     seals = [n for n, line in enumerate(lines) if line.startswith("#") and "sha256" in line]

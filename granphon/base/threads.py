@@ -40,8 +40,8 @@ def count_processors() -> int:
 
 
 def share_out(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
-    """Return the results of a function for all items, in the order of the items, found by as many
-    threads as there are processors.
+    """Return the results of a function for all items, in the order of the items. The items are
+    shared by as many threads as this process may use processors.
     """
     listed = list(items)
     n_threads = min(count_processors(), len(listed))

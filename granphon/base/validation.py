@@ -43,8 +43,8 @@ _DEEPEST = 64
 
 
 def read_inside(key: str | int, rule: Rule, value: Any) -> Any:
-    """Return the value at ``key``, read by its rule; if the rule refuses the value, put the key
-    before the path of the refusal.
+    """Return the ``value`` that stands at ``key`` of a block or list, read by its ``rule``; if the
+    rule refuses the value, the refusal that is raised has the key in front of its path.
     """
     try:
         return rule(value)
@@ -53,9 +53,9 @@ def read_inside(key: str | int, rule: Rule, value: Any) -> Any:
 
 
 def spell_out(arguments: Any) -> Callable[[Function], Function]:
-    """Return a decorator of functions with ``**options``, which are fields of the dataclass
-    ``arguments``: the signature that help and pages show then names each of these fields, with its
-    default, but those that the function names itself.
+    """Return a decorator for a function whose ``**options`` are fields of the dataclass
+    ``arguments``. The decorator changes the signature that help and pages show: in place of
+    ``**options`` it names each field, with its default, that the function does not name itself.
     """
 
     def decorate(function: Function) -> Function:
@@ -227,8 +227,8 @@ def real_number(value: Any) -> float:
 
 
 def _refuse_number(value: Any, allowed: str, unit: str = "") -> Refused:
-    """Return the refusal of a value that is none of the numbers, in an SI ``unit``, that the words
-    ``allowed`` say.
+    """Return the refusal of a ``value`` that is no number of the kind that the words ``allowed``
+    describe, in an SI ``unit``.
     """
     mend = "Write it without quotes or unit." if isinstance(value, str) else ""
     return Refused(show(value), f"{allowed}, {unit}" if unit else allowed, mend)
@@ -243,9 +243,10 @@ def number(value: Any, low: float, high: float) -> float:
 
 
 def fraction(value: Any, largest: float) -> float:
-    """Return a plain number, or that of a text such as "0.5", of a magnitude of at most
-    ``largest``; or the quotient in a text such as "1/3", of whole numbers of at most nine digits
-    each and of any magnitude.
+    """Return the number that ``value`` holds: a plain number, a text such as "0.5", or a text such
+    as "1/3", the quotient of two whole numbers of at most nine digits.
+
+    The magnitude of the number is at most ``largest``; a quotient may have any magnitude.
     """
     plain = value
     if isinstance(value, str):

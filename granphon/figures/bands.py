@@ -411,7 +411,8 @@ def _add_fraction_bar(ax: Axes, bands: Bands) -> None:
         add_part_bar(ax, POLARISATION, "Longitudinal part of the kinetic energy")
 
 
-#: options of the line of a branch that say its colours, by the numbers of segment and branch
+#: options of matplotlib that give the line of a branch its colours, by the numbers of the segment
+#: and of the branch
 _Shades = dict[tuple[int, int], dict[str, Any]]
 
 
@@ -449,10 +450,12 @@ def _shade_by_edges(bands: Bands) -> _Shades:
 
 
 def _spread_flat_bands(bands: Bands) -> Array:
-    """Return the parts (s, p, b, 2) of the energy at the lower and the upper edge of a cut.
+    """Return the parts (s, p, b, 2) of the energy of each wave at the lower and the upper edge of
+    a cut. In a flat band, where more than two branches coincide, each branch gets the mean of all,
+    unless most of the energy is at the edges.
 
-    Sums of the modes of a flat band, at which many branches coincide, may have their energy
-    anywhere: where such a set of branches is not mostly at the edges, each branch has the mean.
+    The eigenvectors of coinciding branches are arbitrary combinations, whose energies may be
+    anywhere in the cut; their mean is not arbitrary.
     """
     weight = np.array(bands.edge_weight)
     top = bands.frequencies.max()
@@ -461,7 +464,7 @@ def _spread_flat_bands(bands: Bands) -> Array:
         starts = np.flatnonzero(~coincide[s, p]) + 1
         for branches in np.split(np.arange(bands.n_branches), starts):
             mean = weight[s, p, branches].mean(axis=0)
-            # two branches are one at each edge
+            # two branches that coincide may be a wave at each edge: they keep their own parts
             if len(branches) > 2 and mean.sum() < _MOSTLY:
                 weight[s, p, branches] = mean
     return weight
@@ -534,10 +537,12 @@ def _draw_bulk(bands: Bands, ax: Axes, bulk: Array, unit: HertzPrefix) -> None:
 
 
 def _find_line_widths(frequencies: Array, least: float) -> Array:
-    """Return widths (p, b) of the lines of branches with ``frequencies`` (p, b), in points.
+    """Return the widths (p, b), in points, of the lines of branches with ``frequencies`` (p, b) at
+    the points of a segment.
 
-    A branch is a step wider for each later branch that is closer than ``least`` at a point and at
-    one of its neighbours. Branches that are zero, below ``least``, are one thin line.
+    Lines of branches that coincide must all be seen: a branch is a step wider for each later
+    branch that is closer than ``least`` both at a point and at one of its neighbours. A branch that
+    is below ``least`` at all points, and so is zero, is a thin line.
     """
     differences = np.abs(frequencies[:, :, None] - frequencies[:, None, :])  # (p, b, b)
     is_close = differences <= least
@@ -614,16 +619,18 @@ def plot_asymptotes(
 def _find_long_waves(
     velocities: Asymptotes, direction: Array, q: Array, scale: float
 ) -> dict[str, Array]:
-    """Return the angular frequencies (n,) of long waves at wave numbers ``q`` (n,), 1/d, along a
-    Cartesian ``direction`` (p,), by the names of the waves; in reduced units, of which ``scale`` is
-    that of velocity, m/s.
+    """Return the angular frequencies (n,) of long waves, in units of (k/M)^(1/2), at wave numbers
+    ``q`` (n,), 1/d, along a Cartesian ``direction`` (p,), by the names of the waves.
+
+    ``scale``, m/s, is the velocity that is one in reduced units. Waves without a velocity are left
+    out, and the optical branch is nan where its parabola is below zero.
     """
     if isinstance(velocities, SoundVelocities):
         in_si = {"longitudinal": velocities.longitudinal, "transverse": velocities.transverse}
         speeds = {name: speed / scale for name, speed in in_si.items() if speed is not None}
     else:
-        speeds_in_order = velocities.sound_velocities(direction)[0].tolist()
-        speeds = dict(zip(velocities.wave_names, speeds_in_order, strict=True))
+        speeds_in_order, _ = velocities.sound_velocities(direction)
+        speeds = dict(zip(velocities.wave_names, speeds_in_order.tolist(), strict=True))
     greatest = max(speeds.values(), default=0.0)
     waves = {}
     for name, speed in speeds.items():
@@ -674,8 +681,9 @@ def plot_dos(
 
 
 def _limit_density(density: Array) -> float:
-    """Return the density at which an axis of the ``density`` (n,) ends, 1/Hz: the greatest, or
-    twice a high quantile where single peaks, as of flat branches, rise far above the rest.
+    """Return the value, 1/Hz, at which the axis of a ``density`` (n,) of states ends: the greatest
+    density or, if single peaks, as of flat branches, rise far above the rest, twice a high
+    quantile of the density.
     """
     peak = float(density.max())
     quantile = float(np.quantile(density, _QUANTILE))
@@ -782,6 +790,7 @@ def _add_joint_legend(figure: Figure, axes: Any) -> None:
     """Add the legend of all ``axes``, each label once, below a figure; none where the total density
     would be its only entry.
     """
+    # of a label that several axes have, the entry of the first axes stays
     handles_by_label: dict[str, Any] = {}
     for ax in axes[::-1]:
         handles, labels = ax.get_legend_handles_labels()
@@ -831,11 +840,11 @@ def _find_clear_square(points: Array) -> tuple[float, float, float, float] | Non
 
 
 def _make_room(ax: Axes, points: Array) -> tuple[float, float, float, float]:
-    """Extend the axes upwards by no more than a square at their top needs, and return the square:
-    x, y, width, height in parts of the extended axes.
+    """Extend the axes upwards, as far as needed, so that a square at their top is clear of all
+    lines; return the square as x, y, width, height in parts of the extended axes.
 
-    The square stands where the highest of the ``points`` (n, 2) of lines, in parts of the axes
-    before, is lowest.
+    ``points`` (n, 2) are those of the lines, in parts of the axes before. The square stands where
+    the lines beneath it reach least high.
     """
     size = _TOP_INSET
     bottom_of_square = 1.0 - _MARGIN - size

@@ -30,8 +30,8 @@ from granphon.runs.dataset import Dataset, find_load
 _NEAR = 5e-3
 #: greatest number of shades of a colour that an eye tells apart
 MOST_SHADES = 8
-#: greatest number of columns and of rows of panels that a figure takes by itself, and of panels of
-#: one parameter, which stand in lines of so many columns
+#: greatest number of columns and of rows of panels that a figure chooses by itself; and greatest
+#: number of panels if one parameter alone has panels, which then stand in lines of MOST_COLUMNS
 MOST_COLUMNS = 3
 _MOST_ROWS = 4
 _MOST_ALONE = 12
@@ -106,19 +106,20 @@ def describe_value(dataset: Dataset, name: str, number: int) -> tuple[str, str]:
 
 
 def choose_held(counts: Mapping[str, int], most: int) -> list[str]:
-    """Return the dimensions that are held at one value so that at most ``most`` states remain, from
-    the numbers of their values.
+    """Return the names of the dimensions that are held at one value, so that no more than ``most``
+    states are drawn; ``counts`` are the numbers of values of all dimensions, by name.
 
-    That dimension is held without which most states are drawn: all that remain, if they are at most
-    ``most``, or so many along the only dimension that remains. Of several such dimensions the last
-    is held.
+    Dimensions are held one after the other, until at most ``most`` states remain or only one
+    dimension is free, of whose values the caller draws some. Each time the dimension is held that
+    leaves the most states to draw; of several such dimensions the last is taken.
     """
     held: list[str] = []
     free = {name: count for name, count in counts.items() if count > 1}
 
     def count_drawn(name: str) -> int:
-        """Return the number of states that are drawn if the free dimension ``name`` is held too; 0
-        if so many remain along several dimensions that others must be held as well.
+        """Return how many states would be drawn if the free dimension ``name`` were held too: all
+        that remain, if these are at most ``most``; ``most`` of them, if one dimension remains; and
+        0 if further dimensions would have to be held.
         """
         n_remaining = math.prod(free.values()) // free[name]
         if n_remaining <= most:
@@ -168,14 +169,14 @@ def choose_states(dataset: Dataset, wishes: Mapping[str, Sequence[str]], run: st
             raise InputError(problem, f"It has {', '.join(names)}", suggest(name, names))
         is_kept = np.zeros(dataset.sizes[dimension], bool)
         for text in texts:
-            is_kept |= _match(dataset, name, text, run)
+            is_kept |= _match_values(dataset, name, text, run)
         dataset = dataset.isel({dimension: np.flatnonzero(is_kept)})
     return dataset
 
 
-def _match(dataset: Dataset, name: str, text: str, run: str) -> Flags:
-    """Return where the values (n,) of the coordinate ``name`` are those that a ``text`` of a user
-    names; InputError if none is.
+def _match_values(dataset: Dataset, name: str, text: str, run: str) -> Flags:
+    """Return (n,) whether each of the n values of the coordinate ``name`` is one that the ``text``
+    of a user names; InputError, which calls the sweep ``run``, if none is.
     """
     values = dataset[name].values
     if values.dtype.kind in "fiu":
@@ -184,14 +185,14 @@ def _match(dataset: Dataset, name: str, text: str, run: str) -> Flags:
         is_match = values == require(f"--where {name}", truth, _read_truth(text))
     else:
         labels = [str(label) for label in values.tolist()]
-        is_match = np.array([text in (label, _find_name(label)) for label in labels])
+        is_match = np.array([text in (label, _drop_options(label)) for label in labels])
     if not np.any(is_match):
         choices = list_names(_write_value(dataset, name, number) for number in range(values.size))
         raise InputError(f"{run} has no {name} {text}", f"It has {choices}", "Choose one of these")
     return np.asarray(is_match)
 
 
-def _find_name(label: str) -> str:
+def _drop_options(label: str) -> str:
     """Return the name of a medium without its options, or another label as it is."""
     return split_label(label)[0]
 
@@ -202,8 +203,9 @@ def _read_truth(text: str) -> Any:
 
 
 def _match_numbers(dataset: Dataset, name: str, text: str) -> Flags:
-    """Return where the numbers (n,) of the coordinate ``name`` lie in the range that a ``text``
-    names, or are nearest to its number; nowhere if the nearest is not near.
+    """Return (n,) whether each of the n numbers of the coordinate ``name`` is meant by a ``text``.
+    A range "A to B" means the numbers in it, both ends included. A single number means the nearest
+    one, unless that differs by more than the part ``_NEAR``: then none is meant.
     """
     values = np.asarray(dataset[name].values, float)
     ends = [_read_number(dataset, name, end.strip()) for end in text.split(" to ")]
@@ -310,8 +312,8 @@ class Layout:
 
 
 def _count_values(dataset: Dataset, variable: str, x: str | None) -> dict[str, int]:
-    """Return the parameters that tell the curves of a ``variable`` over ``x`` apart, the load among
-    them over a parameter, with their numbers of values.
+    """Return the numbers of values, by name, of the parameters in which the curves of a
+    ``variable`` over ``x`` differ. If ``x`` is itself a parameter, the load is among them.
     """
     counts = {}
     if x in list_parameters(dataset) and dataset[x].dtype.kind in "fiu":
@@ -335,14 +337,16 @@ def arrange(
     """Return the panels for the curves of a ``variable`` of a sweep over ``x``, a load, or a
     parameter in numbers.
 
-    Without ``rows`` and ``columns`` there is one panel, unless the combinations of several
-    parameters are more than the shades of a colour that an eye tells apart. Then the parameters
-    with the fewest values have the panels, first columns and then rows. Of a parameter with many
-    values some are drawn, as of many loads where ``x`` is a parameter, and a parameter for which no
-    place is left is held at its first value. With ``alone`` each combination, also of media, has a
-    panel of its own.
-    :class:`~granphon.base.errors.InputError` if ``rows`` or ``columns`` name nothing that is swept,
-    or take too many panels.
+    ``rows`` and ``columns`` name the dimensions whose values have rows and columns of panels.
+    Without them there is one panel, unless several parameters have more combinations than the eye
+    tells shades of a colour apart. Then the parameters with the fewest values get the panels: the
+    first gets the columns, the second the rows, and any further one is held at its first value. If
+    a parameter has more values than there is place for, some of them are drawn; so it is with the
+    loads where ``x`` is a parameter. With ``alone`` each combination, also of media, has a panel of
+    its own.
+
+    Raises :class:`~granphon.base.errors.InputError` if ``rows`` or ``columns`` name nothing that is
+    swept, or take too many panels.
     """
     counts = _count_values(dataset, variable, x)
     all_counts = counts | {"medium": dataset.sizes["medium"]}

@@ -252,7 +252,8 @@ class Curve:
     x, y : the values.
     error : the standard errors of y, nan where unknown.
     valid : where the medium is valid.
-    simulated : where a simulation gave the values: simulated values are points, others a line.
+    simulated : where a simulation gave the values, or they are data: such values are drawn as
+        points, the others as a line.
     served : for an automatic medium the name of the medium that served each load; else empty.
     units : the units of x and y.
     measured : whether the values are data.
@@ -302,7 +303,9 @@ class Curve:
 
     @property
     def as_points(self) -> bool:
-        """Whether no line is drawn: all values are simulated or measured, or there is only one."""
+        """Whether the curve is drawn as points without a line: all values are from simulations or
+        data, or there is only one value.
+        """
         return bool(np.all(self.simulated)) or self.x.size == 1
 
 
@@ -325,8 +328,8 @@ def make_looks(count: int) -> list[Look]:
 
 
 def _choose_styles(curve: Curve, look: Look) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return two styles of a curve, options of ``Axes.plot``: where the medium is valid, and for
-    all points, below.
+    """Return two styles of a curve, as options of ``Axes.plot``: the style of the points at which
+    the medium is valid, and the style of the whole curve, which is drawn below.
     """
     common: dict[str, Any] = {"color": look.colour, "markersize": _SIZE}
     if curve.as_points and not curve.served:
@@ -387,8 +390,9 @@ def draw_curve(ax: Axes, curve: Curve, look: Look, gid: str) -> None:
 
 
 def _mark_media(ax: Axes, curve: Curve, colour: Any, gid: str) -> None:
-    """Draw marks of the media that served an automatic medium: at its first and last loads, at
-    some between, and on both sides of each change of the medium; hollow where it is not valid.
+    """Draw marks on the curve of an automatic medium, which show the medium that served at a load:
+    at the first and the last load, at some between, and on both sides of each change of the
+    medium. A mark is hollow where the medium is not valid.
     """
     n = curve.x.size
     media = np.array([label.partition("(")[0] for label in curve.served])
@@ -439,8 +443,9 @@ def _make_handle(look: Look, label: str, *, is_points: bool) -> Line2D:
 
 
 def _make_remarks(curves: Sequence[Curve]) -> list[Line2D]:
-    """Return the last entries of a legend: loads at which a medium is not valid, bands of standard
-    errors, and media that served automatic media.
+    """Return the last entries of the legend of ``curves``, as far as they are needed: the look of
+    loads at which a medium is not valid, the bands of standard errors, and the mark of each medium
+    that served an automatic medium.
     """
     handles = list[Line2D]()
     grey = "0.3"
@@ -770,8 +775,9 @@ def _name_shades(groups: Sequence[Sequence[Curve]], colour: str) -> list[Line2D]
 
 
 def _choose_coloured(dataset: Dataset) -> str:
-    """Return the dimension whose values have colours: the medium, or of one medium the first of
-    several parameters for whose values the colours suffice.
+    """Return the name of the dimension whose values have colours. It is the medium; but if the data
+    set has one medium and several parameters, it is the first parameter that has no more values
+    than there are colours.
     """
     names = [name for name in list_parameters(dataset) if dataset.sizes[name] > 1]
     if dataset.sizes["medium"] > 1 or len(names) < 2:
@@ -918,7 +924,9 @@ def _choose_main(velocities: Sequence[str], shown: Sequence[str]) -> str:
 
 
 def _draw_panel(dataset: Dataset, ax: Axes, variable: str, x: str) -> Panel:
-    """Draw the curves of one of several panels."""
+    """Draw the curves of ``variable`` over ``x`` for the states of one panel, and return them with
+    the entries of the legend and the facts of the first curve.
+    """
     curves, handles = _draw_lines(dataset, ax, variable, x)
     return Panel(curves, handles, curves[0].facts)
 
@@ -1481,9 +1489,10 @@ def _join_names(runs: Sequence[Run], verb: str = "", verb_of_several: str = "") 
     return f"{names} {verb if len(runs) == 1 else verb_of_several}".rstrip()
 
 
-def _find_ratio(runs: Sequence[Run], x: str, mend: str = "Draw over the force") -> float:
-    """Return the load ``x`` over the contact force, in SI units; :class:`InputError` if the ratio
-    is not one number for all runs.
+def _find_load_ratio(runs: Sequence[Run], x: str, mend: str = "Draw over the force") -> float:
+    """Return the ratio of the load ``x`` to the contact force, SI, by which the forces of measured
+    points become loads; :class:`InputError`, with the advice ``mend``, if the ratio is not the same
+    at all loads of all ``runs``.
     """
     if x == "force":
         return 1.0
@@ -1531,7 +1540,7 @@ def _read_points(
         facts["waves"] = "pulses"
         if frequencies.size == 1:
             facts["waves"] = f"pulses of {write_value(float(frequencies[0]), 'Hz')}"
-    loads = _find_ratio(runs, x) * measurements.force
+    loads = _find_load_ratio(runs, x) * measurements.force
     sigma = np.nan if measurements.sigma is None else measurements.sigma
     everywhere = np.ones(loads.shape, bool)
     curve = Curve(
@@ -1563,7 +1572,7 @@ def _read_measurements(
 
     def find_force(pressure: float) -> float:
         """Return the contact force, N, of a pressure in SI units."""
-        return pressure / _find_ratio(runs, "pressure", "Give the contact forces in the file")
+        return pressure / _find_load_ratio(runs, "pressure", "Give the contact forces in the file")
 
     dataset = runs[0].dataset
     unit_of_pressure = ""
@@ -1580,10 +1589,12 @@ def _read_measurements(
 
 
 def _write_legend(curves: Sequence[Curve]) -> tuple[list[tuple[str, str]], list[str]]:
-    """Return the heading and the label of each curve, and the facts that all curves share.
+    """Return a pair of a heading and a label for each curve in the legend, and the facts that all
+    curves share, which the title gives.
 
-    The facts that the curves of a run share are their heading. A run of one curve stands under the
-    heading of another run if the run shares its facts; most curves have an empty heading.
+    The curves of a run of several curves stand below a heading, which gives the facts that they
+    share. A run of one curve stands below the heading of another run, if it shares these facts.
+    Other curves have an empty heading.
     """
     differing, common = find_differing([curve.facts for curve in curves])
     if len(curves) == 1:
@@ -1618,8 +1629,10 @@ def _find_heading(
     curves: Sequence[Curve],
     heading_kinds: Sequence[Sequence[str]],
 ) -> Sequence[str]:
-    """Return the kinds of the heading of another run whose facts the ``curve`` with facts of these
-    ``kinds`` shares; empty without such a run.
+    """Return the kinds of facts in a heading of another run that also holds for the ``curve``,
+    whose label would give facts of the ``kinds``; empty if there is no such heading.
+
+    ``heading_kinds`` are the kinds of facts in the heading of each of the ``curves``.
     """
     for headed_curve, heading in zip(curves, heading_kinds, strict=True):
         # a fact must be left for the label of the curve
@@ -1649,10 +1662,12 @@ class _CurveTable(NamedTuple):
 
 
 def _tabulate_curves(curves: Sequence[Curve]) -> _CurveTable | None:
-    """Return the table with the shortest legend that gives each of the curves a place of its own;
-    None if none has enough colours, shades or dashes.
+    """Return colours, shades and dashes for many curves, as the table that has the shortest legend;
+    None if no table gives each curve a look of its own with the colours, shades and dashes that
+    there are.
 
-    A colour has the curves in which one kind of facts is the same. Runs may have dashes.
+    Each table that is tried gives a colour to each value of one kind of facts, and shades to the
+    other facts. The facts that are the same in all curves of a run may have dashes instead.
     """
     differing, _ = find_differing([curve.facts for curve in curves])
     differing.sort(key=lambda kind: kind != "medium")  # media have colours in a sweep too
@@ -1675,8 +1690,8 @@ def _tabulate_curves(curves: Sequence[Curve]) -> _CurveTable | None:
 def _list_constant(
     kinds: Sequence[str], curves: Sequence[Curve], groups: Sequence[Any]
 ) -> list[str]:
-    """Return those of the ``kinds`` of facts that are the same in all curves of each of the groups;
-    ``groups`` has the group of each curve.
+    """Return those of the ``kinds`` of facts that do not vary within any group of ``curves``;
+    ``groups`` has the group of each curve, a value that all curves of a group share.
     """
     facts_of_group: dict[Any, list[Mapping[str, str]]] = {}
     for curve, group in zip(curves, groups, strict=True):
@@ -1694,9 +1709,10 @@ def _list_constant(
 def _tabulate_by(
     kind: str, kinds: Sequence[str], of_dashes: Sequence[str], curves: Sequence[Curve]
 ) -> _CurveTable:
-    """Return the table of the curves with a colour for each of the facts of one ``kind``, and of
-    the ``kinds`` that are the same in each colour; the others have shades, and those ``of_dashes``
-    dashes.
+    """Return the table of the curves in which each value of the facts of one ``kind`` has a colour.
+
+    Of the other ``kinds``, those that do not vary within a colour are named by the colour too, and
+    the rest have shades. The kinds ``of_dashes``, which are not among ``kinds``, have dashes.
     """
     of_colours = _list_constant(kinds, curves, [curve.facts.get(kind) for curve in curves])
     of_shades = [other for other in kinds if other not in of_colours]
@@ -1781,8 +1797,8 @@ def _draw_curves(ax: Axes, curves: list[Curve], measured: list[Curve], x: str, y
 
 
 def _drop_doubles(curves: Sequence[Curve]) -> list[Curve]:
-    """Return the curves of measured points without those whose points are those of an earlier
-    curve, as of several fits of one table.
+    """Return the curves of measured points without those whose points equal the points of an
+    earlier curve: several fits of one table have the same data.
     """
     distinct = list[Curve]()
     tables = list[Array]()
@@ -1836,8 +1852,8 @@ def _join_states(curves: Sequence[Curve]) -> list[Curve]:
 
 
 def _name_runs(curves: Sequence[Curve]) -> list[Curve]:
-    """Return the curves, of which those that have the same facts have the names of their runs
-    too.
+    """Return the curves, in which each curve that has the same facts as another one gets the name
+    of its run as a further fact.
     """
     all_facts = [curve.facts for curve in curves]
     named_curves = []
@@ -1854,9 +1870,11 @@ def _name_runs(curves: Sequence[Curve]) -> list[Curve]:
 def _draw_spectra(
     runs: Sequence[Run], ax: Axes, name: str, lines: Sequence[Sequence[tuple[Array, Array]]]
 ) -> _Drawn:
-    """Draw for each run its lines, pairs of x and y (p,), in one look; return the entries of the
-    legend, and the facts that all runs share, none of a single run, which needs no title. Group
-    ids of lines begin with ``name``.
+    """Draw the lines of each run in one look; return the entries of the legend, and the facts that
+    all runs share, which are the title. For a single run no facts are returned.
+
+    ``lines`` has for each run its lines, pairs of x and y, (p,) each. The group ids of lines begin
+    with ``name``.
     """
     labels, common = _label_runs(runs)
     handles = []

@@ -57,17 +57,19 @@ def design_figure(design: Design) -> Figure:
 
 
 def _has_bands(network: ContactNetwork) -> bool:
-    """Whether the bands of a network are drawn."""
+    """Whether the bands of a network are drawn: it must repeat, and not have too many branches."""
     n_branches = network.ball_motions.count * int(np.count_nonzero(network.moving))
     return any(network.pbc) and n_branches <= _MOST_BRANCHES
 
 
 def _draw_history(design: Design, ax: Axes) -> None:
-    """Draw the goal at each evaluation."""
+    """Draw the goal at each evaluation. Of a gap, a dashed line shows its certified value; goals
+    without a unit have a logarithmic axis if all are above zero.
+    """
     history = design.history
     ax.plot(np.arange(1, history.size + 1), history, color=BLUE, linewidth=1.0, marker=".")
-    is_smooth = design.unit == "Hz"
-    if is_smooth:
+    is_gap = design.unit == "Hz"
+    if is_gap:
         ax.axhline(design.value, color=GUIDE, linewidth=0.8, dashes=(4.0, 2.0), label="certified")
         ax.legend(loc="lower right")
     if design.unit == "1" and np.all(history > 0.0):
@@ -76,12 +78,14 @@ def _draw_history(design: Design, ax: Axes) -> None:
     kept = f"random start {design.best_start}" if design.best_start else "the given network"
     ax.set(xlabel="Evaluation", title=f"Search from {kept}")
     most = float(np.max(np.abs([*history, design.value]), initial=0.0))
-    label = "Gap" if is_smooth else "Goal"
-    name_axis(ax.yaxis, most, label, design.unit, short=is_smooth)
+    label = "Gap" if is_gap else "Goal"
+    name_axis(ax.yaxis, most, label, design.unit, short=is_gap)
 
 
 def _draw_variables(design: Design, ax: Axes) -> None:
-    """Draw the variables between their bounds."""
+    """Draw where each variable lies between its bounds, at the start and at the end of the
+    search.
+    """
     low, high = design.bounds.T
     numbers = np.arange(len(low))
     for values, colour, fill, label in (

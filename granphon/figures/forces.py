@@ -44,7 +44,7 @@ from granphon.networks.network import ContactNetwork
 from granphon.observables.nonaffine import find_nonaffine
 from granphon.phonons.phonopy_atoms import number_kinds
 
-#: colours of balls and of those that do not move, and of contacts without force and walls
+#: colours of balls that move, of balls that do not, and of walls and contacts without force
 _BALL = "0.95"
 _STILL = "0.75"
 _IDLE = "0.55"
@@ -150,7 +150,9 @@ def plot_forces(
     if not isinstance(source, ContactNetwork | Sample):
         mend = "Give a sample, such as state.samples[0], or a gp.ContactNetwork"
         raise InputError(f"{brief(sample)} has no contact forces to draw", mend=mend)
-    layer = _find_layer(sample) if isinstance(sample, Sample) else _project(sample)
+    layer = (
+        _find_map_of_sample(sample) if isinstance(sample, Sample) else _find_map_of_network(sample)
+    )
     values = None
     if color is not None:
         if isinstance(sample, Sample):
@@ -226,7 +228,7 @@ class _BallValues:
 
     @property
     def mapping(self) -> ScalarMappable:
-        """The scale of the colours."""
+        """The map from numbers to colours: diverging about zero where numbers have both signs."""
         low = float(np.min(self.numbers))
         high = float(np.max(self.numbers))
         if low < 0.0 < high:
@@ -287,7 +289,7 @@ def _add_bar(layer: _Map, ax: Axes, artist: LineCollection | QuadMesh, remark: s
     if layer.network is None:
         bar.set_xlabel(f"Contact force over its mean{remark}")
     else:
-        greatest_force = bar.get_xlim()[1]
+        _, greatest_force = bar.get_xlim()
         name_axis(bar.xaxis, greatest_force, "Contact force", "N", short=True, more=remark)
 
 
@@ -453,6 +455,7 @@ class _Map:
     edges : the left, lower, right and upper edge of the drawing.
     diameter : the mean diameter of the balls.
     height : height of a figure, in inches, in which the drawing is 2.9 inches wide.
+    title : the title of the drawing.
     axes : the labels of both axes, without the unit of a network.
     find_lines : returns the lines (m, 2, 2) of the contacts, and their forces (m,).
     network : the network; None for a sample.
@@ -481,7 +484,7 @@ class _Map:
         return np.asarray(np.subtract(self.edges[2:], self.edges[:2]))
 
 
-def _find_layer(sample: Sample) -> _Map:
+def _find_map_of_sample(sample: Sample) -> _Map:
     """Return balls and contacts of the layer of a sample along a1 and a2 through the first ball,
     with L1 cells along a1 and L2 along a2.
     """
@@ -534,7 +537,8 @@ def _find_layer_axes(structure: Lattice) -> tuple[Array, Array]:
     p = structure.periods
     vectors = np.eye(3)
     vectors[:p, :p] = structure.vectors
-    axes = np.linalg.qr(vectors.T)[0].T
+    orthogonal, _ = np.linalg.qr(vectors.T)
+    axes = orthogonal.T
     # the signs of a QR factorisation are arbitrary: each axis points along its vector
     axes *= np.sign(np.sum(axes * vectors, axis=1))[:, None]
     return vectors, axes
@@ -615,7 +619,7 @@ def _sum_forces(
     return np.asarray(sums, float), n_contacts.astype(float)
 
 
-def _project(network: ContactNetwork) -> _Map:
+def _find_map_of_network(network: ContactNetwork) -> _Map:
     """Return the balls and contacts of a network, seen along z."""
     sums, counts = _sum_forces(network.i, network.j, network.normal_force, network.n_balls)
     # balls without the flat walls, the lowest first, so that the highest are drawn last
@@ -767,6 +771,7 @@ def plot_directions(network: ContactNetwork, ax: Axes | None = None) -> Axes:
         sums, _edges = np.histogram(angles, edges, weights=weight)
         density = sums * _BINS_OF_DIRECTIONS / np.sum(weight)
         ax.stairs(density, edges, baseline=None, color=colour, label=name)
+        # the density 1 + a cos 2(theta - theta_0), over its mean, whose mean <nn> is the tensor
         second_order = 4.0 * np.einsum("da,ab,db->d", units, tensor, units) - 1.0
         ax.plot(directions, second_order, color=colour, linestyle="--", linewidth=0.8)
     ax.set(xlim=(0.0, 180.0), xlabel="Direction of contacts (°)", ylabel="Density over its mean")
@@ -788,7 +793,7 @@ def forces_figure(state: ContactState) -> Figure:
     """
     state.require_single()
     sample = state.samples[0]
-    layer = _find_layer(sample)
+    layer = _find_map_of_sample(sample)
     is_large = float(np.max(layer.size)) > _MOST_DIAMETERS
     height = 3.1 if is_large else layer.height
     n_panels = 3 if is_large else 2

@@ -51,7 +51,7 @@ def sweep_gaps_figure(dataset: Dataset, **options: Any) -> Figure:
     all combinations, some are drawn, of which ``tell`` is told. Raises
     :class:`~granphon.base.errors.InputError` if the sweep has no gaps.
     """
-    _require(dataset, "gap_lower", "gaps", "gaps")
+    _require_variable(dataset, "gap_lower", "gaps", "gaps")
 
     def draw(states: Dataset, ax: Axes, x_values: Array, unit: HertzPrefix) -> None:
         """Draw the gaps, and the top frequency, of the states of a panel."""
@@ -74,7 +74,7 @@ def cutoffs_figure(dataset: Dataset, **options: Any) -> Figure:
     The ``options`` are those of :func:`sweep_gaps_figure`. Raises
     :class:`~granphon.base.errors.InputError` if the sweep has no cut-off frequencies.
     """
-    _require(dataset, "cutoff_lower", "cut-off frequencies", "cutoffs")
+    _require_variable(dataset, "cutoff_lower", "cut-off frequencies", "cutoffs")
 
     def draw(states: Dataset, ax: Axes, x_values: Array, unit: HertzPrefix) -> None:
         """Draw the branches of the states of a panel."""
@@ -92,8 +92,9 @@ def _draw_fields(
     x: Array,
     unit: HertzPrefix,
 ) -> None:
-    """Draw, for each number of a ``dimension``, the field over ``x`` (n,) between the variables
-    ``names`` of the ``states``, where they are known.
+    """Draw for each index along a ``dimension`` of the ``states``, such as a gap or a branch, the
+    field over ``x`` (n,) between its lower and its upper edge, which are the two variables
+    ``names``, Hz; frequencies are drawn in this ``unit``. Edges that are nan are not drawn.
     """
     edges = [states[name].transpose(dimension, "load").values / unit.hertz for name in names]
     errors = [_read_errors(states, name, dimension, "load") / unit.hertz for name in names]
@@ -106,16 +107,19 @@ def _draw_fields(
 
 
 def _read_errors(states: Dataset, name: str, *dims: str) -> Array:
-    """Return the standard errors of a variable, with its dimensions in the order ``dims``, if these
-    are given; nan where the data set does not have any.
+    """Return the standard errors of the variable ``name``, nan if the data set has none. ``dims``
+    is the order of the dimensions; without it they stay as they are.
     """
     errors = states.get(f"{name}_error", states[name] * np.nan)
     return np.asarray(errors.transpose(*dims) if dims else errors, float)
 
 
 def _draw_field(ax: Axes, x: Array, lower: Array, upper: Array, gid: str) -> None:
-    """Draw a field over ``x`` (n,) between its edges (n,); at a single point, or at one whose
-    neighbours have no such field, a bar, whose ends are drawn so that a narrow one is seen.
+    """Draw a field over ``x`` (n,) between its edges ``lower`` and ``upper`` (n,), nan where there
+    is no field.
+
+    A point whose neighbours have no field would have no area: there a bar is drawn, with marks at
+    its ends, so that a short bar is seen.
     """
     ax.fill_between(x, lower, upper, gid=gid, **_FIELD)
     is_known = np.isfinite(lower)
@@ -137,7 +141,7 @@ def sweep_surface_figure(dataset: Dataset, **options: Any) -> Figure:
     The ``options`` are those of :func:`sweep_gaps_figure`. A panel without a wave says so. Raises
     :class:`~granphon.base.errors.InputError` if the sweep has no waves of an edge.
     """
-    _require(dataset, "surface_frequency", "waves of an edge", "surface")
+    _require_variable(dataset, "surface_frequency", "waves of an edge", "surface")
     words = "waves of the edge, at the end of the path"
     return _draw_lines(dataset, "surface_frequency", "surface_wave", words, **options)
 
@@ -149,7 +153,7 @@ def onsets_figure(dataset: Dataset, **options: Any) -> Figure:
     The ``options`` are those of :func:`sweep_gaps_figure`. Raises
     :class:`~granphon.base.errors.InputError` if the sweep has no onsets.
     """
-    _require(dataset, "onset_frequency", "frequencies at Gamma", "onsets")
+    _require_variable(dataset, "onset_frequency", "frequencies at Gamma", "onsets")
     return _draw_lines(dataset, "onset_frequency", "branch", "branches at Gamma", **options)
 
 
@@ -159,13 +163,14 @@ def modes_figure(dataset: Dataset, **options: Any) -> Figure:
     The ``options`` are those of :func:`sweep_gaps_figure`. Raises
     :class:`~granphon.base.errors.InputError` if the sweep has no modes.
     """
-    _require(dataset, "mode_frequency", "modes", "modes")
+    _require_variable(dataset, "mode_frequency", "modes", "modes")
     return _draw_lines(dataset, "mode_frequency", "mode", "lowest modes", **options)
 
 
 def _draw_lines(dataset: Dataset, name: str, dimension: str, words: str, **options: Any) -> Figure:
-    """Draw, for each number of a ``dimension``, the frequencies ``name`` over ``x``; ``words`` are
-    those of the legend.
+    """Return a figure with a line for each index along a ``dimension``: the frequencies of the
+    variable ``name`` over ``x``; ``words`` are the entry of the legend, and ``options`` those of
+    :func:`sweep_gaps_figure`.
     """
 
     def draw(states: Dataset, ax: Axes, x_values: Array, unit: HertzPrefix) -> None:
@@ -185,8 +190,10 @@ def _draw_lines(dataset: Dataset, name: str, dimension: str, words: str, **optio
     return _draw_panels(dataset, name, draw, [handle], **options)
 
 
-def _require(dataset: Dataset, name: str, words: str, subject: str) -> None:
-    """Raise InputError if a data set has no variable ``name``."""
+def _require_variable(dataset: Dataset, name: str, words: str, subject: str) -> None:
+    """Raise InputError if a data set has no variable ``name``. In the message, ``words`` say what
+    is missing, and ``subject`` is the word by which a scene observes it.
+    """
     if name not in dataset:
         mend = f"Observe {subject} over several states"
         raise InputError(f"the sweep has no {words}", mend=mend)

@@ -91,7 +91,7 @@ _LEAST = 0.01
 
 @dataclass(frozen=True)
 class _Motion:
-    """A mode on the balls that are drawn; lengths in diameters, and m balls."""
+    """The motion of a mode on the m balls that are drawn; lengths are in diameters."""
 
     places: Array  # (m, 3) centres at rest
     radii: Array  # (m,)
@@ -299,8 +299,8 @@ def _find_network_motion(modes: NetworkModes, mode: int) -> _Motion:
 
 
 def _choose_balls(modes: NetworkModes, mode: int, most: int) -> NDArray[np.intp]:
-    """Return the indices (m,) of at most so many balls, ascending: those with the most kinetic
-    energy, without flat walls.
+    """Return the indices (m,), ascending, of the balls with the most kinetic energy in a mode: at
+    most ``most`` of them, no flat wall among them.
     """
     is_ball = np.isfinite(modes.network.radii)
     energies = np.sum(modes.vectors[mode] ** 2, axis=1)
@@ -602,7 +602,7 @@ def _draw_spins(ax: Axes, centres: Array, radii: Array, angles: Array) -> None:
     # a head along the arc, as long as the arc allows
     head_angles = np.sign(angles) * np.minimum(_HEAD, _MOST_OF_ARC * np.abs(angles))
     necks = find_points(arc_radii, ends - head_angles[:, None])
-    quarter_turn = np.array([[0.0, 1.0], [-1.0, 0.0]])
+    quarter_turn = np.array([[0.0, 1.0], [-1.0, 0.0]])  # of row vectors
     wings = 0.5 * (tips - necks) @ quarter_turn
     heads = np.concatenate([tips, necks + wings, necks - wings], axis=1)  # triangles (m, 3, 2)
     sectors = np.concatenate([centres[:, None], arcs], axis=1)

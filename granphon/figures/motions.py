@@ -119,8 +119,9 @@ def _find_positions(motion: Motion, axis: int, radius: float) -> tuple[Array, Ar
 
 
 def _find_layers(positions: Array, radius: float) -> Array:
-    """Return where layers of balls begin, (n_layers,), m, from the ``positions`` (n,) of the balls,
-    m; where balls have no layers, slices a ``radius`` wide.
+    """Return the positions (n_layers,), m, at which layers of balls begin, from the ``positions``
+    (n,) of the balls, m. If the balls stand in no layers, return the starts of slices that are one
+    ``radius``, m, wide.
     """
     distance = _LAYER * radius
     ascending = np.sort(positions)
@@ -135,9 +136,11 @@ def _find_layers(positions: Array, radius: float) -> Array:
 
 
 def _average_layers(layers: Array, coordinates: Array, values: Array) -> tuple[Array, Array]:
-    """Return the means (m,) of the ``coordinates`` (n,), m, and (n_times, m) of the ``values``
-    (n_times, n) over m of the ``layers``, which begin at (n_layers,), m; layers without a value are
-    left out.
+    """Return, for each layer, the mean of the ``coordinates`` (n,), m, of what lies in it, and the
+    means of the ``values`` (n_times, n): arrays (m,) and (n_times, m) for the m layers that hold
+    any.
+
+    ``layers`` (n_layers,), m, are the coordinates at which layers begin.
     """
     numbers = np.maximum(np.searchsorted(layers, coordinates, side="right") - 1, 0)
     order = np.argsort(numbers, kind="stable")
@@ -149,9 +152,11 @@ def _average_layers(layers: Array, coordinates: Array, values: Array) -> tuple[A
 
 
 def plot_energies(motion: Motion, ax: Axes, errors: Mapping[str, Array] | None = None) -> Axes:
-    """Draw kinetic energies of translation and rotation, the energy of contacts, and the lost
-    energy over time; ``errors`` are the standard errors (n,), J, of those of the attributes
-    "translation", "rotation", "stored" and "lost" that have some, which are drawn as bands.
+    """Draw the kinetic energies of translation and rotation, the energy of contacts, and the lost
+    energy over time. Rotation and loss are left out where they are zero throughout.
+
+    ``errors`` are standard errors (n,), J, by the names of the attributes of the motion,
+    "translation", "rotation", "stored" and "lost"; each that is given is drawn as a band.
     """
     known = errors or {}
     greatest = max(float((motion.energy + motion.lost).max()), _TINY)

@@ -22,8 +22,9 @@ from granphon.figures.style import COLUMN_WIDTH, PAGE_WIDTH, STYLE
 from granphon.figures.words import join_facts
 from granphon.runs.dataset import Dataset
 
-#: height of a panel, of the only line of panels, which has to have room for the name of the axis,
-#: and of what stands above and below all panels, inches
+#: heights, inches: of a panel in a figure of several lines of panels; of the panels if there is one
+#: line, beside which the name of the axis must have room; and of all that stands above and below
+#: the panels
 _PANEL_HEIGHT = 1.05
 _HEIGHT_ALONE = 1.75
 _MARGINS = 0.55
@@ -118,8 +119,8 @@ def _label_shared(
 
 
 def _name_all(panels: Sequence[Axes], which: str, label: str) -> None:
-    """Write the name of the axis ``which`` of several ``panels`` side by side, or above each other,
-    in their middle.
+    """Write the ``label`` of the axis ``which``, "x" or "y", once for several ``panels`` that stand
+    side by side, or above each other: at the middle of all of them.
     """
     middle = panels[(len(panels) - 1) // 2]
     is_between = len(panels) % 2 == 0
@@ -161,7 +162,9 @@ def _name_panels(
 
 
 def _find_kind(dataset: Dataset, name: str) -> str:
-    """Return the kind of fact that a parameter or "medium" is."""
+    """Return the key, in the facts of a curve, of the fact that the parameter ``name``, or
+    "medium", gives.
+    """
     return "medium" if name == "medium" else describe_value(dataset, name, 0)[0]
 
 

@@ -27,9 +27,9 @@ class Picture:
     keyword : the keyword under which the function takes the result.
     height : where the function draws on an Axes, the height of a figure of the Axes, inches; else
         0.
-    of_state : where the figure has a panel or a curve for each state, the variable of data sets
-        that has the values: a data set of one state, which has no curves over the load, is drawn
-        so. Empty for other figures.
+    of_state : for a figure that draws each state by itself, the variable of data sets that it
+        draws; empty for other figures. A data set of one state that has this variable is drawn by
+        the figure, because one state makes no curve over the load.
     """
 
     figure: str

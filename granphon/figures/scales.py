@@ -45,12 +45,15 @@ _MOST_RECORDS = 1000
 
 
 @contextmanager
-def _open_door() -> Iterator[None]:
-    """Import matplotlib in the block even if MPLBACKEND names a backend that does not exist,
-    because saving a figure needs no backend.
+def _guard_import() -> Iterator[None]:
+    """Let the block import matplotlib, even if MPLBACKEND names a backend that does not exist:
+    saving a figure needs no backend.
 
-    Raises :class:`~granphon.base.errors.FigureError`, with what matplotlib has logged, if the
-    import fails, and :class:`~granphon.base.errors.MissingPackageError` without matplotlib.
+    MPLBACKEND is taken out of the environment during the block; afterwards it is put back, and if
+    matplotlib was imported for the first time and knows the backend, matplotlib uses it. What
+    matplotlib logs in the block is logged at its end, or stands in the error. Raises
+    :class:`~granphon.base.errors.FigureError`, with what matplotlib has logged, if the import
+    fails, and :class:`~granphon.base.errors.MissingPackageError` without matplotlib.
     """
     is_first_import = "matplotlib" not in sys.modules
     backend = os.environ.pop("MPLBACKEND", None)
@@ -83,7 +86,7 @@ def _open_door() -> Iterator[None]:
             matplotlib.rcParams["backend"] = backend
 
 
-with _open_door():
+with _guard_import():
     import matplotlib
     from matplotlib.cm import ScalarMappable
     from matplotlib.collections import EllipseCollection
@@ -120,7 +123,7 @@ _ROUNDING = 1e-9
 _PIXELS_PER_INCH = 120
 #: least number of plain ticks of a logarithmic axis
 _LEAST_TICKS = 4
-#: the same, in a small panel
+#: least number of plain ticks of a logarithmic axis in a small panel
 _FEW_TICKS = 3
 #: height of a row of a legend, in inches
 ROW_HEIGHT = 0.16
@@ -160,7 +163,9 @@ def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
 
 
 def thin_ticks(ax: Axes) -> None:
-    """Let the plain logarithmic axes of a small panel have few numbers."""
+    """Replace the ticks of an Axes that stands in a small panel, as far as its axes are logarithmic
+    with plain numbers, by fewer ticks.
+    """
     for axis in (ax.xaxis, ax.yaxis):
         if isinstance(axis.get_major_locator(), _PlainTicks):
             axis.set_major_locator(_PlainTicks(least=_FEW_TICKS))
@@ -168,8 +173,8 @@ def thin_ticks(ax: Axes) -> None:
 
 
 def widen_axis(ax: Axes, which: str, values: Array) -> None:
-    """Widen the ``which`` axis, "x" or "y", by a twentieth to either side, or more, if the values
-    differ by rounding at most.
+    """Widen the ``which`` axis, "x" or "y", if its ``values`` differ by rounding at most: it then
+    reaches a twentieth beyond them to either side at least.
 
     The ticks of an axis as narrow as rounding would have no meaning.
     """
@@ -206,10 +211,12 @@ def name_axis(
         return
 
     def write_power(value: float, _: float) -> str:
+        """Return the text of a tick at a power of ten, in the chosen unit."""
         power = round(np.log10(value / size_of_unit))
         return f"$\\mathdefault{{10^{{{power}}}}}$"
 
     def write_number(value: float, _: float) -> str:
+        """Return the text of a tick as a plain number, in the chosen unit."""
         return f"{value / size_of_unit:.10g}".replace("-", "\N{MINUS SIGN}")
 
     has_powers = axis.get_scale() == "log" and not isinstance(axis.get_major_locator(), _PlainTicks)
@@ -302,9 +309,9 @@ def draw_densities(
 ) -> None:
     """Draw densities of states per ball over the frequency, with their standard errors as bands.
 
-    ``curves`` are colours, labels, frequencies (n,), Hz, densities (n,), 1/Hz, and errors (n,), nan
-    if unknown. The axis ends a little above the highest frequency at which a density is
-    above the part ``least`` of its greatest value.
+    Each of ``curves`` is (colour, label, frequencies (n,) in Hz, densities (n,) in 1/Hz, standard
+    errors (n,) in 1/Hz, nan where unknown). The axis ends a little above the highest
+    frequency at which a density is above the part ``least`` of its greatest value.
     """
     listed = list(curves)
     tops = []  # the highest frequency of each curve with a density
@@ -446,7 +453,9 @@ def hide_axes(ax: Axes, low: Array, high: Array) -> None:
 
 
 def _keep_inside(ticks: Array, low: float, high: float) -> Array:
-    """Return the ticks from ``low`` to ``high``, but for rounding."""
+    """Return those of the ``ticks`` (n,) that lie between ``low`` and ``high``, or beyond them by
+    no more than rounding.
+    """
     is_inside = (ticks >= low * (1.0 - _ROUNDING)) & (ticks <= high * (1.0 + _ROUNDING))
     return ticks[is_inside]
 
@@ -457,10 +466,12 @@ class _PlainTicks(Locator):
     """
 
     def __init__(self, minor: bool = False, least: int = _LEAST_TICKS) -> None:
+        """Give the ticks, or the ``minor`` ones, of an axis with ``least`` ticks or more."""
         self._minor = minor
         self._least = least
 
     def __call__(self) -> Any:
+        """Return the ticks of the axis as far as it is shown."""
         return self.tick_values(*self.axis.get_view_interval())  # type: ignore[union-attr]
 
     def tick_values(self, vmin: float, vmax: float) -> Any:
@@ -478,10 +489,12 @@ class _PlainTicks(Locator):
 
 
 def _list_round_numbers(low: float, high: float, *, few: bool) -> Iterator[tuple[Array, Array]]:
-    """Yield sets of round numbers from about ``low`` to ``high``, few first, each with a finer set
-    for minor ticks; with ``few`` the first set may have a number in each decade alone, or three.
+    """Yield pairs of ticks and finer minor ticks, both sets of round numbers from about ``low`` to
+    ``high``, the smallest sets first. With ``few`` the sets begin with one number in each decade,
+    or with three evenly spaced numbers.
 
-    Each decade has the same numbers; numbers within a factor of four are evenly spaced.
+    All decades have the same digits. From ``low`` to less than four times ``low``, the numbers are
+    evenly spaced instead.
     """
     span = high / low
     if span >= 4.0:

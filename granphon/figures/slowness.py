@@ -30,7 +30,7 @@ from granphon.figures.style import FRAME, TRANSVERSE_COLOUR
 from granphon.figures.views import HALO, Painter, View
 from granphon.media.state import State, as_state
 
-#: unit of slowness in figures; s/km is ms/m
+#: unit of slowness in figures, which equals ms/m
 _LABEL = "s/km"
 #: label of the colour bar
 _PART = "Longitudinal part of the polarisation"
@@ -261,8 +261,8 @@ def plot_slowness_surface(
 
 
 def _make_mesh() -> Array:
-    """Return directions (polar angles, azimuths, 3) over the sphere; edges of octants are lines of
-    the mesh.
+    """Return unit vectors (polar angles, azimuths, 3) at the points of a mesh over the sphere, of
+    which some lines are the edges of octants.
     """
     polar_angles = np.linspace(0.0, np.pi, _SURFACE + 1)
     azimuths = np.linspace(0.0, 2.0 * np.pi, 2 * _SURFACE + 1)

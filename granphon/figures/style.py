@@ -93,8 +93,8 @@ def colour_kinds(kinds: Iterable[str]) -> dict[str, str]:
 
 
 def pick_evenly(count: int, most: int) -> list[int]:
-    """Return at most ``most`` of the numbers 0 to ``count`` - 1, evenly taken, with the first and
-    the last.
+    """Return at most ``most`` of the numbers 0 to ``count`` - 1, at even distances, the first and
+    the last among them (of one number, the first).
     """
     numbers = np.linspace(0, count - 1, min(count, most)).round().astype(int)
     indices: list[int] = np.unique(numbers).tolist()
@@ -130,9 +130,11 @@ def save_animation(animation: FuncAnimation, path: str | os.PathLike[str]) -> No
 
 @contextmanager
 def _explain_failure(target: Path, mend: str) -> Iterator[Path]:
-    """Make the folder of a picture that the block saves at ``target``, which is given; raise
-    FigureError, with the advice ``mend``, for a picture that cannot be drawn, and leave no new
-    file.
+    """Make the folder of ``target``, and give ``target`` to the block, which saves a picture there.
+
+    If the picture cannot be drawn, remove a file that was not there before, and raise FigureError
+    with the advice ``mend``. Errors of the file system, a lack of memory and granphon's own errors
+    pass as they are.
     """
     is_new = not target.exists()
     target.parent.mkdir(parents=True, exist_ok=True)

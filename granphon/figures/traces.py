@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
 #: height of the greatest signal over the distance between sensors that are nearest to each other
 _HEIGHT = 0.8
-#: most samples of a trace that are drawn; of more the least and greatest of each group are
+#: most samples of a trace that are drawn one by one; of a longer trace only the least and the
+#: greatest sample of each group are drawn
 _MOST_DRAWN = 4000
 
 
@@ -36,7 +37,7 @@ def plot_traces(traces: Traces, ax: Axes, velocity: TraceVelocity | None = None)
     for distance, signal in zip(traces.distances, traces.signals, strict=True):
         deviations = signal - np.median(signal)
         scaled = deviations / (np.max(np.abs(deviations)) or 1.0)
-        times, values = _thin(traces.times, distance + height * scaled)
+        times, values = _reduce_samples(traces.times, distance + height * scaled)
         ax.plot(times / time_unit, values / length_unit, color=BLUE, linewidth=0.7)
     if velocity is not None:
         _draw_arrivals(velocity, ax, time_unit, length_unit)
@@ -81,7 +82,7 @@ def traces_figure(traces: Traces, velocity: TraceVelocity | None = None) -> Figu
     return figure
 
 
-def _thin(times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _reduce_samples(times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the ``times`` (n,) and ``values`` (n,) of a trace; if there are more than can be seen,
     the least and the greatest value of each group of samples, at the time of its first sample.
 

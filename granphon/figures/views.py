@@ -66,6 +66,7 @@ class Painter:
     """Shapes in space, which are collected and then drawn from the farthest to the nearest."""
 
     def __init__(self, view: View) -> None:
+        """Begin without shapes; they are seen from the direction ``view``."""
         self.view = view
         #: nearness, outline on the paper, colours of the face and the edge, and width of the edge,
         #: points, of each shape

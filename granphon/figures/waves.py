@@ -77,9 +77,9 @@ _LEAST_LINE = 1e-3
 _RESOLVED = 0.5
 #: number of receivers up to which each receiver has a colour and an entry of the legend
 _FEW = len(COLOURS)
-#: greatest number of maps, and of receivers of several states
+#: greatest number of maps in a figure, and of receivers if several states are drawn
 _PANELS = 4
-#: greatest number of states
+#: greatest number of states in a figure
 _STATES = 8
 #: number of loads from which responses are maps over the load, and range of their colours, in dB
 _LOADS_OF_MAP = 6
@@ -393,7 +393,7 @@ def plot_attenuation(
         lowest = int(np.argmin(frequencies))
         ends = np.array([frequencies.min(), frequencies.max()])
         label = f"$f^{{{exponent:g}}}$"
-        labels_in_legend = ax.get_legend_handles_labels()[1]
+        _, labels_in_legend = ax.get_legend_handles_labels()
         style: dict[str, Any] = {
             "color": colour,
             "linewidth": 0.9,
@@ -523,7 +523,7 @@ def _draw_line_frequencies(
     ax: Axes, read_variable: Callable[..., Array], number: int, colour: Any, unit: HertzPrefix
 ) -> None:
     """Draw the frequencies of the lines of one polarisation in a state over the path, whose length
-    is 1. Where the width of a line is resolved, a bar is as long.
+    is 1. Where the width of a line is resolved, a bar has this width as its length.
 
     ``read_variable`` returns the values of a variable in the state; ``number`` is that of the
     polarisation.
@@ -581,8 +581,8 @@ def _scale_attenuation(ax: Axes, frequencies: Array) -> None:
 
 
 def _limit_bars(values: Array, errors: Array) -> Array:
-    """Return the lengths (2, n) of bars below and above values on a logarithmic axis, which a bar
-    may follow down to a tenth of the value.
+    """Return the lengths (2, n) of the error bars below and above ``values`` (n,) on a logarithmic
+    axis: a bar ends at a tenth of the value at the lowest, because the axis has no zero.
     """
     return np.array([np.minimum(errors, 0.9 * values), errors])
 
@@ -593,9 +593,10 @@ def choose_states(
     """Return the states that are drawn, in order of load, and their legend; InputError, with the
     ``words`` for the variable, if the sweep has no variable ``name``.
 
-    A state is a colour and a function, which returns the values of a variable in the state, and of
-    a polarisation if the variable has several. Of too many states those are drawn that differ in
-    some of the dimensions; the legend tells where the others are held.
+    Each state is returned as a colour and a function ``read_variable(variable, polarisation=0)``,
+    which returns the values of a variable in the state, for one polarisation if the variable has
+    several. Of too many states at most eight are drawn: some dimensions are held at their first
+    value, which the legend gives, and of the remaining states some are taken evenly.
     """
     if name not in dataset:
         raise InputError(f"the sweep has no {words}", mend="Draw another figure")

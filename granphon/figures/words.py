@@ -48,8 +48,7 @@ _SYMBOLS = {
     "rotational_drag": ("γ_r", "1/s"),
     "tangential_dashpot": ("c_t", "N s/m"),
 }
-#: words for the default motions, stiffness of rolling, and terms of finite overlap: a title leaves
-#: them out
+#: facts, in words, that packings have by default, and which a title therefore leaves out
 DEFAULTS = frozenset(
     {
         "motions of the lattice",
@@ -132,7 +131,8 @@ def describe_parameter(name: str, value: Any) -> tuple[str, str]:
         return name, f"{spell(motion)} {text}" if motion else text
     kind, _, parameter = name.rpartition(".")
     if kind:
-        return name, f"{describe_parameter(parameter, value)[1]} of {kind}"
+        _, text = describe_parameter(parameter, value)
+        return name, f"{text} of {kind}"
     if name in _SYMBOLS and not isinstance(value, str):
         symbol, unit = _SYMBOLS[name]
         text = f"{symbol} = {write_value(float(value), unit)}"
@@ -188,8 +188,9 @@ def describe_overlap(*, finite: bool) -> str:
 
 
 def find_differing(facts: Sequence[Mapping[str, str]]) -> tuple[list[str], list[str]]:
-    """Return the kinds of the facts in which several mappings, from kind to words, differ, and the
-    words of the facts that all share, without :data:`DEFAULTS`.
+    """Compare the ``facts`` of several curves, each a mapping from the kind of a fact to its words.
+    Return the kinds in which the curves differ, and the words of the facts that all of them share,
+    without :data:`DEFAULTS`.
     """
     kinds = list(dict.fromkeys(kind for facts_of_packing in facts for kind in facts_of_packing))
     values_of_kind = {

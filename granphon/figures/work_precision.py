@@ -207,8 +207,9 @@ def _explain_no_errors(points_run: Sequence[MeasuredPoint]) -> str:
 
 
 def _draw_floor(ax: Axes, points: Sequence[MeasuredPoint]) -> None:
-    """Draw the floor of rounding as a line; write its value at the bottom if the floor is far below
-    all errors, or, where no point has an error, why.
+    """Draw the floor of rounding as a line or, if it is far below all errors, write its value at
+    the bottom of the axes. If no point has an error, set the limits of the axis of errors, and
+    write in the middle why there is none.
     """
     style: dict[str, Any] = {"xycoords": "axes fraction", "color": "0.4"}
     floors = [point.floor for point in points if not point.failure and not point.random]

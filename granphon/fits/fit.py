@@ -68,7 +68,7 @@ _LONGEST_WAVE = 1000.0
 #: units are taken for wrong: no array in which a width can be found is so slow, and a unit off by a
 #: thousand is beyond it
 _LEAST_RATIO = 0.03
-#: the same where the Young modulus is fitted too, which may itself be far off
+#: the least ratio where the Young modulus is fitted too, which may itself be far off
 _LEAST_RATIO_OF_MODULUS = 1e-6
 #: relative changes at which the search for a minimum ends, and the most evaluations of the model
 #: that it takes
@@ -79,8 +79,8 @@ SAME_EFFECT = 1e-6
 #: number of times that samples are simulated at the parameters found last, where they do not serve
 #: all
 _MOST_SIMULATED = 12
-#: effect of the width on a velocity, d log v / d log W, or relative excess of a velocity, that
-#: counts as none
+#: largest effect of the width on a velocity, d log v / d log W, and largest relative excess of a
+#: velocity over that of equal balls, that count as zero
 _NO_EFFECT = 1e-9
 #: advice where the data do not determine the parameters
 _MEASURE = "Measure more precisely, over a wider range of force, or fit fewer parameters"
@@ -96,9 +96,9 @@ def compute_probability(chi2: float, dof: int) -> float:
 
 
 def judge_residuals(chi2: float, dof: int, parameters: int) -> list[str]:
-    """Return a warning where errors of the given sigma hardly make ``chi2``, the sum of
-    (residual/sigma)^2: it is too large or too small. There is another if no degrees of freedom,
-    ``dof``, are left to judge the fit.
+    """Return a warning if ``chi2``, the sum of (residual/sigma)^2, is so large or so small that
+    errors of the given sigma hardly explain the value, or if there are no degrees of freedom,
+    ``dof``, by which to judge the fit; an empty list otherwise.
 
     ``parameters`` is the number of fitted parameters.
     """
@@ -120,8 +120,9 @@ def judge_residuals(chi2: float, dof: int, parameters: int) -> list[str]:
 
 
 def compute_leverages(matrix: Array) -> Array:
-    """Return how far the fit follows each datum, (n,), sum p: the diagonal of A (A^T A)^-1 A^T, A
-    (n, p) the derivatives.
+    """Return the leverage (n,) of each datum, from 0 to 1, which says how far the fit follows the
+    datum: the diagonal of A (A^T A)^-1 A^T, of which A (n, p) is the ``matrix`` of the derivatives.
+    The leverages sum to p.
     """
     directions, _ = np.linalg.qr(matrix / np.linalg.norm(matrix, axis=0))
     return np.asarray(np.sum(directions**2, axis=1))
@@ -222,7 +223,7 @@ def _judge_excess(problem: FitProblem, logs: Array, *, sigma_given: bool) -> lis
     from scipy.special import ndtr, stdtr
 
     velocity = problem.velocity
-    equal_balls = problem.model.equal_balls(logs)[0]
+    equal_balls, _ = problem.model.equal_balls(logs)  # velocities (n,), m/s
     excess = velocity / equal_balls - 1.0
     # the scatter about a fit that such data bend is no measure of their noise, and a given sigma
     # may be too small
@@ -246,9 +247,11 @@ def _judge_excess(problem: FitProblem, logs: Array, *, sigma_given: bool) -> lis
 
 
 def _find_noise(force: Array, velocity: Array) -> float:
-    """Return the relative noise of one of the velocities (n,) at forces (n,), which makes the rms
-    distance of their logarithms from lines through their neighbours in force; rounding at least,
-    and infinite if there are no neighbours.
+    """Return the relative noise of a single velocity, estimated from velocities (n,), m/s, at
+    forces (n,), N: from the rms distance of the logarithm of each velocity from the straight line
+    through its two neighbours in force.
+
+    The noise is rounding at least, and infinite for fewer than three data.
     """
     order = np.lexsort((velocity, force))
     log_force = np.log(force[order])
@@ -342,8 +345,9 @@ class FitProblem:
 
     @property
     def widths(self) -> Array:
-        """Widths to try, (w,), m, ascending: from where disorder has no effect on the data to where
-        it rules them. The packing's own is one of them unless it is narrower than all.
+        """Widths (w,), m, ascending, from which the search starts: from a width at which disorder
+        has no effect on the data to one at which it dominates them. The packing's own width is one
+        of them, unless it is narrower than all others.
         """
         force = self.model.force
         packing = self.model.packing
@@ -497,7 +501,8 @@ def _descend(problem: FitProblem, start: Array) -> Array:
     def residuals(move: Array) -> Array:
         """Return the residuals (n,) at a ``move`` (p,) from the start."""
         try:
-            return evaluate(tuple(move.tolist()))[0]
+            residuals_there, _ = evaluate(tuple(move.tolist()))
+            return residuals_there
         except InputError:
             if not any(move):  # there is no trust region yet: the start itself is refused
                 raise
@@ -506,8 +511,9 @@ def _descend(problem: FitProblem, start: Array) -> Array:
 
     def jacobian(move: Array) -> Array:
         """Return the derivatives (n, p) of the residuals at a ``move`` (p,) from the start."""
+        _, slopes_of_model = evaluate(tuple(move.tolist()))
         # a residual is measured less fitted: it falls where the model rises
-        return -evaluate(tuple(move.tolist()))[1]
+        return -slopes_of_model
 
     minimum = least_squares(
         residuals, np.zeros(start.shape), jacobian, **_TOLERANCES, max_nfev=_MOST_EVALUATIONS
@@ -548,7 +554,7 @@ def _explain_excess(problem: FitProblem, logs: Array) -> InputError | None:
     they are not. ``logs`` are the logarithms (p,) of the parameters.
     """
     model = problem.model
-    equal_balls = model.equal_balls(logs)[0]
+    equal_balls, _ = model.equal_balls(logs)  # velocities (n,), m/s
     weights = (equal_balls / problem.sigma) ** 2  # inverse variances of the relative excess
     excess = float(np.average(problem.velocity / equal_balls - 1.0, weights=weights))
     if excess <= _NO_EFFECT:
@@ -556,7 +562,7 @@ def _explain_excess(problem: FitProblem, logs: Array) -> InputError | None:
     fault_start = f"the velocities are on average {100.0 * excess:.2g} % above those"
     if model.waves.frequency is not None:
         long_wave_model = replace(model.equal_balls, waves=replace(model.waves, frequency=None))
-        long_waves = long_wave_model(logs)[0]
+        long_waves, _ = long_wave_model(logs)
         excess_over_long = np.average(problem.velocity / long_waves - 1.0, weights=weights)
         if excess_over_long <= _NO_EFFECT:
             why = (
@@ -616,7 +622,8 @@ def _require_units(model: VelocityModel, velocity: Array) -> None:
     """
     start = model.find_nearly_equal()
     with np.errstate(all="ignore"):  # a ratio beyond all floats is refused below
-        ratio = velocity / model.equal_balls(start)[0]
+        equal_balls, _ = model.equal_balls(start)
+        ratio = velocity / equal_balls
     least_ratio = _LEAST_RATIO_OF_MODULUS if "young_modulus" in model.names else _LEAST_RATIO
     mean_ratio = math.exp(float(np.mean(np.log(ratio))))
     if least_ratio < mean_ratio < 1.0 / least_ratio:
@@ -731,6 +738,7 @@ class Fitted(Result):
         return super().from_dict(data)
 
     def _check(self) -> None:
+        """Raise InputError also for names that are not those of parameters that may be fitted."""
         super()._check()
         require_fitted(self.parameters, self._units_of_parameters)
 
@@ -862,7 +870,8 @@ class WidthFit(Fitted):
             velocities, _ = model.settle_geometry(start)(start)
             return velocities.reshape(forces.shape)[()]
         state = choice.of(self.packing).at_force(force, finite_overlap=waves.finite_overlap)
-        return waves.velocity(state)[0][()]
+        velocities, _ = waves.velocity(state)
+        return velocities[()]
 
     def _list_columns(self) -> dict[str, Any]:
         """The columns of fit.csv, (n,), by their headings."""
@@ -950,14 +959,17 @@ def fit_width(
         choice = MediumChoice("ala")
     requested = require("finite_overlap", truth, finite_overlap)
     waves = Waves(
-        branch, _along(packing, direction), data.frequency, choice.has_finite_overlap(requested)
+        branch,
+        _read_direction(packing, direction),
+        data.frequency,
+        choice.has_finite_overlap(requested),
     )
     choice.require_fixed("a fit")
     problem = FitProblem.of(VelocityModel(packing, names, choice, data.force, waves), data)
     problem, logs = find_best(problem)
     sigma_given = data.sigma is not None
     if not sigma_given:
-        problem = _take_scatter(problem, logs)
+        problem = _set_sigma_to_scatter(problem, logs)
     covariance = _find_covariance(problem, logs)
     errors = np.sqrt(np.diag(covariance))
     residuals, _ = problem(logs)
@@ -994,9 +1006,10 @@ def fit_width(
     )
 
 
-def _take_scatter(problem: FitProblem, logs: Array) -> FitProblem:
-    """Return the problem, of a sigma of 1 m/s until now, with the sigma, (n,), m/s, that the
-    scatter about the fit at ``logs`` shows; rounding is the least.
+def _set_sigma_to_scatter(problem: FitProblem, logs: Array) -> FitProblem:
+    """Return the problem with one sigma for all data, m/s: the scatter about the fit at ``logs``,
+    or the rounding of the velocities in double precision if that is larger. Until now the sigma of
+    the problem must be 1 m/s.
     """
     residuals, _ = problem(logs)  # m/s, as sigma is 1 m/s
     scatter = math.sqrt(float(residuals @ residuals) / problem.dof)
@@ -1110,7 +1123,7 @@ def convert_cutoff(
         raise InputError(
             "the diameter is fitted, and cut-off frequencies are given", why, "Give velocities"
         )
-    waves = Waves(branch, _along(packing, direction), None, finite_overlap)
+    waves = Waves(branch, _read_direction(packing, direction), None, finite_overlap)
     equal_balls = VelocityModel(packing, ("young_modulus",), MediumChoice("ala"), force, waves)
     start = equal_balls.find_start(packing.width)
     velocities, _ = equal_balls(start)
@@ -1118,7 +1131,7 @@ def convert_cutoff(
     return np.asarray(cutoff * velocities / tops)
 
 
-def _along(packing: Packing, direction: ArrayLike | None) -> Array:
+def _read_direction(packing: Packing, direction: ArrayLike | None) -> Array:
     """Return the unit vector (p,) of the direction of sound, by default the lattice's last axis."""
     periods = packing.structure.periods
     return one_direction(np.eye(periods)[-1] if direction is None else direction, periods)

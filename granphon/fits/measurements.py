@@ -168,15 +168,17 @@ class Measurements(Result):
         force = source.read_force(load, {"side_force": frame, "pressure": pressed}.get(load))
         if distance is not None:
             _require_no_second_distance(source, measured)
-        way, error_of_way = distance if isinstance(distance, tuple) else (distance, 0.0)
+        length, error_of_length = distance if isinstance(distance, tuple) else (distance, 0.0)
         if measured == "cutoff" and carried is not None:
             velocity = carried(force, source.column("cutoff"))
         else:
-            velocity = source.read_velocity(measured, way)
+            velocity = source.read_velocity(measured, length)
         sigma = None if error is None else source.read_sigma(error, velocity)
-        if way is not None and error_of_way:
-            of_way = velocity * (not_negative("error of distance", error_of_way, "m") / way)
-            sigma = of_way if sigma is None else np.hypot(sigma, of_way)
+        if length is not None and error_of_length:
+            # the relative error of the distance is one of each velocity, beside its own
+            relative_error = not_negative("error of distance", error_of_length, "m") / length
+            sigma_of_length = velocity * relative_error
+            sigma = sigma_of_length if sigma is None else np.hypot(sigma, sigma_of_length)
         frequency = None if pulse is None else source.column("frequency")
         try:
             return cls(force, velocity, sigma, frequency)
@@ -221,8 +223,10 @@ class _SourceColumns:
         return self.names.get(kind, kind)
 
     def choose(self, *kinds: str) -> str | None:
-        """Return which of these kinds the table has; None if it has none, InputError if it has
-        several. A kind with a name of its own in ``names`` goes before the others.
+        """Return the one of these ``kinds`` of which the table has a column; None if there is no
+        such column. Kinds whose headings are given in ``names`` go before the others.
+
+        Raises InputError if there are columns of several kinds.
         """
         present = [kind for kind in kinds if kind in self.names]
         if not present:

@@ -23,7 +23,7 @@ from granphon.observables.parameters import read_load
 _KEPT = 8
 
 
-def _keep(network: ContactNetwork) -> ContactNetwork:
+def _keep_whole(network: ContactNetwork) -> ContactNetwork:
     """Return the network as it is."""
     return network
 
@@ -37,13 +37,14 @@ class PressedCrystal:
     crystal : the crystal.
     load : one load.
     finite_overlap : as for the states of the crystal.
-    shape : the network that is heard, of that of the state, as a cut of it is.
+    shape : function that takes the network of the state, and returns the network whose vibrations
+        are measured, such as a cut; by default the whole network.
     """
 
     crystal: Crystal
     load: Load
     finite_overlap: bool | None = None
-    shape: Callable[[ContactNetwork], ContactNetwork] = _keep
+    shape: Callable[[ContactNetwork], ContactNetwork] = _keep_whole
 
     @classmethod
     def of(cls, x: Any, load: Mapping[str, float], finite_overlap: bool | None = None) -> Self:
@@ -65,23 +66,27 @@ class PressedCrystal:
 
     @cached_property
     def network(self) -> ContactNetwork:
-        """The network that is heard, of the crystal as it is."""
+        """The network whose vibrations are measured, with the crystal's own springs and wall."""
         return self.find_network()
 
     def find_network(
         self, on_site: float = 1.0, wall_modulus: float | None = None
     ) -> ContactNetwork:
-        """Return the network that is heard at rest over springs to the ground that are ``on_site``
-        times those of the crystal, on its one wall with a Young modulus ``wall_modulus``, Pa, or as
-        it is.
+        """Return the network whose vibrations are measured, at rest under the load after a change
+        of springs and wall. The last few networks are kept, and not found again.
+
+        Springs to the ground are ``on_site`` times as stiff as those of the crystal. The one wall
+        has the Young modulus ``wall_modulus``, Pa, or its own if that is None.
         """
         return self._find_network(on_site, wall_modulus)
 
     @cached_property
     def _find_network(self) -> Callable[[float, float | None], ContactNetwork]:
+        """The function :meth:`_rest`, which keeps the networks of its last few calls."""
         return lru_cache(maxsize=_KEPT)(self._rest)
 
     def _rest(self, on_site: float, wall_modulus: float | None) -> ContactNetwork:
+        """Bring the changed crystal to rest, and return the network of :meth:`find_network`."""
         crystal = self.crystal
         if crystal.on_site is not None and on_site != 1.0:
             crystal = crystal.with_springs(on_site * crystal.on_site)

@@ -76,7 +76,12 @@ def read_traces(
     distances: Sequence[float] | Mapping[str, float] | None,
     time_step: float | None,
 ) -> Record:
-    """Read traces from one or several files; see :meth:`granphon.Traces.read`."""
+    """Read the traces of one or several files that have the same times.
+
+    ``distances`` of the sensors, m, in their order or by their names, replace those in the files.
+    ``time_step``, s, is given if the files have no times. Raises InputError as
+    :meth:`granphon.Traces.read` does.
+    """
     listed = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
     if not listed:
         raise InputError("there is no file of traces", mend="Give one or more")
@@ -99,7 +104,7 @@ def read_traces(
 
 
 def _read_file(path: str | os.PathLike[str]) -> _FileTraces:
-    """Read one file."""
+    """Return the traces of one file: HDF5 by the ending of its name, else a table."""
     is_hdf5 = Path(path).suffix.lower() in _HDF5
     return _read_hdf5(path) if is_hdf5 else _read_table(path)
 
@@ -187,9 +192,12 @@ def _find_distances(
 def _take_step(
     path: str | os.PathLike[str], lines: Sequence[str]
 ) -> tuple[list[str], float | None]:
-    """Return the ``lines`` of a table, with comments in place of the line that gives the step of
-    time and of those above it, which tell of the instrument, so that lines keep their numbers; and
-    the step, s, None if no line gives it.
+    """Return the ``lines`` of a table, and the step of time, s, that one of them gives; None if no
+    line does.
+
+    The line that gives the step, and those above it, which describe the instrument, are replaced by
+    comments: so they are not read as rows, and the other lines keep their numbers. InputError for a
+    step that is no time.
     """
     step = None
     lines_of_table = []
@@ -207,7 +215,9 @@ def _take_step(
 
 
 def _read_table(path: str | os.PathLike[str]) -> _FileTraces:
-    """Read a table; the lines above its headings may give the step of time."""
+    """Return the traces of a table: a column of times, or a line above the headings that gives the
+    step of time, and a column for each sensor. InputError if there are no samples or no traces.
+    """
     lines, step = _take_step(path, decode(str(path), read_bytes(path)).splitlines())
     table = Table.parse(str(path), "\n".join(lines).encode())
     if not table.lines:
@@ -255,7 +265,11 @@ def _split_heading(heading: Heading) -> tuple[str, float | None]:
 
 
 def _read_hdf5(path: str | os.PathLike[str]) -> _FileTraces:
-    """Read an HDF5 file."""
+    """Return the traces of a file of HDF5: the data sets "signals" (m, n), "time" (n,) or the
+    attribute "time_step", "distance" (m,) and "names" (m,), of which only the first is required.
+
+    Raises InputError for a file that cannot be read, and for data sets that do not fit together.
+    """
     require_installed("A file of HDF5", "h5py")
     import h5py
 

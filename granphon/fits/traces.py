@@ -119,7 +119,7 @@ class Traces(Result, array="signals"):
         """Check the traces, and put them in place as they are kept: with times that are evenly
         spaced, in the order of their distances.
         """
-        times = _require_even(finite_array("times", self.times, "s"))
+        times = _require_even_steps(finite_array("times", self.times, "s"))
         signals = np.atleast_2d(_read_signals(self.signals))
         distances = np.atleast_1d(finite_array("distances", self.distances, "m"))
         n_sensors = len(signals)
@@ -329,9 +329,9 @@ class _LowPass:
             return signals
         from scipy.signal import sosfiltfilt
 
-        # reaches beyond the ends, within which the filter forgets
-        reach = min(signals.shape[-1] - 1, math.ceil(3.0 / (self.cutoff * self.time_step)))
-        filtered: Array = sosfiltfilt(self._sections, signals, axis=-1, padlen=reach)
+        # signals are continued beyond their ends by as many samples as the filter remembers
+        n_continued = min(signals.shape[-1] - 1, math.ceil(3.0 / (self.cutoff * self.time_step)))
+        filtered: Array = sosfiltfilt(self._sections, signals, axis=-1, padlen=n_continued)
         return filtered
 
 
@@ -365,7 +365,7 @@ class _Pulses:
         sizes = np.max(np.abs(traces.signals), axis=1, keepdims=True)
         scaled = traces.signals / np.where(sizes > 0.0, sizes, 1.0)
         for name, signal in zip(traces.names, scaled, strict=True):
-            samples = signal[: _find_quiet(traces, name, signal, quiet)]
+            samples = signal[: _count_quiet_samples(traces, name, signal, quiet)]
             offsets.append(np.mean(samples))
             # noise below the rounding of the samples is that rounding
             noise.append(max(np.std(samples, ddof=1), ROUNDED * np.max(np.abs(signal))))
@@ -442,7 +442,7 @@ class _Pulses:
             weight[above] = -fraction / rise * np.sign(signal[above])
             weight[top] += share / rise * np.sign(signal[top])
             weights.append(weight)
-        return self._make_independent(np.array(places), np.array(weights))
+        return self._make_arrivals(np.array(places), np.array(weights))
 
     def find_peaks(self) -> _Arrivals:
         """Return the first maximum of the magnitude of each signal that has half of the greatest
@@ -464,7 +464,7 @@ class _Pulses:
             weight[top] = sign * 2.0 * shift / curvature
             weight[top + 1] = sign * (-0.5 - shift) / curvature
             weights.append(weight)
-        return self._make_independent(np.array(places), np.array(weights))
+        return self._make_arrivals(np.array(places), np.array(weights))
 
     def find_delays(self) -> _Arrivals:
         """Return the delay of each signal after the first, where their cross-correlation is
@@ -501,7 +501,7 @@ class _Pulses:
             weights[sensor] = slope_of_reference / curvature
             # all delays have the same error of the first signal, if the pulse keeps its shape
             weights[0] += slope_of_signal / curvature / (sensors - 1)
-        return self._make_independent(places, weights)
+        return self._make_arrivals(places, weights)
 
     def find_phases(self, frequency: float) -> _Arrivals:
         """Return the times of arrival of the phase at a ``frequency``, Hz: -phase / (2 pi f) of the
@@ -538,7 +538,7 @@ class _Pulses:
         periods = np.rint(frequency * (delays - (phase_times - phase_times[0])))
         weights = -np.imag(waves / amplitudes[:, None]) / omega / step
         places = (phase_times + periods / frequency) / step
-        return self._make_independent(places, weights)
+        return self._make_arrivals(places, weights)
 
     def _find_top(self, sensor: int) -> int:
         """Return the sample of the first maximum of the magnitude of a signal that has half of the
@@ -555,9 +555,12 @@ class _Pulses:
             )
         return int(tops[0])
 
-    def _make_independent(self, places: Array, weights: Array) -> _Arrivals:
-        """Return arrivals at ``places`` (m,), in samples, whose errors are those of the signals
-        (m, n), weighed by ``weights`` (m, n), samples.
+    def _make_arrivals(self, places: Array, weights: Array) -> _Arrivals:
+        """Return the arrivals at ``places`` (m,), counted in samples from the first time.
+
+        ``weights`` (m, n) are the derivatives of the places by the samples of the filtered signals:
+        the error of a place is the sum of the errors of the samples, each times its weight. Errors
+        of different samples are independent before the filter.
         """
         step = self.traces.time_step
         # the filter is symmetric: errors of the samples before the filter have filtered weights
@@ -581,7 +584,7 @@ def _read_signals(values: Any) -> Array:
     return finite_array("signals", values)
 
 
-def _require_even(times: Array) -> Array:
+def _require_even_steps(times: Array) -> Array:
     """Return ``times`` (n,), s; InputError if they are few, do not rise, or are not evenly
     spaced.
     """
@@ -657,9 +660,13 @@ def _find_longest_run(flags: Flags) -> tuple[int, int]:
     return int(starts[longest]), int(lengths[longest])
 
 
-def _find_quiet(traces: Traces, name: str, signal: Array, quiet: float | None) -> int:
+def _count_quiet_samples(traces: Traces, name: str, signal: Array, quiet: float | None) -> int:
     """Return how many samples at the start of a ``signal`` (n,) hold no pulse: those before the
-    time ``quiet``, s, or half of those before its magnitude first has half of its maximum.
+    time ``quiet``, s, or, if that is None, half of those before the magnitude of the signal first
+    has half of its maximum.
+
+    Raises InputError for a signal that does not change, and for fewer than 16 quiet samples; both
+    messages name the sensor ``name``.
     """
     spread = float(np.std(signal))
     if not spread:
@@ -689,8 +696,11 @@ def _find_quiet(traces: Traces, name: str, signal: Array, quiet: float | None) -
 
 
 def _still_rises(sizes: Array, noise: float) -> bool:
-    """Whether the magnitude (n,) of a pulse, with a standard deviation of its ``noise``, ends while
-    it rises: by more than noise in the last quarters of the rise so far.
+    """Whether a record ends while its pulse still rises. ``sizes`` (n,) are the magnitudes of the
+    samples, and ``noise`` is the standard deviation of their noise.
+
+    It does if its greatest sample lies no farther from the end than a quarter of the rise so far,
+    and the mean over the last such quarter exceeds that over the quarter before by more than noise.
     """
     top = int(np.argmax(sizes))
     rise = top - int(np.argmax(sizes >= THRESHOLD * sizes[top]))

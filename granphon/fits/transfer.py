@@ -58,8 +58,9 @@ PARAMETERS = {
     "wall_modulus": "Pa",
     "gain": "1",
 }
-#: those that move resonances, and the power of a ratio of stiffnesses by which each is searched: a
-#: contact is stiffer by the cubic root of its load, and less so by the modulus of a wall
+#: the parameters that move resonances, each with the power of a ratio of stiffnesses that is tried
+#: as its own ratio: r^3 times the load makes contacts r times stiffer, as stiffness goes as the
+#: cubic root of the load; the modulus of a wall acts less than that
 _POWERS = {"stiffness": 1.0, "load": 3.0, "on_site": 2.0, "wall_modulus": 3.0}
 #: loss factors from which the search starts
 _LOSSES = np.geomspace(1e-3, 1.0, 10)
@@ -235,10 +236,10 @@ class TransferFunction(Result):
         low, high = (0.0, math.inf) if band is None else _read_band(band)
         # segments have lost their means, and with these the frequencies of one window about zero
         low = max(low, 2.0 / (n_segment * step))
-        is_coherent = coherences > _limit_noise(_BY_CHANCE, n_independent)
+        is_coherent = coherences > _find_coherence_of_noise(_BY_CHANCE, n_independent)
         is_kept = is_coherent & (frequencies > low) & (frequencies <= high)
         # of many frequencies some are above that by chance: one must be above what none of them is
-        least_coherence = _limit_noise(_BY_CHANCE / frequencies.size, n_independent)
+        least_coherence = _find_coherence_of_noise(_BY_CHANCE / frequencies.size, n_independent)
         if not np.any(coherences[is_kept] > least_coherence):
             raise InputError(
                 "nothing connects drive and response: no coherence is above"
@@ -282,18 +283,18 @@ def _choose_segment(n: int, step: float, segment: float | None) -> int:
 
 
 def _count_independent(n: int, n_segment: int) -> float:
-    """Return the number of independent segments to which those of ``n_segment`` samples, which
-    overlap by half in a record of ``n``, amount: the variance of their mean spectrum says so.
+    """Return how many independent segments would give a mean spectrum of the same variance as the
+    segments of ``n_segment`` samples that overlap by half in a record of ``n`` samples.
 
-    Under Hann's window the signals of neighbours have a correlation of a sixth, and their spectra
-    of its square.
+    Under Hann's window the signals of neighbouring segments have a correlation of 1/6, and their
+    spectra one of 1/36.
     """
     n_segments = (n - n_segment) // (n_segment - n_segment // 2) + 1
     relative_variance = (1.0 + 2.0 / 36.0 * (n_segments - 1) / n_segments) / n_segments
     return 1.0 / relative_variance
 
 
-def _limit_noise(chance: float, n_independent: float) -> float:
+def _find_coherence_of_noise(chance: float, n_independent: float) -> float:
     """Return the coherence that noise alone exceeds with the probability ``chance``, in a mean over
     ``n_independent`` segments.
     """
@@ -360,8 +361,9 @@ class _SourceColumns:
     def read(
         cls, path: str | os.PathLike[str], names: Mapping[str, str], quantity: str
     ) -> _SourceColumns:
-        """Return the columns of the table at ``path`` of a ``quantity``; ``names`` are headings by
-        kind.
+        """Return the columns of the table at ``path``, which holds a transfer function of a
+        ``quantity``. ``names`` are headings by kind, for kinds that go by other names; magnitudes
+        are found under "H" too, and those of forces under "force".
 
         Raises :class:`~granphon.base.errors.InputError` for a table that cannot be read, or a kind
         in ``names`` that is not known.
@@ -462,8 +464,11 @@ class _SourceColumns:
         return angle
 
     def measure(self, kind: str) -> Array:
-        """Return the numbers of a column, (n,), in the unit of the magnitude: m/N, m/s/N or 1;
-        InputError for a column with the unit of another quantity, or without one that is needed.
+        """Return the numbers (n,) of the column of a ``kind``, "magnitude", "real", "imag" or
+        "sigma", in the SI unit of the response, such as m/N or m/s/N, or 1.
+
+        Numbers of sensors that are not calibrated are returned in their own unit. Raises InputError
+        for a column with the unit of another quantity, or without a unit if one is needed.
         """
         heading = self.headings[kind]
         unit = self.table.unit(heading)
@@ -515,8 +520,12 @@ class _Model:
     places: dict[str, Any]
 
     def losses(self, values: Mapping[str, float]) -> dict[str, Any]:
-        """Return the losses, arguments of :meth:`granphon.Waves.response`: pairs of the first kind
-        of motion and of the others, which have the same unless theirs is fitted, and a restitution.
+        """Return the losses, SI, by the names of the arguments of :meth:`granphon.Waves.response`,
+        at these ``values`` of the fitted parameters by name.
+
+        Each loss is a pair: that of normal motion, or of displacements, and that of all other
+        motion. If only the first is fitted, the other equals it; a loss that is not fitted has its
+        given value. The restitution is one number.
         """
         losses: dict[str, Any] = {_RESTITUTION: self.given[_RESTITUTION]}
         if _RESTITUTION in values:
@@ -529,8 +538,9 @@ class _Model:
         return losses
 
     def find_scale(self, name: str) -> float:
-        """Return the value of a parameter of which the loss at the median frequency is one of the
-        order of a loss factor of one; one of other parameters.
+        """Return the typical value, SI, of the parameter called ``name``. For a loss it is the
+        value that makes the loss factor about one at the median frequency, for the modulus of a
+        wall the modulus that the wall has, and for ratios one.
         """
         network = self.network
         if name == "wall_modulus":
@@ -548,8 +558,10 @@ class _Model:
         return scales.get(LOSS_PARAMETERS.get(name, name), 1.0)
 
     def _find_network(self, values: Mapping[str, float]) -> ContactNetwork:
-        """Return the network over springs to the ground and on a wall with these ``values``: at
-        rest anew, where its crystal is known, and else with the forces that contacts have.
+        """Return the network whose springs to the ground and whose wall have these ``values``.
+
+        If its crystal is known, the network comes to rest anew under the load; otherwise contacts
+        keep the forces that they have.
         """
         network = self.network
         ratio = values.get("on_site", 1.0)
@@ -656,6 +668,7 @@ class DampingFit(Fitted):
         return QUANTITIES[self.quantity] if self.measured.calibrated else "1"
 
     def _field_units(self) -> dict[str, str]:
+        """Return the SI unit of each field, with that of the measured magnitudes."""
         return super()._field_units() | {"magnitude": self.unit}
 
     def _list_columns(self) -> dict[str, Any]:
@@ -675,7 +688,7 @@ class DampingFit(Fitted):
 
 
 def read_fit(data: Any) -> WidthFit | DampingFit:
-    """Build a fit of either kind from what stands in its fit.yaml."""
+    """Build the fit of either class from ``data``, the plain data of its fit.yaml."""
     is_damping = isinstance(data, Mapping) and data.get("class") == DampingFit.__name__
     return DampingFit.from_dict(data) if is_damping else WidthFit.from_dict(data)
 
@@ -683,17 +696,20 @@ def read_fit(data: Any) -> WidthFit | DampingFit:
 def find_secant(
     compare: Callable[[Array], Array], values: Array, index: int, scatter: float, name: str
 ) -> Array:
-    """Return the change of the residuals over that of one loss, between its best value and the
-    value at which the residuals have changed by their scatter: a column (n,) of a Jacobian.
+    """Return the slope (n,) of the secant of the residuals along one loss, which takes the place of
+    a derivative in a Jacobian: the change of the residuals over the step of the loss at which the
+    norm of the change equals the ``scatter``.
 
-    Magnitudes depend on a loss that is nearly zero by its square only, so that the derivative there
-    says nothing of the error: the loss up to which the misfit rises by that of one standard
-    deviation does. ``compare`` returns residuals (n,) from parameters (p,) in units of typical
-    values, as ``values`` are; ``index`` is the index of the loss among them.
+    Where a loss is nearly zero, magnitudes depend on its square only, so that the derivative is
+    about zero and says nothing of the error of the loss. The secant gives the error at which the
+    misfit rises by that of one standard deviation.
 
-    If the least loss, 1e-9, changes the residuals by more, the change is the one at that loss.
+    ``compare`` returns the residuals (n,) at parameters (p,) in units of typical values, and
+    ``values`` (p,) are the best ones; ``index`` is the index of the loss among them, and ``name``
+    its name in messages. The least step is 1e-9.
 
-    Raises :class:`~granphon.base.errors.InputError` if no loss changes the residuals so much.
+    Raises :class:`~granphon.base.errors.InputError` if no step up to 10 changes the residuals so
+    much.
     """
     from scipy.optimize import brentq
 
@@ -973,11 +989,15 @@ class _Comparison:
         return finite or [parameters for _, parameters in best]
 
     def _find_best_ratios(self) -> list[float]:
-        """Return the ratios of stiffness, to that of the network as it is, at which broad lines fit
-        best, the best first.
+        """Return the three ratios of stiffness, to that of the network as it is, at which the
+        response with a large loss factor fits best, the best first. The loss makes resonances so
+        broad that one that is off by its width is still found.
         """
-        tried = _STIFFER.tolist()
-        misfits = sorted((self.find_start(_BROAD, ratio)[0], ratio) for ratio in tried)
+        misfits = []
+        for ratio in _STIFFER.tolist():
+            misfit, _ = self.find_start(_BROAD, ratio)
+            misfits.append((misfit, ratio))
+        misfits.sort()
         return [ratio for _, ratio in misfits[:_FOLLOWED]]
 
     def find_best(self) -> Any:
@@ -999,6 +1019,7 @@ class _Comparison:
 
         # a loss may vanish; a stiffness, load or gain of zero has no response
         low = np.where(self.is_loss, 0.0, 1e-3)
+        # a gain of sensors may have any size: its bound and its scale are those of the start
         is_gain = np.array([name == "gain" for name in self.names])
         low[is_gain] *= np.minimum(start[is_gain], 1.0)
         high = np.full(low.shape, np.inf)
@@ -1055,8 +1076,8 @@ class _Comparison:
 def _find_restitution(
     names: Sequence[str], values: Array, covariance: Array
 ) -> tuple[Array, Array]:
-    """Return the values (p,) and their covariance (p, p) with a restitution e in place of its
-    logarithm ln(1/e), which is sought.
+    """Return the fitted values (p,) and their covariance (p, p), in which the restitution e takes
+    the place of ln(1/e), the number that the fit seeks; the other parameters are unchanged.
     """
     is_logarithm = np.array([name == _RESTITUTION for name in names])
     restitution = np.exp(-np.where(is_logarithm, values, 0.0))
@@ -1065,7 +1086,9 @@ def _find_restitution(
 
 
 def _make_pair(loss: Any) -> tuple[Any, Any]:
-    """Return a loss of normal and one of all other motion, from such a tuple or one for both."""
+    """Return the loss of normal motion and that of all other motion: ``loss`` is a tuple of both,
+    or one loss that holds for both.
+    """
     return (loss[0], loss[1]) if isinstance(loss, tuple) else (loss, loss)
 
 
@@ -1077,8 +1100,9 @@ def _average_contacts(pair: tuple[Any, Any]) -> Array:
 
 
 def _require_data(dof: int, parameters: int, *, sigma_given: bool) -> None:
-    """Raise InputError if the degrees of freedom ``dof``, measured numbers less ``parameters``, are
-    below zero; without a given sigma below one, as the scatter takes one.
+    """Raise InputError if there are too few measured numbers for the number of ``parameters``:
+    ``dof``, the difference of both, must be zero or above, and one or above if sigma is not given,
+    because the scatter takes one more.
     """
     n_needed = 0 if sigma_given else 1
     if dof >= n_needed:

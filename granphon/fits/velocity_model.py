@@ -90,6 +90,7 @@ class Waves(Result):
     finite_overlap: bool = held(bool)
 
     def __post_init__(self) -> None:
+        """Check the branch, and that ``finite_overlap`` is a truth value."""
         one_of("branch", self.branch, _BRANCHES)
         require("finite_overlap", truth, self.finite_overlap)
         super().__post_init__()
@@ -148,7 +149,9 @@ class _WidenedSpread(Spread):
         return self.source.shape
 
     def _compute_deviations(self, probability: Array) -> Array:
-        """Deviations in proportion to the source's, also those of a list too long for its shape."""
+        """Return the deviations of the source, m, times the ratio of the widths. Those of a long
+        list of diameters are taken from the list itself, which its shape condenses.
+        """
         if not self.source.width:
             return super()._compute_deviations(probability)
         return self.width * (self.source._compute_deviations(probability) / self.source.width)
@@ -165,6 +168,7 @@ class _SampleCurve:
     """
 
     def __init__(self, packing: Packing, choice: MediumChoice, waves: Waves) -> None:
+        """Set up the curve of samples of the ``packing``; nothing is simulated before a call."""
         self.medium = choice.of(packing)
         self.waves = replace(waves, frequency=None)
         self._known: dict[int, float] = {}
@@ -201,11 +205,12 @@ class _SampleCurve:
         force = np.exp(_NODE_SPACING * np.array(nodes)) * packing.width_units.force
         state = self.medium.at_force(force)
         velocities, _ = self.waves.velocity(state)
-        even = _make_even(packing, force, self.waves.finite_overlap)
+        regular = _make_regular_state(packing, force, self.waves.finite_overlap)
         stiffness = np.asarray(state.normal_stiffness)
         for _ in range(_CORRECTIONS):
-            even_velocities = self.waves.velocity(replace(even, normal_stiffness=stiffness))[0]
-            ratio = (velocities / even_velocities) ** 2
+            corrected = replace(regular, normal_stiffness=stiffness)
+            regular_velocities, _ = self.waves.velocity(corrected)
+            ratio = (velocities / regular_velocities) ** 2
             stiffness = stiffness * ratio
             if np.max(np.abs(ratio - 1.0)) < _CORRECTED:
                 break
@@ -224,8 +229,10 @@ def require_fitted(names: Sequence[str], known: Collection[str]) -> None:
         raise InputError(f"the parameters are {names}", mend="Give one or more, each at most once")
 
 
-def _make_even(packing: Packing, force: Array, finite_overlap: bool) -> ContactState:
-    """Return the state of the regular lattice, whose contacts all carry the same force, N."""
+def _make_regular_state(packing: Packing, force: Array, finite_overlap: bool) -> ContactState:
+    """Return the state of the regular lattice, whose contacts all carry the same ``force``, N, at
+    each of the forces (n,).
+    """
     return AveragedLattice(packing).at_force(force, finite_overlap=finite_overlap)
 
 
@@ -269,7 +276,9 @@ class VelocityModel:
         return self.names.index("width") if "width" in self.names else None
 
     def find_start(self, width: float) -> Array:
-        """Logarithms (p,) of the packing's own parameters, with this width (m)."""
+        """Return the logarithms (p,) of the parameters of the packing, in which ``width``, m, takes
+        the place of its own width.
+        """
         values = {
             "width": width,
             "young_modulus": self.packing.material.young_modulus,
@@ -321,8 +330,11 @@ class VelocityModel:
         return replace(self, curve_at=logs)
 
     def find_tops(self, logs: Array) -> Array:
-        """Highest frequency that a pulse can have at each force, (n,), Hz."""
-        return self.waves.find_tops(self._find_state(self._make_packing(logs))[0])
+        """Return the highest frequency (n,), Hz, that a pulse can have at each force, if ``logs``
+        (p,) are the logarithms of the parameters.
+        """
+        state, _ = self._find_state(self._make_packing(logs))
+        return self.waves.find_tops(state)
 
     @property
     def equal_balls(self) -> VelocityModel:
@@ -368,6 +380,7 @@ class VelocityModel:
         """
         state, exponent = self._find_state(self._make_packing(logs))
         velocities, power = self.waves.velocity(state)
+        # d log v / d log p of long waves is a constant plus a factor times the local exponent
         constants, factors = np.array([VARIABLE[name] for name in self.names]).T
         slopes = constants + np.multiply.outer(exponent, factors)
         if self.waves.finite_overlap:
@@ -419,9 +432,9 @@ class VelocityModel:
                 self.force, finite_overlap=self.waves.finite_overlap
             )
             return state, np.asarray(local_exponent(state))
-        even = _make_even(packing, self.force, self.waves.finite_overlap)
+        regular = _make_regular_state(packing, self.force, self.waves.finite_overlap)
         try:
-            value, slope = self._curve(np.log(even.reduced_force))
+            value, slope = self._curve(np.log(regular.reduced_force))
         except InputError as error:
             if error.load_index != 0:  # not the lowest load
                 raise
@@ -435,7 +448,7 @@ class VelocityModel:
             ) from None
         stiffness = packing.width_units.stiffness * np.exp(value)
         # v is proportional to k^(1/2)
-        return replace(even, normal_stiffness=stiffness), 0.5 * slope
+        return replace(regular, normal_stiffness=stiffness), 0.5 * slope
 
     @property
     def _packing_of_samples(self) -> Packing:
@@ -449,6 +462,7 @@ class VelocityModel:
 
     @cached_property
     def _curve(self) -> _SampleCurve:
+        """The curve through simulated samples, whose points are solved when they are needed."""
         return _SampleCurve(self._packing_of_samples, self.choice, self.waves)
 
     def fit_packing(self, logs: Array) -> Packing:

@@ -41,12 +41,13 @@ if TYPE_CHECKING:
 #: units of the attributes of simulated states, which have those of all states of packings, and
 #: those of samples
 _STATE_UNITS = {**ContactState.units, **SAMPLE_UNITS}
-#: what must be worked out to find an observable: nothing beyond the packing; the state; the long
-#: waves of the state; its long waves at neighbouring loads, for which a simulation solves two more
-#: equilibria; a pulse through each sample, its spectral functions, or its density of states; bands,
-#: along a path that is given; the waves of an edge; edges of gaps, or of branches, in the zone;
-#: derivatives by the parameters; or the network of the state, its modes, and how it answers to a
-#: drive
+#: what must be worked out to find an observable, in the order of the names below: nothing beyond
+#: the packing; the state; the long waves of the state; its long waves at neighbouring loads, for
+#: which a simulation solves two more equilibria; a pulse through each sample; the spectral
+#: functions of each sample; its density of states; bands along a given path; the waves of an edge;
+#: the edges of gaps in the zone; the lowest and highest frequencies of branches in the zone; the
+#: frequencies at which branches begin; derivatives by the parameters; or the network of the state,
+#: with its modes and its response to a drive
 CostClass = Literal[
     "packing",
     "state",
@@ -163,6 +164,7 @@ class Observable:
     per_dimension: str = ""
 
     def __post_init__(self) -> None:
+        """Put the defaults in place of an empty label and an empty meaning."""
         if not self.label:
             object.__setattr__(self, "label", _write_words(self.name))
         if not self.meaning:
@@ -187,6 +189,7 @@ def _or_none(find: Callable[[Analysis], Any]) -> Callable[[Analysis], Any]:
     """
 
     def find_or_none(analysis: Analysis) -> Any:
+        """Return the value of the quantity, or None where ``find`` raises InputError."""
         with suppress(InputError):
             return find(analysis)
         return None
@@ -213,6 +216,7 @@ def _exclude_finite_overlap(find: Callable[[ContactState], Any]) -> Callable[[An
     """
 
     def find_unless_finite(analysis: Analysis) -> Any:
+        """Return the exponent of the state, or None."""
         state = analysis.state
         if state.finite_overlap and not state.n_samples:
             return None
@@ -230,6 +234,7 @@ def _make_state_entry(name: str, title: str, **fields: Any) -> Observable:
     """
 
     def find(analysis: Analysis) -> Any:
+        """Return the attribute of the state, or None."""
         state = analysis.state
         # looked up without a call, so that an AttributeError inside a property is not hidden
         has_attribute = getattr_static(state, name, None) is not None
@@ -248,6 +253,7 @@ def _make_velocity_entry(name: str, title: str, **fields: Any) -> Observable:
     may_hold_two_waves = name in ("transverse", "transverse_error")
 
     def find(analysis: Analysis) -> Any:
+        """Return the attribute of the velocities, m/s, or None."""
         has_two_waves = analysis.velocities.transverse_slow is not None
         if may_hold_two_waves and has_two_waves:
             return None
@@ -265,7 +271,8 @@ def _make_modulus_entry(name: str, title: str, **fields: Any) -> Observable:
     modulus_name = name.removesuffix("_error")
 
     def find(analysis: Analysis) -> Any:
-        # asked also for an error: the modulus raises InputError where the lattice has none
+        """Return the attribute of the moduli, or None; InputError if the lattice lacks it."""
+        # the modulus is asked for before its error, as it raises InputError if there is none
         modulus = getattr(analysis.moduli, modulus_name, None)
         return None if modulus is None else getattr(analysis.moduli, name)
 
@@ -300,6 +307,7 @@ def _make_cubic_entry(name: str, title: str, **fields: Any) -> Observable:
     """
 
     def find(analysis: Analysis) -> Any:
+        """Return the attribute of the moduli, or None."""
         moduli = analysis.moduli
         is_cubic = moduli is not None and moduli.cubic
         return getattr(moduli, name) if is_cubic else None
@@ -889,8 +897,8 @@ def register_observable(
 
 
 def is_free(name: str) -> bool:
-    """Return whether a name is an identifier that neither a dimension of data sets has nor a part
-    that scenes observe.
+    """Return whether a new observable may have this name: it must be an identifier, and neither a
+    dimension of data sets nor a part of a scene may have the name.
     """
     reserved = {"load", "medium", "response", "motion", "modes"}
     for entry in _OBSERVABLES:

@@ -76,7 +76,8 @@ def find_nonaffine(
     lattice.require_rigid(state.scales)
     translations = len(lattice.motions.translations)
     gradients = np.zeros((translations, p))
-    gradients[:p] = _square(voigt, p)
+    gradients[:p] = _make_strain(voigt, p)
+    # (balls, motions), reduced, beside the displacements that the strain itself makes
     motions = np.einsum("bmg,g->bm", lattice.gradient_motions, gradients.ravel())
     # the lattice may be turned, so that its periods lie along x, or in the xy plane
     turn = np.eye(3)
@@ -89,14 +90,16 @@ def find_nonaffine(
     displacements[moving[:, None], axes] = state.scales.length * motions[:, :translations]
     if np.all(network.moving):
         displacements -= np.mean(displacements, axis=0)
+    # a rotation phi is stored as the length w = R_g phi
     turns = motions[:, translations:] / lattice.gyration[:, None]
     rotations[moving[:, None], list(lattice.motions.rotations)] = turns
     return NonaffineMotion(voigt, displacements @ turn, rotations @ turn)
 
 
-def _square(voigt: Array, periods: int) -> Array:
-    """Return the symmetric strain (p, p), of p ``periods``, of one in Voigt order: its diagonal,
-    and then angles of shear, which are twice the other components.
+def _make_strain(voigt: Array, periods: int) -> Array:
+    """Return the symmetric strain tensor (p, p) of p ``periods`` from the components ``voigt`` in
+    Voigt order: the diagonal of the tensor, and then the angles of shear, which are twice its other
+    components.
     """
     strain = np.diag(voigt[:periods])
     pairs_of_axes = {1: [], 2: [(0, 1)], 3: [(1, 2), (0, 2), (0, 1)]}[periods]

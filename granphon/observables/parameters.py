@@ -1,10 +1,12 @@
-"""What a number depends on, by the named parameters of a scene: Young modulus, density, load, ...
+"""Logarithmic derivatives of a number X by the named parameters p of a scene: Young modulus,
+density, load, ...
 
 The derivative goes through the statics: at a given force contacts of a softer material overlap
-more. How the rest follows a parameter is found by one linear solution with the factors at rest
-(:mod:`granphon.statics.rest_courses`), for a law from its derivative
-(:meth:`granphon.media.medium.LawMedium.follow`). Along such a course, on which nothing is solved,
-d ln X/d ln p is a difference of the fourth order.
+more. For each parameter, the change of the balls at rest is found to first order, by one linear
+solution with the factors at rest (:mod:`granphon.statics.rest_courses`), or from the derivative of
+the law of a medium (:meth:`granphon.media.medium.LawMedium.follow`). The result is a course, which
+gives the state at any small change of the parameter without solving anything; d ln X/d ln p is a
+difference of the fourth order along the course.
 """
 
 from __future__ import annotations
@@ -34,7 +36,7 @@ from granphon.networks.network import given_network
 MINDLIN_RATIO = "mindlin_ratio"
 #: relative step of a parameter on which the statics do not depend
 _STEP = 2e-4
-#: changed balls that are kept, as of the steps of a difference
+#: number of changed media that are kept: the steps of a difference are visited more than once
 _KEPT = 8
 
 
@@ -115,14 +117,18 @@ def find_parameter_sensitivities(
     names: Sequence[str] | None,
     finite_overlap: bool | None = None,
 ) -> ParameterSensitivities:
-    """Return the logarithmic derivatives of what ``find`` returns of a state, by the parameters of
-    these ``names``; None for all. The state is that of ``balls`` under a single ``load``, in the
-    medium of a ``choice``.
+    """Return the logarithmic derivatives of the number or array that ``find`` returns for a state,
+    by the parameters called ``names``, or by all parameters if that is None.
+
+    The state is that of ``balls`` under a single ``load``, in the medium of this ``choice``, with
+    terms of finite overlap if ``finite_overlap`` is true. Raises what
+    :func:`parameter_sensitivities` raises.
     """
     flat = replace(load, array=np.ravel(load.array)[0])
     all_names = list_parameters(balls, flat) if names is None else names
     of_statics = [name for name in all_names if name != MINDLIN_RATIO]
     changes = [_change_parameter(choice, balls, flat, name) for name in of_statics]
+    # the state, and for each change the state as a function of the relative change
     state, courses = choice.of(balls).follow(flat, changes, finite_overlap)
     course_of = dict(zip(of_statics, courses, strict=True))
     if names is None and balls.friction and not getattr(state, "samples", ()):
@@ -138,8 +144,8 @@ def find_parameter_sensitivities(
 def _change_parameter(
     choice: MediumChoice, balls: Packing | Arrangement, load: Load, name: str
 ) -> Change:
-    """Return what a relative step of the parameter of a ``name`` makes of the balls, in the medium
-    of a ``choice``, and of their load.
+    """Return the function that changes the parameter called ``name``: it takes the relative change
+    of the parameter, and returns the medium of the changed balls, of this ``choice``, and the load.
     """
     if name == load.kind:
         medium = choice.of(balls)
@@ -148,13 +154,16 @@ def _change_parameter(
 
     @lru_cache(maxsize=_KEPT)
     def change(step: float) -> tuple[Any, Load]:
+        """Return the medium whose parameter is 1 + ``step`` times the given one, and the load."""
         return choice.of(change_packing(balls, {name: (1.0 + step) * number})), load
 
     return change
 
 
 def _follow_ratio(state: Any) -> Course[Any]:
-    """Return the course of the network of a state with the ratio of shear to normal stiffness."""
+    """Return the network of a state as a function of the relative change of the ratio of shear to
+    normal stiffness: all shear stiffnesses change in proportion, and nothing else does.
+    """
     network = given_network(state)
     return Course(
         lambda step: replace(network, shear_stiffness=(1.0 + step) * network.shear_stiffness),
@@ -165,8 +174,8 @@ def _follow_ratio(state: Any) -> Course[Any]:
 def _find_slope(
     find: Callable[[Any], ArrayLike], course: Course[Any], name: str, shape: tuple[int, ...]
 ) -> Array:
-    """Return the derivative of what ``find`` returns, of a ``shape``, along the course of a
-    parameter; InputError for other shapes.
+    """Return the derivative of what ``find`` returns, an array of this ``shape``, along the
+    ``course`` of the parameter called ``name``; InputError if ``find`` returns another shape.
     """
 
     def find_shaped(state: Any) -> Array:
@@ -194,8 +203,9 @@ def read_load(load: Mapping[str, Any]) -> Load:
 
 
 def list_parameters(balls: Packing | Arrangement, load: Load) -> tuple[str, ...]:
-    """Return the names of all parameters of balls under a load that are numbers other than zero and
-    may change by themselves: the diameter of a kind may not where its balls would miss others.
+    """Return the names of the parameters of balls that are numbers other than zero and may change
+    while all others stay, and last the kind of the ``load``. The diameter of a kind may not change
+    alone if its balls would then miss others.
     """
     names = [
         name
@@ -206,7 +216,7 @@ def list_parameters(balls: Packing | Arrangement, load: Load) -> tuple[str, ...]
 
 
 def name_parameters(balls: Balls) -> tuple[str, ...]:
-    """Return the names of what may be parameters of balls."""
+    """Return the names of all parameters that balls may have, "A.density" for those of a kind."""
     if isinstance(balls, Packing):
         names = ["young_modulus", "poisson_ratio", "density", "diameter", "width"]
         return (*names, "torsion", "bending")

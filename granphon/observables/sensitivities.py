@@ -149,13 +149,15 @@ def _make_slopes(network: ContactNetwork, products: dict[str, Array]) -> dict[st
     return fields
 
 
-def _multiply(lattice: ContactLattice, find: Callable[[Array], Array]) -> dict[str, Array]:
-    """Return sums over the rows of the compatibility matrix, by the names of the parameters of
-    contacts. ``find`` makes products (n_c, ...) of the deformations (n_c, n_u, p) of the rows of
-    one kind.
+def _sum_products(lattice: ContactLattice, multiply: Callable[[Array], Array]) -> dict[str, Array]:
+    """Return for each parameter of contacts, by its name, the sum (n_c, ...) of products over the
+    rows of the compatibility matrix that the parameter weights.
+
+    ``multiply`` takes the deformations (n_c, n_u, p) of the contacts in one kind of row, one for
+    each component of a gradient of displacement, and returns their products (n_c, ...).
     """
     rows, deformations = lattice.gradient_deformations
-    products = [find(deformation[: lattice.n_between]) for deformation in deformations]
+    products = [multiply(deformation[: lattice.n_between]) for deformation in deformations]
     return sum_kinds(rows, np.concatenate(products))
 
 
@@ -173,7 +175,7 @@ def _find_tensor_slopes(network: ContactNetwork) -> dict[str, Any]:
         strains = 0.5 * (gradients[:, i, j] + gradients[:, j, i])
         return np.asarray(strains[:, :, None] * strains[:, None])
 
-    products = _multiply(lattice, multiply)
+    products = _sum_products(lattice, multiply)
     if network.prestress:
         vector = lattice.contacts.vector[:, :p]
         stress = vector[:, :, None] * vector[:, None]
@@ -186,24 +188,33 @@ def _find_tensor_slopes(network: ContactNetwork) -> dict[str, Any]:
 
 
 def _find_velocity_slopes(network: ContactNetwork, direction: Array) -> dict[str, Any]:
-    """Return the velocities along a ``direction`` (p,) or (n, p), by the names of fields.
+    """Return the velocities along a ``direction`` (p,) or (n, p), SI, and their derivatives, by the
+    names of the fields of :class:`VelocitySensitivities`.
 
-    Velocities are (..., n_u), ascending, with the flags of those that are equal. Derivatives are
+    Velocities v are (..., n_u), ascending, with flags of those that are equal. Derivatives are
     (..., n_u, n_c) by parameters of contacts, (..., n_u, n) by masses, and (..., n_u, n, motions)
     by springs to the ground.
+
+    With M the mass of all balls, M v^2 is the sum of stiffnesses times squared deformations in a
+    wave, so that a derivative of v is one of that sum over 2 M v. A mass m takes part in M v^2 with
+    its kinetic energy instead, m v^2 times a squared displacement, which counts with a minus.
     """
     lattice = ContactLattice.from_network(network)
     named, polarisations = lattice.sound_velocities(direction)
     order = np.argsort(named, axis=-1, kind="stable")
     reduced = np.take_along_axis(named, order, -1)
+    # displacements (..., n_u, n_u), columns, with which the mass that each wave moves is M
     vectors = lattice._per_mass @ np.take_along_axis(polarisations, order[..., None, :], -1)
     total = lattice.masses.sum()
-    groups = number_equal(reduced)
+    groups = number_equal(reduced)  # waves of one velocity have one number
+    # dv over d(M v^2), for each wave
     slope = np.full(reduced.shape, np.nan)  # a velocity of zero has no derivative
     np.divide(1.0, 2.0 * reduced * total, out=slope, where=reduced > 0.0)
 
     def average(values: Array) -> Array:
-        """Return values (m, ..., n_u) times the slopes, as means over waves of one velocity."""
+        """Return derivatives (m, ..., n_u) of M v^2 as derivatives of v, in which each wave has the
+        mean over all waves of the same velocity.
+        """
         scaled = np.moveaxis(values, 0, -2) * slope[..., None, :]
         flat = scaled.reshape(math.prod(scaled.shape[:-2]), *scaled.shape[-2:])
         flat_groups = groups.reshape(-1, groups.shape[-1])
@@ -214,16 +225,20 @@ def _find_velocity_slopes(network: ContactNetwork, direction: Array) -> dict[str
         return np.moveaxis(np.reshape(means, scaled.shape), -2, 0)
 
     def square(deformation: Array) -> Array:
-        """Return the squares (n_c, ..., n_u) of the deformations in waves."""
+        """Return the derivatives (n_c, ..., n_u) of v that follow from the squares of the
+        ``deformation`` (n_c, n_u, p) of contacts in the waves.
+        """
         waves = np.einsum("cij,...iu,...j->c...u", deformation, vectors, direction)
         return average(waves**2)
 
     unit = network.scales.velocity
-    products = {name: unit * product for name, product in _multiply(lattice, square).items()}
+    products = {name: unit * product for name, product in _sum_products(lattice, square).items()}
     fields = _make_slopes(network, products)
+    # (balls, ..., n_u, n_u) displacements of each ball in each wave
     carried = np.einsum("bij,...ju->b...iu", lattice.carried, vectors)
     kinetic = np.sum(carried**2, axis=-2) * reduced**2
     motions = network.ball_motions
+    # springs against displacements leave no sound: only derivatives by those of rotations exist
     turns = square(_list_turns(network, lattice))
     turns = turns.reshape(lattice.n_balls, len(motions.rotations), *reduced.shape)
     by_spring = np.full((network.n_balls, motions.count, *reduced.shape), np.nan)

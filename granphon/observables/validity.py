@@ -25,16 +25,19 @@ from granphon.networks.network import ContactNetwork
 if TYPE_CHECKING:
     from granphon.media.simulation import DirectSimulation
 
-#: spread of log(k^3/f d*) of contacts that follow Hertz's law, over that of log f, at most, and
-#: what digits of a file add
+#: contacts follow Hertz's law if the standard deviation of log(k^3/f d*) is no larger than the
+#: first number times that of log f, plus the second, which allows for the digits of a file
 _HERTZIAN = 0.5
 _ROUNDED = 1e-2
-#: part by which velocities of arrays that are pressed from the gas in the directions of the lattice
-#: changed where the same balls were numbered otherwise: v_T of sc, 3 x 3 x 3 cells, mu = 0.3, f* =
-#: 0.1, the most of two arrays, by ``tests/benchmarks/study_friction.py --only numbering``
+#: relative change of a velocity that was seen when the same balls were numbered otherwise, in
+#: arrays that are pressed from the gas in the directions of the lattice: the larger change of v_T
+#: in two arrays of sc, 3 x 3 x 3 cells, mu = 0.3, f* = 0.1, found by
+#: ``tests/benchmarks/study_friction.py --only numbering``
 _BY_NUMBERING = 0.08
-#: what mends the torsion, in media that have terms of finite overlap
-_KEEPS = "; finite_overlap=True keeps those of the static force and of the distance of balls"
+#: end of the warning about a large torsion, for media that have terms of finite overlap
+_MEND_OF_TORSION = (
+    "; finite_overlap=True keeps those of the static force and of the distance of balls"
+)
 #: directions in which sound is compared with that in the balls, by the number of periods
 _DIRECTIONS = {
     1: [[1.0]],
@@ -71,6 +74,7 @@ class Validity(Result):
         return tuple(warning for warning in warnings if warning is not None)
 
     def __getitem__(self, name: str) -> Check:
+        """Return the condition called ``name``; KeyError if there is none."""
         for check in self.checks:
             if check.name == name:
                 return check
@@ -170,7 +174,7 @@ def _compute_validity(state: Any) -> Validity:
             Check("medium", "contact force in N", force, least_force, reason, at_least=True)
         )
     # only media with a contact law can keep the terms of finite overlap
-    remedies = {} if state.n_samples else {"torsion": _KEEPS}
+    remedies = {} if state.n_samples else {"torsion": _MEND_OF_TORSION}
     for name, ratio in _find_limited_ratios(state).items():
         checks.append(check_limit(name, np.asarray(ratio), remedies.get(name, "")))
     for name, (attribute, *_) in BALL_LIMITS.items():

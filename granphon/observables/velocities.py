@@ -35,8 +35,8 @@ from granphon.observables.validity import find_warnings
 
 #: a result of several loads
 Found = TypeVar("Found", "SoundVelocities", "Moduli")
-#: largest part of the stress under an even strain that may differ from a pressure; it allows for
-#: rounding
+#: largest deviation, over the bulk modulus, of the stress under a strain that is the same along all
+#: axes from a pressure, which is taken for rounding
 _EVEN = 1e-10
 #: memory of the velocities of a pulse in one branch, and of each entry of the matrix of its
 #: motions, bytes
@@ -338,6 +338,7 @@ class Moduli(Result):
     cubic: bool = held(bool, default=False)
 
     def _field_units(self) -> dict[str, str]:
+        """Return the SI unit of each field that has one: of a chain moduli are in N."""
         return {
             name: "N" if unit == "Pa" and self.periods == 1 else unit
             for name, unit in self.units.items()
@@ -487,6 +488,7 @@ class Moduli(Result):
         return np.asarray(np.sum(along_axes, axis=(-2, -1)) / p**2)
 
     def _require_shear(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` for a chain, which has no shear."""
         if self.periods == 1:
             raise InputError("a chain has no shear modulus", mend="Use .bulk, its modulus in N")
 
@@ -803,6 +805,7 @@ def _explain_unreachable(
     if branch.top <= _NO_FREQUENCY:
 
         def travels(stiffer: ContactLattice) -> bool:
+            """Whether the waves of the branch cost energy in a stiffer lattice."""
             branches = follow_acoustic_branches(stiffer, branch.direction)
             return branch.name in branches and branches[branch.name].top > _NO_FREQUENCY
 

@@ -193,8 +193,12 @@ def _mark(text: str) -> str:
 
 
 def _write_cells(cells: Sequence[str], tag: str) -> str:
+    """Return the cells of one row of a table as HTML, each in the element ``tag``, th or td."""
     return "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in cells)
 
 
 def _write_row(cells: Sequence[str], *, is_plain: bool = False) -> str:
+    """Return one row of a table as Markdown; if ``is_plain``, cells are written as they are, and
+    signs that have a meaning in Markdown keep it.
+    """
     return f"| {' | '.join(cells if is_plain else map(_mark, cells))} |"

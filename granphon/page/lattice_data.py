@@ -32,9 +32,8 @@ def describe_lattice(packing: Packing, path: BandPath) -> dict[str, Any]:
     Lengths are in spacings of touching balls. ``rows`` are the rows of
     :mod:`granphon.dynamics.deformation_rows`, for all six motions of each ball and stiffnesses of
     1: a page takes the motions that the page shows, and weights each kind by the root of its
-    stiffness.
-    ``statements`` name, for each set of motions and each choice of the kinds of stiffness, the free
-    branches of the lattice and its mechanism.
+    stiffness. ``statements`` name, for each set of motions and each choice of the kinds of
+    stiffness, the free branches of the lattice and its mechanism.
     """
     structure = packing.structure
     lattice = ContactLattice.of(structure, 1.0, torsion=1.0, bending=1.0, motions=ALL)
@@ -128,8 +127,9 @@ def _find_default_path(lattice: ContactLattice) -> BandPath:
 
 
 def _key_of_kinds(eta: ArrayLike, torsion: ArrayLike, bending: ArrayLike) -> str:
-    """Return which kinds of stiffness there are besides elongation, as three digits: "101" has slip
-    and bending, but no torsion.
+    """Return three digits that say whether contacts have a shear stiffness (``eta``), a torsion and
+    a bending: 1 if any of the numbers is not zero, else 0. "101" has shear and bending, but no
+    torsion.
     """
     return "".join(str(int(np.any(ratio))) for ratio in (eta, torsion, bending))
 

@@ -113,14 +113,14 @@ def tabulate_medium(
         return description | {"refusal": str(error)}
     if laws[0] is None:  # the load alone fixes the force of every contact
         return description
-    curves = [_follow(law) for law in laws if law is not None]
+    curves = [_make_curve(law) for law in laws if law is not None]
 
-    def evaluate_all(log_force: float) -> None:
-        """Raise :class:`PrecisionError` if a curve has no value at a ln f*."""
+    def require_values(log_force: float) -> None:
+        """Raise :class:`PrecisionError` if one of the curves has no value at ``log_force``."""
         for curve in curves:
             curve(np.array([log_force]))
 
-    start = _find_start(evaluate_all, np.log(least_force), PrecisionError)
+    start = _find_start(require_values, np.log(least_force), PrecisionError)
     if start is None:
         raise PrecisionError("the medium has no solution at any load of the page.")
     # curves at roots of eta in the middle between two nodes
@@ -129,7 +129,7 @@ def tabulate_medium(
         middle = 0.5 * (low + high)
         law = _make_law(packing, choice, middle**2)
         if law is not None:
-            checks.append((middle, _follow(law)))
+            checks.append((middle, _make_curve(law)))
     valid = float(force_of(high_pressure_overlap(1.0)))
     if name == "ema":
         valid = VALID_FORCE
@@ -218,7 +218,7 @@ def _find_effect_of_rolling(
     if law_of_packing is None:
         return 0.0
     log_force = np.linspace(low, EXPONENT * np.log(_EQUAL), _NODES)
-    log_stiffness = _follow(law_of_packing)(log_force)[1]
+    _, log_stiffness, _ = _make_curve(law_of_packing)(log_force)
     # in a plane balls turn about its normal alone, which twists no contact
     torsions = (packing.torsion, most) if packing.structure.periods == 3 else (packing.torsion,)
     pairs = {*itertools.product(torsions, (packing.bending, most)), (0.0, 0.0)}
@@ -230,7 +230,8 @@ def _find_effect_of_rolling(
         except (MechanismError, PrecisionError):
             continue
         if law is not None:
-            difference = _follow(law)(log_force)[1] - log_stiffness
+            _, changed_log_stiffness, _ = _make_curve(law)(log_force)
+            difference = changed_log_stiffness - log_stiffness
             change = max(change, float(np.max(np.abs(np.expm1(difference)))))
     return change
 
@@ -245,7 +246,9 @@ def _write_note_on_rolling(change: float) -> str:
 
 
 def _find_xi(packing: Packing, choice: MediumChoice, eta: float) -> float:
-    """Return Xi at eta, of the paper or of the lattice as the medium's options say."""
+    """Return the local-field factor Xi of the effective medium at ``eta``: the one printed in the
+    paper if the options of the medium say so, else that of the packing's lattice.
+    """
     if dict(choice.options).get("local_field") == "paper":
         return paper_local_field(eta).xi
     torsion = _find_own_torsion(packing)
@@ -261,8 +264,8 @@ def _find_own_torsion(packing: Packing) -> float:
 
 
 def _make_law(packing: Packing, choice: MediumChoice, eta: float) -> Law | None:
-    """Return the law of a medium at eta, in units of W and c W^(3/2); None where the medium has the
-    law of equal balls, as Xi is zero.
+    """Return the law of a medium at ``eta``, in units of W and c W^(3/2); None if Xi is zero, where
+    the effective medium has the law of equal balls.
     """
     shape = (packing.spread or Uniform(1.0)).shape
     if choice.name == "afa":
@@ -273,7 +276,7 @@ def _make_law(packing: Packing, choice: MediumChoice, eta: float) -> Law | None:
     return EffectiveLaw(coefficient=1.0, width=1.0, shape=shape, xi=xi)
 
 
-def _follow(law: Law) -> _Curve:
+def _make_curve(law: Law) -> _Curve:
     """Return the curve of a law in units of W and c W^(3/2)."""
 
     def curve(log_force: Array) -> tuple[Array, Array, Array]:
@@ -290,8 +293,8 @@ def _follow(law: Law) -> _Curve:
 def _find_start(
     find: Callable[[float], Any], low: float, refusal: type[InputError]
 ) -> float | None:
-    """Return the least ln f* from ``low`` on, in steps, at which ``find`` raises no ``refusal``;
-    None if ``find`` always does.
+    """Return the first ln f* of the steps from ``low`` to ``_SEARCH_END`` at which ``find`` raises
+    no error of the class ``refusal``; None if ``find`` raises one at every step.
     """
     for log_force in np.arange(low, _SEARCH_END, _SEARCH_STEP):
         with suppress(refusal):
@@ -319,7 +322,8 @@ def _tabulate(
     error_between_roots = 0.0
     for root, curve in checks or []:
         interpolated = barycentric_interpolate(roots, log_stiffness, root)
-        difference = interpolated - curve(log_force)[1]
+        _, exact, _ = curve(log_force)
+        difference = interpolated - exact
         error_between_roots = max(error_between_roots, float(np.max(np.abs(np.expm1(difference)))))
     table = {
         "log_force": log_force.tolist(),

@@ -209,9 +209,11 @@ def _describe_losses(losses: BandsSettings | None) -> dict[str, Any] | None:
     """Return the losses of contacts that are all alike, from which the page finds the Q factor of a
     mode; None without losses.
 
-    Loss factors, times, s, and viscosities, N s/m, are pairs of those of normal and of all other
-    motion, the first two each as a list over contacts, and drags, 1/s, of displacements and of
-    rotations; alpha of the dashpot of a restitution is "tsuji".
+    "factors" are loss factors, "damping" times, s, and "dashpot" viscosities, N s/m. Each is a pair
+    of the loss of normal motion and the loss of all other motion of a contact; in the first two
+    each loss is a list over contacts, here of one number. "drag" is the pair of the drags, 1/s, of
+    displacements and of rotations, and "tsuji" the factor alpha of the dashpot that a restitution
+    gives.
     """
     given_losses = losses.losses if losses is not None else {}
     if not any(np.any(loss) for loss in given_losses.values()):
@@ -229,14 +231,15 @@ def _describe_losses(losses: BandsSettings | None) -> dict[str, Any] | None:
 def _describe_losses_of_network(
     losses: BandsSettings | None, network: ContactNetwork
 ) -> dict[str, Any] | None:
-    """Return the losses of the contacts of a network as :func:`_describe_losses` does: their times
-    are those of all of their dashpots.
+    """Return the losses of the contacts of a network as :func:`_describe_losses` does. "factors"
+    and "damping" list one number for each contact; the times in "damping" hold the dashpots and the
+    restitution too, which are zero elsewhere.
     """
-    alike = _describe_losses(losses)
-    if losses is None or alike is None:
+    uniform = _describe_losses(losses)
+    if losses is None or uniform is None:
         return None
     of_contacts = Losses.of(network, GivenLosses(**losses.losses))
-    return alike | {
+    return uniform | {
         "factors": of_contacts.factors[:, network.in_lattice].tolist(),
         "damping": of_contacts.times[:, network.in_lattice].tolist(),
         "dashpot": [0.0, 0.0],
@@ -395,8 +398,8 @@ def _choose_media(
 
 
 def _find_forces(packing: Packing, medium: MediumChoice, load: Load) -> list[float]:
-    """Return the forces of a contact, N, at the first, the least and the greatest load; of two
-    loads at both, in their order.
+    """Return the forces of a contact, N, at the first, the least and the greatest load; if there
+    are one or two loads, the forces at these, in their order.
     """
     applied = load.applied
     amounts = applied.flat.array
@@ -443,19 +446,19 @@ def join_modules(*names: str) -> str:
     texts: dict[str, str] = {}  # of modules, in the order in which they are joined
     begun: set[str] = set()
 
-    def add(name: str) -> None:
-        """Add the text of a module after those of its imports."""
+    def add_module(name: str) -> None:
+        """Add the text of a module to ``texts``, after those of its imports."""
         if name in begun:
             return
         begun.add(name)
         text = read_asset(f"{name}.js")
         for imported in _IMPORT.findall(text):
-            add(imported)
+            add_module(imported)
         without_imports = _IMPORT.sub("", text)
         texts[name] = re.sub(r"^export ", "", without_imports, flags=re.MULTILINE)
 
     for name in names:
-        add(name)
+        add_module(name)
     return "\n".join(texts.values())
 
 
@@ -467,14 +470,17 @@ def wrap_three() -> str:
     """
 
     def import_from_core(match: re.Match[str]) -> str:
+        """Return the statement that takes the imported names from the argument ``core``."""
         members = match[1].replace(" as ", ":")
         return f"const{{{members}}}=core;"
 
     def return_core(match: re.Match[str]) -> str:
-        return f"return{{{_swap(match[1])}}};"
+        """Return the statement that returns the exports of the core."""
+        return f"return{{{_write_members(match[1])}}};"
 
     def return_all(match: re.Match[str]) -> str:
-        return f"return{{...core,{_swap(match[1])}}};"
+        """Return the statement that returns the exports of the core and of the second module."""
+        return f"return{{...core,{_write_members(match[1])}}};"
 
     core = _EXPORTED.sub(return_core, read_asset("vendor/three.core.min.js"))
     module = _IMPORTED.sub(import_from_core, read_asset("vendor/three.module.min.js"))
@@ -483,8 +489,8 @@ def wrap_three() -> str:
     return f"const THREE=((core)=>{{{module}}})((()=>{{{core}}})());"
 
 
-def _swap(names: str) -> str:
-    """Return "B:a,C", the members of an object, for the "a as B,C" of an export."""
+def _write_members(names: str) -> str:
+    """Return the names of an export as members of an object: "a as B,C" becomes "B:a,C"."""
     pairs = (name.split(" as ") for name in names.split(","))
     return ",".join(pair[0] if len(pair) == 1 else f"{pair[1]}:{pair[0]}" for pair in pairs)
 

@@ -80,7 +80,8 @@ _LEAST_SAMPLES = 3
 _SIDES = {2: (8, 16, 32, 64, 128), 3: (4, 6, 10, 16, 24)}
 #: sides, in diameters, of the samples of the reference
 _REFERENCE_SIDES = {2: 64, 3: 14}
-#: the same if they are loaded with friction, which takes many times longer
+#: sides, in diameters, of the reference's samples if they are loaded with friction, which takes
+#: many times longer
 _LOADED_SIDES = {2: 32, 3: 8}
 #: sides, in diameters, of the sample that factors of a list solve as well, as a check
 _CHECKED_SIDES = {2: 24, 3: 6}
@@ -146,14 +147,16 @@ class Ensemble:
         seed: int = 0,
         truth: FrictionHistory = REST,
     ) -> None:
+        """Set up an ensemble without samples."""
         self.packing = packing
         self.load = load
         self.shape = shape
         self.seed = seed
         self.truth = truth
-        #: of each sample (n_loads, 3) what means are taken of: rho v^2 of both velocities, Pa, and
-        #: k, N/m, or 1/k
+        #: for each sample an array (n_loads, 3) of the numbers that are averaged: rho v^2 of both
+        #: velocities, Pa, and k, N/m, or 1/k where samples share the force
         self.moduli: list[Array] = []
+        #: for each sample the controls (1 + shells,) of :func:`measure_excess`
         self._excess: list[Array] = []
 
     @property
@@ -246,8 +249,11 @@ def find_near_pairs(structure: Lattice) -> list[list[tuple[int, int, tuple[int, 
 
 
 def regress(values: Array, excess: Array) -> tuple[Array, Array]:
-    """Return means of the columns of ``values`` (n, m) over n samples at zero ``excess`` (n, p), by
-    linear regression, and their standard errors, each (m,); plain means for few samples.
+    """Return the means (m,) of the columns of ``values`` (n, m) over n samples, and their standard
+    errors (m,).
+
+    A linear regression on the ``excess`` (n, p) of the samples gives the means at zero excess; for
+    fewer than six samples for each of its coefficients they are plain means.
     """
     n_samples, n_controls = excess.shape
     design = np.ones((n_samples, 1))
@@ -324,8 +330,9 @@ class Point:
 
 
 class Reference(NamedTuple):
-    """A reference: its ``values``, their relative ``errors``, and a description of how they were
-    ``made``.
+    """The quantities by which points are judged: their ``values`` (n_loads, n_observed), SI, the
+    relative ``errors`` of these, of the same shape, and ``made``, a text that says how they were
+    found.
     """
 
     values: Any
@@ -359,7 +366,7 @@ class MediaStudy:
     reference_side: int = 0
 
     @cached_property
-    def _exact(self) -> list[int]:
+    def _exact_loads(self) -> list[int]:
         """Indices of the loads at which the arrays of the truth have their exact geometry."""
         simulation = DirectSimulation(self.packing, **self.truth.options)
         indices = list[int]()
@@ -378,9 +385,9 @@ class MediaStudy:
         overlap at the loads where the truth has finite overlap.
         """
         quantities = np.empty((self.load.size, len(QUANTITIES)))
-        in_limit = [number for number in range(self.load.size) if number not in self._exact]
+        in_limit = [number for number in range(self.load.size) if number not in self._exact_loads]
         # None is the default of a medium
-        for load_numbers, finite_overlap in ((self._exact, True), (in_limit, None)):
+        for load_numbers, finite_overlap in ((self._exact_loads, True), (in_limit, None)):
             if load_numbers:
                 state = medium.at(self.load[load_numbers], finite_overlap=finite_overlap)
                 quantities[load_numbers] = observe(state)
@@ -458,8 +465,8 @@ class MediaStudy:
         return sorted(points, key=lambda point: point.seconds)
 
     def _make_effective_points(self) -> list[Point]:
-        """Return the effective medium with its computed field, and with that which the paper
-        prints.
+        """Return the points of the effective medium: with its computed local field and, on the
+        triangular lattice, with the local field that the paper prints.
         """
         packing = self.packing
         with suppress(GranphonError):
@@ -486,7 +493,9 @@ class MediaStudy:
     def _make_simulated_point(
         self, history: FrictionHistory, samples: int, shape: tuple[int, ...]
     ) -> Point:
-        """Return the simulation of so many ``samples`` of a ``shape``."""
+        """Return the point of a simulation of so many ``samples`` of a ``shape`` (p,), in cells,
+        that are loaded as ``history`` says.
+        """
 
         def prepare(run: int) -> DirectSimulation:
             """Return the simulation of a run, whose samples no other run has."""
@@ -1033,13 +1042,14 @@ class _StudyTask(Task):
                     times_of_method[point.method] = statistics.median(runs.seconds)
                 except _BudgetError as error:
                     failures[point] = str(error)
+                    # the further settings of the method would take even longer
                     times_of_method[point.method] = math.inf
                 except GranphonError as error:
                     failures[point] = str(error)
                 step.advance()
             # few runs do not tell the rms error of a random point
             random_points = {point: runs for point, runs in runs_of_point.items() if point.random}
-            _repeat(random_points, deadline)
+            _run_random_points(random_points, deadline)
         return runs_of_point, failures
 
     def _run(self, point: Point, least_time: float, deadline: Deadline) -> _Runs:
@@ -1121,14 +1131,15 @@ def _watch_memory(point: Point) -> int:
     tracemalloc.start()
     try:
         point.solve(point.prepare(0))
-        return tracemalloc.get_traced_memory()[1]
+        _, peak = tracemalloc.get_traced_memory()
+        return peak
     finally:
         tracemalloc.stop()
 
 
-def _repeat(runs_of_point: Mapping[Point, _Runs], deadline: Deadline) -> None:
-    """Run points more often, untimed, in half of the time left until the ``deadline``, and add to
-    their outcomes.
+def _run_random_points(runs_of_point: Mapping[Point, _Runs], deadline: Deadline) -> None:
+    """Run points again and again, without timing, in half of the time left until the ``deadline``,
+    and append the outcomes to their :class:`_Runs`.
     """
     now = deadline.stopwatch.now
     last_end = now() + 0.5 * deadline.left
