@@ -134,8 +134,10 @@ def fit_measurements(
     table = Table.read(data)
     # whether the table has velocities, or what they are found from
     has_sound = any(columns.get(kind, kind) in table for kind in ("velocity", "time", "cutoff"))
+    # the response that the scene expects in the table; empty if it expects none
     quantity = "" if scene.response is None or has_sound else scene.response.quantity
     if has_transfer(table, columns, quantity):
+        # losses are fitted to the transfer function; all that follows is for velocities
         options_of_velocities = {
             "--frequency": frequency,
             "--distance": distance,
@@ -150,8 +152,8 @@ def fit_measurements(
             """
             return _fit_response(scene_file, varied_scene, data, columns, parameters)
 
-        response_fit, of_inputs = _fit_with_errors(find_response_fit, scene)
-        rows = [*describe_response_fit(response_fit), *of_inputs]
+        response_fit, rows_of_inputs = _fit_with_errors(find_response_fit, scene)
+        rows = [*describe_response_fit(response_fit), *rows_of_inputs]
         _finish_fit(out, files, response_fit, response_fit.warnings, rows)
         return
     expects_transfer = scene.packing.kind_names or scene.response is not None
@@ -167,7 +169,7 @@ def fit_measurements(
     # balls of the fitted width are to be averaged
     takes_ema = width and scene.media[0].name == "ala" and not scene.balls_differ
     medium: Any = "ema" if takes_ema else scene.media[0]
-    traced = None
+    traced = None  # the velocity that traces show, if the table has traces in place of velocities
     if has_traces(table):
         options_of_tables = {"--distance": distance, "--sigma": sigma}
         _refuse_options(options_of_tables, data, "traces")
@@ -211,7 +213,7 @@ def fit_measurements(
             finite_overlap=varied_scene.finite_overlap,
         )
 
-    fit, of_inputs = _fit_with_errors(find_velocity_fit, scene, distance)
+    fit, rows_of_inputs = _fit_with_errors(find_velocity_fit, scene, distance)
     notes = list[str]()
     if takes_ema:
         notes.append(
@@ -226,7 +228,8 @@ def fit_measurements(
             f" is given: the fit takes {write_direction(fit.waves.direction)}. Give --direction,"
             f" or direction in {scene_file}"
         )
-    _finish_fit(out, files, fit, (*notes, *fit.warnings), [*describe_fit(fit), *of_inputs])
+    rows = [*describe_fit(fit), *rows_of_inputs]
+    _finish_fit(out, files, fit, (*notes, *fit.warnings), rows)
 
 
 def _fit_with_errors(

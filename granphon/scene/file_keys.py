@@ -453,8 +453,8 @@ def find_kind(name: str) -> Kind:
 
 
 def _read_axis(value: Any, name: str, context: Context) -> tuple[Any, ...]:
-    """Return the values of the parameter ``name`` of a sweep, numbers in SI units; Refused for a
-    value that is given twice.
+    """Return the values of the parameter ``name`` of a sweep, numbers in SI units, from a list, or
+    for numbers also from a range. Refused for a value that is given twice.
     """
     rule = find_kind(name).rule(context)
     values: tuple[Any, ...]

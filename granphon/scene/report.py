@@ -358,10 +358,11 @@ def _read_figures(source: Path) -> list[Block]:
 
 
 def _list_figures(source: Path) -> list[tuple[str, Export | None]]:
-    """Return the names of the files of figures in a folder, each with the output that it shows, in
-    the order of the table of outputs; then those of other names, each with None.
+    """Return the names of the files of figures that granphon has drawn into the folder ``source``,
+    each with the output that it shows, in the order of the table of outputs; then, with None, the
+    files whose names are not those of outputs.
     """
-    rows: dict[str, Export | None] = {}
+    rows: dict[str, Export | None] = {}  # by the name of the figure without its ending
     for _name, row in OUTPUTS.items():
         if row.figure:
             rows.setdefault(row.stem, row)

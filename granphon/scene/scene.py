@@ -170,6 +170,7 @@ class Scene(SceneValues):
             if packing.width:
                 balls += f" that differ by {write_quantity(packing.width, 'm')}"
         unit = find_load_unit(self.load.kind, structure.periods, structure.pressed_axes)
+        # of equal ends one is written
         ends = dict.fromkeys([min(self.load.values), max(self.load.values)])
         loads = f"{self.load.kind.replace('_', ' ')} "
         loads += " to ".join(write_quantity(end, unit) for end in ends)
@@ -683,7 +684,7 @@ def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
     try:
         run_versions = read_yaml(target / "summary.yaml")["versions"]
         run_scene = type(scene)(**SceneSource.of_file(target / "scene.yaml").read())
-        # no installed package has a version other than that of the run
+        # the packages that determine the numbers have the versions of the run
         has_same_versions = run_versions == run_versions | packages()
     except (InputError, KeyError, TypeError):
         return False

@@ -244,7 +244,7 @@ class Spread:
         base = _as_numbers(value)
         if base is None:
             return None
-        changes = []
+        changes = []  # (p, ...)
         for pair in self.pairs:
             lower, upper = (_as_numbers(results.get(name)) for results in pair)
             if lower is None or upper is None or not lower.shape == upper.shape == base.shape:
@@ -259,6 +259,7 @@ class Spread:
             return None
         if sampling is not None:
             variances = variances + np.square(np.nan_to_num(np.asarray(sampling, float)))
+        # (p,): the part of each parameter in the variances of all values together
         shares = np.nansum(contributions.reshape(len(self.names), -1), axis=1)
         return np.sqrt(variances), self.names[int(np.argmax(shares))]
 
@@ -270,12 +271,13 @@ class Spread:
         errors: dict[str, Any] = {}
         sources: dict[str, str] = {}
         for name, value in numbers.items():
-            errors_of_value = None
-            if not name.endswith(_ERROR):
-                errors_of_value = self.find(name, value, numbers.get(f"{name}{_ERROR}"))
-            if errors_of_value is not None:
-                errors[f"{name}{_ERROR}"] = errors_of_value[0].tolist()
-                sources[name] = errors_of_value[1]
+            if name.endswith(_ERROR):
+                continue
+            found = self.find(name, value, numbers.get(f"{name}{_ERROR}"))
+            if found is not None:
+                errors_of_value, parameter = found
+                errors[f"{name}{_ERROR}"] = errors_of_value.tolist()
+                sources[name] = parameter
         return errors | {"errors_from": sources}
 
     def add_to(self, dataset: Dataset) -> Dataset:
@@ -291,16 +293,16 @@ class Spread:
             sampling = dataset.get(f"{name}{_ERROR}")
             sampling_errors = None if sampling is None else sampling.values
             unit = str(variable.attrs.get("units", ""))
-            errors = self.find(str(name), variable.values, sampling_errors, unit)
-            if errors is not None:
+            found = self.find(str(name), variable.values, sampling_errors, unit)
+            if found is not None:
+                errors, parameter = found
                 attributes = {"units": unit} if unit else {}
-                attributes["mostly_from"] = errors[1]
-                numbers = errors[0]
+                attributes["mostly_from"] = parameter
                 if _OF_PEAKS in variable.dims:
-                    numbers = np.where(self._have_same_peaks(dataset), numbers, np.nan)
-                    if np.any(np.isnan(numbers) & np.isfinite(variable.values)):
+                    errors = np.where(self._have_same_peaks(dataset), errors, np.nan)
+                    if np.any(np.isnan(errors) & np.isfinite(variable.values)):
                         self.lacking[str(name)] = None
-                added[f"{name}{_ERROR}"] = (variable.dims, numbers, attributes)
+                added[f"{name}{_ERROR}"] = (variable.dims, errors, attributes)
         return dataset.assign(added)
 
     def _have_same_peaks(self, dataset: Dataset) -> Array:
