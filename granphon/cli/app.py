@@ -44,7 +44,8 @@ class _Grouped:
 
     def format_options(self: Any, ctx: Any, formatter: Any) -> None:
         """Write the arguments, the options without a group, and then the other options and the
-        subcommands by groups. The method is called by click, and takes the place of its own.
+        subcommands by groups. Click calls this method, which replaces the one of click's commands,
+        for the help of the command in ``ctx``.
         """
         # rows of a name and its help, by group
         rows_of_groups: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}

@@ -87,8 +87,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     of those listed in ``granphon --help``.
 
     Errors of the input, of the command line, of the file system and of the computation, a lack of
-    memory and interruptions become messages; a reader of the output that has gone gives the code 1
-    without one. Any other exception is a bug and is raised.
+    memory and interruptions become one line on standard error. If the program that reads the output
+    has ended, the exit code is 1, without a message. Any other exception is a bug and is raised.
     """
     try:
         with _take_signals_and_warnings():
@@ -115,8 +115,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (KeyboardInterrupt, typer.Abort):
         return fail(f"interrupted; {NOTHING_WRITTEN}", 130)
     except BrokenPipeError:
-        # The reader of the output has gone: what the interpreter still flushes at exit, which would
-        # fail again, goes to the null device.
+        # The interpreter flushes stdout once more at exit, which would fail again: from here on the
+        # output goes to the null device.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
@@ -129,8 +129,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _explain_usage(error: Any) -> str:
-    """Return the message of an error of typer, and the command that prints the help that belongs to
-    the error.
+    """Return the message of a usage ``error`` of typer, and behind it the command that prints the
+    help of the subcommand at fault.
     """
     message = error.format_message().rstrip(".")
     if not message.endswith("?"):

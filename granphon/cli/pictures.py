@@ -58,8 +58,8 @@ Along = Annotated[
 
 
 def _make_out(words: str) -> Any:
-    """Return the option of the file that a command writes, of whose name ``words`` say what its
-    ending is.
+    """Return the option --out, the file that a command writes; ``words`` say in its help which
+    ending the name of the file has.
     """
     return typer.Option("--out", "-o", metavar="FILE", help=f"The file to write; {words}.")
 
@@ -89,6 +89,7 @@ def draw_mode(
     """
 
     def draw(file: Path, *mode: Any, **options: Any) -> None:
+        """Draw a mode into a ``file``; the arguments are those of :func:`_write_picture`."""
         from granphon.figures.modes import mode_figure
         from granphon.figures.style import save_figure
 
@@ -128,6 +129,9 @@ def animate_scene(
     """
 
     def draw(file: Path, *mode: Any, **options: Any) -> None:
+        """Write the animation of a mode into a ``file``; the arguments are those of
+        :func:`_write_picture`.
+        """
         from granphon.figures.modes import animate_mode
         from granphon.figures.style import save_animation
 
@@ -138,7 +142,16 @@ def animate_scene(
 
 
 class ModeChoice(NamedTuple):
-    """The mode that a picture shows, and how, as the options of the same names give them."""
+    """The mode that a picture shows, in the words of the command line.
+
+    Attributes
+    ----------
+    point : the wave vector, the option --at.
+    branch : number of the branch, from 0, in ascending frequency.
+    cells : numbers of cells to draw along the lattice vectors; None for those of the figure.
+    direction : the direction from which a point where branches touch is approached; None for that
+        of the scene.
+    """
 
     point: str
     branch: int
@@ -167,7 +180,8 @@ class ModeChoice(NamedTuple):
             read_cells = partial(lengths, low=1, high=_MOST_CELLS, periods=lattice.periods)
             options["cells"] = require("--cells", read_cells, self.cells)
         n_branches = scene.plan.n_branches
-        if self.branch >= n_branches:  # refused here too, before a state is solved
+        if self.branch >= n_branches:
+            # the figure would refuse the branch too, but only after the state is solved
             mend = f"Count from 0 to {n_branches - 1}"
             raise InputError(f"there is no branch {self.branch}", mend=mend)
         return q, options
@@ -182,11 +196,12 @@ def _write_picture(
     *,
     force: bool,
 ) -> None:
-    """Read the scene, and have ``draw`` draw the mode of the ``choice`` into the file ``out``,
-    whose name has one of the ``endings``, and which arrives whole or not at all.
+    """Read the scene in the file ``scene_file``, and draw the mode of the ``choice`` into the file
+    ``out``, whose name has one of the ``endings``; ``force`` allows to replace a file. The file
+    arrives whole or not at all.
 
-    ``draw`` takes the path of a file, the phonons, the wave vector (3,) in fractions of the
-    reciprocal cell, the branch, and the keywords ``direction`` and ``cells``.
+    The function ``draw`` draws. It takes the path of a file, the phonons, the wave vector (3,) in
+    fractions of the reciprocal cell, the branch, and the keywords ``direction`` and ``cells``.
     """
     why = "A mode is drawn of one state"
     with write_of_scene(scene_file, out, endings, force, why) as (scene, staged_file):

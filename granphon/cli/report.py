@@ -56,13 +56,14 @@ def write_report(
         if target.suffix not in (".html", ".md"):
             problem = f"--out is {target}, whose ending names no format of a report"
             raise InputError(problem, mend="Use .html or .md")
-    title, sections = read_report(folder)  # first, so that no folder is made for no report
-    # Markdown names the pictures by their paths from its own folder, and both link to files there
-    to_pictures = os.path.relpath(folder, targets[0].parent)
-    pictures = "" if to_pictures == os.curdir else Path(to_pictures).as_posix()
+    # read before the folder of the report is made, which is not to stay if the reading fails
+    title, sections = read_report(folder)
+    # the report links to tables, and in Markdown to pictures, by their paths from its own folder
+    path_of_results = os.path.relpath(folder, targets[0].parent)
+    link_folder = "" if path_of_results == os.curdir else Path(path_of_results).as_posix()
     writers: dict[str, Any] = {
-        ".html": partial(write_html, folder=pictures),
-        ".md": partial(write_markdown, folder=pictures),
+        ".html": partial(write_html, folder=link_folder),
+        ".md": partial(write_markdown, folder=link_folder),
     }
     names = [target.name for target in targets]
     with (

@@ -84,6 +84,7 @@ def write_preset(
 
     require("--preset", partial(choice, options=PRESETS), preset)
     require_name("PATH", path)
+    # a file with the text of any preset is one that granphon wrote, which --force may replace
     texts = {name: file.write_preset(name) for name in PRESETS}
     target = Path(path)
     with ResultFiles(target.parent, [target.name], force, known=texts.values()).open():
@@ -121,7 +122,9 @@ def check_scene(scene_file: SceneFile, values: Values = None) -> None:
 
 
 def _read_values(options: list[str] | None) -> dict[str, str]:
-    """Return the values of options such as "load.force=18.4 N", by key."""
+    """Return the values, texts by key, of options --set such as "load.force=18.4 N"; InputError for
+    an option without key or value, and for a key that is given twice.
+    """
     values = {}
     for option in options or ():
         key, _equals, value = (text.strip() for text in option.partition("="))
@@ -198,7 +201,7 @@ def run_scene(
     from granphon.scene.scene import WORK_FILE, Scene, is_complete
 
     def describe_folder() -> str:
-        """Return a sentence on what an interruption has left in the folder of the results."""
+        """Return a sentence that says what an interruption has left in the folder ``out``."""
         if is_complete(scene, out):
             return f"{out} holds the whole result of this scene."
         has_work = scene.has_tasks and os.path.isfile(os.path.join(out, WORK_FILE))
@@ -231,14 +234,16 @@ def run_scene(
 
 
 def _announce_time(cost: Cost) -> None:
-    """Print on stderr about how long a run of this ``cost`` takes, if that is long."""
+    """Print on stderr about how long a run of this ``cost`` takes, if it takes longer than
+    ``_LONG_SECONDS``.
+    """
     if cost.takes_longer(_LONG_SECONDS):
         print(f"granphon: {cost.text} on one processor", file=sys.stderr, flush=True)
 
 
 def _say_result(result: RunResult, out: str) -> None:
-    """Print the main numbers of a result, the names of the files that it has in the folder ``out``,
-    and the remarks.
+    """Print the main numbers of a ``result``, the names of its files in the folder ``out``, and its
+    remarks.
     """
     say_table(describe_result(result))
     names = [path.name for path in result.files]

@@ -132,9 +132,12 @@ def fit_measurements(
     parameters = _read_parameters(parameter)
     columns = _read_columns(column)
     table = Table.read(data)
+    # whether the table has velocities, or what they are found from
     has_sound = any(columns.get(kind, kind) in table for kind in ("velocity", "time", "cutoff"))
+    # the response that the scene expects in the table; empty if it expects none
     quantity = "" if scene.response is None or has_sound else scene.response.quantity
     if has_transfer(table, columns, quantity):
+        # losses are fitted to the transfer function; all that follows is for velocities
         options_of_velocities = {
             "--frequency": frequency,
             "--distance": distance,
@@ -144,28 +147,29 @@ def fit_measurements(
         _refuse_options(options_of_velocities, data, "a transfer function")
 
         def find_response_fit(varied_scene: Scene, _: str | None) -> DampingFit:
-            """Return the fit to the transfer function for the values that a scene has; see
-            :func:`_fit_with_errors`.
+            """Return the fit to the transfer function for the values that a scene has.
+            :func:`_fit_with_errors` calls this with the given scene and with shifted scenes.
             """
             return _fit_response(scene_file, varied_scene, data, columns, parameters)
 
-        response_fit, of_inputs = _fit_with_errors(find_response_fit, scene)
-        rows = [*describe_response_fit(response_fit), *of_inputs]
+        response_fit, rows_of_inputs = _fit_with_errors(find_response_fit, scene)
+        rows = [*describe_response_fit(response_fit), *rows_of_inputs]
         _finish_fit(out, files, response_fit, response_fit.warnings, rows)
         return
-    is_of_responses = scene.packing.kind_names or scene.response is not None
-    if is_of_responses and not has_sound:
-        TransferFunction.read(data, columns)  # names the column that a transfer function lacks
+    expects_transfer = scene.packing.kind_names or scene.response is not None
+    if expects_transfer and not has_sound:
+        # this raises the error that names the column which the transfer function lacks
+        TransferFunction.read(data, columns)
     _require_one_packing("A fit", scene_file, scene)
     sound_direction = _choose_direction(scene_file, scene, direction)
     if len(scene.media) > 1:
         raise InputError(f"{scene_file} has several media", mend="Keep only the one to fit with")
     _require_fitted(width, parameters)
-    # "ala" is the default for equal balls, so it does not say how balls that differ are to be
-    # averaged
+    # "ala" is the default for equal balls, so that a scene with this medium does not say how
+    # balls of the fitted width are to be averaged
     takes_ema = width and scene.media[0].name == "ala" and not scene.balls_differ
     medium: Any = "ema" if takes_ema else scene.media[0]
-    traced = None
+    traced = None  # the velocity that traces show, if the table has traces in place of velocities
     if has_traces(table):
         options_of_tables = {"--distance": distance, "--sigma": sigma}
         _refuse_options(options_of_tables, data, "traces")
@@ -209,7 +213,7 @@ def fit_measurements(
             finite_overlap=varied_scene.finite_overlap,
         )
 
-    fit, of_inputs = _fit_with_errors(find_velocity_fit, scene, distance)
+    fit, rows_of_inputs = _fit_with_errors(find_velocity_fit, scene, distance)
     notes = list[str]()
     if takes_ema:
         notes.append(
@@ -224,17 +228,20 @@ def fit_measurements(
             f" is given: the fit takes {write_direction(fit.waves.direction)}. Give --direction,"
             f" or direction in {scene_file}"
         )
-    _finish_fit(out, files, fit, (*notes, *fit.warnings), [*describe_fit(fit), *of_inputs])
+    rows = [*describe_fit(fit), *rows_of_inputs]
+    _finish_fit(out, files, fit, (*notes, *fit.warnings), rows)
 
 
 def _fit_with_errors(
     find: Callable[[Scene, str | None], FitT], scene: Scene, distance: str | None = None
 ) -> tuple[FitT, list[tuple[str, str]]]:
-    """Return the fit that ``find`` returns of a scene and of the option --distance, whose standard
-    errors hold the part that follows from those of the scene and of the distance; and rows of a
-    table about this part, empty where inputs have no errors.
+    """Return the fit that ``find`` finds for a scene and a text of the option --distance, and rows
+    (name, text) of a table.
 
-    The fit is found again at both ends of each error.
+    The standard errors of the fit contain the part that follows from the standard errors of the
+    scene's parameters and of the distance. To find this part, the fit is found again with each of
+    these inputs smaller and larger by its error. The rows say for each fitted parameter how large
+    the part is and which input gives most of it; there are none if no input has an error.
     """
     import numpy as np
 
@@ -245,41 +252,51 @@ def _fit_with_errors(
     from granphon.scene.uncertainty import make_matrix
     from granphon.scene.written_errors import name_keys
 
-    way = distance
-    ends = [(lower, upper, way, way) for lower, upper in scene.shifted]
-    inputs = [name_keys(keys) for keys, _ in scene.errors]
+    distance_alone = distance  # text without the error
+    distance_error = 0.0  # m
     if distance is not None:
         read = partial(read_with_error, quantity=LENGTH)
-        value, error = require("--distance", read, distance)
-        way = f"{value!r} m"
-        ends = [(lower, upper, way, way) for lower, upper in scene.shifted]
-        if error:
-            ends.append((scene, scene, f"{value - error!r} m", f"{value + error!r} m"))
-            inputs.append("--distance")
-    fit = find(scene, way)
-    if not ends:
+        distance_value, distance_error = require("--distance", read, distance)
+        distance_alone = f"{distance_value!r} m"
+    # names of the inputs with an error; the arguments of ``find`` with each of them smaller, larger
+    inputs = [name_keys(keys) for keys, _ in scene.errors]
+    pairs_of_arguments: list[tuple[tuple[Scene, str | None], tuple[Scene, str | None]]] = [
+        ((lower_scene, distance_alone), (upper_scene, distance_alone))
+        for lower_scene, upper_scene in scene.shifted
+    ]
+    if distance_error:
+        shorter = f"{distance_value - distance_error!r} m"
+        longer = f"{distance_value + distance_error!r} m"
+        inputs.append("--distance")
+        pairs_of_arguments.append(((scene, shorter), (scene, longer)))
+    fit = find(scene, distance_alone)
+    if not inputs:
         return fit, []
+    # (inputs, parameters): change of each fitted value by the error of each input
     changes = [
-        0.5 * (find(upper, upper_way).values - find(lower, lower_way).values)
-        for lower, upper, lower_way, upper_way in ends
+        0.5 * (find(*upper).values - find(*lower).values) for lower, upper in pairs_of_arguments
     ]
     correlation = make_matrix(inputs, scene.correlations)
     rows = []
     for number, (name, unit) in enumerate(zip(fit.parameters, fit.units_of_values, strict=True)):
-        of_inputs = np.array([change[number] for change in changes])
-        parts = of_inputs * (correlation @ of_inputs)
-        error = float(np.sqrt(max(np.sum(parts), 0.0)))
-        largest = inputs[int(np.argmax(parts))]
+        changes_of_value = np.array([change[number] for change in changes])
+        # the part of each input in the variance, whose sum rounding may leave below zero
+        contributions = changes_of_value * (correlation @ changes_of_value)
+        error = float(np.sqrt(max(np.sum(contributions), 0.0)))
+        main_input = inputs[int(np.argmax(contributions))]
         size = write_quantity(error, "" if unit == "1" else unit)
-        rows.append((f"{spell(name)}, of inputs", f"+/- {size}, most from {largest}"))
+        rows.append((f"{spell(name)}, of inputs", f"+/- {size}, most from {main_input}"))
     return fit.with_input_errors(changes, correlation), rows
 
 
 def _prepare_files(
     name: str, out: str | None, force: bool, inputs: Sequence[Path]
 ) -> ResultFiles | None:
-    """Return the files of the output ``name`` in the folder ``out``, none of which is one of the
-    ``inputs``; None without a folder. InputError if a file exists already, unless ``force`` is set.
+    """Return the files of the output ``name`` that are to be written into the folder ``out``; None
+    without a folder.
+
+    Raises an error, before anything is computed, if a file exists that ``force`` may not replace,
+    or if a file is one of the ``inputs``. Writes nothing.
     """
     from granphon.base.staging import ResultFiles
     from granphon.scene.outputs import OUTPUTS
@@ -313,7 +330,9 @@ def _read_parameters(names: Sequence[str] | None) -> tuple[str, ...]:
 
 
 def _read_columns(options: Sequence[str] | None) -> dict[str, str]:
-    """Return the names of columns, by what they hold, of options such as "velocity=v (km/s)"."""
+    """Return the names of columns by what they hold, {"velocity": "v (km/s)"}, from options such as
+    "velocity=v (km/s)".
+    """
     columns = dict[str, str]()
     for option in options or ():
         kind, _equals, name = option.partition("=")
@@ -322,8 +341,8 @@ def _read_columns(options: Sequence[str] | None) -> dict[str, str]:
 
 
 def _refuse_options(options: Mapping[str, str | None], data: str, content: str) -> None:
-    """Raise InputError for the first of the ``options`` of velocities that has a value, as the
-    table ``data`` has another ``content``.
+    """Raise InputError if one of the ``options``, values by name, is given. They are for
+    velocities, and the table ``data`` has other ``content``, such as a transfer function.
     """
     for name, value in options.items():
         if value is not None:
@@ -356,10 +375,11 @@ def _read_velocities(
     direction: Sequence[float] | None,
 ) -> Measurements:
     """Return the measured velocities in the table ``data``, m/s, with the contact forces of their
-    loads, N; ``columns`` are the headings of columns that go by other names.
+    loads, N. The ``columns`` are the headings, by what the columns hold, of columns whose names are
+    not the usual ones; ``distance`` is the text of the option --distance.
 
-    ``distance`` is the option of that name, with its unit. Pressures and cutoff frequencies are
-    converted for the ``packing`` in the ``medium``, whose ``parameters`` are fitted; ``branch`` and
+    Side forces are converted for the frame of the ``scene``; pressures and cutoff frequencies are
+    converted for the ``packing`` in the ``medium``, whose ``parameters`` are fitted. ``branch`` and
     ``direction`` (p,) are those of the sound.
     """
     from granphon.balls.loads import force_of_frame
@@ -395,10 +415,12 @@ def _place_traced(
     medium: Any,
     parameters: tuple[str, ...],
 ) -> Measurements:
-    """Return the velocity that the traces in the file ``data`` show, ``traced``, with its standard
-    error, under the one load of the ``scene`` in the file ``scene_file``.
+    """Return as one measurement the velocity ``traced``, which the traces in the file ``data``
+    show, with its standard error, and the contact force of the one load of the ``scene``.
 
-    Pressures are converted for the ``packing`` in the ``medium``, whose ``parameters`` are fitted.
+    A pressure is converted for the ``packing`` in the ``medium``, whose ``parameters`` are fitted.
+    InputError if the scene, of the file ``scene_file``, has several loads, or a load of a kind that
+    gives no contact force.
     """
     import numpy as np
 
@@ -427,9 +449,11 @@ def _place_traced(
 def _choose_sigma_and_frequency(
     measured: Measurements, sigma: str | None, frequency: str | None
 ) -> tuple[Any, Any]:
-    """Return the standard errors of the velocities, m/s, and the frequencies of the pulses, Hz;
-    each (n,), one number, or None. The options ``sigma`` and ``frequency``, texts with units, come
-    before what the table of the ``measured`` velocities holds.
+    """Return the standard errors of the n ``measured`` velocities, m/s, and the frequencies of the
+    pulses, Hz; each is an array (n,), one number, or None.
+
+    The options ``sigma`` and ``frequency``, texts with units, replace what the table of the
+    measured velocities holds.
     """
     from granphon.base.quantities import FREQUENCY
     from granphon.base.validation import require
@@ -445,8 +469,9 @@ def _choose_sigma_and_frequency(
 
 
 def _choose_direction(path: str, scene: Scene, option: str | None) -> Sequence[float] | None:
-    """Return the direction (p,) of the ``option``, else that of the scene in ``path``; None if
-    neither names one, and InputError if the scene alone names several.
+    """Return the direction of sound (p,): that of the ``option`` --direction, or without the option
+    that of the scene in the file ``path``; None if neither names a direction. InputError if the
+    scene names several and the option is not given.
     """
     from granphon.base.validation import require
 
@@ -463,9 +488,12 @@ def _choose_direction(path: str, scene: Scene, option: str | None) -> Sequence[f
 def _fit_response(
     scene_file: str, scene: Scene, data: str, columns: Mapping[str, str], names: tuple[str, ...]
 ) -> DampingFit:
-    """Return the fit of the parameters ``names`` of damping, by default "damping", to the transfer
-    function in the table ``data``; InputError unless the scene, of the file ``scene_file``, has one
-    state and a block response.
+    """Return the fit of the parameters ``names``, by default "damping" alone, to the transfer
+    function in the table ``data``. ``columns`` are as in :func:`_read_velocities`.
+
+    The network is that of the one state of the scene, with the sources, receivers and losses of its
+    block response. InputError if the scene, of the file ``scene_file``, has no such block, or
+    several states.
     """
     from granphon.fits.pressed import PressedCrystal
     from granphon.fits.transfer import TransferFunction, fit_damping
@@ -482,16 +510,18 @@ def _fit_response(
         raise InputError(problem, "A transfer function is of one", "Keep one load and medium")
     measured = TransferFunction.read(data, columns, settings.quantity)
     case = scene.plan.cases[0].case
-    x: Any
+    network: Any
     if isinstance(case.packing, Arrangement):
+        # the crystal comes to rest anew where a fitted parameter changes what bears the load
         load = case.load[0]
-        x = PressedCrystal(case.packing.crystal, load, case.request.finite_overlap, settings.shape)
+        finite_overlap = case.request.finite_overlap
+        network = PressedCrystal(case.packing.crystal, load, finite_overlap, settings.shape)
     else:
-        x = settings.shape(case.state.network)
+        network = settings.shape(case.state.network)
     sources = [find_place(words) for words in settings.source]
     receivers = [find_place(words) for words in settings.receiver]
     return fit_damping(
-        x,
+        network,
         measured,
         sources,
         receivers,
@@ -511,8 +541,9 @@ def _finish_fit(
     notes: Sequence[str],
     table: list[tuple[str, str]],
 ) -> None:
-    """Write the ``files`` of a ``fit`` into the folder ``out``, if both are given, and print the
-    ``notes`` as warnings, and the rows of the ``table``.
+    """Write the ``files`` of a ``fit`` into the folder ``out``, unless both are None. Then print
+    the ``notes`` as warnings, with the reason if the figure could not be drawn, the rows of the
+    ``table``, and the names of the files.
     """
     failures: dict[str, str] = {}
     if files is not None:
@@ -526,7 +557,7 @@ def _finish_fit(
 
 
 def _read_direction(value: str) -> list[float]:
-    """Read the numbers of a direction, which spaces or commas part."""
+    """Return the components (p,) of a direction from a text of numbers between spaces or commas."""
     try:
         return [float(word) for word in value.replace(",", " ").split()]
     except ValueError:
@@ -639,10 +670,11 @@ def measure_tradeoff(
 
 
 def _choose_reference(scene_file: str, scene: Scene) -> dict[str, Any]:
-    """Return the options of the reference by which the media of the scene, of the file
-    ``scene_file``, are judged: arrays at rest without friction, unless a medium has a history.
+    """Return the options, by name, of the simulated arrays by which the media of the scene are
+    judged: arrays at rest without friction, or arrays that are loaded with friction in the way of
+    a medium of the scene.
 
-    Raises InputError for several histories.
+    InputError if media of the scene, of the file ``scene_file``, are loaded in different ways.
     """
     from granphon.media.array_options import REFERENCE_OPTIONS, REST
 
@@ -656,9 +688,9 @@ def _choose_reference(scene_file: str, scene: Scene) -> dict[str, Any]:
 
 
 def _stage_study(locked: ResultFiles, name: str, value: Any) -> dict[str, str]:
-    """Write the ``locked`` files of the output ``name``, whose ``value`` is a study, into their
-    folder. Return the reason for which its figure could not be drawn, by the name of the file;
-    nothing if it could.
+    """Write the files of the output ``name``, "fit" or "tradeoff", with its ``value`` into their
+    ``locked`` folder, and draw its figure. Return the reason for which the figure could not be
+    drawn, by the name of its file; an empty mapping if it could.
     """
     from granphon.figures.style import draw
     from granphon.scene.outputs import OUTPUTS, Results

@@ -31,7 +31,7 @@ _OF_CONTACTS = (
     ("normal_stiffness", "N/m"),
     ("shear_stiffness", "N/m"),
 )
-#: most media that an automatic medium has chosen which are named, with the states of each
+#: greatest number of chosen media that a line names; the others are counted together
 _MOST_CHOICES = 4
 #: end of the message of an interruption that comes before a result is written
 NOTHING_WRITTEN = "no result was written."
@@ -40,15 +40,17 @@ GO_ON = "The finished parts are kept: run the same command again to continue."
 
 
 def say_table(rows: Sequence[tuple[str, str]]) -> None:
-    """Print rows of a name and a text each, in two columns."""
+    """Print ``rows`` of a name and a text each in two columns, of which the first is as wide as the
+    longest name, and at least 22 characters.
+    """
     width = max(22, *(len(name) + 1 for name, _ in rows)) if rows else 0
     for name, text in rows:
         say(f"  {name:<{width}}{text}")
 
 
 def say(text: str) -> None:
-    """Print a line; what cannot be printed, and characters that the encoding of stdout lacks, are
-    backslash escapes.
+    """Print ``text`` as one line on standard output. Control characters, and characters that the
+    encoding of the output lacks, are printed as backslash escapes.
     """
     encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
     print(one_line(text).encode(encoding, "backslashreplace").decode(encoding))
@@ -64,16 +66,15 @@ def warn(warnings: Sequence[str], most: int = 10) -> None:
 
 
 def fail(text: str, code: int) -> int:
-    """Print an error on standard error as one line, and return the exit ``code``."""
+    """Print an error, ``text``, as one line on standard error, and return the exit ``code``."""
     print("granphon: error: " + one_line(" ".join(text.split())), file=sys.stderr)
     return code
 
 
 def require_name(option: str, path: str | None) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if the path given for ``option`` is empty, or
-    is of dashes only.
-
-    A single dash stands for a stream, and two end the options: none is meant as a name.
+    """Raise :class:`~granphon.base.errors.InputError` if the ``path`` given for ``option`` is empty
+    or consists of dashes alone: other programs take one dash for a stream, and two dashes for the
+    end of the options, so that neither is meant as a name.
     """
     if path == "":
         mend = "Name a file or folder; perhaps a shell variable is not set"
@@ -125,8 +126,8 @@ def write_of_scene(
 
 @contextmanager
 def tell_interruption(describe_folder: Callable[[], str]) -> Iterator[None]:
-    """Turn an interruption of the with-block into :class:`Interrupted`, with the sentence that
-    ``describe_folder`` returns then.
+    """Turn an interruption of the with-block into :class:`Interrupted`. Its message is the sentence
+    that ``describe_folder`` returns at the time of the interruption.
     """
     try:
         yield
@@ -135,8 +136,8 @@ def tell_interruption(describe_folder: Callable[[], str]) -> Iterator[None]:
 
 
 def write_range(value: Any, unit: str, digits: int = 5) -> str:
-    """Return the text of a value in the SI ``unit``, or of the least and the greatest of several,
-    as :func:`write_quantity` writes them.
+    """Return the text of a ``value`` in the SI ``unit``, with a decimal prefix and so many
+    ``digits``; of several values in any shape the text of the least and the greatest, "1 N to 2 N".
     """
     import numpy as np  # not above, so that the help of a command needs no numpy
 
@@ -145,8 +146,9 @@ def write_range(value: Any, unit: str, digits: int = 5) -> str:
 
 
 def _write(value: Any, unit: str) -> str:
-    """Return the text of a value of a table in the SI ``unit``: a length, force, pressure,
-    stiffness or frequency with a decimal prefix, all else as it is.
+    """Return the text of a ``value`` in the SI ``unit`` for a table: lengths, pressures, forces,
+    stiffnesses and frequencies as :func:`write_range` writes them, and any other value without a
+    decimal prefix.
     """
     if unit in ("m", "Pa", "N", "N/m", "Hz"):
         return write_range(value, unit)
@@ -177,30 +179,31 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
 
 
 def _describe_errors(scene: Scene) -> list[tuple[str, str]]:
-    """Return the rows on the standard errors of parameters: each with its share of the value, the
-    correlations, and the files that can have no errors.
+    """Return the rows on standard errors: of each parameter its error, also in per cent of the
+    value; the correlations; and the files whose numbers have no errors.
     """
     from granphon.scene.outputs import list_outputs
     from granphon.scene.uncertainty import list_parameters
 
     rows = []
     for name, value, error, unit in list_parameters(scene):
-        share = f" ({100.0 * error / abs(value):.2g} %)" if value else ""
-        rows.append((f"error of {name}", write_quantity(error, unit, 3) + share))
+        percent = f" ({100.0 * error / abs(value):.2g} %)" if value else ""
+        rows.append((f"error of {name}", write_quantity(error, unit, 3) + percent))
     rows += [
         (f"correlation of {first}", f"with {second} {value:.3g}")
         for first, second, value in scene.correlations
     ]
-    exact = [row for row in list_outputs(scene) if row.lacks_errors]
-    if exact:
-        files = ", ".join(name for row in exact for name in row.numbers)
+    outputs_without_errors = [row for row in list_outputs(scene) if row.lacks_errors]
+    if outputs_without_errors:
+        files = ", ".join(name for row in outputs_without_errors for name in row.numbers)
         rows.append(("without errors", f"{files}; sweep.nc has those of all other numbers"))
     return rows
 
 
 def _describe_choices(scene: Scene) -> list[tuple[str, str]]:
-    """Return the row on the media that automatic media of a scene have chosen: the states that each
-    serves, and the least and the greatest expected error; none if no medium is automatic.
+    """Return the row on the media that automatic media of a scene have chosen: the number of states
+    that each serves, and the least and the greatest expected error; no row if no medium is
+    automatic.
     """
     choices = [
         serving
@@ -210,19 +213,21 @@ def _describe_choices(scene: Scene) -> list[tuple[str, str]]:
     ]
     if not choices:
         return []
-    counts: dict[str, int] = {}
+    counts: dict[str, int] = {}  # number of states by the label of the medium
     for serving in choices:
         label = serving.medium.label
         counts[label] = counts.get(label, 0) + len(serving.loads)
     names = [*counts]
     if len(counts) > 1:
         names = [f"{label} at {counted(count, 'state')}" for label, count in counts.items()]
+        # the states of the media that are not named are counted together
         n_others = sum([*counts.values()][_MOST_CHOICES:])
         if n_others:
-            names[_MOST_CHOICES:] = [f"others at {counted(n_others, 'state')}"]
+            names = [*names[:_MOST_CHOICES], f"others at {counted(n_others, 'state')}"]
     errors = [error for serving in choices for error in serving.errors.tolist()]
     words = "exact for equal balls"
     if max(errors):
+        # of equal ends one is written
         ends = dict.fromkeys(f"{error:.2g}" for error in (min(errors), max(errors)))
         truths = dict.fromkeys(str(serving.truth) for serving in choices)
         words = f"expected error {' to '.join(ends)} against {' and '.join(truths)}"
@@ -230,9 +235,10 @@ def _describe_choices(scene: Scene) -> list[tuple[str, str]]:
 
 
 def _describe_contacts(scene: Scene) -> list[tuple[str, str]]:
-    """Return the rows on the contacts of the states of a scene, of several the least and the
-    greatest numbers, with standard errors and their sources if the scene has errors; none if some
-    states are not quick to find.
+    """Return the rows on force, overlap and stiffnesses of the contacts in the states of a scene:
+    of several states the least and the greatest of each, and if the scene has standard errors also
+    those of these numbers and the parameters that cause most of them. No rows if some states are
+    not quick to find.
     """
     numbers = scene.plan.collect([name for name, _ in _OF_CONTACTS])
     if not numbers:
@@ -255,8 +261,8 @@ def _describe_contacts(scene: Scene) -> list[tuple[str, str]]:
 
 
 def _tell_sources(sources: dict[str, str]) -> list[tuple[str, str]]:
-    """Return a row for each parameter that gives most of the errors of some numbers; ``sources``
-    are these parameters by the words of the numbers.
+    """Return a row for each parameter that causes most of the standard error of some numbers, with
+    the names of these numbers. ``sources`` has for each number, by its words, that parameter.
     """
     return [
         (f"{parameter} gives most", f"of the error of {words}")
@@ -265,7 +271,7 @@ def _tell_sources(sources: dict[str, str]) -> list[tuple[str, str]]:
 
 
 def _count_states(scene: Scene) -> str:
-    """Return the number of states of a sweep in words: "5 loads x 2 media = 10 states"."""
+    """Return the number of states of a sweep in words, "5 loads x 2 media = 10 states"."""
     counts = [counted(len(scene.load.values), "load"), counted(len(scene.media), "medium", "media")]
     for name, values in scene.parameters:
         counts.append(counted(len(values), f"value of {name}", f"values of {name}"))
@@ -309,8 +315,9 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
 
 
 def _name_sources(result: RunResult, parameters: dict[str, str]) -> dict[str, str]:
-    """Return the ``parameters`` that give most of the errors of the numbers of a result, by the
-    label of the number instead of its name; those of numbers that are not told are left out.
+    """Return for each number of a ``result``, by its label in lower case, the parameter that causes
+    most of its standard error. ``parameters`` has these by the names of the numbers; numbers that
+    the table of the result does not show are left out.
     """
     sources = {}
     for name, parameter in parameters.items():
@@ -323,22 +330,24 @@ def _name_sources(result: RunResult, parameters: dict[str, str]) -> dict[str, st
 
 
 def _describe_design(numbers: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return the rows on a design, from its ``numbers`` of the summary."""
+    """Return the rows on a design from its ``numbers`` in the summary: the goal at the end and at
+    the start, and how long the search was.
+    """
     unit = numbers["unit"]
-    values = [_write(numbers[name], unit) for name in ("value", "start_value")]
+    end, start = (_write(numbers[name], unit) for name in ("value", "start_value"))
     evaluations = counted(numbers["evaluations"], "evaluation")
     return [
-        ("design", f"{values[0]}, from {values[1]} at the start"),
+        ("design", f"{end}, from {start} at the start"),
         ("search", f"{counted(numbers['unknowns'], 'unknown')}, {evaluations}"),
     ]
 
 
 def _write_number(value: Any, error: Any, unit: str, digits: int) -> str:
-    """Return the text of a value, or of the least and the greatest of several, in the SI ``unit``.
-    With a standard ``error`` that is not None the error is written too, or the least and the
-    greatest; without one the value has so many ``digits``.
+    """Return the text of a ``value`` in the SI ``unit``, or of the least and the greatest of
+    several values. If the standard ``error``, of the same shape, is not None, it is written too and
+    decides how many digits the value has; without an error the value has so many ``digits``.
     """
-    import numpy as np
+    import numpy as np  # not above, so that the help of a command needs no numpy
 
     if error is None:
         return write_range(value, unit, digits)
@@ -350,9 +359,11 @@ def _write_number(value: Any, error: Any, unit: str, digits: int) -> str:
 
 
 def _describe_gaps(gaps: list[list[float]], errors: list[list[float]] | None) -> str:
-    """Return in words the three widest ``gaps``, (n, 2) Hz, in ascending order, and the number of
-    the others. If the standard ``errors`` of the edges are known, they are written too.
+    """Return in words the three widest ``gaps``, lower and upper edges (n, 2) Hz, in ascending
+    order, and the number of the others. The standard ``errors`` of the edges, (n, 2) Hz, are
+    written too if they are not None.
     """
+    # numbers of the gaps; the least of lower minus upper edge is the widest gap
     widest = sorted(range(len(gaps)), key=lambda number: gaps[number][0] - gaps[number][1])[:3]
     texts = []
     for number in sorted(widest):
@@ -368,7 +379,7 @@ def _describe_gaps(gaps: list[list[float]], errors: list[list[float]] | None) ->
 
 
 def write_direction(direction: Any) -> str:
-    """Text of one direction, or of the number of them."""
+    """Return the text of one direction, (p,), as "(1, 0)", or of several, (n, p), their number."""
     if isinstance(direction[0], float | int):
         return f"({', '.join(f'{x:g}' for x in direction)})"
     return counted(len(direction), "direction")
@@ -413,7 +424,9 @@ def _write_valued(value: float, error: float, unit: str) -> str:
 
 
 def _judge_fit(fit: WidthFit | DampingFit) -> tuple[str, str]:
-    """Return the row that says how well a fit agrees with its data."""
+    """Return the row with chi^2 of a fit, the degrees of freedom, and the probability p that errors
+    of the given sizes make a larger chi^2.
+    """
     if not fit.dof:
         return "chi^2", "none: as many are fitted as were measured"
     return "chi^2", f"{fit.chi2:.4g} for {fit.dof} degrees of freedom, p = {fit.p:.2g}"
@@ -449,8 +462,8 @@ def describe_response_fit(fit: DampingFit) -> list[tuple[str, str]]:
 
 
 def describe_tradeoff(result: TradeOff, periods: int) -> list[str]:
-    """Return the lines of the table of a trade-off, of balls on a lattice of 1, 2 or 3
-    ``periods``.
+    """Return the lines that describe a trade-off: its loads, a table of the media, the reference,
+    and the time taken. The ``periods``, 1, 2 or 3, of the lattice decide the unit of a pressure.
     """
     # imported here, as it loads numpy
     from granphon.base.quantities import load_quantities

@@ -88,6 +88,7 @@ def find_velocity(
     target = Path(out)
     if not target.suffix:
         raise InputError(f"--out is {out}, without an ending", mend="Use .png, .pdf or .svg")
+    # without the option, the distances are those in the headings of the table
     places, errors = (None, []) if distances is None else _read_distances(distances)
     step = None if time_step is None else require("--time-step", TIME.read, time_step)
     traces = Traces.read(data, places, step)
@@ -109,6 +110,7 @@ def find_velocity(
         options["quiet"] = require("--quiet-until", TIMES.read, quiet_until)
     velocity = traces.velocity(**options)
     if any(errors):
+        # the errors of the distances are independent of each other and of that of the arrivals
         effects = _find_effects(traces, errors, **options)
         velocity = replace(velocity, stderr=math.hypot(velocity.stderr, *effects))
     files = ResultFiles(target.parent, [target.name], force, inputs=data)
@@ -135,22 +137,25 @@ def _read_distances(option: str) -> tuple[list[float], list[float]]:
 
 
 def _find_effects(traces: Traces, errors: Sequence[float], **options: Any) -> list[float]:
-    """Return by how much the velocity, m/s, changes with the error of the distance of each sensor,
-    m; ``options`` are those of :meth:`Traces.velocity`.
+    """Return for each sensor by how much the velocity, m/s, changes if the distance of the sensor
+    is larger by its standard error, (n,) m, in ``errors``: half the difference of the velocities
+    for the larger and the smaller distance. The ``options`` are those of :meth:`Traces.velocity`.
     """
     effects = []
-    for number, error in enumerate(errors):
-        ends = []
+    for sensor, error in enumerate(errors):
+        velocities = []
         for change in (-error, error):
             distances = traces.distances.copy()
-            distances[number] += change
-            ends.append(replace(traces, distances=distances).velocity(**options).velocity)
-        effects.append(0.5 * (ends[1] - ends[0]))
+            distances[sensor] += change
+            moved_traces = replace(traces, distances=distances)
+            velocities.append(moved_traces.velocity(**options).velocity)
+        lower, upper = velocities
+        effects.append(0.5 * (upper - lower))
     return effects
 
 
 def _draw(traces: Traces, velocity: TraceVelocity, path: Path) -> None:
-    """Draw traces and arrivals into a file."""
+    """Draw the traces and the arrivals of the pulse into the file ``path``."""
     from granphon.figures.style import save_figure
     from granphon.figures.traces import traces_figure
 
@@ -158,7 +163,9 @@ def _draw(traces: Traces, velocity: TraceVelocity, path: Path) -> None:
 
 
 def _describe(traces: Traces, velocity: TraceVelocity) -> list[tuple[str, str]]:
-    """Return the rows of a table of a velocity."""
+    """Return rows (name, text) on the velocity that traces show: how it was found, the arrival at
+    each sensor, and how well a straight line fits, if degrees of freedom are left.
+    """
     rows = [
         ("velocity", write_uncertain(velocity.velocity, velocity.stderr, "m/s")),
         ("method", velocity.method),

@@ -28,29 +28,55 @@ from granphon.runs.tasks import Case, to_json
 from granphon.runs.workers import packages
 from granphon.scene.design_settings import DesignSettings, find_unit_of_variable, varies_parameters
 
-#: most variables that a line names
-_NAMED = 6
+#: most unknowns that the description of a design names
+_MOST_NAMES = 6
 
 
 def _make_problem(case: Case, load: Load, settings: DesignSettings, of_parameters: bool) -> Problem:
-    """Return the problem of the ``settings`` for the one state of a case; the ``load`` is that of
-    the scene.
+    """Return the problem that the ``settings`` of a design pose, with the network of the one state
+    of ``case`` as the start of its search.
+
+    With ``of_parameters`` the parameters of the scene vary, among them its ``load`` as the file has
+    it; otherwise numbers of the balls and contacts of the network vary, and the sums of some of
+    these numbers may be kept.
+    """
+    space: Any
+    sums: Any = ()
+    if of_parameters:
+        space = _make_parameters(case, load, settings)
+    else:
+        network = settings.shape(given_network(case.state))
+        space = Numbers.of(network, settings.names, dict(settings.vary), settings.per)
+        sums = space.read_sums(dict(settings.constraints))
+    return Problem.of(
+        space,
+        settings.make_goal(),
+        sums,
+        restarts=settings.restarts,
+        seed=settings.seed,
+        steps=settings.steps,
+    )
+
+
+def _make_parameters(case: Case, load: Load, settings: DesignSettings) -> Parameters:
+    """Return the parameters of a scene that vary, with their bounds and their values in the scene.
+
+    The ``load`` is that of the scene as the file has it, maybe a side force; that of the ``case``
+    is the same load as it acts on contacts.
     """
     names = settings.names
-    if not of_parameters:
-        network = settings.shape(given_network(case.state))
-        space = Numbers.of(network, names, dict(settings.vary), settings.per)
-        sums = space.read_sums(dict(settings.constraints))
-        return _pose(space, sums, settings)
 
-    def make(values: Any) -> ContactNetwork:
+    def make_network(values: Any) -> ContactNetwork:
+        """Return the network of the state in which the parameters have the ``values`` (n,), SI; the
+        state is solved anew.
+        """
         changes = dict(zip(names, values.tolist(), strict=True))
         changed_load = case.load
         if load.kind in changes:
             array = np.full(load.array.shape, changes.pop(load.kind))
             changed_load = replace(load, array=array).applied.flat
-        changed = change_packing(case.packing, changes) if changes else case.packing
-        state = replace(case, packing=changed, load=changed_load).state
+        changed_packing = change_packing(case.packing, changes) if changes else case.packing
+        state = replace(case, packing=changed_packing, load=changed_load).state
         network: ContactNetwork = settings.shape(given_network(state))
         return network
 
@@ -62,17 +88,18 @@ def _make_problem(case: Case, load: Load, settings: DesignSettings, of_parameter
             for name in names
         ]
     )
-    return _pose(Parameters(make, names, low, high, start), (), settings)
-
-
-def _pose(space: Any, sums: Any, settings: DesignSettings) -> Problem:
-    options = {"restarts": settings.restarts, "seed": settings.seed, "steps": settings.steps}
-    return Problem.of(space, settings.make_goal(), sums, **options)
+    return Parameters(make_network, names, low, high, start)
 
 
 @dataclass(frozen=True)
 class DesignTask(Task):
-    """The search from one start of the design of a scene; see :func:`_make_problem`."""
+    """The search from one start of the design of a scene.
+
+    Attributes
+    ----------
+    case, load, settings, of_parameters : the arguments of :func:`_make_problem`.
+    number : number of the start; 0 is the network of the scene, others are random.
+    """
 
     case: Case
     load: Load
@@ -85,28 +112,36 @@ class DesignTask(Task):
 
     @cached_property
     def name(self) -> str:
-        """Name of the result: the number of the start, and a digest of what determines it."""
+        """Name under which the result is stored: the number of the start, and a digest of all that
+        determines the result.
+        """
         data = {
             "packing": self.case.packing,
             "medium": self.case.medium,
             "load": self.load,
             "finite_overlap": self.case.request.finite_overlap,
+            # the result of a start does not depend on the number of starts
             "design": vars(self.settings) | {"restarts": 0},
             "versions": packages(),
         }
         return f"design-{self.number}-{hashlib.sha256(to_json(data).encode()).hexdigest()}"
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a worker needs: it poses the problem itself."""
+        """Return the attributes that are sent to a worker, all but the ``problem``: its functions
+        cannot be sent, and the worker makes the problem itself.
+        """
         return {name: value for name, value in vars(self).items() if name != "problem"}
 
     @cached_property
     def problem(self) -> Problem:
-        """The problem of the design."""
+        """The goal of the design and the networks among which the best is sought."""
         return _make_problem(self.case, self.load, self.settings, self.of_parameters)
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
-        """Search from the start."""
+        """Search from the start, and return the goal at each evaluation, (h,), the best variables,
+        (n,) SI, and the reason for an early end, a text that may be empty. A search keeps no
+        intermediate results, so that ``begun`` is not used.
+        """
         found = self.problem.search(self.number)
         return {
             "history": found.history,
@@ -134,11 +169,13 @@ class PosedDesign:
 
     @classmethod
     def of(cls, scene: Any) -> PosedDesign:
-        """Return the design of a scene; errors are placed in the block."""
+        """Return the design of a scene. Errors of the goal and of the variables are placed at the
+        block "design" of the file, and errors of the state at the load.
+        """
         settings = scene.design
         case = scene.plan.case.case
         of_parameters = varies_parameters(scene)
-        _ = scene.state()  # first, so that its errors are placed at the load
+        _ = scene.state()  # solved first, so that errors of the state are placed at the load
         with scene.origin.at("design"):
             problem = _make_problem(case, scene.load, settings, of_parameters)
             warnings = tuple(problem.judge_effects())
@@ -146,52 +183,60 @@ class PosedDesign:
             DesignTask(case, scene.load, settings, of_parameters, number)
             for number in range(problem.count)
         )
-        for task in tasks:  # in this process the problem is posed once
+        for task in tasks:
+            # tasks that are done in this process share the problem; it is put into the dictionary,
+            # where a cached property keeps its value, as the dataclass is frozen
             task.__dict__["problem"] = problem
         units = {name: find_unit_of_variable(scene, name) for name in settings.names}
         return cls(problem, warnings, tasks, units)
 
     @property
     def cost(self) -> costs.Cost:
-        """Memory and time of the search, if each start takes all of its steps, and of the
-        certificates of a gap at the start and at the end.
+        """Memory and time of the search if each start takes all of its steps; of a gap, with those
+        of its certificates at the start and at the end. To estimate the time, one evaluation of the
+        goal with its derivatives is timed.
         """
         problem = self.problem
         space = problem.space
         goal = problem.goals[0]
-        measure = partial(costs.time_once, lambda: space.differentiate(goal.evaluate, space.start))
-        units = costs.Units(problem.count * problem.steps, measure)
+        time_evaluation = partial(
+            costs.time_once, lambda: space.differentiate(goal.evaluate, space.start)
+        )
+        units = costs.Units(problem.count * problem.steps, time_evaluation)
         network = space.make_network(space.start)
-        words = (
+        description = (
             f"design of {counted(len(space.labels), 'unknown')} from"
             f" {counted(problem.count, 'start')}, at most {problem.steps} steps each"
         )
         cost = costs.Cost(
             goal.estimate_memory(network),
             units=(units,),
-            parts=(words,),
+            parts=(description,),
             libraries=costs.NUMBA_BYTES,
         )
         if hasattr(goal, "estimate_certificate"):
-            of_both = goal.estimate_certificate(network).times(2.0)
-            cost += replace(of_both, kept=0.0, working=of_both.kept, parts=())
+            certificates = goal.estimate_certificate(network).times(2.0)
+            # a certificate keeps none of the frequencies from which it is found
+            cost += replace(certificates, kept=0.0, working=certificates.kept, parts=())
         return cost
 
     def describe(self) -> list[tuple[str, Any, str]]:
-        """Return names, values and SI units of what is sought."""
+        """Return rows (name, value, SI unit) on the unknowns and on the goal at the start."""
         problem = self.problem
         space = problem.space
         labels = space.labels
-        named = ", ".join(labels[:_NAMED])
-        more = f" and {len(labels) - _NAMED} more" if len(labels) > _NAMED else ""
+        names = ", ".join(labels[:_MOST_NAMES])
+        more = f" and {len(labels) - _MOST_NAMES} more" if len(labels) > _MOST_NAMES else ""
         unit = getattr(problem.goals[0], "unit", "")
         return [
-            ("unknowns of the design", f"{len(labels)}: {named}{more}", ""),
+            ("unknowns of the design", f"{len(labels)}: {names}{more}", ""),
             ("goal at the start", problem.start_value, unit),
         ]
 
     def finish(self, results: Sequence[TaskResult]) -> Design:
-        """Return the design of the results of all tasks."""
+        """Return the best of the designs that the tasks have found, whose ``results`` are in the
+        order of the tasks.
+        """
         found = [
             Found(result["history"], result["best"], str(result["stopped"])) for result in results
         ]

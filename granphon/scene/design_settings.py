@@ -62,37 +62,44 @@ _MOST_POINTS = 1000
 
 
 def _frequencies_kind(column: str) -> Kind:
-    """Return the kind of frequencies: a list, or the name of a table with such a ``column``."""
-    several = listed(with_unit(FREQUENCY), "frequencies")
+    """Return the kind of several frequencies: a list, or in a file the name of a table that has
+    them in its ``column``.
+    """
+    list_kind = listed(with_unit(FREQUENCY), "frequencies")
 
     def read(value: Any, context: ValueContext) -> tuple[float, ...]:
+        """Return the frequencies, Hz, of a list or of the table that a text names."""
         if not (isinstance(value, str) and context.written):
-            return several.read(value, context)  # type: ignore[no-any-return]
+            return list_kind.read(value, context)  # type: ignore[no-any-return]
         with refusing(value, f"frequencies, or a table with a column {column}"):
             table = Table.read(context.folder / value, quoted=False)
             return tuple(table.column(column, FREQUENCY).tolist())
 
-    return Kind(read, several.write, FREQUENCY.unit)
+    return Kind(read, list_kind.write, FREQUENCY.unit)
 
 
 def _read_sigma(value: Any, context: ValueContext) -> Any:
-    """Return one standard error, Hz, or those of a list or table."""
-    of_each = _frequencies_kind("sigma")
+    """Return one standard error, Hz, from a number, or a tuple of standard errors, Hz, from a list
+    or the name of a table. A text that begins with a digit is a number with its unit.
+    """
     is_number = isinstance(value, float | int) or (isinstance(value, str) and value[:1].isdecimal())
-    return (with_unit(FREQUENCY) if is_number else of_each).read(value, context)
+    kind = with_unit(FREQUENCY) if is_number else _frequencies_kind("sigma")
+    return kind.read(value, context)
 
 
 def _write_sigma(sigma: Any, context: ValueContext) -> Any:
+    """Return plain data for one standard error, Hz, or for a tuple of standard errors."""
     kind = _frequencies_kind("sigma") if isinstance(sigma, tuple) else with_unit(FREQUENCY)
     return kind.write(sigma, context)
 
 
 def _read_qpoints(value: Any) -> tuple[tuple[float, ...], ...]:
-    """Return wave vectors (n_q, p), fractions of the reciprocal cell, of a list of texts or lists
-    of numbers.
+    """Return wave vectors, (n_q, p) in fractions of the reciprocal cell, from a list in which each
+    wave vector is a text such as "1/3 1/3", a list of numbers, or on a chain a number.
     """
 
     def read_point(point: Any) -> tuple[float, ...]:
+        """Return the components (p,) of one wave vector."""
         words: Any = point.split() if isinstance(point, str) else point
         if not isinstance(words, list | tuple):
             words = [words]
@@ -102,7 +109,14 @@ def _read_qpoints(value: Any) -> tuple[tuple[float, ...], ...]:
 
 
 class _Form(NamedTuple):
-    """A goal in a file: the name of the class, the kinds of its keys, and those that are needed."""
+    """The form of a goal in a file.
+
+    Attributes
+    ----------
+    goal : name of the class of granphon that is the goal.
+    keys : the kinds of the goal's numbers, by their keys.
+    needed : the keys that a file must give.
+    """
 
     goal: str
     keys: Mapping[str, Kind]
@@ -148,13 +162,17 @@ GOALS = {
 
 
 def _read_goal(value: Any, context: ValueContext) -> tuple[str, tuple[tuple[str, Any], ...]]:
-    """Return the name of a goal and its numbers, of a name, or of a block of one name; a goal that
-    has been read as it is.
+    """Return the name of a goal, and its numbers in SI units as pairs of a key and a value.
+
+    The ``value`` is the name alone, a block of numbers under the name, or the pair that this
+    function returned for another scene. Refused for an unknown goal, and for numbers that the goal
+    does not accept.
     """
     name = value
     numbers: Any = {}
     if isinstance(value, tuple) and len(value) == 2:
-        name, numbers = value[0], dict(value[1])
+        name, entries_read = value
+        numbers = dict(entries_read)
     elif isinstance(value, Mapping) and len(value) == 1:
         ((name, numbers),) = value.items()
     if not isinstance(name, str):
@@ -164,18 +182,24 @@ def _read_goal(value: Any, context: ValueContext) -> tuple[str, tuple[tuple[str,
     rule = block_of(form.keys, form.needed).rule(context)
     entries = read_inside(name, rule, numbers or {})
     with refusing(numbers or name, f"numbers of the goal {name}", name):
-        _make_goal(name, entries)
+        _make_goal(name, entries)  # made here only to check the numbers
     return name, tuple(entries.items())
 
 
 def _write_goal(goal: tuple[str, Any], context: ValueContext) -> Any:
+    """Return the name of a goal without numbers, or else the block of its numbers under the name.
+
+    The ``goal`` is the pair that :func:`_read_goal` returns.
+    """
     name, entries = goal
     return {name: block_of(GOALS[name].keys).write(dict(entries), context)} if entries else name
 
 
 def _make_goal(name: str, entries: Mapping[str, Any]) -> Any:
-    """Return the goal of a name and its numbers."""
-    import granphon
+    """Return the goal called ``name`` in a file, an instance of its class, with the numbers
+    ``entries`` by key; sources and receivers, which are words in a file, become places.
+    """
+    import granphon  # other scenes need no phonons, which goals import
 
     arguments = dict(entries)
     for key in ("source", "receiver"):
@@ -185,9 +209,12 @@ def _make_goal(name: str, entries: Mapping[str, Any]) -> Any:
 
 
 def named_tables_of_goal(goal: Any) -> list[str]:
-    """Return the names of the tables of frequencies in the ``goal`` of a valid scene file."""
+    """Return the names of the tables of frequencies that the ``goal`` of a valid scene file, plain
+    data, refers to.
+    """
     numbers = goal.get("match_frequencies", {}) if isinstance(goal, Mapping) else {}
     names = (numbers.get(key) for key in ("measured", "sigma"))
+    # a text that begins with a digit is a standard error with its unit, such as "5 Hz"
     return [name for name in names if isinstance(name, str) and not name[:1].isdecimal()]
 
 
@@ -195,19 +222,24 @@ def named_tables_of_goal(goal: Any) -> list[str]:
 
 
 def _list_names(context: Any) -> tuple[list[str], list[str]]:
-    """Return the names of the parameters of a scene that are numbers, its loads among them, and
-    those of the numbers of its network.
+    """Return two lists of names that may vary: the kinds of load and the parameters of the scene
+    that are numbers; and the numbers of its network, without those that are parameters too.
     """
-    given = getattr(context, "parameters", ()) or [
+    all_parameters = getattr(context, "parameters", ()) or [
         name for name in PARAMETERS if find_unit(name) is not None
     ]
-    parameters = [name for name in given if name not in SPRING_PARAMETERS and name not in LOSSES]
+    parameters = [
+        name for name in all_parameters if name not in SPRING_PARAMETERS and name not in LOSSES
+    ]
     return [*LOADS, *parameters], [name for name in _NUMBERS if name not in parameters]
 
 
 def _choose_kind(name: str, context: Any) -> Kind:
-    """Return the kind of the bounds of a variable."""
-    if name in _list_names(context)[1]:
+    """Return the kind of the bounds of the variable ``name``: that of a number of the network, of a
+    load, whose unit depends on the lattice, or of a parameter of a sweep.
+    """
+    _, names_of_numbers = _list_names(context)
+    if name in names_of_numbers:
         return _NUMBERS[name]
     if name in LOADS:
         return with_unit(load_quantities(context.lattice.pressed_axes)[name])
@@ -215,8 +247,9 @@ def _choose_kind(name: str, context: Any) -> Kind:
 
 
 def _read_vary(value: Any, context: Any) -> tuple[tuple[str, tuple[float, float]], ...]:
-    """Return the variables with their bounds, SI, of a block of bounds by name, or of such a
-    tuple.
+    """Return the variables as pairs of a name and its bounds (low, high), SI, from a block of
+    bounds by name, or from the pairs of another scene. Refused for an unknown name, for a name
+    given twice, and for bounds that are not two ascending numbers.
     """
     entries = dict(value) if isinstance(value, tuple) else value
     if not isinstance(entries, Mapping) or not entries:
@@ -228,7 +261,8 @@ def _read_vary(value: Any, context: Any) -> tuple[tuple[str, tuple[float, float]
             name = name.removeprefix(prefix)
         rule: Rule = real_number
         if context.written:
-            names = [*_list_names(context)[0], *_list_names(context)[1]]
+            parameters, numbers = _list_names(context)
+            names = [*parameters, *numbers]
             if name not in names:
                 guess = closest(name, names)
                 mend = f"Did you mean {guess!r}?" if guess else ""
@@ -246,6 +280,7 @@ def _read_vary(value: Any, context: Any) -> tuple[tuple[str, tuple[float, float]
 
 
 def _write_vary(varied: Sequence[tuple[str, Any]], context: Any) -> dict[str, Any]:
+    """Return the block of the bounds, with units, of the variables by name."""
     return {
         name: [_choose_kind(name, context).write(end, context) for end in bounds]
         for name, bounds in varied
@@ -253,7 +288,9 @@ def _write_vary(varied: Sequence[tuple[str, Any]], context: Any) -> dict[str, An
 
 
 def _read_constraints(value: Any, context: ValueContext) -> tuple[tuple[str, float], ...]:
-    """Return the sums that are kept, SI, of a block of sums by the names of numbers."""
+    """Return the sums that the search keeps, pairs of the name of a number and its sum, SI, from a
+    block of sums by name, or from the pairs of another scene.
+    """
     entries = dict(value) if isinstance(value, tuple) else value
     return tuple(block_of(_NUMBERS).read(entries, context).items())
 
@@ -268,7 +305,9 @@ class DesignSettings(NetworkSettings):
     vary : each variable with its least and greatest value, SI; may be given as a mapping.
     constraints : names of numbers of the network, each with the sum that it keeps, SI.
     per : "each" or "kind".
-    restarts, seed, steps : as for :func:`granphon.design`.
+    restarts : number of random starts after that of the scene.
+    seed : seed of the random starts.
+    steps : most steps of a start.
     """
 
     block = "design"
@@ -307,7 +346,7 @@ class DesignSettings(NetworkSettings):
         return tuple(name for name, _ in self.vary)
 
     def make_goal(self) -> Any:
-        """Return the goal."""
+        """Return the goal, an instance of one of the classes that :data:`GOALS` names."""
         name, entries = self.goal
         return _make_goal(name, dict(entries))
 
@@ -316,12 +355,14 @@ class DesignSettings(NetworkSettings):
 
 
 def _list_parameters(scene: Any) -> list[str]:
-    """Return the names of the parameters of a scene that may vary; none of a packing in files."""
+    """Return what may vary of a scene: the kind of its load, and the names of its parameters that
+    are numbers; nothing for a packing in files.
+    """
     packing = scene.packing
     if packing.medium_name == NetworkMedium.name:
         return []
-    given = getattr(packing, "parameters", ()) or PARAMETERS
-    names = [name for name in given if name not in SPRING_PARAMETERS and find_unit(name)]
+    all_parameters = getattr(packing, "parameters", ()) or PARAMETERS
+    names = [name for name in all_parameters if name not in SPRING_PARAMETERS and find_unit(name)]
     return [scene.load.kind, *names]
 
 
@@ -345,9 +386,9 @@ def require_variables(scene: Any) -> None:
         return
     numbers = [name for name in settings.names if name not in parameters]
     if numbers:
-        one = next(name for name in settings.names if name in parameters)
+        first_parameter = next(name for name in settings.names if name in parameters)
         raise Refused(
-            f"{numbers[0]} beside {one}",
+            f"{numbers[0]} beside {first_parameter}",
             "numbers of the network alone, or parameters of the scene alone",
             "Make a design of each.",
             ("design", "vary", numbers[0]),
@@ -368,7 +409,9 @@ def require_variables(scene: Any) -> None:
 
 
 def _find_start(scene: Any, name: str) -> float:
-    """Return the value of a parameter in a scene, SI."""
+    """Return the value, SI, that the parameter ``name`` has in a scene; of several loads, the
+    first. Refused if the balls of the scene have no such number.
+    """
     if name == scene.load.kind:
         return float(np.ravel(scene.load.array)[0])
     from granphon.observables.parameters import read_number  # other scenes do not need it
@@ -378,7 +421,7 @@ def _find_start(scene: Any, name: str) -> float:
 
 
 def find_unit_of_variable(scene: Any, name: str) -> str:
-    """Return the SI unit of a variable of a scene."""
+    """Return the SI unit of the variable ``name`` of the design of a scene."""
     if name == scene.load.kind:
         structure = scene.packing.structure
         return find_load_unit(name, structure.periods, structure.pressed_axes)

@@ -140,10 +140,11 @@ _ONE_LOAD_OF_CRYSTAL = (
 
 
 def write_blocks(scene: Any, context: Context) -> dict[str, Any]:
-    """Return the blocks of the file of a scene, by name, as plain data: defaults are written out,
-    but for None, motions that the lattice has by default, and torsion and bending of zero.
+    """Return the blocks of the file of a scene, by name, as plain data.
 
-    The ``context`` is that in which :func:`read_blocks` would read them.
+    Values that are defaults are written too, except for None, for the motions that the lattice has
+    by default, and for torsion and bending of zero. The ``context`` is the one in which
+    :func:`read_blocks` reads the blocks again.
     """
     blocks: dict[str, Any] = {}
     absent_blocks = {block for blocks in _BLOCKS_OF_MEDIA.values() for block in blocks}
@@ -157,22 +158,24 @@ def write_blocks(scene: Any, context: Context) -> dict[str, Any]:
         for key, declared in settings.items():
             value = _find_value(scene, name, key)
             # a key is left out where it has no value, and where its kind writes none
-            plain = None if value is None else declared.kind.write(value, context)
-            if plain is None:
+            plain_value = None if value is None else declared.kind.write(value, context)
+            if plain_value is None:
                 continue
             if key:
-                blocks.setdefault(name, {})[key] = plain
+                blocks.setdefault(name, {})[key] = plain_value
             else:  # the value stands at the top level
-                blocks[name] = plain
+                blocks[name] = plain_value
     return blocks
 
 
 def _find_value(scene: Any, name: str, key: str) -> Any:
-    """Return the value that a scene has of the ``key`` of a block, or, if the key is empty, of the
-    block itself; None if an attribute on the way to it is None.
+    """Return the value that a scene has for the ``key`` of the block ``name``, or, if the key is
+    empty, for the block itself; None if an attribute on the way to the value is None.
     """
-    of_block = _ATTRIBUTES.get(name, name)
-    path = _ATTRIBUTES.get(f"{name}.{key}", f"{of_block}.{key}") if key else of_block
+    attribute_of_block = _ATTRIBUTES.get(name, name)
+    path = attribute_of_block
+    if key:
+        path = _ATTRIBUTES.get(f"{name}.{key}", f"{attribute_of_block}.{key}")
     value = scene
     for attribute in path.split("."):
         if value is None:
@@ -182,8 +185,8 @@ def _find_value(scene: Any, name: str, key: str) -> Any:
 
 
 def write_preset(name: str) -> str:
-    """Return the text of the scene ``name`` of the package, with comments. The words of each key
-    stand once, on the first line whose key has these words.
+    """Return the text of the scene ``name`` that comes with the package, with comments that say
+    what its keys mean. Of several keys with the same words, the first has the comment.
     """
     text = (files("granphon") / "data" / f"{name}.yaml").read_text(encoding="utf-8")
     lines = list[str]()
@@ -209,19 +212,20 @@ def write_preset(name: str) -> str:
 
 
 def _comment_line(line: str, words: str) -> list[str]:
-    """Return a ``line`` of a preset with ``words``, which are Markdown, as a plain comment behind
-    it and on lines of their own below.
+    """Return the lines of text for one ``line`` of a preset with its comment: the first words stand
+    behind the line, the others on lines below. The ``words`` are Markdown, whose marks are removed.
     """
-    plain = _MARKUP.sub("", words)
-    first_words, *more_words = textwrap.wrap(plain, _WORDS_WIDTH)
+    plain_words = _MARKUP.sub("", words)
+    first_words, *more_words = textwrap.wrap(plain_words, _WORDS_WIDTH)
     lines = [f"{line:<{_WORDS_COLUMN}} # {first_words}"]
     lines += [f"{'':<{_WORDS_COLUMN}} #    {words_of_line}" for words_of_line in more_words]
     return lines
 
 
 def _explain_key(line: str, block_name: str, key: str) -> str:
-    """Return the words for the ``line`` of a ``key`` in a block; empty where there are none. If the
-    key is empty, the line is that of the block itself, or of a value at the top level.
+    """Return the words that explain the ``key`` in the block ``block_name``, whose line in the file
+    is ``line``; an empty text if there are none. If the key is empty, the line is that of the block
+    itself, or of a value at the top level.
     """
     # kinds of balls have keys of the blocks material and packing
     for name in (block_name, *_NEEDED_BLOCKS[:2]):
@@ -241,10 +245,13 @@ def read_blocks(document: Document, folder: Path) -> dict[str, Any]:
     """Return the values in ``document``, in SI units, each block as a mapping by its name; tables
     that the document names are sought in ``folder``.
 
-    :class:`~granphon.base.errors.SceneError` tells one mistake. An unknown key comes first, as a
-    misspelt key is often the reason why another is missing; then what the rules of the other values
-    depend on, lattices, or balls and crystal; then, block by block in the order of the document, a
-    value that its rule refuses, or else a missing key of that block; at last a missing block.
+    Of several mistakes :class:`~granphon.base.errors.SceneError` names the first in this order:
+
+    1. an unknown key, as a misspelt key is often the reason why another is missing;
+    2. a mistake in what the rules of other values depend on: the lattices, or balls and crystal;
+    3. block by block in the order of the document, a value that its rule refuses, or else a missing
+       key of the block;
+    4. a missing block.
     """
     data: Any = document.data
     if isinstance(data, list):
@@ -264,10 +271,11 @@ def read_blocks(document: Document, folder: Path) -> dict[str, Any]:
 
 
 def _convert_percent(refused: Refused, data: Any) -> Refused:
-    """Return the refusal of a width in per cent with the length in place of the per cent of the
-    diameter; any other refusal as it is.
+    """Return the refusal of a width that is written in per cent, with the length to write instead,
+    which is this part of the diameter; return any other refusal unchanged.
 
-    Raises LookupError, TypeError, AttributeError or Refused where the document has no such width.
+    ``data`` is the plain data of the document. Raises LookupError, TypeError, AttributeError or
+    Refused where the keys of the refusal lead to no text, or the diameter cannot be read.
     """
     value = data
     for key in refused.path:
@@ -283,9 +291,9 @@ def _convert_percent(refused: Refused, data: Any) -> Refused:
 
 
 def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
-    """Return the values in a document with balls of several kinds, by block as
-    :func:`read_blocks`; the crystal, which says what the other values mean, is read first, and
-    stands under "packing" as its "arrangement".
+    """Return the values in a document with balls of several kinds, by block as :func:`read_blocks`
+    returns them. The blocks balls and crystal are read first, as what the other values mean depends
+    on them; the crystal that they make is in the result under "packing", key "arrangement".
     """
     data = document.data
     packing_blocks = [name for name in _NEEDED_BLOCKS[:2] if name in data]
@@ -318,9 +326,10 @@ def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
 
 
 def _read_files_scene(document: Document, folder: Path) -> dict[str, Any]:
-    """Return the values in a document with a packing in files, by block as :func:`read_blocks`; the
-    files, which say what the other values mean, are read first, and stand under "packing" as its
-    "arrangement". Their forces are its load.
+    """Return the values in a document with a packing in files, by block as :func:`read_blocks`
+    returns them. The files are read first, as what the other values mean depends on them; the
+    packing that they hold is in the result under "packing", key "arrangement". There is no block
+    "load", as the files hold the contact forces.
     """
     data = document.data
     unused = (*_FILES_BLOCKS, *_NEEDED_BLOCKS, *_CRYSTAL_BLOCKS, "medium", "sweep")
@@ -342,8 +351,11 @@ def _read_files_scene(document: Document, folder: Path) -> dict[str, Any]:
 
 
 def _make_arrangement(document: Document, kinds: Any, settings: Mapping[str, Any]) -> Arrangement:
-    """Return the crystal of ``kinds`` of balls from the values of its block. Refused for keys that
-    do not go together; SceneError names the step that fails, or else the block.
+    """Return the crystal of the ``kinds`` of balls, pairs of a name and a ball, and of the values
+    ``settings`` of its block by key.
+
+    Refused for keys that do not go together. If the crystal cannot be made, SceneError names the
+    key of the step that fails, or the block if no single step does.
     """
     names = [name for name in ("lattice", "cell", "sites") if name in settings]
     if names not in (["lattice"], ["cell", "sites"]):
@@ -370,30 +382,36 @@ def _make_arrangement(document: Document, kinds: Any, settings: Mapping[str, Any
 def _find_failing_step(
     make: Callable[..., Arrangement], arguments: Mapping[str, Any]
 ) -> tuple[str, ...]:
-    """Return the key of the step in making a crystal that fails, alone in a tuple: ``make`` makes
-    the crystal of its ``arguments`` without this step and the later ones. Empty if the crystal
-    cannot be made even with none of the steps.
+    """Return the path, a tuple of one key, of the step at which ``make`` fails to make a crystal of
+    its ``arguments``. Empty if the crystal cannot be made even without any of the steps.
+
+    The crystal is made with more and more of the steps. The step that fails is the one that follows
+    the last success.
     """
     steps = ("repeat", "cut", "replace", "remove")  # in the order in which they are done
-    failing: tuple[str, ...] = ()
+    failing_step: tuple[str, ...] = ()
     for index, step in enumerate(steps):
-        earlier = {key: value for key, value in arguments.items() if key not in steps[index:]}
+        arguments_before_step = {
+            key: value for key, value in arguments.items() if key not in steps[index:]
+        }
         with suppress(GranphonError):
-            make(**earlier)
-            failing = (step,)
-    return failing
+            make(**arguments_before_step)
+            failing_step = (step,)
+    return failing_step
 
 
 def _make_readers(context: Context, unused: Sequence[str] = ()) -> dict[str, Rule]:
-    """Return the rule that reads each block, by name, but for the ``unused``."""
+    """Return for each block but the ``unused`` ones, by name, the rule that reads its value."""
     return {
         name: partial(_read_block, name, context=context) for name in BLOCKS if name not in unused
     }
 
 
 def _read_block(name: str, value: Any, context: Context) -> Any:
-    """Return the values of the block ``name`` by key, or the value of a key at the top level, in SI
-    units, from its plain ``value``; Refused for a value that a rule refuses, or a missing key.
+    """Return the values of the block ``name`` by key, in SI units, from its plain ``value``; for a
+    name whose value stands alone at the top level, return this value.
+
+    Refused for a value that a rule refuses, and for a missing key.
     """
     settings = BLOCKS[name]
     if "" in settings:
@@ -407,7 +425,7 @@ def _read_block(name: str, value: Any, context: Context) -> Any:
     needed_keys = [key for key, declared in settings.items() if declared.default == NEEDED]
     if name != "packing" or not _has_measured_spread(value):
         return block(value, readers, needed_keys)
-    # the list of diameters says the mean
+    # the mean of the measured diameters takes the place of the key "diameter"
     needed_keys.remove("diameter")
     values = block(value, readers, needed_keys)
     return {"diameter": values["spread"].mean, **values}
@@ -420,8 +438,9 @@ def _has_measured_spread(packing: Any) -> bool:
 
 
 def _require_one_load(value: Mapping[str, Any], *, of_crystal: bool) -> None:
-    """Raise Refused unless a block "load" has one kind of load, or of a crystal gravity alone, with
-    the keys that belong to it.
+    """Raise Refused unless the plain ``value`` of the block "load" has exactly one kind of load,
+    with the keys that belong to this kind. With ``of_crystal`` gravity may stand alone, without a
+    kind of load.
     """
     kinds = [kind for kind in LOAD_KINDS if kind in value]
     allowed = _ONE_LOAD_OF_CRYSTAL if of_crystal else _ONE_LOAD
@@ -451,9 +470,9 @@ def _require_one_load(value: Mapping[str, Any], *, of_crystal: bool) -> None:
 
 
 def _require_known(data: Any) -> None:
-    """Raise Refused for the first unknown key of a document, and for loads without a key. The top
-    level comes first, and then the blocks in the order of the table. If another block has such a
-    key, the error names the block.
+    """Raise Refused for the first unknown key in the plain ``data`` of a document, and for loads
+    without their kind. The top level is checked first, then the blocks in the order of
+    :data:`BLOCKS`. If the key belongs to another block, the error names this block.
     """
     keys_of_blocks = {"": list(BLOCKS)}  # the top level
     for name, settings in BLOCKS.items():
@@ -481,7 +500,9 @@ def _require_kind_of_load(value: Any) -> None:
 
 
 def _find_block(key: Any, keys_of_blocks: Mapping[str, Sequence[str]]) -> str:
-    """Return a sentence on the block to which a key belongs; empty if it belongs to none."""
+    """Return a sentence that says in which block the ``key`` belongs; empty if no block has it.
+    ``keys_of_blocks`` are the keys by the name of the block, those of the top level under "".
+    """
     for name, keys in keys_of_blocks.items():
         if key in keys:
             if name in _CRYSTAL_BLOCKS:
@@ -492,15 +513,16 @@ def _find_block(key: Any, keys_of_blocks: Mapping[str, Sequence[str]]) -> str:
 
 
 def _find_lattice(data: Any) -> Lattice:
-    """Return the lattice of the plain ``data`` of a scene, on which the rules of the other values
-    depend: that of the packing, triangular by default, or of a sweep over lattices of another
-    dimension the first. Refused for a value that is no lattice.
+    """Return the lattice, in the plain ``data`` of a scene, on which the rules of other values
+    depend: the lattice of the packing, by default triangular; but if the scene sweeps over lattices
+    of another dimension, the first of these. Refused for a value that is no lattice.
     """
     readers = {"packing": PARTS["lattice"].rule(Context()), "sweep": file_keys.read_lattices}
     lattices = {}
     for name, rule in readers.items():
         values = data.get(name) if isinstance(data, Mapping) else None
         if isinstance(values, Mapping) and "lattice" in values:
+            # a refusal is placed at the key "lattice" of the block
             read = partial(read_inside, "lattice", rule)
             lattices[name] = read_inside(name, read, values["lattice"])
     packing_lattice = find_lattice(lattices.get("packing", TRIANGULAR))
@@ -510,7 +532,7 @@ def _find_lattice(data: Any) -> Lattice:
 # -- the file of a scene ---------------------------------------------------------------------------
 
 
-#: what is allowed of the motions of balls, and of the stiffnesses that resist some of them
+#: words for what the keys of motions, and of stiffnesses that resist rolling and twist, may hold
 _ALLOWED_OF_MOTIONS = {
     "motions": "motions of this lattice",
     **dict.fromkeys(
@@ -523,32 +545,34 @@ _ORDINARY = {"young_modulus": 1e10, "density": 1e3, "diameter": 1e-2}
 
 
 def _find_strangest(quantities: Mapping[str, float]) -> str:
-    """Return the name of the one of the ``quantities`` of a ball, in SI units, that differs from
-    its ordinary value by the greatest factor.
+    """Return the name of that of the ``quantities`` young_modulus, density and diameter of a ball,
+    in SI units, which differs from its ordinary value by the greatest factor.
     """
 
     def find_distance(name: str) -> float:
+        """Return the logarithm of the factor by which a quantity is off its ordinary value."""
         return abs(math.log(quantities[name]) - math.log(_ORDINARY[name]))
 
     return max(_ORDINARY, key=find_distance)
 
 
 def _find_key_of_values(block: Mapping[str, Any], kind: str) -> str:
-    """Return the key of the ``block`` load, as it is written, that holds the values of a ``kind``
-    of load.
+    """Return the key that holds the values of a load of this ``kind`` in the plain data ``block``
+    of the block "load": for a stress or strain with factors the key of the factors, and for gravity
+    alone, which is kept as a pressure of zero, the key of gravity.
     """
     if kind in TENSORS and "times" in block:
         return "times"  # factors by which the tensor is multiplied
-    return kind if kind in block else "gravity"  # gravity is then the only load
+    return kind if kind in block else "gravity"
 
 
 def _find_place_of_value(values: Any, index: int, *, is_list: bool) -> tuple[str, tuple[Any, ...]]:
-    """Return the value number ``index``, from 0, of ``values`` as they are written, and the last
-    keys of its place: one value, or a tensor, is at the key itself, that of a list at its index.
-    ``is_list`` says whether there is a list of values.
+    """Return words for the value number ``index``, from 0, of the plain ``values`` of a key, and
+    the path from this key to the value.
 
-    Of a range, the place is "from" for the first value and "to" for the last; a value between them
-    has no key of its own.
+    The path is empty for one value or a tensor. In a list of values, ``is_list``, it is the index.
+    In a range it is "from" for the first value and "to" for the last; it is empty for a value
+    between them, which stands nowhere in the file.
     """
     if is_list:
         return show(values[index]), (index,)
@@ -565,68 +589,78 @@ def _find_place_of_value(values: Any, index: int, *, is_list: bool) -> tuple[str
 
 
 def _find_uncertain(data: Any) -> dict[tuple[Any, ...], Any]:
-    """Return the values of a document that have a standard error, texts, or that stand in a fit,
-    mappings, by the keys that lead to them.
+    """Return the entries of the plain ``data`` of a document that have standard errors, by their
+    paths and in the order of the document: texts such as "8 mm +- 4 um", and blocks {fit: FILE}.
     """
-    entries: dict[tuple[Any, ...], Any] = {}
-    blocks: list[tuple[tuple[Any, ...], Any]] = [((), data)]
-    while blocks:
-        path, entry = blocks.pop()
+    uncertain: dict[tuple[Any, ...], Any] = {}
+    open_entries: list[tuple[tuple[Any, ...], Any]] = [((), data)]
+    while open_entries:
+        path, entry = open_entries.pop()
         items: Any = ()
         if isinstance(entry, str):
             if PLUS_MINUS.search(entry):
-                entries[path] = entry
+                uncertain[path] = entry
         elif isinstance(entry, list):
             items = enumerate(entry)
         elif isinstance(entry, Mapping) and file_keys.FIT in entry and path:
-            entries[path] = entry
+            uncertain[path] = entry
         elif isinstance(entry, Mapping):
             items = entry.items()
         for key, inner in items:
-            blocks.append(((*path, key), inner))
-    # in the order of the document
-    return dict(reversed(entries.items()))
+            open_entries.append(((*path, key), inner))
+    # the entries that were added last were looked at first: their order is that of the document
+    # from its end
+    return dict(reversed(uncertain.items()))
 
 
 def _put_values(data: Any, values: Mapping[str, str]) -> Any:
-    """Return the data of a document with ``values``, YAML by the keys that lead to them, as
-    "load.force"; blocks that the document lacks are made. InputError for keys that lead to nothing.
+    """Return a copy of the plain ``data`` of a document in which ``values`` are set: texts in YAML,
+    by paths such as "load.force". Blocks that the document lacks are made. InputError for a path
+    that leads to no place.
     """
-    changed = deepcopy(data)
+    changed_data = deepcopy(data)
     for name, text in values.items():
         keys: list[Any] = [int(key) if key.isdecimal() else key for key in name.split(".")]
         try:
-            entry: Any = changed
+            entry: Any = changed_data
             for key in keys[:-1]:
                 entry = entry[key] if isinstance(entry, list) else entry.setdefault(key, {})
             entry[keys[-1]] = plain_yaml(text, name)
         except (AttributeError, IndexError, TypeError):
             problem = f"the scene has no place for {name}"
             raise InputError(problem, mend="Name keys as in material.young_modulus") from None
-    return changed
+    return changed_data
 
 
 @dataclass(frozen=True)
 class SceneSource(Places):
-    """The document that a scene was read from, and the path of its file; both are None for a scene
-    made in Python.
+    """The document that a scene was read from, and the path of its file.
 
-    A document that was read from a text has no path. The context managers turn errors of the
-    library into :class:`~granphon.base.errors.SceneError`, which names file, line and key. An error
-    of a computation that fails stays a :class:`~granphon.base.errors.ConvergenceError`, and names
-    them too. Without a document errors pass unchanged.
+    The context managers turn errors of the library into
+    :class:`~granphon.base.errors.SceneError`, which names file, line and key. An error of a
+    computation that fails stays a :class:`~granphon.base.errors.ConvergenceError`, and names file,
+    line and key too. Without a document errors pass unchanged.
+
+    Attributes
+    ----------
+    document : the document without standard errors; None for a scene made in Python.
+    path : path of the file; None for a scene made in Python or read from a text.
+    errors : standard errors of quantities of the document, each with its path there; taken out of
+        the document when the source is made, as are the next two.
+    correlations : the paths of two quantities, and the correlation of their errors.
+    fits : the files of fits that the document names.
     """
 
     document: Document | None = None
     path: Path | None = None
-    #: standard errors of quantities, by their paths in the document, which then holds the values
-    #: alone; correlations of these errors by two paths; and the files of fits
     errors: tuple[tuple[tuple[str | int, ...], str], ...] = ()
     correlations: tuple[tuple[str, str, float], ...] = ()
     fits: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
-        """Take the standard errors out of the document, which then holds the values alone."""
+        """Move the standard errors from the document, which then holds the values alone, to
+        ``errors``, ``correlations`` and ``fits``. SceneError for an error that cannot be read.
+        """
         entries = {} if self.document is None else _find_uncertain(self.document.data)
         if not entries or self.document is None:
             return
@@ -636,9 +670,10 @@ class SceneSource(Places):
         with self.at():
             written = WrittenErrors.read(entries, self.folder)
         data = deepcopy(self.document.data)
-        for (*outer, key), value in written.values.items():
-            reduce(getitem, outer, data)[key] = value
-        # the dataclass is frozen: the values alone are put in place of the argument
+        for (*path_of_block, key), value in written.values.items():
+            block_of_value = reduce(getitem, path_of_block, data)
+            block_of_value[key] = value
+        # the dataclass is frozen: attributes are set past it
         assign = partial(object.__setattr__, self)
         assign("document", replace(self.document, data=data))
         assign("errors", tuple(written.errors.items()))
@@ -649,8 +684,8 @@ class SceneSource(Places):
     def of_file(
         cls, path: str | os.PathLike[str], values: Mapping[str, str] | None = None
     ) -> SceneSource:
-        """Return the source of a scene in the file ``path``. ``values`` stand in place of those in
-        the file: texts, by the keys that lead to them.
+        """Return the source of a scene in the file ``path``. The ``values`` take the place of those
+        in the file: texts in YAML, by paths such as "load.force".
 
         :class:`~granphon.base.errors.SceneError` if the text of the file is not YAML;
         :class:`~granphon.base.errors.InputError` if the text of a value is not, or if its keys lead
@@ -668,8 +703,9 @@ class SceneSource(Places):
 
     @property
     def inputs(self) -> tuple[Path, ...]:
-        """Paths of the files that were read: the scene file, and the tables of measured diameters,
-        of the drives of a motion and of measured frequencies, and the fits, that it names.
+        """Paths of the files that the scene reads: the scene file first, if there is one, and what
+        it names: tables of measured diameters, of the drives of a motion and of measured
+        frequencies, the files of a packing, and fits.
         """
         if self.document is None:
             return ()
@@ -689,8 +725,8 @@ class SceneSource(Places):
 
     @property
     def written_units(self) -> dict[str, str]:
-        """The units in which the document gives loads and swept parameters, by name: that of the
-        first value of each.
+        """The units in which the document gives loads and swept parameters, by name; of several
+        values of a parameter, the unit of the first.
         """
         if self.document is None:
             return {}
@@ -709,11 +745,12 @@ class SceneSource(Places):
 
     @contextmanager
     def at(self, *path: str | int, prefix: str = "") -> Iterator[None]:
-        """Raise errors of the with-block anew, placed at the key ``path`` of the document, with
-        ``prefix`` before their text. Without a path they stand at the key that a rule refused.
+        """Raise errors of the with-block again as errors that are placed at the key ``path`` of the
+        document, with ``prefix`` before their text. Without a path an error is placed at the path
+        that it has itself, as a refusal of a rule has one.
 
-        An error that has an ``option`` or a ``block`` is placed there in any case, with words of
-        its own in place of the prefix.
+        An error that has an attribute ``option`` or ``block`` is always placed at this option of a
+        medium or this block, with words that belong there in place of the prefix.
         """
         try:
             yield
@@ -732,8 +769,10 @@ class SceneSource(Places):
     def _find_place_of_error(
         self, error: Exception, path: tuple[str | int, ...], prefix: str
     ) -> tuple[tuple[Any, ...], str]:
-        """Return the path of the key at which an error is placed, and the words before its text:
-        ``path`` and ``prefix``, unless the error knows better.
+        """Return the path of the key at which an error is placed, and the words before its text.
+
+        These are those of its ``option`` or ``block``, if the error has one; otherwise the given
+        ``path``, or without one the path of the error, and the ``prefix``.
         """
         option = getattr(error, "option", None)
         if option is not None:
@@ -748,24 +787,24 @@ class SceneSource(Places):
         return path or getattr(error, "path", ()), prefix
 
     def _find_written_path(self, path: tuple[Any, ...]) -> tuple[Any, ...]:
-        """Return a ``path`` with its keys as the document writes them: a variable of a design may
-        have the name of its block before its own, as load.force.
+        """Return a ``path`` with its keys as the document writes them: the key "force" of a path is
+        "load.force" where a design varies the load under this name.
         """
         assert self.document is not None
         value: Any = self.document.data
         written_path = []
         for key in path:
-            written = key
+            written_key = key
             if isinstance(value, Mapping) and key not in value:
-                longer = (name for name in value if str(name).endswith(f".{key}"))
-                written = next(longer, key)
-            written_path.append(written)
-            value = value.get(written) if isinstance(value, Mapping) else None
+                longer_keys = (name for name in value if str(name).endswith(f".{key}"))
+                written_key = next(longer_keys, key)
+            written_path.append(written_key)
+            value = value.get(written_key) if isinstance(value, Mapping) else None
         return tuple(written_path)
 
     def _find_option(self, option: str) -> tuple[tuple[Any, ...], str]:
-        """Return the path of the one key of a medium that has the name ``option``, and its value in
-        words; the path of the media if none of them has the option, or several have.
+        """Return the path of the key ``option`` in the block "medium", and its value in words. If
+        no medium of the document has the option, or several have it, return the path of the block.
         """
         assert self.document is not None
         paths = [
@@ -785,8 +824,8 @@ class SceneSource(Places):
 
     @contextmanager
     def where_it_buckles(self) -> Iterator[None]:
-        """Place an InstabilityError of the with-block at the key that keeps static forces, without
-        which no lattice buckles.
+        """Place an InstabilityError of the with-block at the key packing.finite_overlap: no lattice
+        buckles without the static forces that this key keeps.
         """
         prefix = "found true; allowed: false where the lattice buckles; "
         try:
@@ -807,12 +846,11 @@ class SceneSource(Places):
     def at_index(
         self, block: str, key: str, index: int, prefix: str = ""
     ) -> AbstractContextManager[None]:
-        """Place errors of the with-block at the value number ``index``, from 0, of the ``key`` of a
-        block, "load" or "sweep": of a load or of a parameter, with ``prefix`` before their text.
+        """Place errors of the with-block, with ``prefix`` before their text, at the value number
+        ``index``, from 0, of a load or of a swept parameter. The ``block`` is "load" and the
+        ``key`` the kind of load, or the block is "sweep" and the key the name of the parameter.
 
-        The key holds one value, a list, or a range. Of a range, the place is "from" for the first
-        value and "to" for the last; a value between them has no key of its own, and its place is
-        the range.
+        The place in one value, a list or a range is that of :func:`_find_place_of_value`.
         """
         if self.document is None:
             return self.at()
@@ -832,8 +870,9 @@ class SceneSource(Places):
     # -- what a scene is made of -------------------------------------------------------------------
 
     def read(self) -> dict[str, Any]:
-        """Return the arguments of a scene that the document gives, by name; SceneError names the
-        first mistake, and ValueError is raised if there is no document.
+        """Return the arguments of :class:`~granphon.Scene` that the document gives, by name.
+
+        SceneError names the first mistake; ValueError if there is no document.
         """
         if self.document is None:
             raise ValueError("there is no document")
@@ -857,12 +896,12 @@ class SceneSource(Places):
         if "finite_overlap" in blocks["packing"]:
             arguments["finite_overlap"] = blocks["packing"]["finite_overlap"]
         correlations = (*self.correlations, *blocks.get("correlations", ()))
-        of_errors = {"errors": self.errors, "correlations": correlations}
-        return arguments | of_errors | {"source": self.path}
+        arguments |= {"errors": self.errors, "correlations": correlations, "source": self.path}
+        return arguments
 
     def _make_load(self, values: Mapping[str, Any]) -> Load:
-        """Return the load of the block load, with errors placed at its key; gravity alone is a
-        pressure of zero.
+        """Return the load of the ``values`` of the block "load", SI; gravity alone is a pressure of
+        zero. Errors are placed at the key of the kind of load.
         """
         kind = next((key for key in values if key in LOAD_KINDS), None)
         path = ("load",) if kind is None else ("load", kind)
@@ -875,8 +914,8 @@ class SceneSource(Places):
             return Load(kind, values[kind], values.get("balls_per_side"), gravity=gravity)
 
     def _make_packing(self, blocks: Mapping[str, Any]) -> Packing:
-        """Return the packing of the blocks material and packing, with errors placed at their
-        keys.
+        """Return the packing of the values of the ``blocks`` material and packing, SI. Errors are
+        placed at their keys.
         """
         assert self.document is not None
         data: Any = self.document.data
@@ -892,21 +931,21 @@ class SceneSource(Places):
         with self.at(block_name, key, prefix=refusal):
             names = [name for name in ("diameter", "lattice", "friction") if name in values]
             material = Material(**blocks["material"])
-            plain = Packing(material, **{name: values[name] for name in names})
+            packing = Packing(material, **{name: values[name] for name in names})
         # The motions that balls may have, and the stiffnesses that resist them, depend on the
         # dimension. If the lattices of a sweep differ in dimension from the packing's own, the
         # first of them takes its place.
         lattices = dict(blocks.get("sweep", ())).get("lattice", ())
-        if choose_lattice(plain.structure, lattices) != plain.structure:
-            plain = replace(plain, lattice=lattices[0])
-        return self._add_spread(self._add_stiffnesses(plain, values), values)
+        if choose_lattice(packing.structure, lattices) != packing.structure:
+            packing = replace(packing, lattice=lattices[0])
+        packing = self._add_motions(packing, values)
+        return self._add_spread(packing, values)
 
-    def _add_stiffnesses(self, plain: Packing, values: Mapping[str, Any]) -> Packing:
-        """Return the ``plain`` packing with the motions and stiffnesses among the ``values`` of the
-        block packing.
+    def _add_motions(self, packing: Packing, values: Mapping[str, Any]) -> Packing:
+        """Return the ``packing`` with the motions, the torsion and the bending that are among the
+        ``values`` of the block packing. Errors are placed at the key of each.
         """
         assert self.document is not None
-        packing = plain
         for name, allowed in _ALLOWED_OF_MOTIONS.items():
             if name in values:
                 written = show(self.document.data["packing"][name])
@@ -915,15 +954,15 @@ class SceneSource(Places):
                     packing = replace(packing, **{name: values[name]})
         return packing
 
-    def _add_spread(self, equal: Packing, values: Mapping[str, Any]) -> Packing:
-        """Return the packing of ``equal`` balls with the spread among the ``values`` of the block
-        packing, if there is one.
+    def _add_spread(self, packing: Packing, values: Mapping[str, Any]) -> Packing:
+        """Return the ``packing`` of equal balls with the spread that is among the ``values`` of the
+        block packing, or unchanged if there is none. Errors are placed at the key of the spread.
         """
         assert self.document is not None
         if "spread" not in values:
-            return equal
+            return packing
         ((kind, value),) = self.document.data["packing"]["spread"].items()
         allowed = "diameters about the packing's, all above zero"
         refusal = f"found {show(value)}; allowed: {allowed}; "
         with self.at("packing", "spread", kind, prefix=refusal):
-            return replace(equal, spread=values["spread"])
+            return replace(packing, spread=values["spread"])

@@ -149,7 +149,9 @@ class Context(ValueContext):
 
 @contextmanager
 def refusing(value: Any, allowed: str, *path: str) -> Iterator[None]:
-    """Turn an InputError of the with-block into the refusal of the ``value`` at ``path``."""
+    """Turn an InputError of the with-block into the refusal of the ``value`` at ``path``, the keys
+    that lead to it; ``allowed`` are words for the values that are allowed there.
+    """
     try:
         yield
     except InputError as error:
@@ -163,8 +165,8 @@ _DIAMETERS = listed(with_unit(LENGTH), "diameters")
 
 
 def _make_discrete(lists: Mapping[str, Any]) -> Discrete:
-    """Return the spread of two lists of the same length; Refused for fractions that do not add up
-    to 1.
+    """Return the spread of the ``lists`` "diameters", m, and "fractions", both (n,); Refused for
+    fractions that do not add up to 1, or that are not one for each diameter.
     """
     allowed = "one fraction for each diameter, with the sum 1"
     with refusing(lists["fractions"], allowed, "fractions"):
@@ -172,15 +174,18 @@ def _make_discrete(lists: Mapping[str, Any]) -> Discrete:
 
 
 def _read_normal(value: Any, context: Context) -> Normal:
-    """Read a standard deviation, or a block {std, cutoff}."""
+    """Return the normal spread of a ``value``: its standard deviation alone, or a block {std,
+    cutoff}.
+    """
     if not isinstance(value, dict):
         return Normal(WIDTH.read(value))
     return Normal(**_NORMAL.read(value, context))
 
 
 def _read_measured(value: Any, context: Context) -> Measured:
-    """Return the spread of measured diameters of a value: the name of a table, a block {file,
-    column}, or a block {diameters}. Tables are sought in the folder of the scene.
+    """Return the spread of measured diameters that a ``value`` gives: the name of a table, a block
+    {file, column} about a table, or a block {diameters} with a list. Tables are sought in the
+    folder of the scene.
     """
     if isinstance(value, dict) and "diameters" in value:
         return Measured(_MEASURED.read(value, context)["diameters"])
@@ -213,7 +218,9 @@ _SPREADS = {
 
 
 def _read_spread(value: Any, context: Context) -> Any:
-    """Return the spread of diameters of a block of one key, which names the distribution."""
+    """Return the spread of diameters that a block of one key describes; the key names the
+    distribution. Refused for any other value.
+    """
     allowed = f"exactly one of {', '.join(_SPREADS)}"
     if not isinstance(value, dict):
         mend = "Leave spread out for equal balls."
@@ -233,10 +240,11 @@ def _write_spread(spread: Any, context: Context) -> dict[str, Any]:
 
 
 def table_named(value: Any) -> str | None:
-    """Name of the table from which a spread of a valid scene file takes its diameters; None for a
-    spread without a table.
+    """Return the name of the table from which a spread takes its diameters; None for a spread
+    without a table. The ``value`` is plain data of a valid scene file.
     """
     measured = value.get("measured") if isinstance(value, dict) else None
+    # {measured: FILE}, or {measured: {file: FILE, ...}}
     return measured.get("file") if isinstance(measured, dict) else measured
 
 
@@ -249,8 +257,8 @@ def is_long(spread: Any) -> bool:
 
 
 def read_lattice(value: Any) -> str | Lattice:
-    """Return the name of a built-in lattice, or the lattice of a block; "hexagonal" is refused, as
-    several lattices are called so.
+    """Return the name of a built-in lattice, or the lattice that a block {name, cell, sites}
+    describes. Refused for any other value; also for "hexagonal", as several lattices are called so.
     """
     if isinstance(value, dict):
         read_row = partial(each, rule=partial(fraction, largest=1e3), what="numbers")
@@ -271,7 +279,9 @@ def read_lattice(value: Any) -> str | Lattice:
 
 
 def write_lattice(lattice: str | Lattice) -> str | dict[str, Any]:
-    """Return the name of a lattice that has one, or the block of another."""
+    """Return the name of a built-in or registered lattice, or for another lattice the block {name,
+    cell, sites} that describes it.
+    """
     structure = find_lattice(lattice)
     if LATTICES.peek(structure.name) == structure:
         return structure.name
@@ -283,7 +293,9 @@ def write_lattice(lattice: str | Lattice) -> str | dict[str, Any]:
 
 
 def read_lattices(value: Any) -> tuple[str | Lattice, ...]:
-    """Read a list of lattices of one dimension, which a sweep takes in turn."""
+    """Return the lattices that a sweep takes in turn, from a list; Refused for lattices of
+    different dimensions, and for a lattice that is given twice.
+    """
     lattices: tuple[str | Lattice, ...] = each(value, read_lattice, "values")
     with refusing(value, "lattices of one dimension, each once"):
         Axis.of("lattice", lattices)
@@ -303,7 +315,9 @@ def choose_lattice(lattice: Lattice, swept: Sequence[str | Lattice]) -> Lattice:
 
 
 def _read_motions(value: Any, context: Context) -> str:
-    """Return the name of the motions of balls, which every lattice of the scene must allow."""
+    """Return the name of the motions of balls; Refused for motions that a lattice of the scene does
+    not allow.
+    """
     for lattice in context.swept or (context.lattice,):
         options = tuple(allowed_motions(lattice.dimension))
         if not is_one_of(value, options):
@@ -318,8 +332,8 @@ def _read_motions(value: Any, context: Context) -> str:
 
 
 def _read_torsion(value: Any) -> float | str:
-    """Return a torsional stiffness over k d^2, zero or above, or the word for the stiffness of a
-    contact that does not slip.
+    """Return a torsional stiffness over k d^2, zero or above, or the word "mindlin", which stands
+    for the torsional stiffness of a Hertz contact that does not slip.
     """
     if value == MINDLIN:
         return MINDLIN
@@ -333,7 +347,7 @@ def _read_torsion(value: Any) -> float | str:
         raise Refused(refused.found, allowed, mend) from None
 
 
-#: the keys of a material, of which all but the last are required
+#: the keys of a material; the first three, its elastic constants and its density, are required
 MATERIAL_KEYS = tuple(list_settings(Material))
 #: the kind of each key of the blocks "material" and "packing", and of each parameter of a sweep
 PARTS: dict[str, Kind] = {
@@ -354,14 +368,16 @@ PARTS: dict[str, Kind] = {
 
 
 def _write_own_spread(spread: Any, context: Context) -> dict[str, Any]:
-    """Return the block of the spread of a packing: if its diameters are too many, the scene names a
-    table of them.
+    """Return the block of the spread of a packing. If its measured diameters are too many for a
+    scene file, the block names the table that a run writes beside the file.
     """
     return {"measured": DIAMETERS_FILE} if is_long(spread) else _write_spread(spread, context)
 
 
 def _unless_zero(kind: Kind) -> Kind:
-    """Return a ``kind`` of value that is not written if it is zero."""
+    """Return a kind of value that is read as ``kind`` reads it, and written likewise unless the
+    value is zero, which is left out.
+    """
     return Kind(kind.read, lambda value, context: kind.write(value, context) if value else None)
 
 
@@ -408,11 +424,13 @@ PACKING: dict[str, Setting] = {
 
 def _read_parameters(value: Any, context: Context) -> tuple[tuple[str, tuple[Any, ...]], ...]:
     """Return the parameters of a sweep, in the order of their block, each as its name and its
-    values.
+    values. Refused for an unknown name, and for values that the parameter cannot have.
     """
     names = [*(context.parameters or PARAMETERS), *LOSS_PARAMETERS]
-    if isinstance(value, Mapping):  # other blocks say which walls there are
+    if isinstance(value, Mapping):
+        # any wall is allowed here, as other blocks say which walls there are
         names += [name for name in value if isinstance(name, str) and is_of_wall(name)]
+    # a scene without parameters of a crystal is that of a packing, whose lattices may be swept
     if not context.parameters and isinstance(value, Mapping) and "lattice" in value:
         # motions must be allowed on each of the lattices
         lattices = tuple(map(find_lattice, read_lattices(value["lattice"])))
@@ -424,17 +442,19 @@ def _read_parameters(value: Any, context: Context) -> tuple[tuple[str, tuple[Any
 
 
 def find_kind(name: str) -> Kind:
-    """Return the kind of the values of a parameter of a sweep."""
+    """Return the kind of the values of the parameter ``name`` of a sweep."""
     if name in SPRING_PARAMETERS:
+        # "on_site.x" is that of one motion, "on_site" that of all displacements
         return _SPRING_KINDS.get(name.partition(".")[2], _SPRING)
     if name in LOSS_PARAMETERS:
         return LOSS_KINDS[LOSS_PARAMETERS[name]]
+    # "A.diameter" is the diameter of the balls of kind A
     return PARTS[name.rpartition(".")[2]]
 
 
 def _read_axis(value: Any, name: str, context: Context) -> tuple[Any, ...]:
-    """Return the values of the parameter ``name`` of a sweep, numbers in SI units; Refused for a
-    value that is given twice.
+    """Return the values of the parameter ``name`` of a sweep, numbers in SI units, from a list, or
+    for numbers also from a range. Refused for a value that is given twice.
     """
     rule = find_kind(name).rule(context)
     values: tuple[Any, ...]
@@ -455,10 +475,14 @@ def _read_axis(value: Any, name: str, context: Context) -> tuple[Any, ...]:
 def _write_parameters(
     parameters: Sequence[tuple[str, tuple[Any, ...]]], context: Context
 ) -> dict[str, Any] | None:
-    """Return the block of the parameters of a sweep; None without parameters."""
+    """Return the block of the parameters of a sweep, pairs of a name and its values; None if there
+    are no parameters.
+    """
 
     def write(name: str, values: tuple[Any, ...]) -> Any:
-        """Return plain data for the values of a parameter."""
+        """Return plain data for the values of the parameter ``name``: a list, or for numbers a
+        range if the values are those of one.
+        """
         kind = find_kind(name)
         has_words = any(isinstance(value, str) for value in values)
         if find_unit(name) and not has_words:
@@ -476,8 +500,9 @@ SWEEP = Setting(
 
 
 def _read_correlations(value: Any) -> tuple[tuple[str, str, float], ...]:
-    """Return the correlations of a block, each the names of two parameters, between which a comma
-    stands in the key, and a number; those of another scene as they are.
+    """Return correlations as triples: the names of two parameters, and a number from -1 to 1. The
+    ``value`` is a block whose keys are the two names with a comma between them; or a tuple of such
+    triples, those of another scene, which is returned as it is.
     """
     if isinstance(value, tuple):
         return value
@@ -495,7 +520,7 @@ def _read_correlations(value: Any) -> tuple[tuple[str, str, float], ...]:
 
 
 def _write_correlations(correlations: Sequence[tuple[str, str, float]]) -> dict[str, float]:
-    """Return the block of correlations."""
+    """Return the block of ``correlations``, numbers by the two names with a comma between them."""
     return {f"{first}, {second}": value for first, second, value in correlations}
 
 
@@ -508,7 +533,7 @@ CORRELATIONS = Setting(
     " [standard errors](../how-to/errors.md)",
     "none",
 )
-#: key of a value that stands in a fit
+#: key of the block {fit: FILE} that stands for a value which the fit in the file has found
 FIT = "fit"
 
 
@@ -516,18 +541,18 @@ FIT = "fit"
 
 
 def _load_kind(name: str) -> Kind:
-    """Return the kind of the values of a load, "force", "pressure", "overlap" or "side_force"; the
-    unit of a pressure depends on the lattice.
+    """Return the kind of the values of a load of the kind ``name``, "force", "pressure", "overlap"
+    or "side_force"; the unit of a pressure depends on the lattice.
     """
 
     def read(value: Any, context: Context) -> tuple[float, ...]:
+        """Return the values of the load, SI, from one value, a list or a range."""
         return read_values(value, partial(_read_load, name=name, lattice=context.lattice))
 
     def write(load: Any, context: Context) -> Any:
         """Return the values of a ``load`` with units; None for a load of another kind, and for
         gravity alone, which is a pressure of zero.
         """
-        # gravity alone is a pressure of zero
         if load.kind != name or not any(load.values):
             return None
         quantity = load_quantities(context.lattice.pressed_axes)[name]
@@ -537,8 +562,9 @@ def _load_kind(name: str) -> Kind:
 
 
 def _read_load(value: Any, name: str, lattice: Lattice) -> float:
-    """Return the number, N, N/m, Pa or m, of a load of the kind ``name`` from one number with its
-    unit; a refusal says which unit the pressure of the ``lattice`` has.
+    """Return one value, SI, of a load of the kind ``name`` from a text of a number and its unit. If
+    the unit is that of a pressure on a lattice of another dimension, the refusal says which unit
+    the pressure of this ``lattice`` has.
     """
     quantity = load_quantities(lattice.pressed_axes)[name]
     try:
@@ -551,7 +577,9 @@ def _read_load(value: Any, name: str, lattice: Lattice) -> float:
 
 
 def _has_unit_of_other_lattices(value: Any, name: str) -> bool:
-    """Whether a value is a load of the kind ``name`` of a lattice of one, two or three periods."""
+    """Whether a ``value`` is a valid load of the kind ``name`` on a lattice of some number of
+    periods, one, two or three.
+    """
     for periods in (1, 2, 3):
         with suppress(Refused):
             load_quantities(periods)[name].read(value)
@@ -560,8 +588,8 @@ def _has_unit_of_other_lattices(value: Any, name: str) -> bool:
 
 
 def _read_media(value: Any, context: Context) -> tuple[MediumChoice, ...]:
-    """Return the choices of media of a value, one medium or a list of media; Refused for a medium
-    that is given twice.
+    """Return the choices of media that a ``value`` describes, one medium or a list of media;
+    Refused for a medium that is given twice.
     """
     rule = partial(read_medium, lattice=context.lattice, written=context.written)
     if not isinstance(value, list | tuple):
@@ -575,6 +603,9 @@ def _read_media(value: Any, context: Context) -> tuple[MediumChoice, ...]:
 
 
 def _write_media(choices: Sequence[MediumChoice], context: Context) -> Any:
+    """Return plain data for the ``choices`` of media: one medium, or a list of several. A medium is
+    its name, or {NAME: options} if it has options.
+    """
     settings = [(choice.name, choice.settings_on(context.lattice)) for choice in choices]
     media = [{name: options} if options else name for name, options in settings]
     return media if len(media) > 1 else media[0]
@@ -588,8 +619,8 @@ MEDIUM = Setting(
 
 
 def _read_schema(value: Any) -> int:
-    """Read the number of the schema of a scene file, which must be the one that this granphon
-    reads.
+    """Return the number of the schema of a scene file; Refused for any number but the one that this
+    version of granphon reads.
     """
     if value == SCENE_SCHEMA and is_whole(value):
         return SCENE_SCHEMA
@@ -603,12 +634,13 @@ SCHEMA = Setting(Kind.plain(_read_schema), "version of this format", f"`{SCENE_S
 
 
 def _read_observables(value: Any) -> tuple[str, ...]:
-    """Read the names of the observables of a scene, each once, and return them in the order of
-    ``OBSERVABLES``.
+    """Return the names of the observables of a scene from a list, in the order of ``OBSERVABLES``;
+    registered observables and outputs come behind those of the package. If one of them is found
+    from velocities, "velocities" is among the names too.
 
-    Registered observables and outputs come behind those of the package; observables bring the
-    velocities with them if they are found from velocities.
+    Refused for an empty list, an unknown name, and a name that is given twice.
     """
+    # registered observables and outputs, with what they are found from
     added = {name: entry.cost for name, entry in CATALOGUE.added.items()}
     for name in list_added("output"):
         added.setdefault(name, "state")
@@ -643,14 +675,16 @@ OBSERVE = Setting(
 
 
 def _grid_kind(examples: Sequence[str], low: int, high: int, low_in_space: int) -> Kind:
-    """Return the kind of whole numbers for each period, from ``low``, or ``low_in_space`` on
-    lattices of three periods, to ``high``; ``examples`` are those of one, two and three periods.
+    """Return the kind of whole numbers, one for each period of the lattice, from ``low`` to
+    ``high``; on lattices of three periods from ``low_in_space``. The ``examples`` in messages are
+    those for one, two and three periods.
 
     The numbers are written as phonopy writes them: three words, of which those beyond the periods
     are 1.
     """
 
     def read(value: Any, context: Context) -> tuple[int, ...]:
+        """Return the numbers (p,) of a list or text; a chain may have its one number alone."""
         periods = context.lattice.periods
         numbers = [value] if periods == 1 and is_whole(value) else value
         least = low_in_space if periods == 3 else low
@@ -660,24 +694,27 @@ def _grid_kind(examples: Sequence[str], low: int, high: int, low_in_space: int) 
 
 
 def write_grid(numbers: Sequence[int]) -> str:
-    """Return whole numbers for each period as three words."""
+    """Return the text of whole numbers, (p,) one for each period, as phonopy writes them: three
+    words, of which those beyond the periods are 1.
+    """
     return " ".join(map(str, (*numbers, 1, 1)[:3]))
 
 
 def _by_periods(texts: Sequence[str]) -> str:
-    """Return the words for values that depend on the lattice, from the ``texts`` of those of one,
-    two and three periods.
+    """Return words for a default that depends on the lattice, from the ``texts`` for one, two and
+    three periods.
     """
     on_line, in_plane, in_space = texts
     return f"`{in_plane}`; `{on_line}` on a chain; `{in_space}` in space"
 
 
 def read_directions(value: Any, lattice: Lattice) -> tuple[Any, ...]:
-    """Read the direction of sound on a lattice, Cartesian: the numbers of one direction, or a tuple
-    of such numbers for many directions.
+    """Return the direction of sound on a ``lattice``: its Cartesian components (p,), or for a list
+    of directions a tuple (n, p).
 
-    ``value`` is a text such as "1 1", a list, an array, or a list of these. Raises
-    :class:`~granphon.base.errors.Refused` for anything else, and for a direction of zeros.
+    One direction is a text such as "1 1", a list or an array; ``value`` is one direction or a list
+    of directions. Raises :class:`~granphon.base.errors.Refused` for anything else, for a direction
+    of zeros, and for a direction that is given twice.
     """
     plain = value.tolist() if isinstance(value, np.ndarray) else value
     is_list = isinstance(plain, list | tuple) and any(map(_has_numbers, plain))
@@ -718,7 +755,9 @@ def _read_direction(value: Any, lattice: Lattice, path: tuple[int, ...]) -> tupl
 
 
 def _has_numbers(value: Any) -> bool:
-    """Whether a value holds the numbers of a direction, rather than being one of them."""
+    """Whether a ``value`` is a whole direction, a list or a text of several numbers; not one of the
+    numbers of a direction.
+    """
     return isinstance(value, list | tuple) or (isinstance(value, str) and len(value.split()) > 1)
 
 
@@ -779,9 +818,10 @@ def _make_number_kind(entry: Any) -> Kind:
 
 
 def _read_balls(value: Any, context: Context) -> tuple[tuple[str, Ball], ...]:
-    """Return the kinds of balls, each as its name and a ball, of a block of names. A kind has a
-    material and a diameter; a mass and an inertia if these are not those of a solid ball; and a
-    spread if the diameters differ.
+    """Return the kinds of balls as pairs of a name and a ball, from a block of kinds by name.
+
+    A kind has a material and a diameter; a mass and an inertia if these are not those of a solid
+    ball; and a spread if the diameters differ. Refused for a name that would be mistaken.
     """
     if not isinstance(value, dict) or not value:
         allowed = "a block of kinds of balls by name, each with its material and diameter"
@@ -789,7 +829,8 @@ def _read_balls(value: Any, context: Context) -> tuple[tuple[str, Ball], ...]:
     kinds = list[tuple[str, Ball]]()
     for name, written in value.items():
         kind = label(name)
-        # names of parameters have points, pairs of kinds have spaces, and a floor has contacts too
+        # "A.diameter" names a parameter, "A B" a pair of kinds, and "floor" the other body of
+        # contacts with a floor
         if "." in kind or " " in kind or kind == "floor":
             allowed = "a name without a point or a space, and not 'floor'"
             raise Refused(show(name), allowed, path=(name,))
@@ -799,8 +840,9 @@ def _read_balls(value: Any, context: Context) -> tuple[tuple[str, Ball], ...]:
 
 
 def _make_ball(name: Any, settings: Mapping[str, Any], written: Mapping[str, Any]) -> Ball:
-    """Return the ball of the ``settings`` of a kind, which are ``written`` under ``name``; Refused
-    if double precision does not hold the ball.
+    """Return the ball that has the ``settings`` of a kind, SI by key. Refused, at the key of the
+    quantity at fault, for a ball that double precision cannot hold; the plain data ``written``
+    under ``name`` say what the file has there.
     """
     arguments = dict(settings)
     material_numbers = arguments.pop("material")
@@ -826,7 +868,7 @@ _BALL = block_of(
     },
     ("material", "diameter"),
 )
-#: mass and inertia are written out
+#: the block "balls"; mass and inertia are written also where they are those of a solid ball
 BALLS = Setting(
     Kind(
         _read_balls,
@@ -838,8 +880,8 @@ BALLS = Setting(
 
 
 def _read_structure(value: Any) -> Any:
-    """Return the name of a structure such as NaCl, the name of a lattice, or the lattice of a
-    block.
+    """Return the name of a structure such as NaCl, the name of a lattice, or the lattice that a
+    block {name, cell, sites} describes; Refused for any other value.
     """
     structure = name_structure(value)
     if structure is not None:
@@ -852,8 +894,8 @@ def _read_structure(value: Any) -> Any:
 
 
 def _read_removed(value: Any) -> tuple[int, ...]:
-    """Return the numbers of the balls that are removed, of a list; Refused if one stands there
-    twice.
+    """Return the numbers of the balls that are removed, from a list; Refused for a number that is
+    given twice.
     """
     balls = read_counts(value, "numbers of balls", 0, 10_000_000)
     if len(set(balls)) < len(balls):
@@ -863,8 +905,8 @@ def _read_removed(value: Any) -> tuple[int, ...]:
 
 
 def _read_replaced(value: Any) -> tuple[tuple[int, str], ...]:
-    """Return the numbers of the balls that are replaced, each with the kind that takes its place,
-    of a block of kinds by number.
+    """Return pairs of the number of a ball and the kind of ball that takes its place, from a block
+    of kinds by number.
     """
     if not isinstance(value, dict) or not value:
         allowed = "a block of numbers of balls and the kinds that take their places, as {12: S}"
@@ -879,8 +921,8 @@ def _read_replaced(value: Any) -> tuple[tuple[int, str], ...]:
 
 
 def _read_law(value: Any) -> Any:
-    """Return the law of a value, or the items of a block of pairs of kinds, each as the two names
-    and the law of the pair.
+    """Return the law that a ``value`` describes: its name, or the block of its numbers under the
+    name. For a block of laws by pairs of kinds, "A B", return pairs of the two names and the law.
     """
     name = value
     numbers: Any = {}
@@ -902,7 +944,9 @@ def _read_law(value: Any) -> Any:
 
 
 def _read_single_law(name: str, numbers: Any) -> Any:
-    """Return the law of a name, made of the block of its ``numbers``, which may be empty."""
+    """Return the law called ``name``, with the ``numbers`` of its block, plain data that may be
+    empty. Refused for numbers that the law does not have, or does not accept.
+    """
     kinds = _law_numbers(name)
     read_numbers = block_of(kinds, tuple(kinds)).rule(Context())
     arguments = read_inside(name, read_numbers, numbers or {})
@@ -912,8 +956,8 @@ def _read_single_law(name: str, numbers: Any) -> Any:
 
 
 def _write_law(law: Any) -> Any:
-    """Return the name of a law, or the block of its numbers under its name; for laws of pairs, the
-    block of the pairs. InputError for a law without a name.
+    """Return plain data for a ``law``: its name, or the block of its numbers under its name; for
+    laws of pairs of kinds, a block by "A B". InputError for a law that no name stands for.
     """
     if isinstance(law, tuple):
         return {" ".join(pair): _write_law(law_of_pair) for pair, law_of_pair in law}
@@ -933,6 +977,9 @@ def _write_law(law: Any) -> Any:
 
 
 def _write_structure(structure: Any) -> Any:
+    """Return the name of a structure or lattice, or the block of a lattice without such a name;
+    None for a crystal that has its cell and sites in place of a structure.
+    """
     if structure is None or isinstance(structure, str):
         return structure
     return write_lattice(structure)
@@ -954,8 +1001,8 @@ _SPRING = with_unit(find_quantity(ON_SITE))
 
 
 def _read_on_site(value: Any, context: Context) -> Any:
-    """Return the stiffness of springs to the ground against all displacements, N/m, or names of
-    motions, each with its stiffness, N/m or N m; None of an empty block.
+    """Return the springs to the ground: one stiffness against all displacements, N/m, or from a
+    block pairs of the name of a motion and its stiffness, N/m or N m; None for an empty block.
     """
     if isinstance(value, dict):
         return tuple(_SPRINGS.read(value, context).items()) or None
@@ -963,8 +1010,8 @@ def _read_on_site(value: Any, context: Context) -> Any:
 
 
 def _write_on_site(springs: Any, context: Context) -> Any:
-    """Return plain data for springs to the ground: one stiffness of all displacements, or a block
-    by motion; None without springs.
+    """Return plain data for ``springs`` to the ground, with units: one stiffness against all
+    displacements, or a block of stiffnesses by motion; None without springs.
     """
     if springs is None:
         return None
@@ -974,6 +1021,9 @@ def _write_on_site(springs: Any, context: Context) -> Any:
 
 
 def _write_sites(sites: Sequence[Any], context: Context) -> Any:
+    """Return the list of blocks {kind, at} for ``sites``, pairs of a place, m, and a kind; None
+    without sites.
+    """
     blocks = [{"kind": kind, "at": place} for place, kind in sites]
     return _SITES.write(blocks, context) or None
 
@@ -1053,11 +1103,12 @@ CRYSTAL: dict[str, Setting] = {
 
 
 def _tensor_kind(name: str) -> Kind:
-    """Return the kind of a tensor along the periods, "stress" or "strain": a list in Voigt order,
-    or a symmetric matrix.
+    """Return the kind of the tensor ``name``, "stress" or "strain", along the periods: in a file a
+    list in Voigt order, or a symmetric matrix.
     """
 
     def read(value: Any, context: Context) -> tuple[float, ...]:
+        """Return the components in Voigt order, SI. Zero components of a stress need no unit."""
         periods = context.lattice.periods
         component = Kind.plain(partial(number, low=-1e300, high=1e300))
         if name == "stress":
@@ -1065,8 +1116,8 @@ def _tensor_kind(name: str) -> Kind:
         return _read_tensor(value, name, periods, component.rule(context))
 
     def write(load: Any, context: Context) -> Any:
-        """Return the components of the tensor of a ``load``, with units; None for a load of another
-        kind.
+        """Return the components, in Voigt order and with units, of the tensor of a ``load``; None
+        for a load of another kind. Of several loads it is the tensor that the factors multiply.
         """
         if load.kind != name:
             return None
@@ -1080,9 +1131,11 @@ def _tensor_kind(name: str) -> Kind:
 
 
 def _read_tensor(value: Any, name: str, periods: int, read_component: Rule) -> tuple[float, ...]:
-    """Return the components of a "stress", N, N/m or Pa, or of a "strain", in Voigt order along the
-    ``periods``. The ``value`` is a list in this order or a symmetric matrix; Refused for a tensor
-    of zeros.
+    """Return the components of the tensor ``name`` in Voigt order: of a "stress" in N, N/m or Pa
+    for 1, 2 or 3 ``periods``, or of a "strain".
+
+    The ``value`` is a list in this order, or the rows (p, p) of a symmetric matrix, whose entries
+    ``read_component`` reads. Refused for any other value, and for a tensor of zeros.
     """
     n_components = len(voigt_pairs(periods)) if periods else 0
     rows = list(value) if isinstance(value, list | tuple) else [value]
@@ -1120,8 +1173,9 @@ def _read_matrix(value: Sequence[Any], name: str, read_component: Rule) -> tuple
 
 
 def _join_tensor(load: Any) -> tuple[float, ...] | None:
-    """Return the components of the tensor of a single load, in SI units and Voigt order; None for
-    several loads, and where :func:`split_tensor` would not give the load again to the last bit.
+    """Return the tensor of a single ``load`` times its factor, SI in Voigt order, so that a file
+    needs no factors. None for several loads, and where :func:`split_tensor` would not give the
+    tensor and the factor again to the last bit.
     """
     tensor = tuple(component * load.values[0] for component in load.tensor)
     greatest = max(map(abs, tensor))
@@ -1130,13 +1184,18 @@ def _join_tensor(load: Any) -> tuple[float, ...] | None:
 
 
 def _write_times(load: Any) -> Any:
+    """Return plain data for the factors of the tensor of a ``load``; None for a load without
+    tensor, and where the tensor is written with its factor.
+    """
     if load.tensor is None or _join_tensor(load):
         return None
     return write_values(load.values, float)
 
 
 def _load(kind: str, meaning: str) -> Setting:
-    """Return the declaration of a ``kind`` of load, of which a scene has one."""
+    """Return the declaration of the key of a ``kind`` of load; ``meaning`` are words for it. A
+    scene has exactly one such key.
+    """
     make_kind = _tensor_kind if kind in TENSORS else _load_kind
     return Setting(make_kind(kind), meaning, "one load is required")
 
@@ -1183,8 +1242,9 @@ LOAD: dict[str, Setting] = {
 
 
 def split_tensor(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arguments of a :class:`~granphon.Load` from the values of a block with a stress or
-    strain: a tensor whose greatest component is 1, and the factors of this tensor.
+    """Return the arguments of a :class:`~granphon.Load` from the ``values`` of a block with a
+    stress or strain, SI by key: the kind; the tensor divided by its component of greatest
+    magnitude; and as the array the factors that multiply this tensor, SI.
     """
     name = "stress" if "stress" in values else "strain"
     greatest = max(map(abs, values[name]))

@@ -69,9 +69,11 @@ class Export:
     states : whether runs of "one" state, which has no axes of a sweep, of "many" or of "any" number
         have the output.
     of_arrays : whether only media that simulate arrays have the output.
-    when : function of a scene that says whether its run has the output, beside these two.
+    when : function of a scene that says whether its run has the output; ``observed``, ``states``
+        and ``when`` must all hold.
     find : function of the results of a run that returns the value of the output, None where there
-        is nothing to write; without a function the output is a view of other values.
+        is nothing to write. Without this function the output has no value of its own: its files
+        and its figure show other values.
     summarise : function of the results of a run that returns numbers of the output for
         summary.yaml, plain data by name.
     cost : function of a scene that estimates the work that finds and writes the output: the path of
@@ -83,11 +85,12 @@ class Export:
     draw : function that returns the figure of the results.
     source : the file by which a folder is known to hold the output; by default the first of
         ``files``, empty where no folder holds what the figure is drawn from.
-    joined : the part of :class:`granphon.figures.curves.Run` that the value is, where several runs
-        are drawn together; empty for none.
-    marks : patterns, of which one is in such a value's file also where the file was renamed.
-    rank : place among the figures of a folder of which one is drawn by default: the least comes
-        first; 0 of a figure that comes last.
+    joined : the attribute of :class:`granphon.figures.curves.Run` that holds the value where
+        several runs are drawn together; empty if the output is not drawn together with others.
+    marks : patterns that tell the file of such a value if the file was renamed: one of them is in
+        its content.
+    rank : place of the figure among those of a folder, of which one is drawn by default: the least
+        rank comes first, and 0 comes last.
     command : the command of granphon that writes the files.
     label : the name in words, of the work that finds the output.
     occasion, words : which runs have the output, and what its files hold, for the reference; by
@@ -125,9 +128,10 @@ class Export:
     stem: str = field(init=False)
 
     def __post_init__(self) -> None:
-        """Put in place what follows from the arguments, as the dataclass is frozen: which files are
-        figures and which numbers, and words for what is left out.
+        """Set ``numbers``, ``figure`` and ``stem`` by the endings of the ``files``, and the
+        defaults of ``source``, ``label``, ``occasion`` and ``caption``.
         """
+        # the dataclass is frozen: attributes are set past it
         assign = partial(object.__setattr__, self)
         figures = [name for name in self.files if name.endswith(_FIGURE)]
         if not self.occasion:
@@ -145,16 +149,18 @@ class Export:
         """Return the path of the file ``source`` in a folder; None if the folder does not hold the
         output.
         """
-        path = folder / self.source if self.source else None
-        # a folder, or a link to nothing, with the name of a result is an error when it is read
-        return path if path is not None and os.path.lexists(path) else None
+        if not self.source:
+            return None
+        path = folder / self.source
+        # a folder, or a link to nothing, with this name counts too: it is an error when it is read
+        return path if os.path.lexists(path) else None
 
     @property
     def lacks_errors(self) -> bool:
-        """Whether no standard errors are propagated from the parameters to the numbers of the
-        output.
+        """Whether the files of the output hold numbers without standard errors, although the
+        parameters have such errors.
 
-        So it is for outputs of one state, which have files of their own and are not in sweep.nc,
+        This holds for outputs of one state, which have files of their own and are not in sweep.nc,
         and for densities of states, whose frequencies move with the parameters.
         """
         return self.write is not None and (self.states == "one" or self.observed == "dos")
@@ -168,50 +174,61 @@ class Export:
         return self.when is None or bool(self._call(self.when, scene))
 
     def is_of_number(self, swept: Collection[str]) -> bool:
-        """Whether runs whose states lie along the axes ``swept`` may have the output."""
+        """Whether runs with as many states may have the output: one state if there are no axes
+        ``swept``, otherwise many.
+        """
         return self.states in ("any", "many" if swept else "one")
 
     def estimate_cost(self, scene: Any) -> CostPart:
-        """Return the part of the work of a ``scene`` that finds and writes the output, which has a
-        ``cost``.
+        """Return the estimated work that finds and writes the output of a ``scene``. Only for an
+        output with a function ``cost``.
         """
         assert self.cost is not None
         return self._call(self.cost, scene)  # type: ignore[no-any-return]
 
     def find_value(self, run: Any) -> Any:
-        """Return the value of the output of a run; None for a view of other values."""
+        """Return the value of the output, found from the results of a ``run``; None for an output
+        without a value of its own.
+        """
         return None if self.find is None else self._call(self.find, run)
 
     def collect_numbers(self, run: Any) -> dict[str, Any]:
-        """Return the numbers of the output for summary.yaml, by name; empty if the output has no
-        value, or no such numbers.
+        """Return the numbers of the output for summary.yaml, by name; empty if the ``run`` has
+        found no value of the output, or if the output has no such numbers.
         """
         if self.summarise is None or (self.find is not None and run[self.name] is None):
             return {}
         return self.summarise(run)
 
     def write_numbers(self, results: Any, folder: Path) -> None:
-        """Write the files of numbers of the ``results`` into a ``folder``."""
+        """Write the files of numbers of the output into a ``folder``, if there are such files;
+        InputError if the function ``write`` leaves one out.
+        """
         if self.write is None:
             return
         self._call(self.write, results, folder)
-        missing = [name for name in self.numbers if not (folder / name).is_file()]
-        if missing:
-            problem = f"{OUTPUTS.describe(self.name)} has not written {', '.join(missing)}"
+        missing_names = [name for name in self.numbers if not (folder / name).is_file()]
+        if missing_names:
+            problem = f"{OUTPUTS.describe(self.name)} has not written {', '.join(missing_names)}"
             raise InputError(problem, mend="Mend its function write")
 
     def read_value(self, path: Path) -> Any:
-        """Return the value from the file ``path``; None if the output is a view of other values."""
+        """Return the value of the output, read from the file ``path``; None for an output that is
+        not read.
+        """
         return None if self.read is None else self._call(self.read, path)
 
     @cached_property
     def options(self) -> Collection[str]:
-        """The options of the figure: names of arguments of the function that draws it."""
+        """The options of the figure: names of the arguments of the function ``draw``, behind the
+        first, which is the results.
+        """
         return () if self.draw is None else tuple(signature(self.draw).parameters)[1:]
 
     def make_figure(self, results: Any, tell: Tell | None = None, **options: Any) -> Any:
-        """Return the matplotlib figure of the ``results``; ``tell`` is told which panels the figure
-        has chosen, if it chooses any.
+        """Return the matplotlib figure of the ``results``, drawn with the ``options``; InputError
+        if the output has no figure. ``tell`` is called with a sentence that says which panels the
+        figure has chosen, if it chooses any.
         """
         if self.draw is None:
             raise InputError(f"{OUTPUTS.describe(self.name)} has no figure")
@@ -220,8 +237,10 @@ class Export:
         return self._call(self.draw, results, **options)
 
     def _call(self, function: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
-        """Call one of the functions. What the function of a row that was added raises becomes an
-        InputError that names the output; errors of granphon and of the file system pass.
+        """Call a ``function`` of the output and return its result.
+
+        Errors of granphon and of the file system pass. Any other exception becomes an InputError
+        that names the output, if the output was registered by the user or a plug-in.
         """
         try:
             return function(*arguments, **options)
@@ -248,10 +267,10 @@ class Results:
     values: dict[str, Any] = field(default_factory=dict, kw_only=True, repr=False)
 
     def __getitem__(self, name: str) -> Any:
-        """Return the value of the output ``name``; None if the folder does not hold it. That of an
-        output without files is found from other values.
+        """Return the value of the output ``name``, read from its file; None if the folder does not
+        hold it. The value of an output without files is found from other values. Either is kept.
         """
-        if name not in self.values:  # what is read or found is kept
+        if name not in self.values:
             row = OUTPUTS[name]
             path = row.find_source(self.folder)
             if path is not None:
@@ -293,7 +312,9 @@ def _has_own_density(scene: Any) -> bool:
 
 
 def _has_friction(scene: Any) -> bool:
-    """Whether the one state of a scene is simulated with a history of friction."""
+    """Whether the one state of a scene is simulated, with contacts that keep their friction from
+    load to load.
+    """
     return any(array.friction_history for array in scene.serving.arrays)
 
 
@@ -301,7 +322,9 @@ def _has_friction(scene: Any) -> bool:
 
 
 def _find_surface(run: Any) -> Any:
-    """Return the spectrum of the outer layer at the edge of a scene."""
+    """Return the spectrum of the outer layer at the edge that the settings ``surface`` of the scene
+    choose.
+    """
     from granphon.phonons.surfaces import Surface
 
     settings = run.scene.surface
@@ -316,31 +339,35 @@ def _find_force_constants(run: Any) -> Any:
 
 
 def _find_bands(run: Any) -> Any:
+    """Return the bands of the only state along the path of the scene."""
     path = run.scene.path
     return run.phonons.bands(path.arrays, npoints=run.scene.band_points, labels=path.labels)
 
 
 def _find_gaps(results: Any) -> Any:
-    """Return the gaps (n, 2), Hz, of the only state of a data set; None if gaps are not in it, or
-    many states are.
+    """Return the lower and upper edges (n, 2), Hz, of the n gaps of the only state of the results;
+    None if their data set has no gaps, or several states.
     """
     data = results["states"]
     if data is None or "gap_lower" not in data or data["valid"].size > 1:
         return None
+    # (2, most gaps), nan beyond the number of gaps
     edges = np.array([data[name].values.ravel() for name in ("gap_lower", "gap_upper")])
     return edges[:, np.isfinite(edges[0])].T
 
 
 def _find_spectra(run: Any) -> Any:
-    """Return the spectral functions of the first sample along the path."""
+    """Return the spectral functions of the first sample along the path of the scene, from the
+    records of the run.
+    """
     from granphon.runs.wave_records import restore_spectra
 
     return restore_spectra(run.records, run.scene.waves, run.state)
 
 
 def _find_kept(name: str, kind: str, run: Any) -> Any:
-    """Return the result of the class ``kind`` that the record of the first sample keeps under a
-    ``name``.
+    """Return the result that the record of the first sample keeps under ``name``; ``kind`` is the
+    name of its class in granphon.
     """
     import granphon
     from granphon.runs.wave_records import restore_result
@@ -349,7 +376,9 @@ def _find_kept(name: str, kind: str, run: Any) -> Any:
 
 
 def _find_design(run: Any) -> Any:
-    """Return the best network for the goal of a scene; the starts are tasks of the run."""
+    """Return the best network for the goal of a scene. The searches from all starts are done as
+    tasks, whose results the run keeps under ``identity``: the scene and the versions of packages.
+    """
     scene = run.scene
     identity = {"scene": parse_yaml(scene.to_yaml(), "scene").data, "versions": packages()}
     posed = scene.posed_design
@@ -357,14 +386,16 @@ def _find_design(run: Any) -> Any:
 
 
 def _find_pulse(run: Any) -> Any:
-    """Return the mean of the pulses through the samples; None if no sample carries one."""
+    """Return the mean of the pulses through the samples; None if no sample carries a pulse."""
     from granphon.runs.wave_records import restore_pulse
 
     return restore_pulse(run.records)
 
 
 def _find_motion(run: Any) -> Any:
-    """Return the motion of the first sample, or of the state if it has none."""
+    """Return the motion of the balls of the first sample, or of the state's own network if the
+    state has no samples.
+    """
     from granphon.runs.wave_records import restore_motion
 
     return restore_motion(run.records[0])
@@ -387,8 +418,9 @@ def _list_limits(run: Any) -> dict[str, Any]:
 
 
 def _summarise_state(run: Any) -> dict[str, Any]:
-    """Return the numbers of the only state: its medium, also that which was chosen automatically,
-    and the observables of the catalogue that are plain numbers or tensors.
+    """Return the numbers of the only state by name: its medium, with the choice and the expected
+    error of an automatic medium, and the observables of the catalogue that are plain numbers or
+    tensors. Numbers of waves that are not finite are left out.
     """
     scene = run.scene
     analysis = run.analysis
@@ -419,14 +451,15 @@ def _summarise_state(run: Any) -> dict[str, Any]:
 
 
 def _summarise_states(run: Any) -> dict[str, Any]:
-    """Return the numbers of the states of a sweep: the sizes of the dimensions, the number of
-    states, the media, the least and the greatest of each variable that the catalogue tells, with
-    standard errors, and whether all states are valid; with the direction of sound, if it was given
-    or velocities depend on it.
+    """Return the numbers of the states of a sweep by name: the sizes of the dimensions, the number
+    of states, the media, the least and the greatest of each variable that the catalogue marks as
+    ``told``, the least and the greatest of their standard errors, and whether all states are valid;
+    also the direction of sound, if it was given or if velocities depend on it.
     """
     from granphon.runs.dataset import list_finite_overlap
 
     data = run.dataset
+    # for each medium, whether its states have finite overlap
     of_media = list_finite_overlap(data)
     dims = [*data["valid"].dims]
     if "direction" in data.dims:
@@ -452,9 +485,9 @@ def _summarise_states(run: Any) -> dict[str, Any]:
 
 
 def _list_errors(data: Dataset, names: Sequence[str]) -> dict[str, Any]:
-    """Return the least and the greatest standard error of the variables ``names`` of a data set,
-    by name as NAME_error, and under "errors_from" the parameter that gives most of each. Errors
-    over samples alone are left out.
+    """Return the least and the greatest standard error of each of the variables ``names`` of a data
+    set, by name as NAME_error, and under "errors_from" for each name the parameter that gives most
+    of its error. Errors of sampling alone, which no parameter causes, are left out.
     """
     errors: dict[str, Any] = {}
     sources: dict[str, str] = {}
@@ -467,40 +500,44 @@ def _list_errors(data: Dataset, names: Sequence[str]) -> dict[str, Any]:
 
 
 def _list_onsets(run: Any) -> dict[str, Any]:
-    """Return the frequencies, Hz, and curvatures, m^2/s, of the branches at Gamma."""
+    """Return the onsets of the only state: lists of the frequencies, Hz, and of the curvatures,
+    m^2/s, of the branches at Gamma.
+    """
     names = ("onset_frequency", "onset_curvature")
     return {name: run.dataset[name].values.ravel().tolist() for name in names}
 
 
 def _list_peaks(run: Any) -> dict[str, Any]:
-    """Return the peaks of the response at each receiver: frequency, Hz, height and Q, with their
-    standard errors where these are known.
+    """Return the peaks of the response of the only state, by receiver a list of peaks: each has its
+    frequency, Hz, height and quality Q, and as NAME_error their standard errors if these are known.
     """
     data = run.dataset
     receivers = data["receiver"].values.tolist()
-    peaks: dict[str, list[dict[str, float]]] = {receiver: [] for receiver in receivers}
+    peaks_of_receivers: dict[str, list[dict[str, float]]] = {name: [] for name in receivers}
     if "peaks_frequency" not in data:
-        return {"peaks": peaks}
+        return {"peaks": peaks_of_receivers}
     quantity = next(name for name in RESPONSES.values() if name in data)
-    # (receivers, peaks), nan beyond the number of peaks
+    # words of the summary, and the variables of the data set, "peaks_..."
     names = {"frequency": "frequency", "height": quantity, "quality": "quality"}
+    n_receivers = len(peaks_of_receivers)
+    # (receivers, peaks) each, nan beyond the number of peaks of a receiver
     tables = {
-        f"{word}{ending}": data[f"peaks_{name}{ending}"].values.reshape(len(peaks), -1).tolist()
+        f"{word}{ending}": data[f"peaks_{name}{ending}"].values.reshape(n_receivers, -1).tolist()
         for word, name in names.items()
         for ending in ("", "_error")
         if f"peaks_{name}{ending}" in data
     }
-    for row, receiver in enumerate(peaks):
+    for row, peaks in enumerate(peaks_of_receivers.values()):
         for column, frequency in enumerate(tables["frequency"][row]):
             if np.isfinite(frequency):
-                peak = {word: table[row][column] for word, table in tables.items()}
-                peaks[receiver].append(peak)
-    return {"peaks": peaks}
+                peaks.append({word: table[row][column] for word, table in tables.items()})
+    return {"peaks": peaks_of_receivers}
 
 
 def _summarise_design(run: Any) -> dict[str, Any]:
-    """Return the goal of a design at its start and at its end, and its variables, if they are
-    few.
+    """Return numbers of the design, under "design": the goal at the start and at the end with its
+    unit, the numbers of unknowns and of evaluations, and the best value, SI, of each unknown, if
+    there are at most ``_MOST_VARIABLES``.
     """
     design = run["design"]
     numbers = {"value": design.value, "start_value": design.start_value, "unit": design.unit}
@@ -511,10 +548,13 @@ def _summarise_design(run: Any) -> dict[str, Any]:
 
 
 def _list_strongest(run: Any) -> dict[str, Any]:
-    """Return the parameter on which each quantity of the only state depends most."""
+    """Return, under "matters_most", by quantity of the only state the parameter on which the
+    quantity depends most: the one with the largest logarithmic derivative in magnitude.
+    """
     data = run.dataset
     quantities = data["sensitivity_of"].values.tolist()
     parameters = data["sensitivity_to"].values.tolist()
+    # (quantities, parameters); a derivative that is not known counts as zero
     sizes = np.nan_to_num(np.abs(data["sensitivity"].values)).reshape(len(quantities), -1)
     strongest = [parameters[number] for number in np.argmax(sizes, axis=1).tolist()]
     return {"matters_most": dict(zip(quantities, strongest, strict=True))}
@@ -524,13 +564,16 @@ def _list_strongest(run: Any) -> dict[str, Any]:
 
 
 def _cost_bands(scene: Any) -> CostPart:
+    """Return the cost of the bands along the path, with its key and how it is made smaller."""
     plan = scene.plan
     cost = costs.bands(plan.n_path_points, plan.n_branches)
     return ("phonopy", "band_points"), "Take fewer points", cost
 
 
 def _cost_force_constants(scene: Any) -> CostPart:
-    """Return the cost of force constants in a given supercell; nothing for the smallest."""
+    """Return the cost of force constants, with its key and how it is made smaller; a cost of zero
+    unless the scene gives the supercell, as the smallest supercell costs little.
+    """
     mend = "Take a smaller supercell: bands and densities of states do not depend on it"
     cost = Cost()
     if scene.dim is not None:
@@ -539,11 +582,13 @@ def _cost_force_constants(scene: Any) -> CostPart:
 
 
 def _cost_dos(scene: Any) -> CostPart:
+    """Return the cost of the density of states, with its key and how it is made smaller."""
     cost = costs.density_of_states(scene.mesh, scene.plan.n_branches)
     return ("phonopy", "mesh"), "Take a coarser mesh", cost
 
 
 def _cost_design(scene: Any) -> CostPart:
+    """Return the cost of the search for a design, with its key and how it is made smaller."""
     return ("design",), "Take fewer balls, steps or restarts", scene.posed_design.cost
 
 
@@ -551,31 +596,33 @@ def _cost_design(scene: Any) -> CostPart:
 
 
 def _write_scene(run: Any, folder: Path) -> None:
-    """Write the scene, with defaults and in SI units, below the versions of packages."""
+    """Write scene.yaml: comments with the versions of packages, and the scene with defaults and in
+    SI units. A packing in files is written as that in the tables that the run writes.
+    """
     head = "# The scene as it was run, in SI units.\n"
     for package, version in run.package_versions.items():
         head += f"# {package} {version}\n"
     scene = run.scene
     text = scene.to_yaml()
     if _has_files(scene):
-        # beside the tables in which the run keeps the packing
-        text = dump_yaml(
-            parse_yaml(text, "scene").data | {"network": scene.packing.block_of_tables}
-        )
+        # the tables are written beside scene.yaml, while the user's files may be elsewhere
+        data = parse_yaml(text, "scene").data
+        text = dump_yaml(data | {"network": scene.packing.block_of_tables})
     (folder / "scene.yaml").write_text(head + text, encoding="utf-8")
 
 
 def _write_packing(run: Any, folder: Path) -> None:
-    """Write the balls and the contacts of a packing that was read."""
+    """Write the tables of the balls and of the contacts of a packing that was read from files."""
     run.scene.packing.network.write_tables(*(folder / name for name in TABLES))
 
 
 def _write_diameters(run: Any, folder: Path) -> None:
+    """Write the table of measured diameters that are too many for the scene file."""
     (folder / DIAMETERS_FILE).write_text(run.scene.diameters, encoding="utf-8")
 
 
 def _write_states(run: Any, folder: Path) -> None:
-    """Write every state, and a table of them beside it."""
+    """Write the data set of every state, sweep.nc, and the table sweep.csv of the same states."""
     from granphon.runs.dataset import write_sweep
 
     write_sweep(run.dataset, folder / "sweep.nc")
@@ -584,8 +631,9 @@ def _write_states(run: Any, folder: Path) -> None:
 def _write_table(
     name: str, dims: Sequence[str], run: Any, folder: Path, *, numbered: bool = False
 ) -> None:
-    """Write the table ``name`` of the variables of the data set that have the dimensions ``dims``,
-    which may be ``numbered``, besides those of the states.
+    """Write the table in the file ``name`` of those variables of the data set that have the
+    dimensions ``dims`` besides those of the states. The ``dims`` have coordinates; if they are
+    ``numbered`` they have none, and a column for each has the number along it, from zero.
     """
     from granphon.runs.dataset import write_waves
 
@@ -593,7 +641,7 @@ def _write_table(
 
 
 def _write_motion(run: Any, folder: Path) -> None:
-    """Write the balls at all times, and a table of the contacts."""
+    """Write motion.nc, the balls at all times, and motion_contacts.csv, a table of the contacts."""
     from granphon.runs.wave_records import write_contacts
 
     motion = run["balls_in_motion"]
@@ -602,25 +650,29 @@ def _write_motion(run: Any, folder: Path) -> None:
 
 
 def _write_with_table(name: str, run: Any, folder: Path) -> None:
-    """Write the value ``name`` as JSON, and its own table."""
+    """Write the value of the output ``name`` as NAME.json, and the table that the value writes
+    itself as NAME.csv.
+    """
     _write_json(run[name], folder / f"{name}.json")
     run[name].write_csv(folder / f"{name}.csv")
 
 
 def _write_value(name: str, file: str, method: str, run: Any, folder: Path) -> None:
-    """Write a ``file`` by a ``method`` of the value ``name``."""
+    """Write the value of the output ``name`` into a ``file`` by the value's own ``method``, which
+    takes the path.
+    """
     getattr(run[name], method)(folder / file)
 
 
 def _write_sample(run: Any, folder: Path) -> None:
-    """Write the balls of the first sample."""
+    """Write sample.extxyz, the balls of the first sample."""
     from granphon.array.atoms import write_extxyz
 
     write_extxyz(folder / "sample.extxyz", run.state.samples[0].atoms())
 
 
 def _write_network(run: Any, folder: Path) -> None:
-    """Write tables of the balls and contacts of the first sample."""
+    """Write tables of the balls and of the contacts of the first sample."""
     network = run.state.samples[0].network
     network.write_tables(folder / "sample_balls.csv", folder / "sample_contacts.csv")
 
@@ -628,23 +680,26 @@ def _write_network(run: Any, folder: Path) -> None:
 def _write_fields(
     name: str, columns: Sequence[tuple[str, str, str]], run: Any, folder: Path
 ) -> None:
-    """Write the value ``name`` as JSON, and as a table of its fields, arrays (n,): heading, unit
-    and field of each of the ``columns``.
+    """Write the value of the output ``name`` as NAME.json, and some of its attributes, arrays (n,),
+    as the columns of NAME.csv. The ``columns`` are triples of heading, unit and attribute.
     """
     value = run[name]
     _write_json(value, folder / f"{name}.json")
     headings = [Heading(heading, unit) for heading, unit, _ in columns]
-    rows = np.transpose([getattr(value, field) for _, _, field in columns]).tolist()
+    rows = np.transpose([getattr(value, attribute) for _, _, attribute in columns]).tolist()
     (folder / f"{name}.csv").write_text(table_text(headings, rows), encoding="utf-8")
 
 
 def _write_design(run: Any, folder: Path) -> None:
-    """Write a design as JSON, its variables and its history as tables."""
+    """Write a design as design.json, its variables as design.csv, and the goal at each evaluation
+    as design_history.csv.
+    """
     design = run["design"]
     _write_json(design, folder / "design.json")
     units = run.scene.posed_design.units
     headings = [Heading(name, "") for name in ("variable", "unit", "start", "best", "low", "high")]
     columns = (design.start_variables, design.variables, *design.bounds.T)
+    # a label is the name of a variable, behind which "of ..." may name balls or contacts
     rows = [
         [label, units[label.partition(" of ")[0]], *numbers]
         for label, numbers in zip(design.labels, np.transpose(columns).tolist(), strict=True)
@@ -656,11 +711,12 @@ def _write_design(run: Any, folder: Path) -> None:
 
 
 def _write_json(value: Any, path: Path) -> None:
-    """Write a whole result as one line of JSON."""
+    """Write all that a result holds into the file ``path``, as one line of JSON."""
     path.write_text(json.dumps(value.to_dict()) + "\n", encoding="utf-8")
 
 
 def _write_tradeoff(results: Any, folder: Path) -> None:
+    """Write tradeoff.csv, the errors and the costs of the media."""
     (folder / "tradeoff.csv").write_text(results["tradeoff"].csv(), encoding="utf-8")
 
 
@@ -668,14 +724,15 @@ def _write_tradeoff(results: Any, folder: Path) -> None:
 
 
 def _read_states(path: Path) -> Any:
+    """Return the data set of every state in the file ``path``."""
     from granphon.runs.dataset import load_sweep
 
     return load_sweep(path)
 
 
 def _read_json(kind: str, path: Path) -> Any:
-    """Return the result of the class ``kind`` of granphon in a file; InputError if the file cannot
-    be read.
+    """Return the result in the JSON file ``path``; ``kind`` is the name of its class in granphon.
+    InputError if the file is not JSON, or does not hold such a result.
     """
     import granphon
 
@@ -690,15 +747,17 @@ def _read_json(kind: str, path: Path) -> Any:
 
 
 def _read_by(kind: str, method: str, path: Path) -> Any:
-    """Return the result of the class ``kind`` of granphon that its ``method`` reads from a file."""
+    """Return the result in the file ``path``; ``kind`` is the name of its class in granphon, and
+    ``method`` that of the method of the class that reads it.
+    """
     import granphon
 
     return getattr(getattr(granphon, kind), method)(path)
 
 
 def _read_errors(path: Path) -> Any:
-    """Return the standard errors that a summary tells, by name, and the parameters that give most
-    of each; None if it tells none.
+    """Return the standard errors in the summary beside ``path``, by name as NAME_error, and under
+    "errors_from" for each name the parameter that gives most of its error; None without errors.
     """
     summary = read_summary(path.parent)
     if "errors_from" not in summary:
@@ -708,6 +767,7 @@ def _read_errors(path: Path) -> Any:
 
 
 def _read_fit(path: Path) -> Any:
+    """Return the fit, of velocities or of a response, in the file ``path``."""
     from granphon.fits.transfer import read_fit
 
     return read_fit(read_yaml(path))
@@ -717,21 +777,23 @@ def _read_fit(path: Path) -> Any:
 
 
 def _plot(name: str, results: Any) -> Any:
-    """Return the default figure of the value ``name``."""
+    """Return the figure by which :func:`granphon.plot` shows the value of the output ``name``."""
     from granphon.figures.plot import plot
 
     return plot(results[name])
 
 
 def _plot_sample(run: Any) -> Any:
-    """Return the force chains of the first sample, and the forces of all."""
+    """Return the figure of the force chains of the first sample, and of the distribution of the
+    forces in all samples.
+    """
     from granphon.figures.plot import plot
 
     return plot(run.state)
 
 
 def _choose_states(results: Any, where: Wishes | None) -> Dataset:
-    """Return the data set of the results, or of those of their states that ``where`` chooses."""
+    """Return the data set of the results: all states, or those that ``where`` chooses."""
     dataset: Dataset = results.dataset
     if where:
         from granphon.figures.choices import choose_states
@@ -741,14 +803,18 @@ def _choose_states(results: Any, where: Wishes | None) -> Dataset:
 
 
 def _draw_dataset(name: str, results: Any, where: Wishes | None = None, **options: Any) -> Any:
-    """Return the figure of the states that an output ``name`` has."""
+    """Return the figure that the output ``name`` has for the data set of the states, or for those
+    states that ``where`` chooses.
+    """
     from granphon.figures.plot import draw_dataset
 
     return draw_dataset(_choose_states(results, where), name, **options)
 
 
 def _draw_sensitivities(results: Any, where: Wishes | None = None, tell: Tell | None = None) -> Any:
-    """Return the figure of the derivatives by parameters; ``tell`` is told what it leaves out."""
+    """Return the figure of the derivatives by parameters, of all states or of those that ``where``
+    chooses. ``tell`` is called with a sentence that says what the figure leaves out.
+    """
     return _draw_dataset("sensitivities", results, where, tell=tell)
 
 
@@ -760,9 +826,9 @@ def _draw_panels(
     columns: str | None = None,
     tell: Tell | None = None,
 ) -> Any:
-    """Return the figure of an output whose states are shared out among panels; the arguments are
-    those of :func:`granphon.figures.choices.choose_states` and
-    :func:`granphon.figures.curves.sweep_figure`.
+    """Return the figure of the output ``name``, in whose panels the states are shared out. The
+    states are those that ``where`` chooses, see :func:`granphon.figures.choices.choose_states`;
+    ``rows``, ``columns`` and ``tell`` are those of :func:`granphon.figures.curves.sweep_figure`.
     """
     return _draw_dataset(name, results, where, rows=rows, columns=columns, tell=tell)
 
@@ -783,7 +849,9 @@ def _draw_curves(
 
 
 def _draw_motion(results: Any, where: Wishes | None = None) -> Any:
-    """Return the figure of the motion of a single state, or of the energies of several."""
+    """Return the figure of the motion of a single state; or, if there is no single motion or if
+    ``where`` chooses states, that of the energies of the states over time.
+    """
     motion = results["balls_in_motion"]
     if where or motion is None:
         return _draw_dataset("motion", results, where)
@@ -793,8 +861,9 @@ def _draw_motion(results: Any, where: Wishes | None = None) -> Any:
 
 
 def _find_energy_errors(motion: Any, data: Any) -> dict[str, Any]:
-    """Return the standard errors (n,), J, of the energies of a motion over time, by the names of
-    its attributes; empty for the first of several samples, whose means the data set has.
+    """Return the standard errors (n,), J, of the energies of a ``motion`` at its n times, by the
+    names of its attributes. Empty if the motion is that of one of several samples, as the ``data``
+    set then has the means over the samples and their errors.
     """
     is_mean = data is None or not np.array_equal(
         data["motion_stored"].values.ravel(), motion.stored
@@ -807,8 +876,8 @@ def _find_energy_errors(motion: Any, data: Any) -> dict[str, Any]:
 
 
 def _draw_bands(results: Any, asymptotes: Any = None) -> Any:
-    """Return the figure of bands and densities of states, with the long waves of the lattice
-    ``asymptotes`` beside them if it is given.
+    """Return the figure of the bands and the density of states in the results, as far as they are
+    there; with the long waves of ``asymptotes``, a lattice of contacts, if it is given.
     """
     from granphon.figures.bands import bands_figure
 
@@ -824,6 +893,7 @@ def _draw_bands(results: Any, asymptotes: Any = None) -> Any:
 
 #: every output by its name, in the order in which files are written and named
 OUTPUTS: Registry[Export] = Registry("output")
+#: heading, unit and attribute of the columns of a density of states and of a pulse
 _DENSITY_COLUMNS = (
     ("frequency", "Hz", "frequencies"),
     ("total", "1/Hz", "total"),
@@ -844,7 +914,7 @@ for _row in (
         write=_write_scene,
         words="the scene in SI units with every default, and versions",
     ),
-    # which the run itself writes as its last file, as it names the others
+    # the run itself writes summary.yaml as its last file, because the summary names the others
     Export(
         "summary",
         ("summary.yaml",),
@@ -1309,8 +1379,9 @@ def register_output(
 
 
 def _require_files(row: Export) -> None:
-    """Raise InputError unless a row that is to be added has files of its own, and functions for
-    them.
+    """Raise InputError unless the ``row``, which is to be added to :data:`OUTPUTS`, has at least
+    one file and at most one figure, with plain names that no other output has, and has functions
+    that write and draw them.
     """
     holders = {file: holder.name for _name, holder in OUTPUTS.items() for file in holder.files}
     given_files: tuple[Any, ...] = row.files
@@ -1344,8 +1415,8 @@ def list_outputs(scene: Any) -> list[Export]:
 
 
 def is_of_arrays_alone(name: str, swept: Collection[str]) -> bool:
-    """Whether no runs whose states lie along the axes ``swept`` have an output of the observable
-    ``name``, but those of media that simulate arrays.
+    """Whether only simulated arrays have the observable ``name``, in runs of one state if there are
+    no axes ``swept``, otherwise of many.
     """
     rows = [row for _name, row in OUTPUTS.items() if row.observed == name]
     return all(row.of_arrays for row in rows if row.is_of_number(swept))
@@ -1361,8 +1432,8 @@ def list_figures(folder: Path) -> list[Export]:
 
 
 def list_files(rows: Sequence[Export], *, figures: bool = True) -> tuple[str, ...]:
-    """Return the names of the files of the ``rows``, those of numbers first, then the ``figures``
-    if they are drawn.
+    """Return the names of the files of the outputs ``rows``: those of numbers first, and then, with
+    ``figures``, those of figures.
     """
     names = [name for row in rows for name in row.numbers]
     if figures:
@@ -1378,8 +1449,8 @@ def expected_files(scene: Any, *, figures: bool = True) -> tuple[str, ...]:
 
 
 def every_file() -> tuple[str, ...]:
-    """Return the names of all files that any run of a scene may write, or a report about it, which
-    a later run makes outdated.
+    """Return the names of all files that any run of a scene, or a report about a run, may write. A
+    later run in the same folder makes all of them outdated.
     """
     return list_files([row for _name, row in OUTPUTS.items() if row.command in _OF_RUNS])
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from granphon.figures.curves import Run
 
 
+#: endings of the files of figures
 _FORMATS = (".pdf", ".png", ".svg")
 
 
@@ -94,19 +95,19 @@ def redraw(
     if variable is not None and "variable" not in row.options:
         why = "Only a sweep has variables to draw"
         raise InputError(f"{source} holds no sweep", why, "Leave variable out")
-    wishes = {name: wish for name, wish in vars(view).items() if wish}
-    unknown_wishes = [name for name in wishes if name not in row.options]
-    if unknown_wishes:
-        names = " and ".join(unknown_wishes)
+    chosen_of_view = {name: value for name, value in vars(view).items() if value}
+    foreign_names = [name for name in chosen_of_view if name not in row.options]
+    if foreign_names:
+        names = " and ".join(foreign_names)
         problem = f"{row.figure} of {source} cannot be drawn with {names}"
         why = "Only states of a sweep are chosen, and only its curves have rows and columns"
         raise InputError(problem, why, f"Leave {names} out")
     target = source / row.figure if out is None else Path(out)
 
     def draw() -> Any:
-        """Return the figure of the output ``row``, from results that are read when needed."""
+        """Return the figure of the output ``row``; it reads the results from the folder."""
         results = Results(source)
-        options: dict[str, Any] = dict(wishes)
+        options: dict[str, Any] = dict(chosen_of_view)
         if variable is not None:
             options["variable"] = variable
         if asymptotes and results["bands"] is not None:
@@ -117,7 +118,9 @@ def redraw(
 
 
 def _choose_of_run(run: Run, view: View) -> Run:
-    """Return a run with the states of its data set that a ``view`` chooses."""
+    """Return the ``run`` with those states of its data set alone that a ``view`` chooses; the same
+    run if it has no data set, or if the view chooses no states.
+    """
     if run.dataset is None or not view.where:
         return run
     from granphon.figures.choices import choose_states
@@ -126,9 +129,15 @@ def _choose_of_run(run: Run, view: View) -> Run:
 
 
 def _choose_output(source: Path, stem: str | None, *, asks_for_sweep: bool) -> Export:
-    """Return the output in the folder ``source`` whose figure is drawn. ``stem`` is that of the
-    figure's file, None if the user names no file; ``asks_for_sweep`` says whether an option of
-    sweeps is given. InputError if the folder has no result, or not that of the name.
+    """Return the output in the folder ``source`` whose figure is drawn.
+
+    ``stem`` is the name of the figure's file without its ending, None if the user names no file;
+    the name of a figure in the table of outputs chooses this output. Otherwise a sweep is drawn as
+    curves if ``asks_for_sweep``, that is if the user gives an option of sweeps. Else the output of
+    the least rank is drawn, where rank 0 comes last; but if its figure draws each state by itself,
+    and there are several states, the curves are drawn.
+
+    InputError if the folder has no result that can be drawn, or none of the figure that is named.
     """
     _require_results(source)
     rows = list_figures(source)
@@ -138,7 +147,8 @@ def _choose_output(source: Path, stem: str | None, *, asks_for_sweep: bool) -> E
     for row in named_rows:
         if row in rows:
             return row
-        # the names of figures of a whole run, its bands or curves, serve for any figure
+        # "bands", "dos", "sweep" and "fit", which name the figure of a whole run, are taken as the
+        # name of whatever figure is drawn; other names ask for their own figure
         if row.source not in [joined.source for joined in _list_joined()]:
             mend = "Give the figure another name"
             why = "" if row.source else _explain_unkept(row)
@@ -155,14 +165,18 @@ def _choose_output(source: Path, stem: str | None, *, asks_for_sweep: bool) -> E
 
 
 def _explain_unkept(row: Export) -> str:
-    """Return a sentence on a figure of which no folder holds the numbers."""
+    """Return a sentence that says which command alone draws the figure of ``row``, because no
+    folder holds its numbers.
+    """
     return f"{row.figure} is drawn by 'granphon {row.command}' alone"
 
 
 def _explain_no_result(source: Path) -> InputError:
-    """Return the error of a folder without a result that can be drawn."""
-    unkept = [row for _name, row in OUTPUTS.items() if row.figure and not row.source]
-    reasons = [_explain_unkept(row) for row in unkept if (source / row.figure).is_file()]
+    """Return the error that the folder ``source`` has no result that can be drawn; for each figure
+    there whose numbers are in no folder, it says which command draws the figure.
+    """
+    rows_unkept = [row for _name, row in OUTPUTS.items() if row.figure and not row.source]
+    reasons = [_explain_unkept(row) for row in rows_unkept if (source / row.figure).is_file()]
     mend = "Give a folder of 'granphon run' with bands, a density of states or a sweep"
     return InputError(f"{source} holds no result that can be drawn", "; ".join(reasons), mend)
 
@@ -234,9 +248,10 @@ def draw_together(
 
 
 def _choose_of_runs(runs: Sequence[Run], view: View) -> list[Run]:
-    """Return several runs with the states that a ``view`` chooses. A run that is swept over none of
-    the names is whole, as a fit; InputError if that holds for all runs, or if a run is swept over
-    some of the names only.
+    """Return the ``runs``, each with the states that a ``view`` chooses by the names of parameters.
+    A run that is swept over none of these parameters, such as a fit, stays whole.
+
+    InputError if all runs would stay whole, or if a run is swept over some of the parameters only.
     """
     from granphon.figures.choices import find_dimension
 
@@ -248,7 +263,8 @@ def _choose_of_runs(runs: Sequence[Run], view: View) -> list[Run]:
             for name in view.where
         )
         chosen_run = run
-        if is_swept or len(runs) == 1:  # the only run is refused by name, if it is not swept
+        # a single run that is not swept goes on too, to the error that names the parameter
+        if is_swept or len(runs) == 1:
             chosen_run = _choose_of_run(run, view)
         chosen_runs.append(chosen_run)
         is_any_chosen |= chosen_run is not run
@@ -259,8 +275,9 @@ def _choose_of_runs(runs: Sequence[Run], view: View) -> list[Run]:
 
 
 def _find_balls_per_side(names: Sequence[str]) -> int | None:
-    """Return the number of balls on a side of the hexagonal frame, in which the scenes of the runs
-    ``names``, folders or files in them, agree; None for no such number, or several.
+    """Return the number of balls on a side of the hexagonal frame, if all scenes that have a frame
+    have the same; None if no scene has one, or if the numbers differ. The scenes are those in the
+    folders ``names``, or beside the files ``names``.
     """
     from granphon.scene.scene import Scene
 
@@ -282,10 +299,12 @@ def _draw(
     backend: str | None,
     inputs: Collection[Path] = (),
 ) -> Path:
-    """Write the figure that ``draw`` returns of the results in ``folders`` and of the files
-    ``inputs`` into the file ``target``, which ``force`` may overwrite, and return its path.
+    """Write the figure that ``draw`` returns into the file ``target``, and return its path. The
+    figure shows the results in ``folders`` and in the files ``inputs``.
 
-    InputError if the results change while they are drawn.
+    InputError for an ending that names no format, and if results change while they are drawn;
+    FileExistsInRunError if there is a file ``target`` that ``force`` may not replace. The figure
+    arrives whole or not at all.
     """
     if target.suffix not in _FORMATS:
         problem = f"{target.name} has an ending that names no figure format"
@@ -324,20 +343,23 @@ def read_run(source: str | os.PathLike[str]) -> Run:
         rows = {row.joined: row}
     else:
         _require_results(path)
+        # by the field of Run that has the value
         rows = {row.joined: row for row in _list_joined() if row.find_source(path)}
         paths = {field: path / str(row.source) for field, row in rows.items()}
     if not rows:
         mend = "Give the folder of a run or of a fit, or one of its files, such as sweep.nc"
         raise InputError(f"{name} holds no results to draw with others", mend=mend)
     if "fit" in rows and "dataset" not in rows:
-        # a fit is read alone, unless it stands beside a sweep
+        # without a sweep beside it, the fit is all that is drawn of the folder
         return Run.of(name, rows["fit"].read_value(paths["fit"]))
     fields = {field: row.read_value(paths[field]) for field, row in rows.items() if field != "fit"}
     return Run(name, **fields)
 
 
 def _list_joined() -> list[Export]:
-    """Return the outputs that several runs draw together."""
+    """Return the outputs whose values can be drawn together with those of other runs: the states of
+    a sweep, bands, a density of states, and a fit.
+    """
     return [row for _name, row in OUTPUTS.items() if row.joined]
 
 
@@ -354,9 +376,9 @@ def _require_results(source: Path) -> None:
     # without a summary that can be read, the hidden list of written files alone counts
     with suppress(InputError, AttributeError, TypeError):
         written_names |= set(read_yaml(source / "summary.yaml").get("files", ()))
-    drawn = [str(row.source) for row in _list_joined()]
+    drawn_names = [str(row.source) for row in _list_joined()]
     missing_names = [
-        name for name in drawn if name in written_names and not os.path.lexists(source / name)
+        name for name in drawn_names if name in written_names and not os.path.lexists(source / name)
     ]
     if missing_names:
         names = " and no ".join(missing_names)
@@ -366,8 +388,9 @@ def _require_results(source: Path) -> None:
 
 
 def _recognise(path: Path) -> Export:
-    """Return the output that a file of results holds, which several runs draw together: by its
-    name, or, if the file was renamed, by its ending and content. InputError for any other file.
+    """Return the output whose value the file ``path`` holds, among those that several runs draw
+    together. The name of the file tells the output; if the file was renamed, its ending and its
+    content do. InputError for any other file.
     """
     rows = _list_joined()
     content = read_bytes(path) if path.suffix in (".csv", ".yaml") else b""
@@ -384,8 +407,12 @@ def _recognise(path: Path) -> Export:
 
 
 def _find_lattice(source: Path) -> ContactLattice:
-    """Return the lattice of contacts of the one state of a run; no array is simulated again."""
-    # imported here, as a figure without asymptotes does not need the media
+    """Return the lattice of contacts of the one state of the run in the folder ``source``.
+
+    The state is solved again, but no array is simulated again: the lattice of an array is the ideal
+    lattice or, with finite overlap, made of the numbers in the summary.
+    """
+    # imported here, as a figure without long waves does not need the media
     from granphon.media.state import ContactState, ideal_lattice
     from granphon.scene.scene import Scene
 

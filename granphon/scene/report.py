@@ -36,8 +36,9 @@ _NO_NUMBERS = {
 }  # fmt: skip
 #: greatest number of rows of the table of states, about a page
 MOST_STATES = 40
-#: columns of that table that are not observables of the command's table
+#: columns of the table of states besides the observables that the catalogue marks as told
 _OTHER_COLUMNS = ("exponent", "contact_fraction", "valid")
+#: headings of columns of that table, where they are shorter than the names of the numbers
 _SHORT_NAMES = {"exponent": "local exponent"}
 #: keys of fit.yaml that are no numbers of the fit, and words for those that are
 _NO_FIT_NUMBERS = ("schema", "class", "digest")
@@ -67,10 +68,10 @@ class Part:
     Attributes
     ----------
     title : its heading.
-    files : the files of which the folder holds one at least, if it has the part; none for a part
+    files : names of files: a folder has the part if it holds at least one of them; empty for a part
         that every folder has.
-    read : function that returns the blocks of the part from the path of the folder; without blocks
-        the part is left out.
+    read : function that takes the path of the folder and returns the blocks of the part; a part
+        without blocks is left out.
     """
 
     title: str
@@ -85,7 +86,7 @@ def read_report(folder: str | os.PathLike[str]) -> tuple[str, list[Section]]:
     Raises
     ------
     MissingFileError : there is no such folder.
-    InputError : the folder holds no results, damaged ones, or is written into meanwhile.
+    InputError : the folder holds no results, or damaged ones, or a run writes into it meanwhile.
     """
     source = Path(folder)
     if not source.is_dir():
@@ -123,7 +124,9 @@ def _find_title(source: Path) -> str:
 
 
 def _read_numbers(source: Path) -> list[Block]:
-    """Return the table of the numbers of a summary, with their units."""
+    """Return the table of the numbers in the summary of the folder ``source``, with their units and
+    standard errors; what is observed and the media come first.
+    """
     summary = read_summary(source)
     units = summary.get("units", {})
     rows = [("observed", ", ".join(summary.get("observe", ())))]
@@ -140,18 +143,24 @@ def _read_numbers(source: Path) -> list[Block]:
 
 
 def _name_number(name: str) -> str:
-    """Return the words of the name of a number."""
+    """Return the words for a number called ``name`` in a summary: the label or the title of the
+    catalogue's entry, or the name itself with spaces.
+    """
     entry = CATALOGUE.get(name)
     if entry is None:
         return spell(name)
-    # labels of axes may be formulas
-    is_word = entry.label and "$" not in entry.label
-    return entry.label[:1].lower() + entry.label[1:] if is_word else entry.title
+    # a label is made for an axis, and may be a formula
+    has_words = entry.label and "$" not in entry.label
+    return entry.label[:1].lower() + entry.label[1:] if has_words else entry.title
 
 
 def _write_value(value: Any, unit: str, error: Any = None) -> str:
-    """Return the text of a value of a summary in the SI ``unit``, with its standard ``error``: one
-    number, the least and the greatest, intervals, or a word; empty for any other value.
+    """Return the text of a value of a summary in the SI ``unit``, with its standard ``error`` if
+    that is not None; empty for a number that is not finite, and for a value of another type.
+
+    The value is a word, a number, a mapping of numbers, a list of numbers (two numbers are the
+    least and the greatest), or a list of lists: a tensor (n, n) for n above two, or else intervals
+    (n, 2). The error has the shape of the value.
     """
     if isinstance(value, bool):
         return "yes" if value else "no"
@@ -173,28 +182,33 @@ def _write_value(value: Any, unit: str, error: Any = None) -> str:
         if is_tensor:
             text = _write_tensor(np.array(value, float), unit)
             return f"{text} +/- {_write_tensor(np.array(error, float), unit)}" if error else text
-        edges = [_write_range(entry, unit) for entry in value]
+        intervals = [_write_range(entry, unit) for entry in value]
         errors = [f" +/- {_write_range(entry, unit, _DIGITS)}" for entry in error or ()]
-        return ", ".join(map("".join, zip_longest(edges, errors, fillvalue="")))
+        # without an error no interval has one
+        return ", ".join(map("".join, zip_longest(intervals, errors, fillvalue="")))
     text = _write_range(value, unit) if len(value) == 2 else _list_numbers(value, unit)
     return f"{text} +/- {_write_range(error, unit, _DIGITS)}" if isinstance(error, list) else text
 
 
 def _write_number(value: float, unit: str, digits: int = 5) -> str:
-    """Return the text of a number in the SI ``unit``; whole numbers without a unit as they are."""
+    """Return the text of a number in the SI ``unit`` with so many ``digits``, or of a whole number
+    without a unit with all its digits.
+    """
     if isinstance(value, int) and not unit:
         return str(value)
     return write_quantity(float(value), unit, digits)
 
 
 def _write_range(ends: list[Any], unit: str, digits: int = 5) -> str:
-    """Return the text of the ends of a range, or of the two edges of an interval."""
+    """Return the text of the two ``ends`` of a range or interval in the SI ``unit``, "1 N to 2 N";
+    if both have the same text, it stands once.
+    """
     return " to ".join(dict.fromkeys(_write_number(end, unit, digits) for end in ends))
 
 
 def _write_tensor(components: Array, unit: str) -> str:
-    """Return the text of the ``components`` (n, n) of a tensor in the SI ``unit``, row by row;
-    components that are rounding are zero.
+    """Return the text of the ``components`` (n, n) of a tensor in the SI ``unit``, row by row, all
+    with the same decimal prefix; components that are rounding beside the largest are zero.
     """
     largest = float(np.max(np.abs(components)))
     size, name = prefixed(largest, unit)
@@ -209,22 +223,26 @@ def _list_numbers(values: list[Any], unit: str) -> str:
 
 
 def _read_errors(source: Path) -> list[Block]:
-    """Return the table of the parameters that give most of the standard errors of numbers."""
+    """Return the table of the parameters that give most of the standard errors, each with the
+    numbers whose error is mostly due to it; nothing without such errors.
+    """
     sources = read_summary(source).get("errors_from", {})
     rows = join_alike((_name_number(name), parameter) for name, parameter in sources.items())
     return [Rows(("parameter", "gives most of the error of"), tuple(rows))] if rows else []
 
 
 def _read_design(source: Path) -> list[Block]:
-    """Return the goal of a design, and the table of its variables."""
+    """Return a sentence on the goal of a design at its end and at its start, the table of its
+    variables, and a remark if the table leaves some out.
+    """
     numbers = read_summary(source).get("design", {})
     unit = numbers.get("unit", "")
-    goal = [_write_number(numbers[name], unit) for name in ("value", "start_value")]
+    end, start = (_write_number(numbers[name], unit) for name in ("value", "start_value"))
     table = Table.read(source / "design.csv")
     names = [heading.name for heading in table.headings]
     rows = list(zip(*table.columns, strict=True))
     blocks: list[Block] = [
-        Text(f"The goal is {goal[0]}, from {goal[1]} at the start."),
+        Text(f"The goal is {end}, from {start} at the start."),
         Rows(tuple(names), tuple(rows[:MOST_STATES])),
     ]
     if len(rows) > MOST_STATES:
@@ -251,7 +269,8 @@ def _read_warnings(source: Path) -> list[Block]:
 
 def _read_states(source: Path) -> list[Block]:
     """Return the table of the states of a sweep: load, medium, parameters and main numbers; nothing
-    for a single state.
+    for a single state. Of more than ``MOST_STATES`` states the table has some, taken evenly, and
+    stands behind a link to the table of all.
     """
     from granphon.runs.dataset import find_load, load_sweep
 
@@ -260,7 +279,7 @@ def _read_states(source: Path) -> list[Block]:
     n_states = dataset["valid"].size
     if n_states < 2:
         return []
-    listed = pick_evenly(n_states, MOST_STATES)
+    listed = pick_evenly(n_states, MOST_STATES)  # numbers of the states in the table
     load = find_load(dataset)
     told = [name for name, entry in CATALOGUE.items() if entry.told and name != load]
     names = [load, *map(str, dims[1:])]
@@ -278,8 +297,9 @@ def _read_states(source: Path) -> list[Block]:
 
 
 def _write_column(dataset: Any, name: str, listed: Any) -> tuple[str, list[str]]:
-    """Return the heading, with a unit whose decimal prefix makes numbers short, and the cells of
-    the ``listed`` states, of the column ``name`` of the table of states.
+    """Return the heading and the cells of the column of the variable ``name`` in the table of
+    states. The heading has the unit, whose decimal prefix makes the numbers short. ``listed`` are
+    the numbers (n,) of the states that have a row.
     """
     states = dataset["valid"]
     values = dataset[name].broadcast_like(states).transpose(*states.dims).values.ravel()
@@ -299,8 +319,9 @@ def _write_column(dataset: Any, name: str, listed: Any) -> tuple[str, list[str]]
 
 
 def _write_cell(value: Any, error: float, size: float) -> str:
-    """Return the text of a value in the table of states; a number is in units of ``size``, with its
-    standard ``error`` if this is known and above zero.
+    """Return the text of a value in the table of states. A number is divided by ``size``, the size
+    of the unit in the heading; its standard ``error``, SI, is written too if it is above zero, and
+    is nan where it is not known.
     """
     if isinstance(value, bool):
         return "yes" if value else "no"
@@ -326,7 +347,9 @@ def _read_fit(source: Path) -> list[Block]:
 
 
 def _read_figures(source: Path) -> list[Block]:
-    """Return the figures that granphon has drawn into a folder."""
+    """Return the figures that granphon has drawn into the folder ``source``, each with its caption;
+    a sentence if there are none.
+    """
     pictures: list[Block] = []
     for name, row in _list_figures(source):
         caption = spell(Path(name).stem) if row is None else row.caption
@@ -335,10 +358,11 @@ def _read_figures(source: Path) -> list[Block]:
 
 
 def _list_figures(source: Path) -> list[tuple[str, Export | None]]:
-    """Return the names of the files of figures in a folder, each with the output that it shows, in
-    the order of the table of outputs; then those of other names, each with None.
+    """Return the names of the files of figures that granphon has drawn into the folder ``source``,
+    each with the output that it shows, in the order of the table of outputs; then, with None, the
+    files whose names are not those of outputs.
     """
-    rows: dict[str, Export | None] = {}
+    rows: dict[str, Export | None] = {}  # by the name of the figure without its ending
     for _name, row in OUTPUTS.items():
         if row.figure:
             rows.setdefault(row.stem, row)
@@ -365,7 +389,9 @@ def _read_versions(source: Path) -> list[Block]:
 
 
 def _find_versions(source: Path) -> Mapping[str, Any]:
-    """Return the versions of packages that a summary or a fit names; empty for none."""
+    """Return the versions of packages by name, as the summary in the folder ``source``, or without
+    one the fit, has them; empty for none. A fit has the version of granphon alone.
+    """
     for name in ("summary.yaml", "fit.yaml"):
         if (source / name).is_file():
             versions = read_yaml(source / name).get("versions", {})
@@ -374,7 +400,9 @@ def _find_versions(source: Path) -> Mapping[str, Any]:
 
 
 def _read_files(source: Path) -> list[Block]:
-    """Return the table of the files of a run and their sizes."""
+    """Return the table of the files that a run wrote, with their sizes; a file that is no longer
+    there is "missing".
+    """
     rows = []
     for name in read_summary(source).get("files", ()):
         path = source / name
@@ -384,7 +412,9 @@ def _read_files(source: Path) -> list[Block]:
 
 
 def _cite(source: Path) -> list[Block]:
-    """Return how the results are cited."""
+    """Return a list of what to cite for the results in the folder ``source``: the paper, and the
+    version of granphon that made them.
+    """
     version = _find_versions(source).get("granphon", "")
     return [
         Text("Please cite the paper whose model granphon computes, and the program:"),

@@ -145,15 +145,18 @@ class Scene(SceneValues):
 
     @classmethod
     def _read(cls, origin: SceneSource) -> Self:
-        """Return the scene of a document, checked; SceneError names the first mistake."""
+        """Return the scene of the document ``origin``. Its values and its plan are checked before;
+        so are the shifted scenes, if parameters have standard errors. SceneError names the first
+        mistake.
+        """
         arguments = origin.read()
         with origin.at():
             scene = cls(**arguments)
-        object.__setattr__(scene, "origin", origin)
+        object.__setattr__(scene, "origin", origin)  # the dataclass is frozen
         scene.plan.require()
         if scene.errors:
             with origin.at():
-                _ = scene.shifted
+                _ = scene.shifted  # made now, so that its errors are raised now
         return scene
 
     def __str__(self) -> str:
@@ -167,6 +170,7 @@ class Scene(SceneValues):
             if packing.width:
                 balls += f" that differ by {write_quantity(packing.width, 'm')}"
         unit = find_load_unit(self.load.kind, structure.periods, structure.pressed_axes)
+        # of equal ends one is written
         ends = dict.fromkeys([min(self.load.values), max(self.load.values)])
         loads = f"{self.load.kind.replace('_', ' ')} "
         loads += " to ".join(write_quantity(end, unit) for end in ends)
@@ -234,8 +238,8 @@ class Scene(SceneValues):
             return result
         self.to_yaml()  # raises now if the scene cannot be written
         work_file = target / WORK_FILE
-        # a state that is found at once keeps no parts, but the parts of another run are not to
-        # stand beside its result
+        # A state that is found at once has no tasks to keep. If the folder has finished tasks of
+        # another run, they are opened nevertheless, so that they are refused or removed.
         has_store = self.has_tasks or os.path.lexists(work_file)
         opened_store = open_store(work_file, force=force) if has_store else nullcontext()
         result_files = ResultFiles(
@@ -246,6 +250,7 @@ class Scene(SceneValues):
                 try:
                     result = self._compute(target, rows, executor, progress, store)
                 except GranphonError as error:
+                    # a path of loads that has ended early leaves the loads that it has reached
                     if error.reached is None or store is None:
                         raise
                     name = str(OUTPUTS["states"].source)
@@ -260,11 +265,11 @@ class Scene(SceneValues):
         progress: Progress,
         store: Store | None,
     ) -> RunResult:
-        """Return the result of the scene for the folder ``target``, into which nothing is written
-        yet, with the values of the outputs of the ``rows``; the ``store`` keeps finished tasks, if
-        the scene has any.
+        """Return the result of the scene, with the values of the outputs of the ``rows`` that have
+        files, and with standard errors if parameters have them. Nothing is written into the folder
+        ``target`` but finished tasks, which the ``store`` keeps there, if the scene has any.
         """
-        # the starts of a design, whose state is found at once, have a store of their own
+        # the state of a design is found at once: its store is for the starts of the search
         has_design = "design" in self.observe
         dataset = self.plan.sweep(progress, executor, store=None if has_design else store)
         means = Means(executor, progress, store)
@@ -282,33 +287,37 @@ class Scene(SceneValues):
     def _spread_errors(
         self, result: RunResult, executor: Executor | None, progress: Progress
     ) -> None:
-        """Put the standard errors that follow from those of the parameters into the values of a
-        ``result``.
+        """Add the standard errors that follow from those of the parameters to the values of a
+        ``result``, in place: to the data set of its states, with a warning that names what has no
+        error, and to the output "errors". All shifted scenes are computed for this.
         """
         from granphon.scene.uncertainty import Spread, warn_of_lacking
 
-        shifted = []
+        pairs_of_results = []
         with progress.step("standard errors", len(self.errors)) as step:
-            for lower, upper in self.shifted:
+            for pair_of_scenes in self.shifted:
                 pair = [
                     scene._compute(result.folder, list_outputs(scene), executor, silent, None)
-                    for scene in (lower, upper)
+                    for scene in pair_of_scenes
                 ]
-                shifted.append(pair)
+                pairs_of_results.append(pair)
                 step.advance()
-        datasets = [(lower.dataset, upper.dataset) for lower, upper in shifted]
-        spreads = [Spread.of(self, datasets)]
-        dataset = spreads[0].add_to(result.dataset)
+        datasets = [(lower.dataset, upper.dataset) for lower, upper in pairs_of_results]
+        spread_of_states = Spread.of(self, datasets)
+        spreads = [spread_of_states]
+        dataset = spread_of_states.add_to(result.dataset)
         if OUTPUTS["errors"] in result.rows:
-            summaries = [(lower.summary(), upper.summary()) for lower, upper in shifted]
-            spreads.append(Spread.of(self, summaries))
-            result.values["errors"] = spreads[1].summarise(result.summary())
+            summaries = [(lower.summary(), upper.summary()) for lower, upper in pairs_of_results]
+            spread_of_summary = Spread.of(self, summaries)
+            spreads.append(spread_of_summary)
+            result.values["errors"] = spread_of_summary.summarise(result.summary())
         result.values["states"] = warn_of_lacking(dataset, spreads)
 
     @cached_property
     def shifted(self) -> list[tuple[Self, Self]]:
-        """For each parameter with a standard error the scenes in which the parameter is smaller and
-        larger by it; :class:`~granphon.base.errors.Refused` if a value is not allowed there.
+        """For each parameter with a standard error, in the order of ``errors``, two scenes: the
+        parameter is smaller by its error in the first, and larger in the second. Raises
+        :class:`~granphon.base.errors.Refused` if one of the scenes is not valid.
         """
         from granphon.scene.uncertainty import shift_scene
 
@@ -321,11 +330,13 @@ class Scene(SceneValues):
 
     @cached_property
     def plan(self) -> Plan:
-        """How the states of the scene are checked and found."""
+        """The plan by which the states of the scene are checked and found: packing, swept
+        parameters, media and loads, and what is asked of each state.
+        """
         has_velocities = "velocities" in self.observe
-        # a mechanism has other observables, but no velocities
-        of_mechanisms = {"bands", "gaps", "cutoffs", "onsets", "dos", "surface", "design"}
-        of_mechanisms |= {*NETWORK_BLOCKS}
+        # what a network that resists no force, a mechanism, has although it has no velocities
+        observables_of_mechanisms = {"bands", "gaps", "cutoffs", "onsets", "dos", "surface"}
+        observables_of_mechanisms |= {"design", *NETWORK_BLOCKS}
         path = None
         if "bands" in self.observe:
             path = (self.path.arrays, self.band_points, self.path.labels)
@@ -338,7 +349,7 @@ class Scene(SceneValues):
             surface=self.observed_settings("surface"),
             bands=self.observed_settings("bands"),
             observe=self.observe,
-            sound=has_velocities or of_mechanisms.isdisjoint(self.observe),
+            sound=has_velocities or observables_of_mechanisms.isdisjoint(self.observe),
         )
         axes = tuple(Axis(*axis) for axis in self.parameters)
         written_load = None if self.load.balls_per_side is None else self.load.flat
@@ -426,8 +437,10 @@ class Scene(SceneValues):
     def _add_costs(self, rows: Sequence[Export]) -> Cost | None:
         """Return the :meth:`cost` of the scene, whose outputs are the ``rows``."""
         cost = self.plan.add_costs(self._list_parts(rows))
-        count = 1.0 + 2.0 * len(self.errors)
-        return cost if cost is None or not self.errors else cost.times(count)
+        if cost is None or not self.errors:
+            return cost
+        # the scene itself, and the two shifted scenes of each parameter with an error
+        return cost.times(1.0 + 2.0 * len(self.errors))
 
 
 def _write_result(
@@ -437,16 +450,18 @@ def _write_result(
     figures: bool,
     progress: Progress,
 ) -> RunResult:
-    """Write the files of the outputs of the ``rows`` of a result, with their ``figures`` or
-    without. Return the result with the paths of the files that are written: outputs without a value
-    have none, nor have figures that cannot be drawn, which are in ``failures``.
+    """Write the files of the outputs ``rows`` of a ``result`` into its ``locked`` folder, with
+    ``figures`` if they are wanted, and summary.yaml last.
+
+    Return the result with the paths of the files written, the reasons for which figures could not
+    be drawn, and the remarks of the figures. An output without a value has no files.
     """
     written_rows = [
         row for row in rows if row.files and (row.find is None or result[row.name] is not None)
     ]
     names = list_files(written_rows, figures=figures)
     figure_files = [row.figure for row in written_rows if figures and row.figure]
-    # each row has written its numbers, or says which are missing
+    # all files are staged first, and come into the folder together
     with (
         locked.staging(locked.names) as stage,
         progress.step("writing", len(names)) as step,
@@ -482,8 +497,8 @@ class RunResult(Results):
     ----------
     scene : the scene that was run.
     folder, files : folder of the results, and the paths of the files written there.
-    values : the values of outputs by their names.
-    rows : the outputs that were found; empty after reading the result from its folder.
+    values : the values of outputs that were found or read so far, by their names.
+    rows : the outputs of the run; empty if the result was read from its folder.
     failures : one sentence for each figure that could not be drawn, with the reason.
     remarks : one sentence for each figure that shares out its states among panels, or leaves some
         out.
@@ -498,9 +513,12 @@ class RunResult(Results):
     means: Means = field(default=Means(), repr=False)
 
     def __getitem__(self, name: str) -> Any:
-        """Return the value of the output ``name``; None if the scene does not have the output. An
-        output of a run that is not read from its folder is found, as the folder may hold that of an
-        earlier run.
+        """Return the value of the output ``name``; None if a run of the scene does not have the
+        output. The value is kept after it has been found or read.
+
+        In the result of a run, a value that is not known yet is found, and never read from the
+        folder, which may hold that of an earlier run. In a result that was read from its folder,
+        the value is read.
         """
         if name in self.values:
             return self.values[name]
@@ -592,7 +610,7 @@ class RunResult(Results):
 
     @property
     def local_field(self) -> LocalField | None:
-        """Local field of the effective medium; None of another medium, and for equal balls."""
+        """Local field of the effective medium; None for another medium, and for equal balls."""
         if not self.scene.packing.width:
             return None
         return self.scene.serving.medium.of(self.scene.packing).local_field
@@ -615,13 +633,12 @@ class RunResult(Results):
         return entry_of(name, self.scene.packing) if name in CATALOGUE else None
 
     def summary(self) -> dict[str, Any]:
-        """Return the numbers as plain data in SI units, under the names of the library's
-        attributes: those of the outputs of the scene.
+        """Return the numbers of all outputs of the scene as plain data in SI units, by name as the
+        attributes of the library are named.
 
-        Of several states these are the sizes of the dimensions, the number of states, the media,
-        the least and the greatest of the numbers of states and waves that are known, and whether
-        all states are valid; with the direction of sound, if it was given or velocities depend on
-        it.
+        For several states these are the sizes of the dimensions, the number of states, the media,
+        the least and the greatest of each number that is known, and whether all states are valid;
+        also the direction of sound, if it was given or if velocities depend on it.
         """
         numbers: dict[str, Any] = {}
         for row in self.rows or list_outputs(self.scene):
@@ -640,14 +657,15 @@ class RunResult(Results):
 
     @cached_property
     def package_versions(self) -> dict[str, str]:
-        """The installed versions of the packages of which the results are made, by name."""
+        """The installed versions of the packages by which the results are made, by name."""
         rows = self.rows or list_outputs(self.scene)
         libraries = sorted({name for row in rows for name in row.packages})
         return versions("numpy", "scipy", "xarray", "h5netcdf", *libraries)
 
     def figure(self, name: str, tell: Callable[[str], object] | None = None) -> Any:
-        """Return the matplotlib figure of the file ``name``; the curves over the load for a file
-        that no output has. ``tell`` is told which panels the figure has chosen.
+        """Return the matplotlib figure that the file ``name`` of a run shows; for a name that no
+        output has, the curves over the load. ``tell`` is called with a sentence, behind the name,
+        that says which panels the figure has chosen.
         """
         rows = [row for _name, row in OUTPUTS.items() if row.figure == name]
         row = rows[0] if rows else OUTPUTS["sweep"]
@@ -657,8 +675,8 @@ class RunResult(Results):
 
 
 def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
-    """Whether ``folder`` holds every file but figures of a run, made with the installed versions of
-    packages.
+    """Whether ``folder`` holds the result of a run of the ``scene`` itself, made with the versions
+    of packages that are installed now: every file but the figures.
 
     A file that was changed after the run counts as missing.
     """
@@ -666,6 +684,7 @@ def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
     try:
         run_versions = read_yaml(target / "summary.yaml")["versions"]
         run_scene = type(scene)(**SceneSource.of_file(target / "scene.yaml").read())
+        # the packages that determine the numbers have the versions of the run
         has_same_versions = run_versions == run_versions | packages()
     except (InputError, KeyError, TypeError):
         return False
@@ -675,7 +694,9 @@ def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
 
 
 def _find_unit(result: RunResult, name: str) -> str:
-    """Return the SI unit of a number of the summary, or of its standard error; "" for none."""
+    """Return the SI unit of the number ``name`` of the summary, or of the number whose standard
+    error ``name`` is; "" if there is none.
+    """
     entry = result.entry(name)
     if entry is None and name.endswith("_error"):
         entry = result.entry(name.removesuffix("_error"))
@@ -683,8 +704,8 @@ def _find_unit(result: RunResult, name: str) -> str:
 
 
 def _write_summary(result: RunResult, package_versions: Mapping[str, str]) -> str:
-    """Return the text of summary.yaml, with the numbers, their units, and the
-    ``package_versions`` by name.
+    """Return the text of summary.yaml: the numbers of a ``result`` and their units, the limits of
+    the model, the warnings, the files, and the ``package_versions`` by name.
     """
     scene = result.scene
     numbers = result.summary()

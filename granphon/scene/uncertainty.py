@@ -34,7 +34,7 @@ from granphon.scene.written_errors import Keys, name_keys
 if TYPE_CHECKING:
     from granphon.runs.dataset import Dataset
 
-#: a number and its unit
+#: pattern of a quantity as text: a number and its unit, which may be empty
 _VALUE = re.compile(rf"\s*({NUMBER})\s*(.*?)\s*", re.DOTALL)
 #: ending of the name of the standard error of a number
 _ERROR = "_error"
@@ -49,11 +49,12 @@ _PEAKS = "peaks_frequency"
 
 
 def settle_errors(scene: Any) -> tuple[tuple[Keys, float], ...]:
-    """Return the standard errors of a scene in SI, each with the path of its parameter in the file.
+    """Return the standard errors of a scene, SI, each behind the path of its parameter in the file.
+    The scene may have an error as a text of a number and a unit, such as "1 %".
 
     Raises :class:`~granphon.base.errors.Refused` for an error that is not above zero, is as large
-    as its value or has a unit of another kind; and for one of a whole number, or of what is no
-    single quantity.
+    as its value, or has a unit of another kind; and for an error of a whole number, or of anything
+    that is not a single quantity.
     """
     blocks = _write(scene)
     settled = []
@@ -89,11 +90,12 @@ def _find_size(unit_of_error: str, number: float, unit: str, keys: Keys) -> floa
 
 
 def settle_correlations(scene: Any) -> tuple[tuple[str, str, float], ...]:
-    """Return the correlations of a scene, with the whole names of both parameters.
+    """Return the correlations of the errors of a scene, each as the full names of two parameters,
+    such as "material.young_modulus", and the correlation. The scene may have shorter names.
 
-    Raises :class:`~granphon.base.errors.Refused` for a name of no parameter with a standard error,
-    or of several; for a pair that is given twice, or of one parameter; and for correlations that no
-    errors can have, whose matrix is not positive semidefinite.
+    Raises :class:`~granphon.base.errors.Refused` for a name that fits no parameter with a standard
+    error, or several; for a pair that is given twice, or that is one parameter twice; and for
+    correlations whose matrix is not positive semidefinite, which no errors have.
     """
     rule = file_keys.CORRELATIONS.kind.rule(Context())
     correlations_given = require("correlations", rule, scene.correlations)
@@ -121,8 +123,8 @@ def settle_correlations(scene: Any) -> tuple[tuple[str, str, float], ...]:
 
 
 def _find_name(name: str, names: Sequence[str], path: tuple[str, ...]) -> str:
-    """Return the one of the ``names`` of parameters that is a ``name`` or ends in it; Refused, at
-    a ``path``, if there is none, or if there are several.
+    """Return that of the full ``names`` of parameters which is ``name``, or ends in ``name`` behind
+    a point. Refused, at ``path`` in the file, if there is no such name, or if there are several.
     """
     matches = [full_name for full_name in names if f".{full_name}".endswith(f".{name}")]
     if len(matches) != 1:
@@ -132,11 +134,15 @@ def _find_name(name: str, names: Sequence[str], path: tuple[str, ...]) -> str:
 
 
 def make_matrix(names: Sequence[str], correlations: Sequence[tuple[str, str, float]]) -> Array:
-    """Return the matrix (p, p) of the correlations of the errors of the parameters ``names``."""
+    """Return the matrix (p, p) of the correlations of the errors of the parameters ``names``, from
+    the ``correlations`` of pairs of names; others are zero.
+    """
     matrix = np.eye(len(names))
     for first, second, value in correlations:
-        pair = names.index(first), names.index(second)
-        matrix[pair] = matrix[pair[::-1]] = value
+        row = names.index(first)
+        column = names.index(second)
+        matrix[row, column] = value
+        matrix[column, row] = value
     return matrix
 
 
@@ -153,8 +159,10 @@ def list_parameters(scene: Any) -> list[tuple[str, float, float, str]]:
 
 
 def find_state_errors(scene: Any, numbers: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the standard errors of ``numbers`` of the states of a scene, by name as
-    :meth:`granphon.runs.plan.Plan.collect` returns them, as :meth:`Spread.summarise` does.
+    """Return the standard errors of ``numbers`` of the states of a scene as
+    :meth:`Spread.summarise` does. The ``numbers`` are by name, as
+    :meth:`granphon.runs.plan.Plan.collect` returns them; they are found again in the two shifted
+    scenes of each parameter.
     """
     names = [*numbers]
     pairs = [
@@ -164,7 +172,9 @@ def find_state_errors(scene: Any, numbers: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def write_errors(scene: Any, blocks: dict[str, Any]) -> None:
-    """Write the standard errors of a scene behind the quantities in its ``blocks``."""
+    """Write the standard errors of a scene behind the quantities in its ``blocks``, plain data that
+    are changed in place.
+    """
     _write_lists(scene, blocks)
     for keys, error in scene.errors:
         plain = _look_up(blocks, keys)
@@ -172,8 +182,8 @@ def write_errors(scene: Any, blocks: dict[str, Any]) -> None:
 
 
 def shift_scene(scene: Any, keys: Keys, change: float) -> Any:
-    """Return the scene with the parameter at a path, ``keys``, larger by ``change``, SI, and
-    without standard errors; Refused if there is no such scene.
+    """Return the scene without standard errors whose parameter at the path ``keys`` is larger by
+    ``change``, SI. Refused, at this path, if the scene is not valid with the changed value.
     """
     blocks = _write(scene)
     number, unit = _split_plain(_look_up(blocks, keys), keys)
@@ -185,22 +195,23 @@ def shift_scene(scene: Any, keys: Keys, change: float) -> Any:
         shifted_scene.plan.require()
     except GranphonError as error:
         found = f"a standard error of {abs(change):g}, with which the value is {shifted:g}"
-        # the place in the file is that of the error
+        # the refusal has the place of the standard error, so that the message need not name it
         reason = str(error).removeprefix(":1: ").removeprefix(f"{name_keys(keys)}: ")
         raise Refused(found, "one with which there are results", reason, keys) from None
     return shifted_scene
 
 
 class Spread:
-    """The standard errors that follow from those of the parameters.
+    """The standard errors of results that follow from those of the parameters.
 
     Attributes
     ----------
-    names : of the parameters.
-    pairs : for each parameter the results at its smaller and at its larger value, by name.
+    names : names of the p parameters.
+    pairs : for each parameter the results, by name, in two scenes, in which the parameter is
+        smaller and larger by its standard error.
     correlations : (p, p) of the errors of the parameters.
-    lacking : the names of numbers whose errors are not known, as the results at both ends of an
-        error have more of these, or fewer, as of gaps.
+    lacking : names of results without a known error: the scenes have different numbers of their
+        values, as of gaps or peaks. :meth:`find` and :meth:`add_to` add to these names.
     """
 
     def __init__(
@@ -213,55 +224,67 @@ class Spread:
 
     @classmethod
     def of(cls, scene: Any, pairs: Sequence[tuple[Any, Any]]) -> Spread:
-        """Return the spread of the results of a ``scene`` by those of its shifted scenes."""
+        """Return the spread of the results of a ``scene``. The ``pairs`` are the results, by name,
+        of the shifted scenes of each parameter.
+        """
         names = [name_keys(keys) for keys, _ in scene.errors]
         return cls(names, pairs, make_matrix(names, scene.correlations))
 
     def find(
         self, name: str, value: Any, sampling: Any = None, unit: str = ""
     ) -> tuple[Array, str] | None:
-        """Return the standard errors of the ``value`` of a ``name``, and the parameter that gives
-        most of these; None where no parameter has an effect, and for what is no number. The errors
-        of ``sampling`` add up with these. Of angles, in the ``unit`` rad, a turn is no change.
+        """Return the standard errors of a result, of the shape of its ``value``, and the name of
+        the parameter that gives most of them.
+
+        None if no parameter has an effect, for a value that is not numbers, and if a shifted scene
+        has another number of values; ``name`` is then added to ``lacking``. The errors of
+        ``sampling``, of the same shape, add up with those that the parameters cause. A value in the
+        ``unit`` rad is an angle, which a full turn does not change.
         """
         base = _as_numbers(value)
         if base is None:
             return None
-        changes = []
+        changes = []  # (p, ...)
         for pair in self.pairs:
             lower, upper = (_as_numbers(results.get(name)) for results in pair)
             if lower is None or upper is None or not lower.shape == upper.shape == base.shape:
                 self.lacking[name] = None
                 return None
             changes.append(_find_change(lower, upper, base, unit))
-        # the part of each parameter in the variance
+        # (p, ...): the part of each parameter in the variance, its row of the double sum
         contributions = np.array(changes) * np.tensordot(self.correlations, changes, axes=1)
+        # rounding may leave a sum of zero below zero
         variances = np.maximum(np.sum(contributions, axis=0), 0.0)
         if not np.any(variances > 0.0):
             return None
         if sampling is not None:
             variances = variances + np.square(np.nan_to_num(np.asarray(sampling, float)))
+        # (p,): the part of each parameter in the variances of all values together
         shares = np.nansum(contributions.reshape(len(self.names), -1), axis=1)
         return np.sqrt(variances), self.names[int(np.argmax(shares))]
 
     def summarise(self, numbers: Mapping[str, Any]) -> dict[str, Any]:
         """Return the standard errors of ``numbers``, by name as NAME_error, and under "errors_from"
-        the parameter that gives most of each.
+        for each name the parameter that gives most of its error. An entry NAME_error among the
+        ``numbers`` is the error of sampling of NAME.
         """
         errors: dict[str, Any] = {}
         sources: dict[str, str] = {}
         for name, value in numbers.items():
-            errors_of_value = None
-            if not name.endswith(_ERROR):
-                errors_of_value = self.find(name, value, numbers.get(f"{name}{_ERROR}"))
-            if errors_of_value is not None:
-                errors[f"{name}{_ERROR}"] = errors_of_value[0].tolist()
-                sources[name] = errors_of_value[1]
+            if name.endswith(_ERROR):
+                continue
+            found = self.find(name, value, numbers.get(f"{name}{_ERROR}"))
+            if found is not None:
+                errors_of_value, parameter = found
+                errors[f"{name}{_ERROR}"] = errors_of_value.tolist()
+                sources[name] = parameter
         return errors | {"errors_from": sources}
 
     def add_to(self, dataset: Dataset) -> Dataset:
-        """Return a data set with the standard error of each variable, NAME_error, whose attribute
-        ``mostly_from`` is the parameter that gives most of it.
+        """Return the ``dataset`` with a variable NAME_error for the standard error of each variable
+        that the parameters change; its attribute ``mostly_from`` is the parameter that gives most
+        of the error. Densities of states get none. At a receiver whose number of peaks differs
+        between the shifted scenes the errors of its peaks are nan, and ``lacking`` has the name.
         """
         added = {}
         for name, variable in dataset.data_vars.items():
@@ -270,33 +293,37 @@ class Spread:
             sampling = dataset.get(f"{name}{_ERROR}")
             sampling_errors = None if sampling is None else sampling.values
             unit = str(variable.attrs.get("units", ""))
-            errors = self.find(str(name), variable.values, sampling_errors, unit)
-            if errors is not None:
+            found = self.find(str(name), variable.values, sampling_errors, unit)
+            if found is not None:
+                errors, parameter = found
                 attributes = {"units": unit} if unit else {}
-                attributes["mostly_from"] = errors[1]
-                numbers = errors[0]
+                attributes["mostly_from"] = parameter
                 if _OF_PEAKS in variable.dims:
-                    numbers = np.where(self._have_same_peaks(dataset), numbers, np.nan)
-                    if np.any(np.isnan(numbers) & np.isfinite(variable.values)):
+                    errors = np.where(self._have_same_peaks(dataset), errors, np.nan)
+                    if np.any(np.isnan(errors) & np.isfinite(variable.values)):
                         self.lacking[str(name)] = None
-                added[f"{name}{_ERROR}"] = (variable.dims, numbers, attributes)
+                added[f"{name}{_ERROR}"] = (variable.dims, errors, attributes)
         return dataset.assign(added)
 
     def _have_same_peaks(self, dataset: Dataset) -> Array:
-        """Return whether each receiver, (..., receivers, 1), has as many peaks at both ends of all
-        errors as in the data set: others have no peak that is the same.
+        """Return, (..., receivers, 1), whether each receiver has as many peaks in all shifted
+        scenes as in the ``dataset``. If it has not, the peak of one number is another peak in
+        another scene.
         """
+        shifted_results = [results for pair in self.pairs for results in pair]
+        # peaks beyond the number of a receiver are nan
         counts = [
             np.sum(np.isfinite(results[_PEAKS].values), axis=-1, keepdims=True)
-            for results in (dataset, *(end for pair in self.pairs for end in pair))
+            for results in (dataset, *shifted_results)
         ]
         return np.asarray(np.ptp(counts, axis=0) == 0)
 
 
 def warn_of_lacking(dataset: Dataset, spreads: Sequence[Spread]) -> Dataset:
-    """Return a data set whose warnings name the numbers whose standard errors the ``spreads`` have
-    not found.
+    """Return the ``dataset`` with one more warning, which names the results whose standard errors
+    the ``spreads`` have not found; the same data set if there are none.
     """
+    # each name once, in order
     names = dict.fromkeys(name for spread in spreads for name in spread.lacking)
     if not names:
         return dataset
@@ -307,8 +334,11 @@ def warn_of_lacking(dataset: Dataset, spreads: Sequence[Spread]) -> Dataset:
 
 
 def _find_change(lower: Array, upper: Array, base: Array, unit: str) -> Array:
-    """Return half the difference of numbers at both ends of an error: zero where it is rounding of
-    the numbers ``base`` between them, and nan where either is not finite.
+    """Return half the difference of the numbers ``upper`` and ``lower``, which are results of the
+    two shifted scenes of a parameter, in the shape of ``base``, the results of the scene itself.
+
+    The difference is zero where it is rounding of ``base``, and nan where one of the two is not
+    finite. For angles, in the ``unit`` rad, it is taken between -pi and pi.
     """
     is_known = np.isfinite(lower) & np.isfinite(upper)
     difference = np.subtract(upper, lower, out=np.full(base.shape, np.nan), where=is_known)
@@ -319,7 +349,7 @@ def _find_change(lower: Array, upper: Array, base: Array, unit: str) -> Array:
 
 
 def _as_numbers(value: Any) -> Array | None:
-    """Return an array of real numbers; None if the value is none."""
+    """Return a value as an array of floats; None if the value is not real numbers, or is empty."""
     if value is None or isinstance(value, str | bool | Mapping):
         return None
     try:
@@ -330,9 +360,11 @@ def _as_numbers(value: Any) -> Array | None:
 
 
 def _write(scene: Any) -> dict[str, Any]:
-    """Return the blocks of a scene as plain data in SI, without correlations. Masses and moments of
-    inertia that follow from the density and the diameter of a ball are left out too, as these may
-    change.
+    """Return the blocks of a scene as plain data in SI, without correlations.
+
+    Masses and moments of inertia are left out where they follow from the density and the diameter
+    of a solid ball: if one of these two is shifted, the mass and the inertia are to follow. Values
+    that the file has as lists with standard errors are lists.
     """
     blocks = write_blocks(scene, Context(scene.packing.structure))
     blocks.pop("correlations", None)
@@ -349,22 +381,25 @@ def _write(scene: Any) -> dict[str, Any]:
 
 
 def _write_lists(scene: Any, blocks: dict[str, Any]) -> None:
-    """Write as lists what the file has as lists with standard errors: blocks have a list of one
-    value as the value, and vectors as tuples.
+    """Replace in ``blocks``, in place, each value that has an error at an index in the file by a
+    list, so that the path of the error leads into the list. :func:`write_blocks` writes a list of
+    one value as the value itself, and vectors as tuples.
     """
-    for (*outer, key), _ in scene.errors:
+    for (*path_of_list, key), _ in scene.errors:
         if not isinstance(key, int):
             continue
-        for depth in range(1, len(outer) + 1):
-            entry = _look_up(blocks, outer[:depth])
+        for depth in range(1, len(path_of_list) + 1):
+            entry = _look_up(blocks, path_of_list[:depth])
             if isinstance(entry, tuple):
-                _replace(blocks, outer[:depth], list(entry))
-            elif isinstance(entry, str | float) and depth == len(outer):
-                _replace(blocks, outer, [entry])
+                _replace(blocks, path_of_list[:depth], list(entry))
+            elif isinstance(entry, str | float) and depth == len(path_of_list):
+                _replace(blocks, path_of_list, [entry])
 
 
 def _look_up(blocks: Any, keys: Sequence[str | int]) -> Any:
-    """Return the entry of the blocks to which ``keys`` lead; None if there is none."""
+    """Return the entry of ``blocks``, nested mappings and lists, at the path ``keys``; None if
+    there is none.
+    """
     entry = blocks
     for key in keys:
         try:
@@ -375,13 +410,13 @@ def _look_up(blocks: Any, keys: Sequence[str | int]) -> Any:
 
 
 def _replace(blocks: Any, keys: Sequence[str | int], entry: Any) -> None:
-    """Put an entry into the blocks, to which ``keys`` lead."""
+    """Put an ``entry`` into ``blocks`` at the path ``keys``, in place."""
     _look_up(blocks, keys[:-1])[keys[-1]] = entry
 
 
 def _split_plain(plain: Any, keys: Keys) -> tuple[float, str]:
-    """Return the number and the SI unit of a quantity as it is written; Refused, at its ``keys``,
-    if it is none.
+    """Return the number and the SI unit of a quantity in ``plain`` data, "211e9 Pa" or a number
+    without unit. Refused, at its path ``keys``, for a whole number and for anything else.
     """
     is_whole = isinstance(plain, int) and not isinstance(plain, bool)
     match = _VALUE.fullmatch(str(plain)) if isinstance(plain, str | float) else None

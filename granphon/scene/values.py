@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from granphon.media.arrangement import Arrangement
     from granphon.media.network_file import NetworkFiles
 
-#: the settings of a spectrum by default
+#: settings of a spectrum whose values are all defaults
 _SPECTRUM = SpectrumSettings()
 #: the keys in a file by whose rules attributes of a scene are checked
 _CHECKED = {
@@ -68,7 +68,7 @@ _CHECKED = {
 _ALLOWED_IN_SWEEP = "a parameter of what is observed, which no block gives"
 #: greatest number of directions of sound that the description of a scene names
 _MOST_DESCRIBED = 4
-#: number of cells along each period below which the smallest possible supercell is sought
+#: limit of the number of cells along each period up to which the smallest supercell is sought
 _MOST_CELLS = 100
 
 
@@ -78,8 +78,11 @@ class Conflict(NamedTuple):
     Attributes
     ----------
     name : the observable.
-    holds : whether the reason holds in the scene, as the truth of any value.
-    problem, allowed, mend : the parts of the message, of which the first follows the name.
+    holds : whether the reason holds in the scene: true for any value that is neither zero, empty
+        nor None.
+    problem : words behind the name in the message, such as "of a simulation".
+    allowed : words for what can be observed instead.
+    mend : what the user can do, a sentence.
     """
 
     name: str
@@ -125,10 +128,11 @@ class SceneValues:
     origin: SceneSource = field(default=SceneSource(), init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Check the values one by one and then together, and put them in place as they are kept,
-        with the defaults that depend on other values.
+        """Replace the arguments by the values that the scene keeps, and check these one by one and
+        then together: lists become tuples, names become media, and defaults that depend on other
+        values are filled in. Refused or InputError for a value that is not allowed.
         """
-        # the dataclass is frozen: read values and defaults are put in place of the arguments
+        # the dataclass is frozen: attributes are set past it
         assign = partial(object.__setattr__, self)
         axes = tuple(Axis.of(name, values) for name, values in dict(self.parameters).items())
         assign("parameters", tuple((axis.name, axis.values) for axis in axes))
@@ -138,7 +142,7 @@ class SceneValues:
             assign("packing", change_packing(self.packing, {"lattice": lattices[0]}))
         if not self.mesh:
             assign("mesh", MESHES[lattice.periods - 1])
-        # media of another type are refused below
+        # media of another type than a list are read below, by the rule of their key
         if isinstance(cast("object", self.media), tuple | list) and not self.media:
             assign("media", default_medium(self.packing, self.balls_differ))
         context = Context(lattice, written=False)
@@ -178,7 +182,7 @@ class SceneValues:
 
     @property
     def directions(self) -> tuple[tuple[float, ...], ...]:
-        """The directions of sound that the scene names, one or many; empty for none."""
+        """The directions of sound that the scene names, (n, p); empty if it names none."""
         if not self.direction:
             return ()
         return self.direction if isinstance(self.direction[0], tuple) else (self.direction,)
@@ -191,17 +195,20 @@ class SceneValues:
         return self.packing.width > 0.0 or not {"width", "spread"}.isdisjoint(dict(self.parameters))
 
     def observed_settings(self, block: str) -> Any:
-        """Return the settings of a block whose subject the scene observes; None for another."""
+        """Return the settings of a ``block`` such as "response"; None if the scene does not observe
+        what the block is about.
+        """
         return getattr(self, block) if block in self.observe else None
 
     @cached_property
     def waves(self) -> WaveSettings | None:
-        """The waves that are observed in arrays, where media simulate them, and in networks; None
-        for none.
+        """The waves that the scene observes: in simulated arrays a density of states, spectral
+        functions and a pulse, and in the network of each state what the blocks of networks ask for;
+        None for a scene that observes none of these.
         """
         blocks = map(self.observed_settings, NETWORK_BLOCKS)
-        networks = tuple(settings for settings in blocks if settings is not None)
-        if not networks and not set(WAVES) & set(self.observe):
+        settings_of_networks = tuple(settings for settings in blocks if settings is not None)
+        if not settings_of_networks and not set(WAVES) & set(self.observe):
             return None
         spectrum = self.observed_settings("spectrum")
         pulse = self.observed_settings("pulse")
@@ -212,7 +219,7 @@ class SceneValues:
             labels=() if spectrum is None else self.path.names,
             pulse=pulse,
             direction=None if pulse is None else self.direction,
-            of_networks=networks,
+            of_networks=settings_of_networks,
         )
 
     @cached_property
@@ -319,15 +326,17 @@ class SceneValues:
 
     @property
     def parameters_of_branches(self) -> list[str]:
-        """Names of swept parameters on which the number of branches or the zone depends: bands are
-        not swept over them.
+        """Names of the swept parameters on which the number of branches or the zone depends. A
+        scene that sweeps over them cannot observe bands.
         """
         return list_parameters_of_branches(self.packing, self.parameters)
 
     # -- values that exclude each other, by the key in the file ------------------------------------
 
     def _list_conflicts_of_sound(self) -> list[Conflict]:
-        """Return every reason for which long waves, or their sensitivities, cannot be observed."""
+        """Return every reason for which long waves, or their sensitivities, cannot be observed,
+        whether or not it holds in this scene.
+        """
         held = Conflict(
             "velocities",
             self.packing.is_held or not HOLDING_PARAMETERS.isdisjoint(dict(self.parameters)),
@@ -393,8 +402,10 @@ class SceneValues:
         ]
 
     def _list_conflicts_of_surface(self) -> list[Conflict]:
-        """Return the reasons for which the waves of an edge cannot be observed."""
-        changing = [name for name in dict(self.parameters) if name in ("lattice", "motions")]
+        """Return the reasons for which the waves of an edge cannot be observed, whether or not they
+        hold in this scene.
+        """
+        swept_names = [name for name in dict(self.parameters) if name in ("lattice", "motions")]
         return [
             Conflict(
                 "surface",
@@ -412,15 +423,17 @@ class SceneValues:
             ),
             Conflict(
                 "surface",
-                changing,
-                f"with a sweep over {' and '.join(changing)}",
+                swept_names,
+                f"with a sweep over {' and '.join(swept_names)}",
                 "surface of one lattice",
                 "Make a scene of each.",
             ),
         ]
 
     def _list_conflicts_of_networks(self) -> list[Conflict]:
-        """Return the reasons for which a response or motion of networks cannot be observed."""
+        """Return the reasons for which what the blocks of networks ask for, such as a response, a
+        motion or modes, cannot be observed, whether or not they hold in this scene.
+        """
         without_settings = [
             Conflict(
                 name,
@@ -444,8 +457,10 @@ class SceneValues:
         return without_settings + of_mixed_media
 
     def _list_conflicts_of_bands(self) -> list[Conflict]:
-        """Return the reasons for which bands cannot be observed."""
-        changing = self.parameters_of_branches
+        """Return the reasons for which bands cannot be observed, whether or not they hold in this
+        scene.
+        """
+        swept_names = self.parameters_of_branches
         return [
             Conflict(
                 "bands",
@@ -456,52 +471,56 @@ class SceneValues:
             ),
             Conflict(
                 "bands",
-                changing,
-                f"with a sweep over {' and '.join(changing)}",
+                swept_names,
+                f"with a sweep over {' and '.join(swept_names)}",
                 "velocities, as the branches differ in number or zone",
                 "Make a scene of each.",
             ),
         ]
 
     def _require_arrays(self) -> None:
-        """Raise :class:`~granphon.base.errors.Refused` if waves of arrays are observed, and a
-        medium makes no array.
+        """Raise :class:`~granphon.base.errors.Refused` if the scene observes waves that only
+        simulated arrays have, and a medium makes no array.
         """
-        waves = [name for name in WAVES if name in self.observe]
-        waves = [name for name in waves if is_of_arrays_alone(name, self.swept)]
-        if self.packing.is_network:  # its own network has spectra, and carries a pulse
-            waves = [name for name in waves if name == "dos"]
-        if not waves:
+        names = [
+            name for name in WAVES if name in self.observe and is_of_arrays_alone(name, self.swept)
+        ]
+        if self.packing.is_network:
+            # the network of the files has spectra, and carries a pulse
+            names = [name for name in names if name == "dos"]
+        if not names:
             return
-        kinds = "one state, or of arrays" if waves == ["dos"] else "arrays"
-        allowed = f"{', '.join(waves)} of {kinds} that a medium: simulation makes"
-        with file_keys.refusing(waves[0], allowed, "observe"):
-            require_arrays(self.media, dict(self.parameters), waves)
+        kinds = "one state, or of arrays" if names == ["dos"] else "arrays"
+        allowed = f"{', '.join(names)} of {kinds} that a medium: simulation makes"
+        with file_keys.refusing(names[0], allowed, "observe"):
+            require_arrays(self.media, dict(self.parameters), names)
 
     def _list_conflicts_of_design(self) -> list[Conflict]:
-        """Return the reasons for which no design can be sought."""
-        design = partial(Conflict, "design")
+        """Return the reasons for which no design can be sought, whether or not they hold in this
+        scene.
+        """
+        make_conflict = partial(Conflict, "design")
         return [
-            design(
+            make_conflict(
                 self.design is None,
                 "without a goal",
                 "design with a block 'design'",
                 "Add a block such as design: {goal: widest_gap, vary: {mass: [10 g, 40 g]}}.",
             ),
-            design(
+            make_conflict(
                 self.swept,
                 "of several states",
                 "design of one state",
                 "Keep one load, one medium, and no block 'sweep'.",
             ),
-            design(
+            make_conflict(
                 any(choice.simulates for choice in self.media),
                 "of a simulation",
                 "design of a lattice or crystal",
                 "Take another medium; in Python gp.design(state.samples[0], ...) is the design of a"
                 " sample.",
             ),
-            design(
+            make_conflict(
                 self.errors,
                 "of quantities with standard errors",
                 "design of exact quantities",
@@ -510,9 +529,10 @@ class SceneValues:
         ]
 
     def _find_materials(self, settings: EdgeSettings) -> EdgeSettings:
-        """Return settings with the materials of walls that are of kinds which the crystal does not
-        have; Refused for a kind that the scene does not have. The crystal knows its own kinds,
-        whose parameters may be swept.
+        """Return the ``settings`` of an edge with the material of each wall that the scene gives as
+        that of a kind of balls. Walls of kinds in the crystal itself stay as they are: their
+        parameters may be swept, and the crystal finds the material. Refused for a kind that the
+        scene does not have.
         """
         from granphon.media.arrangement import Arrangement, find_kinds  # other scenes have no kinds
 
@@ -524,14 +544,15 @@ class SceneValues:
             path = (settings.block, settings.key_of_edges)
             allowed = f"a wall of a material, or of that of a kind of balls: {', '.join(kinds)}"
             raise Refused(repr(unknown[0]), allowed, path=path)
-        of_crystal = self.packing.kind_names
+        names_in_crystal = self.packing.kind_names
         return settings.with_materials(
-            {name: ball for name, ball in kinds.items() if name not in of_crystal}
+            {name: ball for name, ball in kinds.items() if name not in names_in_crystal}
         )
 
     def _require_consistency(self, given_path: BandPath | None) -> None:
         """Raise :class:`~granphon.base.errors.Refused` if values that are allowed one by one
-        exclude each other; ``given_path`` is the path of the bands, unless it is the lattice's own.
+        exclude each other. ``given_path`` is the argument ``band``, the path of the bands; None if
+        the lattice has the path.
         """
         structure = self.packing.structure
         self._require_supercell()
@@ -564,7 +585,7 @@ class SceneValues:
         if "pulse" in self.observe and len(self.directions) > 1:
             raise Refused("several directions with a pulse", "one direction", path=("direction",))
         if given_path is not None:
-            # a path of another dimension is refused, with its key in the block
+            # a path of another dimension is refused, at the key phonopy.band
             rule = partial(read_paths, periods=structure.periods)
             read_inside("phonopy", partial(read_inside, "band", rule), str(given_path))
         if self.load.kind == "side_force" and structure != TRIANGULAR:
@@ -573,7 +594,8 @@ class SceneValues:
 
     def _require_supercell(self) -> None:
         """Raise :class:`~granphon.base.errors.Refused` if two balls of the supercell would touch
-        through two images.
+        twice, through different periodic images, as in a supercell that is too small; the refusal
+        names the smallest that is large enough, with as many cells along each period.
         """
         structure = self.packing.structure
         touch_once = partial(touch_once_at_most, structure.vectors, contact=structure.reach)
@@ -586,14 +608,15 @@ class SceneValues:
 
 
 def _find_wave_path(packing: Any) -> BandPath:
-    """Return the path of the spectral functions of a packing in files by default: from zero along
-    its first period, up to half a wave for each mean diameter.
+    """Return the default path of the spectral functions of a packing in files: from wave vector
+    zero along the first period up to the wave length of two mean diameters.
     """
     lengths = [
         math.hypot(*vector)
         for vector, is_period in zip(packing.network.cell, packing.network.pbc, strict=True)
         if is_period
     ]
-    # without a period the path has no meaning: spectra are refused
-    count = max(round(lengths[0] / (2.0 * packing.diameter)), 1) if lengths else 1
-    return BandPath((((0.0, 0.0, 0.0), (float(count), 0.0, 0.0)),))
+    # number of wave lengths in the period; without a period the path is not used, as spectra are
+    # refused
+    n_waves = max(round(lengths[0] / (2.0 * packing.diameter)), 1) if lengths else 1
+    return BandPath((((0.0, 0.0, 0.0), (float(n_waves), 0.0, 0.0)),))

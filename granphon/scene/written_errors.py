@@ -42,8 +42,9 @@ class WrittenErrors:
 
     Attributes
     ----------
-    values : the values alone, by the keys that lead to them, as they stand without an error.
-    errors : the standard errors likewise, texts of a number and a unit.
+    values : the values without their errors, by their paths in the document, as the document would
+        have them if they had no error.
+    errors : the standard errors, texts of a number and a unit, by the paths of :func:`_spell_out`.
     correlations : the names of two values, and the correlation of their errors.
     fits : the files of fits.
     """
@@ -55,15 +56,16 @@ class WrittenErrors:
 
     @classmethod
     def read(cls, entries: Mapping[Keys, Any], folder: Path) -> WrittenErrors:
-        """Read the ``entries`` of a document, by the keys that lead to them: texts with a standard
-        error, and mappings that name the file of a fit, which is sought in a ``folder``.
+        """Return the errors in the ``entries`` of a document, by their paths: texts with a standard
+        error, and mappings that name the file of a fit. Files are sought in ``folder``.
 
-        Refused for a quantity with an error that cannot be read, and for a fit that does not have
-        the value.
+        Two values of the same fit have its correlation. Refused for a quantity with an error that
+        cannot be read, and for a fit that does not have the value.
         """
         written = cls()
-        # by the file of a fit, the keys of its values, each with the number of its parameter
-        keys_of_fits: dict[Path, dict[Keys, int]] = {}
+        # for each file of a fit, the paths of values that it gives, and the numbers of the
+        # parameters of the fit that these are
+        numbers_of_fits: dict[Path, dict[Keys, int]] = {}
         fits: dict[Path, Any] = {}
         for keys, entry in entries.items():
             if isinstance(entry, Mapping):
@@ -71,26 +73,30 @@ class WrittenErrors:
                 if file not in fits:
                     fits[file] = _read_fit(keys, file)
                 number = written._add_fitted(keys, file.name, fits[file])
-                keys_of_fits.setdefault(file, {})[keys] = number
+                numbers_of_fits.setdefault(file, {})[keys] = number
                 continue
             value_and_error = split_error(entry)
             if value_and_error is not None:
-                written._add(keys, *value_and_error)
+                value, error = value_and_error
+                written._add(keys, value, error)
             elif re.match(rf"\s*\(?\s*{NUMBER}", entry):
+                # another text with the sign of an error is no quantity, and stays as it is
                 raise Refused(show(entry), _ALLOWED, path=keys)
-        for file, numbers in keys_of_fits.items():
+        for file, numbers in numbers_of_fits.items():
             for first, second in combinations(numbers, 2):
                 correlation = fits[file].correlation[numbers[first], numbers[second]]
-                # rounding may put a correlation beyond its ends
-                value = float(np.clip(correlation, -1.0, 1.0))
+                # rounding may put a correlation beyond -1 or 1
+                bounded = float(np.clip(correlation, -1.0, 1.0))
                 names = name_keys(_spell_out(first)), name_keys(_spell_out(second))
-                written.correlations.append((*names, value))
+                written.correlations.append((*names, bounded))
         written.fits = list(fits)
         return written
 
     def _add_fitted(self, keys: Keys, name_of_file: str, fit: Any) -> int:
-        """Add the value of a ``fit``, with its error, to which the ``keys`` of a scene lead; return
-        the number of its parameter.
+        """Add the value that the ``fit`` in the file ``name_of_file`` has found for the path
+        ``keys`` of a scene, with its standard error; return the number of the parameter in the fit.
+
+        Refused if the fit does not have the parameter, or its errors are not known.
         """
         name, scale = _find_parameter(keys, fit)
         if name not in fit.parameters:
@@ -108,21 +114,24 @@ class WrittenErrors:
         return number
 
     def _add(self, keys: Keys, value: Any, error: str) -> None:
-        """Add a value with its standard error, to which the ``keys`` of a document lead."""
+        """Add the ``value`` at the path ``keys`` of a document, and its standard ``error``, a text
+        of a number and a unit.
+        """
         self.values[keys] = value
         self.errors[_spell_out(keys)] = error
 
 
 def _spell_out(keys: Keys) -> Keys:
-    """Return the keys under which a scene writes the value at ``keys``: a spread that is normal may
-    stand in short, with its standard deviation alone.
+    """Return the path at which :func:`granphon.scene.file.write_blocks` writes the value that the
+    document has at the path ``keys``: it is a longer path for {normal: 20 um}, which is written as
+    {normal: {std: 20 um, cutoff: ...}}.
     """
     return (*keys, "std") if keys[-1] == "normal" else keys
 
 
 def _read_name(keys: Keys, entry: Mapping[str, Any]) -> str:
-    """Return the name of the file of a fit; Refused if the ``entry`` has another key, or names no
-    file.
+    """Return the name of the file of a fit from the ``entry`` {fit: FILE} at the path ``keys``;
+    Refused if the entry has another key, or names no file.
     """
     name = entry[FIT]
     if len(entry) > 1 or not isinstance(name, str) or not name:
@@ -131,7 +140,7 @@ def _read_name(keys: Keys, entry: Mapping[str, Any]) -> str:
 
 
 def _read_fit(keys: Keys, file: Path) -> Any:
-    """Return the fit in a ``file``, to which the ``keys`` of a scene lead; Refused if the file
+    """Return the fit in a ``file``, which a scene names at the path ``keys``; Refused if the file
     cannot be read or holds no fit.
     """
     from granphon.fits.transfer import read_fit
@@ -143,8 +152,11 @@ def _read_fit(keys: Keys, file: Path) -> Any:
 
 
 def _find_parameter(keys: Keys, fit: Any) -> tuple[str, float]:
-    """Return the name of the parameter of a ``fit`` to which the ``keys`` of a scene lead, and the
-    value in the scene over that of the parameter.
+    """Return the name that a ``fit`` has for the parameter at the path ``keys`` of a scene, and the
+    factor by which the value of the fit is multiplied to give that of the scene.
+
+    The factor is not 1 for a spread, whose number in the scene may be a standard deviation where
+    the fit has the width. Refused for a spread of another kind than that of the fit.
     """
     if "spread" in keys:
         spread = getattr(getattr(fit, "packing", None), "spread", None)
@@ -155,5 +167,7 @@ def _find_parameter(keys: Keys, fit: Any) -> tuple[str, float]:
         return "width", getattr(spread, number) / fit.width
     key = keys[-1]
     if isinstance(key, int):
+        # the value stands in a list: the first has the name of the key, as a loss has, and the
+        # second loss a name of its own
         key = keys[-2] if key == 0 else SECOND_LOSSES.get(str(keys[-2]), key)
     return str(key), 1.0
