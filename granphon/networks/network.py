@@ -69,8 +69,8 @@ Found = TypeVar("Found")
 _WHOLE = ("i", "j", "shift", "labels")
 #: least volume of a periodic cell over the product of the lengths of its vectors
 _FLAT = 1e-9
-#: the power of the overlap as which a static tangential force grows while the slip stays, by the
-#: names of laws of other programs
+#: the power p by which a static tangential force grows with the overlap delta, as delta^p, while
+#: the slip stays; by the names of the laws in other programs
 TANGENTIAL_LAWS = {
     "mindlin/force": 0.0,
     "mindlin": 0.5,
@@ -81,9 +81,10 @@ TANGENTIAL_LAWS = {
 }
 #: levers by which rotations make slip: to the contact, or to the surface of each ball
 SLIP_LEVERS = ("arms", "radii")
-#: memory to repeat or to cut a network, and to check it, over that of its arrays
+#: memory that is taken to repeat or to cut a network, and to check the result, over the memory of
+#: the arrays of the result
 _COPIES = 4.5
-#: the key of what a reader leaves among what a network keeps
+#: the key under which a network keeps what its reader knows beside its numbers
 _READING = "reading"
 #: most cells along a period
 MOST_CELLS = 1_000_000

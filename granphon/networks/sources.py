@@ -226,6 +226,7 @@ class Contacts:
     twisting: float | str | None = None
 
     def __len__(self) -> int:
+        """Return the number of contacts."""
         return len(self.i)
 
     def select(self, rows: Any) -> Self:
