@@ -278,9 +278,11 @@ class _Overlaps:
 
     @property
     def power(self) -> float:
-        """The power p of the overlap as which forces go, by the overlaps p f/k of the strong
-        contacts: the median of the overlap over f/k. Zero if in the median the overlaps are not
-        larger than their greatest errors.
+        """The power p in the law that forces f are proportional to overlaps to the power p.
+
+        By this law an overlap is p f/k, k being the normal stiffness: p is found as the median,
+        over the strong contacts, of the overlap over f/k. It is zero if the median overlap is not
+        larger than its greatest error.
         """
         strong = self.strong
         if not np.median((self.overlaps - self.greatest_errors)[strong]) > 0.0:

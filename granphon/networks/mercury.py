@@ -305,7 +305,7 @@ def _read_particles(lines: Lines, count: int, *, is_plane: bool) -> Balls:
     if count > len(lines) - lines.place:
         fault = f"{lines.name} ends before its {count} particles do: {len(lines) - lines.place} are"
         raise InputError(f"{fault} there", "The file is not whole")
-    table = np.empty((count, 5))
+    table = np.empty((count, 5))  # a row for each ball: x, y, z, radius, inverse mass
     first = lines.place + 1
     for row in table:
         words = lines.read().split()
