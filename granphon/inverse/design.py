@@ -1,8 +1,9 @@
-"""The network, of those within bounds, that is best for a goal.
+"""The design of a network: of all networks whose numbers are within bounds, the one that is best
+for a goal.
 
-The search (:mod:`granphon.inverse.search`) begins at the given network, then at random ones, and
-keeps the best that it meets. What it keeps of a gap is decided by a certificate, the gap on a finer
-mesh: a gap that is closed there is passed over for that of the next best start.
+A search (:mod:`granphon.inverse.search`) begins at the given network, others begin at random ones,
+and the best network that they meet is kept. For a goal that is a gap a certificate decides, the gap
+on a finer mesh: if the gap of the best search is closed there, that of the next best is taken.
 """
 
 from __future__ import annotations
@@ -32,19 +33,21 @@ class Design(Result):
 
     Attributes
     ----------
-    network : the network.
-    value : the goal of it, in ``unit``: of a gap its width on a mesh four times finer than that of
-        the search, which is the certificate; 0 if it is closed there.
-    unit : of the value.
-    history : (h,) the goal at each evaluation of the best start, smooth where the goal is.
-    variables : (n,) the values of the variables, SI.
-    labels : (n,) what they are called.
+    network : the best network.
+    value : the goal's value for this network, in ``unit``. For a gap it is the certificate: the
+        width on a mesh four times finer than that of the search, 0 if the gap is closed there.
+    unit : the unit of the value.
+    history : (h,) the goal's value at each evaluation of the start that is kept, in ``unit``; for a
+        gap its smooth width.
+    variables : (n,) the values of the variables in this network, SI.
+    labels : (n,) the names of the variables in messages.
     evaluations : number of evaluations of all starts.
     start, start_value, start_variables : network, goal and variables with which the search began.
     bounds : (n, 2) the least and the greatest value of each variable.
     best_start : number of the start that is kept; 0 is the given network, others are random.
-    starts : (s,) the best that each start has met, of those that met any, as the search sees it;
-        that several agree speaks for the best of all.
+    starts : (s,) the best value of the goal, in ``unit``, that each start has met, of those starts
+        that met a network with a value; for a gap its smooth width. If several agree, there is
+        probably no better one.
     warnings : one sentence for each thing that went another way than was asked for.
     """
 
@@ -77,12 +80,12 @@ def design(
     steps: int = STEPS,
     progress: Progress = silent,
 ) -> Design:
-    """Return the network whose goal is best, of those whose numbers are within bounds.
+    """Return the design that is best for a goal, of all networks whose numbers are within bounds.
 
     Parameters
     ----------
-    x : a network, or what has one; or a function of keywords, the names in ``vary``, that returns
-        one, as ``lambda force: crystal.at_force(force)``.
+    x : a network, or a state or sample that has one; or a function whose keywords are the names in
+        ``vary`` and that returns one of these, as ``lambda force: crystal.at_force(force)``.
     goal : :class:`~granphon.WidestGap`, :class:`~granphon.MatchFrequencies`,
         :class:`~granphon.LowestVelocity`, :class:`~granphon.ResponseAt`, or an object of your own
         with ``largest`` and ``evaluate``, see :class:`~granphon.inverse.goals.Goal`.
@@ -91,18 +94,22 @@ def design(
         "normal_stiffness", "shear_stiffness" (N/m), "torsion", "bending" (N m), "on_site" (N/m of
         the springs to the ground against all displacements of a ball).
     bounds : (low, high) of each variable, in SI; of several names a mapping.
-    constraints : {name: sum}, the sum over all balls or contacts that a name keeps, SI.
-    per : "each" ball or contact has a variable of its own, or each "kind" (pair of kinds).
-    restarts : number of random starts after the given network.
-    seed : of these.
-    steps : most steps of a start.
+    constraints : {name: sum}, SI: the values of this name, added up over all balls or contacts,
+        keep this sum.
+    per : "each": every ball or contact has a variable of its own. "kind": all balls of a kind, or
+        all contacts of a pair of kinds, have one variable together.
+    restarts : number of searches from random starts, after that from the given network.
+    seed : of the random starts.
+    steps : most steps of the search from each start.
     progress : told how many starts are over.
+
+    The ``warnings`` of the design name variables without an effect, a goal that is not reached, and
+    a gap that closes on the way.
 
     Raises
     ------
     InputError : unknown names, bounds that exclude the network or a sum, and a goal that depends on
-        none of the variables. Variables without an effect are named in ``warnings``, as are a goal
-        that is not reached, and a gap that closes on the way.
+        none of the variables.
     """
     space: Numbers | Parameters
     sums: Sequence[tuple[Array, float]] = ()
@@ -124,8 +131,9 @@ def design(
 
 
 def _read_parameters(make: Any, vary: Any, bounds: Any) -> Parameters:
-    """Return the parameters of a function that makes networks; the search begins in the middle of
-    their bounds.
+    """Return the parameters, named in ``vary``, of a function ``make`` of keywords that makes
+    networks; the search begins in the middle of their ``bounds``, which are those of
+    :func:`design`. InputError for names that are none, or that are given twice.
     """
     names = texts("vary", vary)
     if not names or len(set(names)) < len(names):
@@ -134,17 +142,22 @@ def _read_parameters(make: Any, vary: Any, bounds: Any) -> Parameters:
     pairs = np.array([read_bounds(name, bounds, names) for name in names])
 
     def make_of(values: Array) -> Any:
+        """Return what ``make`` returns for these values (n,) of the parameters, SI."""
         return make(**dict(zip(names, values.tolist(), strict=True)))
 
     return Parameters(make_of, names, pairs[:, 0], pairs[:, 1], pairs.mean(axis=1))
 
 
 def choose_best(problem: Problem, found: Sequence[Found], warnings: Sequence[str]) -> Design:
-    """Return the design of the best of what the starts of a ``problem`` have ``found``, in their
-    order; ``warnings`` are those of before.
+    """Return the design whose network is the best that the searches of a ``problem`` have found.
+
+    ``found`` has what each search has found, in the order of their starts, and ``warnings`` the
+    sentences before those of the searches. The best start is that with the best value, or, for a
+    goal with certificates, the best one whose certificate holds (:func:`_certify`).
     """
     space = problem.space
     sign = -1.0 if problem.goals[0].largest else 1.0
+    # the best value of each start that has met a network with a value
     best_of = {
         number: sign * float(np.min(sign * of_start.history))
         for number, of_start in enumerate(found)
@@ -198,19 +211,23 @@ def choose_best(problem: Problem, found: Sequence[Found], warnings: Sequence[str
 def _certify(
     problem: Problem, found: Sequence[Found], order: Sequence[int], start_value: float
 ) -> tuple[int, float] | None:
-    """Return the first start in an ``order`` whose gap is open on the finer mesh, and no narrower
-    than that of the given network, ``start_value``, with its certified width, Hz; the first start
-    of all where no gap is open. None if the given network has the widest gap.
+    """Return the number of the start whose gap is kept, and the width of this gap, Hz, on the finer
+    mesh; None if the given network is kept.
+
+    The starts are tried in the ``order`` given: the first one whose gap is open on the finer mesh,
+    and no narrower than that of the given network, ``start_value`` in Hz, is kept. If there is
+    none, the given network is kept, if its gap is open and it has the sums that are to be kept.
+    Otherwise no gap is open, and the first start of the order is kept with the width 0.
     """
     for number in order:
         network = problem.space.make_network(found[number].best)
         value = float(problem.find_goal(number).certify(network))
         if value > 0.0 and value >= start_value:
             return number, value
-    is_allowed = all(
+    keeps_sums = all(
         abs(weights @ problem.space.start - total) <= _ROUNDING * total
         for weights, total in problem.sums
     )
-    if start_value > 0.0 and is_allowed:
+    if start_value > 0.0 and keeps_sums:
         return None
     return order[0], 0.0

@@ -1,10 +1,11 @@
-"""What a design is to reach: a wide gap, given frequencies, a low velocity, a response.
+"""Goals of a design: a wide gap, given frequencies, a low velocity, a response.
 
-A goal gives a number of a network, and its derivatives by the fields of
-:class:`granphon.Sensitivities`. The edges of a gap are a largest and a smallest frequency over
-branches and wave vectors, which jump from one to another as the network changes. The search takes
-smooth ones: t log sum exp(f/t) over all of them lies above the largest by t times the logarithm of
-their number at most, and has derivatives everywhere (the Kreisselmeier-Steinhauser function, 1979).
+A goal gives a number of a network, and the derivatives of this number by the fields of
+:class:`granphon.Sensitivities`. The edges of a gap are the largest frequency below it and the
+smallest one above it, over branches and wave vectors. At which of them an edge lies jumps as the
+network changes, so that an edge has no derivative there. The search takes smooth edges instead:
+t log sum exp(f/t) over all frequencies f lies above the largest by t times the logarithm of their
+number at most, and has derivatives everywhere (the Kreisselmeier-Steinhauser function, 1979).
 """
 
 from __future__ import annotations
@@ -56,12 +57,12 @@ FINER = 4
 _SMOOTH = 2e-3
 #: weight of a frequency in a smooth edge from which its derivatives count
 _LEAST_WEIGHT = 1e-9
-#: misfit, in standard deviations, or relative without these, above which frequencies are not
-#: matched
+#: misfit above which a frequency is not matched: in standard errors, and, where these are not
+#: given, over the frequency
 _FAR = 3.0
 _FAR_RELATIVE = 1e-3
-#: overlap of a measured shape with that of a mode from which both are alike
-_ALIKE = 0.5
+#: least overlap of a measured shape with that of a mode at which the two are taken for the same
+_LEAST_OVERLAP = 0.5
 
 
 class Goal(Protocol):
@@ -73,15 +74,16 @@ class Goal(Protocol):
     largest: bool
 
     def evaluate(self, network: ContactNetwork) -> tuple[float, Mapping[str, Any]]:
-        """Return the value of a network, and its derivatives (n_c,), or (n,) of balls, by the names
-        of :class:`granphon.Sensitivities`, those that are not zero.
+        """Return the value of a network, and its derivatives by the names of
+        :class:`granphon.Sensitivities`: (n_c,) for contacts, (n,) for balls, and (n, motions) for
+        springs to the ground. Derivatives that are zero may be left out.
         """
         ...
 
 
 @dataclass(frozen=True)
 class WidestGap:
-    """The widest complete gap between two branches, Hz.
+    """The goal of the widest complete gap between two branches, Hz.
 
     Parameters
     ----------
@@ -110,10 +112,16 @@ class WidestGap:
             whole_number("branches", self.branches, 1)
 
     def choose(self, network: ContactNetwork, most: int) -> list[WidestGap]:
-        """Return up to ``most`` goals of a given number of branches below the gap, the most
+        """Return up to ``most`` goals with a fixed number of ``branches`` below the gap, the most
         promising first, for a search that begins at a ``network``.
+
+        With ``branches`` or ``near`` there is one goal: that number of branches, or the number of
+        branches whose mean frequency over the zone is below ``near``. Otherwise the goals are those
+        of the widest gaps of the network, or, where none is open, of the least overlaps of
+        branches. Raises InputError for a network with one branch, for more branches than it has,
+        and for a ``near`` below or above all branches.
         """
-        frequencies = self._find_frequencies(Phonons(network))[1]
+        _points, frequencies = self._find_frequencies(Phonons(network))
         tops = frequencies.max(axis=0)
         smoothing = self.smoothing or _SMOOTH * float(tops[-1])
         goal = replace(self, near=None, smoothing=smoothing)
@@ -143,8 +151,8 @@ class WidestGap:
         return [replace(goal, branches=1 + int(number)) for number in widest]
 
     def _list_numbers(self, periods: int) -> tuple[int, ...]:
-        """Return the numbers of wave vectors along the ``periods`` reciprocal vectors, given or by
-        default.
+        """Return the numbers of wave vectors along each of the reciprocal vectors, as many as the
+        network has ``periods``: those of ``mesh``, or the default ones.
         """
         default = (_MESHES[periods - 1],) * periods
         if self.mesh is None:
@@ -153,7 +161,9 @@ class WidestGap:
         return grid_numbers("mesh", self.mesh, 1, _MOST_POINTS, example, periods)
 
     def _find_frequencies(self, phonons: Phonons) -> tuple[Array, Array]:
-        """Return wave vectors (n_q, p), fractions, and frequencies (n_q, n_b), Hz."""
+        """Return the wave vectors (n_q, p) of the mesh, in fractions of the reciprocal cell, and
+        the frequencies of all branches there, (n_q, n_b), Hz.
+        """
         numbers = self._list_numbers(phonons.lattice.periods)
         axes = [np.arange(number) / number for number in numbers]
         axes[0] = axes[0][: numbers[0] // 2 + 1]  # q and -q have the same frequencies
@@ -161,7 +171,11 @@ class WidestGap:
         return points, phonons.frequencies(points)
 
     def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
-        """Return the smooth width of the gap, Hz, and its derivatives (n_c,), or (n,) of balls."""
+        """Return the smooth width of the gap, Hz, below zero where branches overlap, and its
+        derivatives: (n_c,) for contacts, (n,) for balls.
+
+        Unless ``branches`` and ``smoothing`` are given, they are chosen at this network.
+        """
         if self.branches is None or self.smoothing is None:
             return self.choose(network, 1)[0].evaluate(network)
         phonons = Phonons(network)
@@ -169,18 +183,22 @@ class WidestGap:
         lower = frequencies[:, : self.branches]
         upper = frequencies[:, self.branches :]
         top, weights_below = _smooth_largest(lower, self.smoothing)
-        bottom, weights_above = _smooth_largest(-upper, self.smoothing)
+        # the smallest frequency is the negative of the largest of the negatives
+        negative_bottom, weights_above = _smooth_largest(-upper, self.smoothing)
+        width = -negative_bottom - top
+        # (n_q, n_b) derivatives of the width by each frequency; nearly all are negligible
         weights = np.concatenate([-weights_below, weights_above], axis=1)
+        counts = np.abs(weights) > _LEAST_WEIGHT
         slopes: dict[str, Any] = {}
-        for number in np.flatnonzero(np.any(np.abs(weights) > _LEAST_WEIGHT, axis=1)).tolist():
-            branches = np.flatnonzero(np.abs(weights[number]) > _LEAST_WEIGHT)
+        for number in np.flatnonzero(np.any(counts, axis=1)).tolist():
+            branches = np.flatnonzero(counts[number])
             sensitivities = phonons.sensitivities(points[number : number + 1], branches)
             _add(slopes, sensitivities, weights[number, branches])
-        return -bottom - top, slopes
+        return width, slopes
 
     def certify(self, network: ContactNetwork) -> float:
-        """Return the width of the gap, Hz, on a mesh four times finer; zero of a gap that is
-        closed.
+        """Return the exact width of the gap, Hz, on a mesh four times finer than that of the
+        search, without smoothing; zero if the gap is closed.
         """
         if self.branches is None:
             return self.choose(network, 1)[0].certify(network)
@@ -191,7 +209,7 @@ class WidestGap:
         return float(np.sum(np.diff(gaps[is_gap], axis=1)))
 
     def estimate_memory(self, network: ContactNetwork) -> float:
-        """Return the memory of an evaluation, bytes."""
+        """Return the memory that :meth:`evaluate` takes, bytes."""
         lattice = Phonons(network).lattice
         n_points = math.prod(self._list_numbers(lattice.periods))
         frequencies = costs.bands(n_points, lattice.n_branches, eigenvectors=False)
@@ -199,14 +217,16 @@ class WidestGap:
         return max(frequencies.working, vectors.working) + frequencies.kept
 
     def estimate_certificate(self, network: ContactNetwork) -> costs.Cost:
-        """Return the cost of a certificate."""
+        """Return the cost of :meth:`certify`, in time and memory."""
         lattice = Phonons(network).lattice
         numbers = self._list_numbers(lattice.periods)
         n_points = math.prod(FINER * number for number in numbers)
         return costs.band_edges(1, n_points, lattice.n_branches, of_all=False, of_network=True)
 
     def judge_history(self, history: Array) -> str:
-        """Return a sentence if the gap closes in the ``history`` (h,) of a search, or nothing."""
+        """Return a sentence if the gap, once open, closes again in the ``history`` (h,) of a
+        search, the smooth width at each evaluation, Hz; "" if it does not.
+        """
         was_open = np.maximum.accumulate(history) > 0.0
         count = int(np.count_nonzero(was_open & (history <= 0.0)))
         if not count:
@@ -215,7 +235,7 @@ class WidestGap:
         return f"the gap closes on the way, at {times}; the widest is kept"
 
     def judge(self, network: ContactNetwork, value: float) -> str:
-        """Return a sentence if there is no gap, or nothing."""
+        """Return a sentence if the width ``value``, Hz, of the gap is zero; "" if it is above."""
         if value > 0.0:
             return ""
         return f"no gap opens between branches {self.branches} and {self.branches + 1}"  # type: ignore[operator]
@@ -223,20 +243,22 @@ class WidestGap:
 
 @dataclass(frozen=True)
 class MatchFrequencies:
-    """Measured frequencies: the least sum of the squares of misfits over their errors.
+    """The goal that frequencies are the measured ones: the least sum of the squares of the misfits,
+    each over its standard error.
 
     Parameters
     ----------
-    measured : (m,) Hz, ascending: of the lowest modes of the network that cost energy; with
-        ``shapes`` in any order; or with ``q``, (n_q, b) of its branches, or (b,) at one wave
-        vector, or (n_q,) of one branch.
+    measured : Hz. Without ``q``, (m,) frequencies of the lowest modes of the network that cost
+        energy, ascending, or with ``shapes`` in any order. With ``q``, frequencies of branches:
+        (n_q, b), or (b,) at one wave vector, or (n_q,) of one branch.
     sigma : standard errors, Hz, a number or of the shape of ``measured``; None for errors in
         proportion to the frequencies.
     q : (n_q, p) wave vectors, fractions of the reciprocal cell.
-    branches : (b,) numbers of the branches at these, from 0; the first ones by default.
-    shapes : (m, n, motions) measured motions of the balls in these modes, displacements in m and
-        rotations in rad, each mode in any scale: each frequency is then compared with that of the
-        lowest modes whose shape overlaps most with the measured one, whatever their order.
+    branches : (b,) numbers of the branches at the wave vectors, from 0; the first ones by default.
+    shapes : (m, n, motions) measured motions of the balls in the modes, displacements in m and
+        rotations in rad, each mode in any scale. The m measured shapes are then assigned to the m
+        lowest modes of the network so that their overlaps are greatest, and each frequency is
+        compared with that of the mode to which it is assigned.
     """
 
     measured: Any
@@ -248,8 +270,8 @@ class MatchFrequencies:
     largest = False
 
     def __post_init__(self) -> None:
-        """Check that the shapes of the arguments agree: frequencies of modes, or a row of
-        frequencies for each wave vector.
+        """Raise InputError for numbers out of range, or unless the shapes of the arguments agree:
+        of frequencies of modes, or of a row of frequencies for each wave vector.
         """
         measured = finite_array("measured", self.measured, "Hz", "above zero")
         if self.sigma is not None:
@@ -274,7 +296,9 @@ class MatchFrequencies:
             raise InputError(fault, mend="Give a row of frequencies for each wave vector")
 
     def _require_modes(self, measured: Array) -> None:
-        """Raise InputError unless ``measured`` are frequencies of modes, without branches."""
+        """Raise InputError unless ``measured`` (m,), Hz, may be frequencies of modes: without
+        branches, and ascending, or with a shape for each that is not zero.
+        """
         if self.branches is not None:
             raise InputError("branches are given without q", mend="Give the wave vectors, q")
         if self.shapes is not None:
@@ -291,7 +315,7 @@ class MatchFrequencies:
             raise InputError(fault, why, "Sort them, or give the wave vectors of branches, q")
 
     def estimate_memory(self, network: ContactNetwork) -> float:
-        """Return the memory of an evaluation, bytes."""
+        """Return the memory that :meth:`evaluate` takes, bytes."""
         measured = np.asarray(self.measured)
         if self.q is None:
             cost = Waves(network).estimate("modes", measured.size)
@@ -301,19 +325,24 @@ class MatchFrequencies:
         return cost.working + cost.kept
 
     def find_residuals(self, network: ContactNetwork) -> tuple[Array, dict[str, Any]]:
-        """Return the misfits over their errors, (m,), and their derivatives (m, ...)."""
+        """Return the misfits of the m frequencies over their errors, (m,), and their derivatives,
+        by name: (m, n_c) for contacts, (m, n) for balls.
+
+        Without ``sigma`` the errors are the measured frequencies. Raises InputError if ``shapes``
+        are of other balls or motions, or if there are not as many frequencies as are measured.
+        """
         measured = np.asarray(self.measured, float)
         sigma = measured if self.sigma is None else self.sigma
         errors = np.broadcast_to(sigma, measured.shape).ravel()
-        order: Any = slice(None)
+        order: Any = slice(None)  # the mode or branch of each measured frequency
         if self.q is None:
             modes = Waves(network).modes(measured.size)
             sensitivities: Any = modes.sensitivities
             if self.shapes is not None:
-                order = self._pair(modes)[0]
+                order, _overlaps = self._assign_modes(modes)
         else:
             points = np.atleast_1d(self.q)
-            points = points.reshape(len(points), -1)
+            points = points.reshape(len(points), -1)  # (n_q, p), also of numbers along a chain
             count = measured.size // len(points)
             branches = np.arange(count) if self.branches is None else self.branches
             sensitivities = Phonons(network).sensitivities(points, branches)
@@ -326,16 +355,19 @@ class MatchFrequencies:
         residuals = (frequencies - measured.ravel()) / errors
         slopes = {}
         for name in NAMES:
-            values = getattr(sensitivities, name)
-            if values is not None:
-                rest = values.shape[sensitivities.frequencies.ndim :]
-                by_row = np.nan_to_num(values.reshape(frequencies.size, *rest)[order])
-                slopes[name] = (by_row.T / errors).T
+            derivatives = getattr(sensitivities, name)
+            if derivatives is not None:
+                # the axes of the frequencies, (n_q, b) with q, become one axis, (m, ...)
+                shape_of_field = derivatives.shape[sensitivities.frequencies.ndim :]
+                rows = derivatives.reshape(frequencies.size, *shape_of_field)[order]
+                # the derivatives of a frequency of zero are nan, and count as zero
+                slopes[name] = (np.nan_to_num(rows).T / errors).T
         return residuals, slopes
 
-    def _pair(self, modes: NetworkModes) -> tuple[Index, Array]:
-        """Return the number (m,) of the mode that belongs to each measured shape, and their overlap
-        (m,): the square of the cosine between both, weighted by masses.
+    def _assign_modes(self, modes: NetworkModes) -> tuple[Index, Array]:
+        """Return, for each measured shape, the number (m,) of the mode to which it is assigned, and
+        its overlap (m,) with the shape of that mode: the square of the cosine between the two,
+        weighted by masses and moments of inertia. The sum of the overlaps is the greatest one.
 
         InputError for shapes of other balls or motions.
         """
@@ -356,21 +388,26 @@ class MatchFrequencies:
 
     def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
         """Return the sum of the squares of the misfits over their errors, without a unit, and its
-        derivatives (n_c,), or (n,) of balls.
+        derivatives: (n_c,) for contacts, (n,) for balls.
         """
         residuals, slopes = self.find_residuals(network)
         doubled = {name: np.tensordot(2.0 * residuals, slope, 1) for name, slope in slopes.items()}
         return float(residuals @ residuals), doubled
 
     def judge(self, network: ContactNetwork, value: float) -> str:
-        """Return a sentence if some frequency is not matched, or nothing."""
-        residuals, _ = self.find_residuals(network)
+        """Return a sentence if some frequency of a ``network`` is not matched, or some measured
+        shape is that of no mode; "" if all are. ``value`` is that of :meth:`evaluate`.
+        """
+        residuals, _slopes = self.find_residuals(network)
         if self.shapes is not None:
-            overlap = float(np.min(self._pair(Waves(network).modes(len(residuals)))[1]))
-            if overlap < _ALIKE:
-                return f"a measured shape overlaps with no mode by more than {overlap:.2g}"
+            modes = Waves(network).modes(len(residuals))
+            _numbers, overlaps = self._assign_modes(modes)
+            least_overlap = float(np.min(overlaps))
+            if least_overlap < _LEAST_OVERLAP:
+                return f"a measured shape overlaps with no mode by more than {least_overlap:.2g}"
         worst = float(np.max(np.abs(residuals)))
-        if worst <= (_FAR_RELATIVE if self.sigma is None else _FAR):
+        tolerance = _FAR_RELATIVE if self.sigma is None else _FAR
+        if worst <= tolerance:
             return ""
         unit = "of it" if self.sigma is None else "standard errors"
         return f"the goal is not reached: a measured frequency is missed by {worst:.3g} {unit}"
@@ -378,12 +415,12 @@ class MatchFrequencies:
 
 @dataclass(frozen=True)
 class LowestVelocity:
-    """The lowest velocity of sound along a direction, m/s.
+    """The goal of the lowest velocity of one of the sound waves along a direction, m/s.
 
     Parameters
     ----------
     direction : (p,) Cartesian, as for :func:`granphon.sound_velocities`.
-    wave : number of the wave in the order of ``velocities``, ascending.
+    wave : number of the wave, from 0 for the slowest, in the ascending order of ``velocities``.
     """
 
     direction: ArrayLike | None = None
@@ -392,19 +429,23 @@ class LowestVelocity:
     largest = False
 
     def estimate_memory(self, network: ContactNetwork) -> float:
-        """Return the memory of an evaluation, bytes."""
+        """Return the memory that :meth:`evaluate` takes, bytes."""
         n_balls = int(np.count_nonzero(network.moving))
         return costs.relaxation_memory(n_balls, network.ball_motions.count, network.dimension)
 
     def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
-        """Return the velocity, m/s, and its derivatives (n_c,), or (n,) of balls."""
+        """Return the velocity, m/s, and its derivatives: (n_c,) for contacts, (n,) for balls.
+
+        Raises InputError for several directions or loads, and for a ``wave`` that is not there.
+        """
         sensitivities = sound_velocities(network, self.direction).sensitivities
         shape = sensitivities.velocities.shape
         if len(shape) != 1:
             mend = "Give one direction, and a network at one load"
             raise InputError(f"the velocities have the shape {shape}", mend=mend)
-        wave = whole_number("wave", self.wave, 0, shape[0] - 1)
-        weights = np.eye(shape[0])[wave]
+        n_waves = shape[0]
+        wave = whole_number("wave", self.wave, 0, n_waves - 1)
+        weights = np.eye(n_waves)[wave]  # one for this wave, and zero for the others
         slopes: dict[str, Any] = {}
         _add(slopes, sensitivities, weights)
         return float(sensitivities.velocities[wave]), slopes
@@ -412,13 +453,14 @@ class LowestVelocity:
 
 @dataclass(frozen=True, init=False)
 class ResponseAt:
-    """The magnitude of a response at a frequency, m/N or in the unit of its quantity.
+    """The goal of the smallest, or the largest, magnitude of a response at a frequency, m/N or in
+    the unit of its quantity.
 
     Parameters
     ----------
     frequency : Hz.
-    source, receiver, options : as for :meth:`granphon.Waves.response`; of several receivers the
-        mean over them counts.
+    source, receiver, options : as for :meth:`granphon.Waves.response`; with several receivers the
+        goal is the magnitude of the mean of their complex responses.
     largest : whether the largest response is sought; by default the smallest.
     """
 
@@ -430,26 +472,31 @@ class ResponseAt:
 
     @property
     def unit(self) -> str:
-        """The unit of the response."""
+        """The unit of the response, which follows from the option ``quantity``."""
         return QUANTITIES[self.options.get("quantity", "displacement")]
 
     def __init__(
         self, frequency: float, source: Any, receiver: Any, *, largest: bool = False, **options: Any
     ) -> None:
-        """Set up the goal; ``options`` are those of :meth:`granphon.Waves.response`."""
+        """Set the fields of the goal; InputError for a frequency that is below zero or not finite.
+        ``options`` are those of :meth:`granphon.Waves.response`.
+        """
         not_negative("frequency", frequency, "Hz")
+        # a frozen data class allows no assignment; the names of fields are in the order of values
         values = (frequency, source, receiver, largest, options)
         for name, value in zip(self.__dataclass_fields__, values, strict=True):
             object.__setattr__(self, name, value)
 
     def estimate_memory(self, network: ContactNetwork) -> float:
-        """Return the memory of an evaluation, bytes."""
+        """Return the memory that :meth:`evaluate` takes, bytes."""
         places = (self.source, self.receiver)
         cost = Waves(network).estimate("response", [self.frequency], *places, **self.options)
         return cost.working + cost.kept
 
     def evaluate(self, network: ContactNetwork) -> tuple[float, dict[str, Any]]:
-        """Return the magnitude, in ``unit``, and its derivatives (n_c,), or (n,) of balls."""
+        """Return the magnitude, in ``unit``, and its derivatives: (n_c,) for contacts, (n,) for
+        balls. There are no derivatives where the response is zero.
+        """
         waves = Waves(network)
         response = waves.response([self.frequency], self.source, self.receiver, **self.options)
         sensitivities = response.sensitivities
@@ -459,29 +506,36 @@ class ResponseAt:
         for name in NAMES:
             derivatives = getattr(sensitivities, name)
             if derivatives is not None and magnitude > 0.0:
-                # d|z| = Re(z* dz)/|z|
-                of_mean = np.mean(derivatives[0], axis=0)
-                slopes[name] = (np.conj(mean) * of_mean).real / magnitude
+                # d|z| = Re(z* dz)/|z| of the mean z over the receivers
+                mean_derivatives = np.mean(derivatives[0], axis=0)
+                slopes[name] = (np.conj(mean) * mean_derivatives).real / magnitude
         return magnitude, slopes
 
 
 def _smooth_largest(values: Array, t: float) -> tuple[float, Array]:
-    """Return a smooth largest of the ``values`` f (n,), t log sum exp(f/t), and its derivatives by
-    the values, which add up to one. It is above the largest value by t log n at most.
+    """Return the smooth maximum t log sum exp(f/t) of n ``values`` f, an array of any shape, and
+    its derivatives by the values, of the same shape, which add up to one.
+
+    The smooth maximum is above the largest value by t log n at most; ``t`` has the unit of the
+    values.
     """
-    highest = float(np.max(values))
+    highest = float(np.max(values))  # taken out of the sum, as exp(f/t) may overflow
     exponentials = np.exp((values - highest) / t)
     total = float(np.sum(exponentials))
     return highest + t * float(np.log(total)), exponentials / total
 
 
 def _add(slopes: dict[str, Any], sensitivities: Any, weights: Array) -> None:
-    """Add to ``slopes``, in place, the derivatives of b results in the fields of their
-    ``sensitivities``, (b, ...), times the ``weights`` (b,) of the results.
+    """Add the derivatives of a weighted sum of b results to ``slopes``, in place.
+
+    ``sensitivities`` are those of the results, whose axes may be several, as (1, b), ``weights``
+    (b,) are the weights, and ``slopes`` has the derivatives by name: (n_c,) for contacts, (n,) for
+    balls.
     """
-    n_axes = sensitivities.mass.ndim - 1
+    n_axes = sensitivities.mass.ndim - 1  # of the results: the last axis of mass is that of balls
     for name in NAMES:
         derivatives = getattr(sensitivities, name)
         if derivatives is not None:
             rows = derivatives.reshape(len(weights), *derivatives.shape[n_axes:])
+            # the derivatives of a frequency of zero are nan, and count as zero
             slopes[name] = slopes.get(name, 0.0) + np.tensordot(weights, np.nan_to_num(rows), 1)

@@ -1,10 +1,11 @@
 """The search for the best network from several starts: the networks that variables make, and the
 descent from each start.
 
-A search goes down exact derivatives: by limited-memory BFGS within bounds, by sequential quadratic
-programming where sums are kept, and by Levenberg and Marquardt's least squares within a trust
-region where frequencies are matched (all of SciPy). Each start is found from the seed and its
-number alone, so that starts may be searched anywhere and in any order.
+A search follows the exact derivatives of the goal, by a method of SciPy: limited-memory BFGS within
+bounds; sequential quadratic programming where sums are kept; and least squares within a trust
+region where the goal has residuals, as that of matched frequencies, and no sums are kept. The place
+of each start follows from the seed and the number of the start alone, so that searches may be run
+anywhere and in any order.
 """
 
 from __future__ import annotations
@@ -30,11 +31,13 @@ _TOLERANCE = 1e-12
 #: derivative by a variable, times its range, over the largest, up to which the goal does not depend
 #: on it
 _NO_EFFECT = 1e-12
-#: step of differences by the parameters of a function, over their value; and the least value that
-#: counts, over the range, as of a parameter that may be zero: below it rounding would
+#: step of differences by a parameter of a function, over the value of the parameter
 _STEP = 1e-5
+#: least value by which such a step is measured, over the range of the parameter: with a smaller
+#: step, as of a parameter that is zero, differences would be rounding
 _LEAST_VALUE = 1e-4
-#: distance of a start from its bounds, over their range, where a search needs one
+#: distance of a start from its bounds, over their range, for least squares: SciPy begins only at a
+#: place strictly inside of the bounds
 _INSIDE = 1e-6
 #: names of the derivatives that a goal may return
 _DERIVATIVES = tuple(field.name for field in fields(Sensitivities))
@@ -44,10 +47,15 @@ _NAMED = 6
 
 @dataclass(frozen=True)
 class Numbers(Variables):
-    """Numbers of the balls and contacts of a network."""
+    """Variables that are numbers of the balls and contacts of a network."""
 
     def differentiate(self, find: Callable[..., Any], values: Array) -> tuple[Any, Array]:
-        """Return what ``find`` gives of a network, and its exact derivatives (..., n)."""
+        """Return the value that ``find`` has at the network of these ``values`` (n,), SI, a number
+        or (m,), and its exact derivatives by the variables, (n,) or (m, n).
+
+        ``find(network)`` returns the value and its derivatives, as ``evaluate`` of a
+        :class:`~granphon.inverse.goals.Goal`; InputError if it returns anything else.
+        """
         network = self.make_network(values)
         value, slopes = _read_goal(find(network))
         return value, self.chain(network, slopes)
@@ -59,9 +67,9 @@ class Parameters:
 
     Attributes
     ----------
-    make : function of values (n,), SI, that returns a network, or what has one.
-    labels : what each parameter is called.
-    low, high, start : (n,) SI.
+    make : function of values (n,), SI, that returns a network, or a state or sample that has one.
+    labels : (n,) the name of each parameter.
+    low, high, start : (n,) least and greatest values, and those at which the search begins, SI.
     """
 
     make: Callable[[Array], Any]
@@ -77,15 +85,20 @@ class Parameters:
             raise InputError(outside[min(outside)], mend="Widen the bounds, or start elsewhere")
 
     def make_network(self, values: Array) -> ContactNetwork:
-        """Return the network of values (n,) of the parameters."""
+        """Return the network of ``values`` (n,) of the parameters, SI; InputError if the function
+        returns nothing that has one.
+        """
         with about("vary"):
             return given_network(self.make(values))
 
     def differentiate(self, find: Callable[..., Any], values: Array) -> tuple[Any, Array]:
-        """Return what ``find`` gives of a network, and its derivatives (..., n), by differences
-        through the statics, within the bounds.
+        """Return the value that ``find`` has at the network of these ``values`` (n,), SI, a number
+        or (m,), and its derivatives by the parameters, (n,) or (m, n).
+
+        The derivatives are central differences between networks that ``make`` makes anew; at a
+        bound they are one-sided. ``find`` is that of :meth:`Numbers.differentiate`.
         """
-        value, _ = _read_goal(find(self.make_network(values)))
+        value, _slopes = _read_goal(find(self.make_network(values)))
         columns = []
         span = self.high - self.low
         steps = _STEP * np.clip(np.abs(values), _LEAST_VALUE * span, span)
@@ -95,15 +108,18 @@ class Parameters:
                 shifted = values.copy()
                 shifted[number] += sign * step
                 shifted = np.clip(shifted, self.low, self.high)
-                ends.append((shifted[number], _read_goal(find(self.make_network(shifted)))[0]))
-            (high, above), (low, below) = ends
-            columns.append((above - below) / (high - low))
+                shifted_value, _slopes = _read_goal(find(self.make_network(shifted)))
+                ends.append((shifted[number], shifted_value))
+            (upper_end, value_above), (lower_end, value_below) = ends
+            columns.append((value_above - value_below) / (upper_end - lower_end))
         return value, np.stack(columns, axis=-1)
 
 
 def _read_goal(found: Any) -> tuple[Array, Mapping[str, Any]]:
-    """Return the value that a goal has ``found``, and its derivatives; InputError for anything but
-    finite numbers and a mapping, as a goal of a user may return.
+    """Return the value and the derivatives, by name, that a goal has ``found``.
+
+    A user's own goal may return anything: InputError unless it is a pair of finite numbers and a
+    mapping of known names.
     """
     is_pair = isinstance(found, Sequence) and len(found) == 2 and isinstance(found[1], Mapping)
     if not is_pair:
@@ -123,9 +139,9 @@ class Found(NamedTuple):
 
     Attributes
     ----------
-    history : (h,) the goal at each evaluation.
-    best : (n,) the variables where it is best, SI.
-    stopped : why the search ended early, or nothing.
+    history : (h,) the goal's value at each evaluation.
+    best : (n,) the variables at which the value was best, SI.
+    stopped : why the search ended early; "" if it did not.
     """
 
     history: Array
@@ -140,12 +156,12 @@ class Problem:
     Attributes
     ----------
     space : the networks.
-    goals : of these start number s has the one of number s, in turn: gaps at several numbers of
-        branches.
-    sums : weights (n,) and total of each sum that is kept.
-    count : number of starts, the first of which is the given network.
-    seed : of the others.
-    steps : most steps of a start.
+    goals : one goal; or several, gaps above different numbers of branches, which the starts take
+        in turn.
+    sums : weights (n,) and total of each sum over the variables that is kept.
+    count : number of starts; start 0 is the given network, and the others are random.
+    seed : of the random starts.
+    steps : most steps of the search from each start.
     """
 
     space: Space
@@ -166,8 +182,11 @@ class Problem:
         seed: int = SEED,
         steps: int = STEPS,
     ) -> Self:
-        """Return a problem; InputError for anything that is no goal, and what a gap raises where
-        there is none.
+        """Return a problem with ``restarts`` random starts after the given network.
+
+        A goal that has to be chosen, as a gap, is replaced by several with fixed numbers of
+        branches, at most one for each start. InputError for what is no goal, and where the network
+        has no such gap.
         """
         count = 1 + whole_number("restarts", restarts, 0)
         most = whole_number("steps", steps, 1)
@@ -185,20 +204,23 @@ class Problem:
 
     @property
     def start_value(self) -> float:
-        """The goal at the given network, as the search sees it; InputError unless it is one
-        number.
+        """The value of the first goal at the given network, which for a gap is its smooth width;
+        InputError unless it is one number.
         """
-        value, _ = _read_goal(self.goals[0].evaluate(self.space.make_network(self.space.start)))
+        value, _slopes = _read_goal(
+            self.goals[0].evaluate(self.space.make_network(self.space.start))
+        )
         if np.ndim(value):
             raise InputError(f"the value of the goal is {brief(value)}", mend="Return one number")
         return float(value)
 
     def judge_effects(self) -> list[str]:
-        """Return a sentence that names the variables without an effect, or none; InputError if none
-        of them has one.
+        """Return a list with one sentence, which names the variables on which the goal does not
+        depend; an empty list if it depends on all. InputError if it depends on none, or if the
+        value of the goal is not one number.
 
-        A variable may have no effect at one place only: two are tried, of which the second may have
-        no value.
+        The derivatives are found at the given network and at a random one, as a derivative may
+        vanish at one place only; if the random network has no value, it does not count.
         """
         space = self.space
         goal = self.goals[0]
@@ -209,7 +231,7 @@ class Problem:
                 raise InputError(fault, mend="Return one number")
         sizes = np.abs(slope)
         with suppress(GranphonError):
-            _, slope = space.differentiate(goal.evaluate, self._draw_start(0))
+            _value, slope = space.differentiate(goal.evaluate, self._draw_start(0))
             sizes = np.maximum(sizes, np.abs(slope))
         sizes = sizes * (space.high - space.low)
         largest = float(np.max(sizes))
@@ -226,21 +248,23 @@ class Problem:
         return [f"the goal does not depend on {counted(idle.size, 'variable')}: {named}{ending}"]
 
     def _draw_start(self, number: int) -> Array:
-        """Return a random place (n,) within the bounds, that of the start of a number from 1; 0 is
-        another place.
+        """Return random values (n,) of the variables within their bounds, SI, those at which start
+        ``number`` begins, from 1 on. Start 0 begins at the given network; its random values are
+        those at which :meth:`judge_effects` looks.
         """
         random = np.random.default_rng((self.seed, number))
         return random.uniform(self.space.low, self.space.high)
 
     def find_goal(self, number: int) -> Any:
-        """Return the goal of the start of a number."""
+        """Return the goal of the start of this ``number``."""
         return self.goals[number % len(self.goals)]
 
     def search(self, number: int) -> Found:
-        """Search from the start of a number, of which 0 is the given network.
+        """Search from the start of this ``number``, and return what is found; start 0 is the given
+        network.
 
-        What is met before a network has no value, as one that is not stable, is kept; of the given
-        network the error is raised.
+        The search ends early at a network without a value, as one that is not stable, and what it
+        has found before is kept. If the given network itself has no value, the error is raised.
         """
         start = self._draw_start(number) if number else self.space.start
         search = _Search(self.space, self.find_goal(number), self.sums)
@@ -249,20 +273,25 @@ class Problem:
 
 
 class _Stopped(Exception):
-    """The network of a search has no value."""
+    """Raised, with the error as its cause, where a network that a search meets has no value."""
 
 
 class _Search:
-    """A search from one start; variables are over their largest magnitudes.
+    """A search from one start. Its methods take variables u, each over the largest magnitude within
+    its bounds, so that all are of the size of one.
 
     Attributes
     ----------
-    history : the goal at each evaluation.
-    least, best : the least goal, or the least of its negative, and the variables there.
-    stopped : why the search ended early, or nothing.
+    history : the goal's value at each evaluation.
+    least : the least value so far; of a goal that is to be largest, the least of the negative.
+    best : (n,) the variables with this value, SI.
+    stopped : why the search ended early; "" if it did not.
     """
 
     def __init__(self, space: Space, goal: Any, sums: Sequence[tuple[Array, float]]) -> None:
+        """Prepare a search for the best value of a ``goal`` among the networks of a ``space``;
+        ``sums`` are those of :class:`Problem`.
+        """
         self.space = space
         self.goal = goal
         self.sums = sums
@@ -271,16 +300,17 @@ class _Search:
         self.least = np.inf
         self.best = space.start
         self.stopped = ""
-        self._size = 0.0
+        self._size = 0.0  # of the goal or its largest derivative, whichever is larger, at the start
         self._scale = np.maximum(np.abs(space.low), np.abs(space.high))
         self._low = space.low / self._scale
         self._high = space.high / self._scale
 
     def run(self, start: Array, steps: int, must_start: bool) -> None:
-        """Search from a ``start`` (n,), SI, with at most so many ``steps``.
+        """Search from a ``start`` (n,), SI, in at most so many ``steps``; set ``history``, ``best``
+        and ``stopped``.
 
-        What is met before a network has no value, as one that is not stable, is kept; unless the
-        search ``must_start``: the error at its start is raised then.
+        The search ends early at a network without a value, as one that is not stable. If the first
+        network has none and the search ``must_start``, the error is raised.
         """
         try:
             if hasattr(self.goal, "find_residuals") and not self.sums:
@@ -293,8 +323,11 @@ class _Search:
             self.stopped = str(stop)
 
     def _differentiate(self, find: Callable[..., Any], u: Array) -> tuple[Any, Array]:
-        """Return a value and its derivatives by the variables u (n,), over their magnitudes."""
+        """Return the value of ``find`` at the variables u (n,), a number or (m,), and its
+        derivatives by u, (n,) or (m, n). Raises ``_Stopped`` if there is no value.
+        """
         scale = self._scale
+        # rounding may lead u out of the bounds
         values = np.clip(u * scale, self.space.low, self.space.high)
         try:
             value, slope = self.space.differentiate(find, values)
@@ -303,14 +336,16 @@ class _Search:
         return value, slope * scale
 
     def _record(self, value: float, u: Array) -> None:
-        """Keep the goal's ``value`` at u (n,)."""
+        """Add the goal's ``value`` at u (n,) to the history, and keep it if it is the best."""
         self.history.append(value)
         if self.sign * value < self.least:
             self.least = self.sign * value
             self.best = np.clip(u * self._scale, self.space.low, self.space.high)
 
     def _evaluate(self, u: Array) -> tuple[float, Array]:
-        """Return what is made least, of the size of one, and its derivatives (n,)."""
+        """Return the function of u (n,) that is minimised, and its derivatives (n,): the goal, or
+        its negative if it is to be largest, scaled to the size of one. Records the evaluation.
+        """
         value, slope = self._differentiate(self.goal.evaluate, u)
         self._record(float(value), u)
         if not self._size:
@@ -318,8 +353,13 @@ class _Search:
         return self.sign * value / self._size, self.sign * slope / self._size
 
     def _descend(self, start: Array, steps: int) -> None:
+        """Minimise the goal, or its negative, from a ``start`` (n,), SI, in at most so many
+        ``steps``: by sequential quadratic programming if sums are kept, else by L-BFGS. The
+        evaluations are recorded.
+        """
         from scipy.optimize import LinearConstraint, minimize
 
+        # each sum over its total is one
         constraints = [
             LinearConstraint(weights * self._scale / total, 1.0, 1.0)
             for weights, total in self.sums
@@ -339,22 +379,31 @@ class _Search:
             )
 
     def _match(self, start: Array, steps: int) -> None:
+        """Minimise the sum of the squares of the goal's residuals from a ``start`` (n,), SI, in at
+        most so many ``steps``, by least squares. The evaluations are recorded.
+        """
         from scipy.optimize import least_squares
 
         margin = _INSIDE * (self._high - self._low)
-        jacobian: dict[bytes, Array] = {}
+        # SciPy asks for the residuals and their derivatives at u one after the other, and both come
+        # from one evaluation
+        derivatives: dict[bytes, Array] = {}
 
-        def find(u: Array) -> Array:
+        def find_residuals(u: Array) -> Array:
+            """Return the residuals (m,) at u (n,); keep their derivatives, and record their sum of
+            squares.
+            """
             residuals, slope = self._differentiate(self.goal.find_residuals, u)
-            jacobian[u.tobytes()] = slope
+            derivatives[u.tobytes()] = slope
             self._record(float(residuals @ residuals), u)
             return np.asarray(residuals)
 
         def find_jacobian(u: Array) -> Array:
-            return jacobian[u.tobytes()]
+            """Return the derivatives (m, n) of the residuals at u (n,)."""
+            return derivatives[u.tobytes()]
 
         least_squares(
-            find,
+            find_residuals,
             np.clip(start / self._scale, self._low + margin, self._high - margin),
             jac=find_jacobian,
             bounds=(self._low, self._high),

@@ -70,8 +70,14 @@ def about(*keys: str) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class _Group:
-    """Variables of one name: ``members`` (m,) of the field, the number (m,) of the variable of
-    each, from 0, and the ``labels`` of the variables.
+    """The variables of one name, as "mass".
+
+    Attributes
+    ----------
+    name : the name in ``vary``.
+    members : (m,) indices of the balls or contacts that vary.
+    numbers : (m,) the number of the variable, from 0, that each member has.
+    labels : (count,) the balls or contacts that have each variable, in words.
     """
 
     name: str
@@ -86,12 +92,17 @@ class _Group:
 
     @property
     def fields(self) -> dict[str, str]:
-        """The fields of a network, the first of which is the variable, with their derivatives."""
+        """The fields of a network that vary, each with the name of its derivative. The first one is
+        the variable itself, and the others change in proportion with it.
+        """
         return VARIED[self.name]
 
     def read_bounds(self, bounds: Any, names: Sequence[str]) -> tuple[float, float]:
-        """Return the bounds of the variables, of those of all ``names``; InputError if there is
-        nothing to vary, or if they begin at a zero that no network has.
+        """Return the least and the greatest value of the variables, SI, from the argument
+        ``bounds`` of :func:`granphon.design` for all ``names``.
+
+        InputError if there is nothing to vary, or if the bounds begin at zero where a network must
+        be above zero.
         """
         if not self.count:
             fault = f"the network has no {self.name} to vary"
@@ -107,7 +118,12 @@ class _Group:
 class Variables:
     """The variables of a design.
 
-    ``low``, ``high`` and ``start`` are (n,), SI.
+    Attributes
+    ----------
+    network : the given network, in which they vary.
+    groups : the variables of each name; these n variables come group by group.
+    low, high : (n,) least and greatest values, SI.
+    start : (n,) the values in the given network, SI; the mean over the members of a variable.
     """
 
     network: ContactNetwork
@@ -120,8 +136,8 @@ class Variables:
     def of(cls, network: ContactNetwork, vary: Any, bounds: Any, per: str) -> Self:
         """Return the variables from the arguments of :func:`granphon.design`.
 
-        InputError for unknown names, bounds that are no two ascending numbers, and for a start
-        outside of its bounds.
+        InputError for unknown names, for names that vary the same numbers, for bounds that are no
+        two ascending numbers, and for a start outside of its bounds.
         """
         one_of("per", per, PER)
         names = texts("vary", vary)
@@ -151,7 +167,7 @@ class Variables:
         return variables
 
     def _require_inside(self) -> None:
-        """Raise InputError for a start outside of its bounds."""
+        """Raise InputError, which names the first such variable, if the start is out of bounds."""
         outside = find_outside(self, self.units)
         if outside:
             first = min(outside)
@@ -172,15 +188,17 @@ class Variables:
         return [UNITS[group.name] for group in self.groups for _ in group.labels]
 
     def split(self, values: Array) -> list[Array]:
-        """Return the values (n,) of the variables, group by group."""
+        """Return the ``values`` (n,) of the variables group by group, as views of the array."""
         return np.split(values, np.cumsum([group.count for group in self.groups])[:-1])
 
     def make_network(self, values: Array) -> ContactNetwork:
-        """Return the network with these values (n,) of the variables, SI."""
+        """Return the given network with these ``values`` (n,) of the variables, SI, without
+        ``lattice`` and ``shape``.
+        """
         fields: dict[str, Any] = {}
-        for group, of_group in zip(self.groups, self.split(values), strict=True):
-            new_values = of_group[group.numbers]
-            main = next(iter(group.fields))
+        for group, values_of_group in zip(self.groups, self.split(values), strict=True):
+            new_values = values_of_group[group.numbers]
+            main = next(iter(group.fields))  # the field that is the variable itself
             old_values = _read_values(self.network, main, group.members)
             for name in group.fields:
                 if name == "on_site":
@@ -189,18 +207,23 @@ class Variables:
                 changed = np.array(getattr(self.network, name))
                 if name == main:
                     changed[group.members] = new_values
-                else:
+                else:  # in proportion with the main field
                     changed[group.members] *= new_values / old_values
                 fields[name] = changed
         return replace(self.network, lattice=None, shape=None, **fields)
 
     def chain(self, network: ContactNetwork, slopes: Mapping[str, Any]) -> Array:
-        """Return the derivatives (..., n) by the variables, from ``slopes`` (..., n_c), or (..., n)
-        of balls, of a ``network`` of :meth:`make_network`, by the names of derivatives.
+        """Return the derivatives by the variables, (..., n) for n variables, from those by the
+        numbers of a ``network`` that :meth:`make_network` has made.
+
+        ``slopes`` has the latter by the names of derivatives: (..., n_c) for contacts, (..., n_b)
+        for balls, and (..., n_b, motions) for springs to the ground. By the chain rule the
+        derivatives by the fields that change in proportion with a variable are added, and then
+        those of all members that have the variable. InputError for derivatives of another shape.
         """
         columns = []
         for group in self.groups:
-            main = next(iter(group.fields))
+            main = next(iter(group.fields))  # the field that is the variable itself
             values = _read_values(network, main, group.members)
             total: Any = 0.0
             for field, name in group.fields.items():
@@ -208,14 +231,14 @@ class Variables:
                 if slope is None:
                     continue
                 by_all = finite_array(f"the derivatives by {name}", slope)
-                if name == "on_site":  # against all displacements alike
+                if name == "on_site":  # the same spring resists each of the displacements
                     by_all = by_all[..., network.ball_motions.translating].sum(axis=-1)
                 size = network.n_balls if name == "on_site" else len(getattr(network, field))
                 if by_all.shape[-1:] != (size,):
                     fault = f"the derivatives by {name} have the shape {by_all.shape}"
                     raise InputError(fault, f"There are {size} of each value of the goal")
                 of_members = by_all[..., group.members]
-                if field != main:  # in proportion
+                if field != main:  # a field y in proportion with x has dy/dx = y/x
                     of_members = of_members * getattr(network, field)[group.members] / values
                 total = total + of_members
             by_member = np.zeros(len(group.members)) + total
@@ -225,8 +248,9 @@ class Variables:
         return np.concatenate(columns, axis=-1)
 
     def read_sums(self, constraints: Mapping[str, float] | None) -> list[tuple[Array, float]]:
-        """Return weights (n,) and totals of the sums over all balls or contacts that constraints,
-        {name: total}, keep; InputError for names that do not vary, and totals out of reach.
+        """Return, for each of the ``constraints``, {name: total}, the weights (n,) with which the
+        variables add up to the sum over all balls or contacts, and the total that the sum keeps,
+        SI. InputError for names that do not vary, and totals out of reach.
         """
         total_of_name: Any = constraints or {}
         if not isinstance(total_of_name, Mapping):
@@ -239,13 +263,16 @@ class Variables:
         return sums
 
     def _read_sum(self, name: str, given_total: Any) -> tuple[Array, float]:
-        """Return weights (n,) and total of the sum that a ``name`` keeps."""
+        """Return the weights (n,) and the total of the sum over the values of a ``name``; see
+        :meth:`read_sums` for these and the errors.
+        """
         names = [group.name for group in self.groups]
         one_of("constraints", name, tuple(names))
         weights = np.zeros(len(self.start))
         number = names.index(name)
         group = self.groups[number]
-        # a view: a variable weighs as many balls or contacts as have it
+        # the weight of a variable is the number of balls or contacts that have it; the parts that
+        # split returns are views, so that weights itself is set
         self.split(weights)[number][:] = np.bincount(group.numbers, minlength=group.count)
         total = not_negative("constraints", given_total)
         least = float(weights @ self.low)
@@ -260,8 +287,9 @@ class Variables:
 
 
 def _read_values(network: ContactNetwork, field: str, members: Index) -> Array:
-    """Return the values (m,) of a ``field`` of some balls or contacts; of springs to the ground the
-    mean of those against the displacements of a ball, zero without any.
+    """Return the values (m,), SI, of a ``field`` of the ``members`` (m,), indices of balls or
+    contacts. For springs to the ground the value is the mean of those against the displacements of
+    a ball, or zero if there are none.
     """
     values = getattr(network, field)
     if field != "on_site":
@@ -272,21 +300,26 @@ def _read_values(network: ContactNetwork, field: str, members: Index) -> Array:
 
 
 def _put_springs(network: ContactNetwork, members: Index, values: Array) -> Array:
-    """Return the springs to the ground (n, motions) of a network with the same stiffness, of
-    ``values`` (m,), against all displacements of each of some balls.
+    """Return the springs to the ground (n, motions) of a network in which those of some balls,
+    ``members`` (m,), resist each displacement of a ball with the stiffness in ``values`` (m,), N/m.
+    Springs against rotations, and those of other balls, stay.
     """
-    springs = np.zeros((network.n_balls, network.ball_motions.count))
+    springs = np.zeros((network.n_balls, network.named_motions.count))
     if network.on_site is not None:
         springs[:] = network.on_site
-    springs[members, network.ball_motions.translating] = values[:, None]
+    springs[members, network.named_motions.translating] = values[:, None]
     return springs
 
 
 def find_outside(space: Any, units: Sequence[str] = ()) -> dict[int, str]:
-    """Return a clause on each variable of a space whose start is outside of its bounds, by the
-    number of the variable, with the ``units`` where they are known.
+    """Return, by the number of the variable, a clause for each variable whose start is outside of
+    its bounds; the clause has the values and, if they are given, the ``units``.
+
+    ``space`` has ``low``, ``high``, ``start`` and ``labels``, as :class:`Variables` has.
     """
-    low, high, start = space.low, space.high, space.start
+    low = space.low
+    high = space.high
+    start = space.start
     margin = _ROUNDING * np.maximum(np.abs(low), np.abs(high))
     outside = np.flatnonzero((start < low - margin) | (start > high + margin))
     clauses = {}
@@ -300,7 +333,9 @@ def find_outside(space: Any, units: Sequence[str] = ()) -> dict[int, str]:
 
 
 def _make_group(network: ContactNetwork, name: str, per: str) -> _Group:
-    """Return the variables of a ``name``: those of bodies that do not move are left out."""
+    """Return the variables of a ``name``: one for "each" ball or contact, or one for all balls of a
+    "kind" or all contacts of a pair of kinds, as ``per`` says. Balls that do not move have none.
+    """
     kinds: list[tuple[str, ...]] | None = None
     of_balls = not {"masses", "inertias", "on_site"}.isdisjoint(VARIED[name])
     if of_balls:
@@ -317,7 +352,7 @@ def _make_group(network: ContactNetwork, name: str, per: str) -> _Group:
     if per == "each":
         labels = tuple(f"{noun} {member}" for member in members)
         return _Group(name, members, np.arange(len(members)), labels)
-    kinds_of_members = kinds or [()] * len(members)
+    kinds_of_members = kinds or [()] * len(members)  # without kinds all have one variable
     unique = sorted(set(kinds_of_members))
     numbers = np.array([unique.index(kind) for kind in kinds_of_members], np.intp)
     return _Group(
@@ -326,7 +361,11 @@ def _make_group(network: ContactNetwork, name: str, per: str) -> _Group:
 
 
 def read_bounds(name: str, bounds: Any, names: Sequence[str]) -> tuple[float, float]:
-    """Return the bounds of the variables of a ``name``."""
+    """Return the least and the greatest value, SI, of the variables of a ``name``.
+
+    ``bounds`` are a pair (low, high), or a mapping of names to such pairs, which is needed if
+    several ``names`` vary. InputError for other bounds, or unless 0 <= low < high.
+    """
     limits = bounds
     if isinstance(bounds, Mapping):
         if name not in bounds:

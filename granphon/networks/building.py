@@ -1,9 +1,9 @@
-"""Networks of balls and contacts of which a program of discrete elements has left a part: the rest
-follows from it.
+"""Networks of balls and contacts of which a program of discrete elements has left a part: the other
+numbers follow from those that are there.
 
-Stiffnesses follow from force and material by Hertz and Mindlin, masses from the density, inertias
-are those of solid spheres, shifts lead to the nearest image, and normals lie along the line of the
-centres.
+Stiffnesses follow from force and material by the laws of Hertz and Mindlin, masses from the
+density, moments of inertia are those of solid spheres, shifts lead to the nearest image, and
+normals lie along the line of the centres.
 """
 
 from __future__ import annotations
@@ -63,9 +63,17 @@ _ALIGNED = 0.999
 
 @dataclass(frozen=True)
 class _Pairs:
-    """Pairs of balls that touch, (n_c,): their indices, their radii, m, the ``shift`` of ball j,
-    (n_c, 3) cells, the ``normal`` (n_c, 3), the overlap, m, zero where it is not known, and whether
-    it ``has_overlap``: a body that does not move need not be a ball.
+    """The pairs of balls that contacts join.
+
+    Attributes
+    ----------
+    i, j : (n_c,) indices of the two balls.
+    radii_i, radii_j : (n_c,) radii of the two balls, m; infinite for a flat wall.
+    shift : (n_c, 3) whole cells by which ball j is displaced.
+    normal : (n_c, 3) unit vectors from ball i to ball j.
+    overlap : (n_c,) m; zero where it is not known.
+    has_overlap : (n_c,) whether the overlap is known: a body that does not move need not be a ball,
+        and has no overlap that follows from its place and radius.
     """
 
     i: Index
@@ -83,8 +91,9 @@ class _Pairs:
 
     @property
     def arms(self) -> dict[str, Array]:
-        """The arms, ``arm_i`` and ``arm_j`` (n_c,), m: from the centres to the middle of the
-        overlap. The arm of a flat wall, which does not turn, has no meaning.
+        """The fields ``arm_i`` and ``arm_j`` (n_c,) of the network, m: the distances from the
+        centres to the middle of the overlap. A flat wall does not turn: its arm has no meaning, and
+        is counted from its surface.
         """
         arms = {}
         for name, radii in (("arm_i", self.radii_i), ("arm_j", self.radii_j)):
@@ -103,6 +112,7 @@ class _Pairs:
         small = np.minimum(self.radii_i, self.radii_j)
         large = np.maximum(self.radii_i, self.radii_j)
         is_flat = np.isinf(large)
+        # an infinite radius is replaced, as the harmonic mean with it would be nan
         between_balls = harmonic_diameter(2.0 * small, 2.0 * np.where(is_flat, small, large))
         return np.where(is_flat, 4.0 * small, between_balls)
 
@@ -110,18 +120,19 @@ class _Pairs:
         """Return the coefficients (n_c,), N/m^(3/2), of Hertz's law between two balls, or a ball
         and a flat wall, of a ``material``.
         """
-        # the coefficient goes as the root of the diameter: its unit is that of a diameter of 1 m
-        unit = HertzLaw.between(material, 1.0).coefficient
-        return np.asarray(unit * np.sqrt(self._find_diameters()))
+        # the coefficient is proportional to the root of the diameter
+        coefficient_at_1_m = HertzLaw.between(material, 1.0).coefficient
+        return np.asarray(coefficient_at_1_m * np.sqrt(self._find_diameters()))
 
 
 @dataclass(frozen=True)
 class Source:
-    """The content of a source: balls, contacts, one list of contacts or several, the cell (3, 3),
-    m, and which of its vectors are periods (3,).
+    """The content of a source, which may be files of a program or arrays.
 
-    The other fields are those of the network; None where the source does not have them. ``notes``
-    say what has been passed over, and why.
+    ``contacts`` are one list of contacts or several, ``cell`` (3, 3) has the vectors of the cell as
+    rows, m, and ``pbc`` (3,) says which of them are periods. ``notes`` say what has been passed
+    over, and why. The other fields have the names and meanings of the fields of
+    :class:`~granphon.networks.network.ContactNetwork`; None where the source does not have them.
     """
 
     balls: Balls
@@ -140,10 +151,11 @@ class Source:
 
     def complete(self, completion: Completion) -> tuple[dict[str, Any], tuple[str, ...]]:
         """Return all fields of the network, by name, in SI units, and notes on contacts that are
-        left out; arguments count before the fields of the source.
+        left out.
 
-        For the arguments see :meth:`granphon.networks.network.ContactNetwork.from_table`, and for
-        the warnings and errors too.
+        The arguments in ``completion`` take precedence over the fields of the source. Arguments,
+        warnings and errors are those of
+        :meth:`granphon.networks.network.ContactNetwork.from_table`.
         """
         balls = self.balls
         material = completion.material
@@ -161,8 +173,10 @@ class Source:
         masses = self._find_masses(material)
         contact_fields, notes = self._find_contacts(positions, pbc, completion)
         resists_slip = bool(np.any(contact_fields["shear_stiffness"]))
-        lacks_tangential = dimension > 1 and resists_slip
-        if source.prestress and lacks_tangential and "tangential_force" not in contact_fields:
+        # on a line nothing is across the normals
+        bears_tangential_forces = dimension > 1 and resists_slip
+        lacks_tangential_forces = "tangential_force" not in contact_fields
+        if source.prestress and bears_tangential_forces and lacks_tangential_forces:
             _warn_of_missing_forces(self.contacts[0])
         motions = source.motions
         if motions is None:
@@ -190,8 +204,8 @@ class Source:
         return network_fields, notes
 
     def _find_inertias(self, masses: Array) -> Array:
-        """Return the moments of inertia (n,), kg m^2: of the source, or of solid balls with these
-        ``masses`` (n,), kg, and infinite of balls that do not move.
+        """Return the moments of inertia (n,), kg m^2: those of the source, or else those of solid
+        balls with these ``masses`` (n,), kg; infinite for balls that the source says do not move.
         """
         balls = self.balls
         inertias = balls.inertias
@@ -203,10 +217,11 @@ class Source:
         self, positions: Array, pbc: Flags, completion: Completion
     ) -> tuple[dict[str, Any], tuple[str, ...]]:
         """Return the fields of the contacts of all lists, by name, each (n_c,) or (n_c, 3), and
-        notes on those that are left out; no tangential forces if no list has any but the rounding
-        of normal forces.
+        notes on contacts that are left out because they have no force.
 
-        ``positions`` are (n, 3), m; ``pbc`` (3,) says along which vectors the network repeats.
+        ``positions`` are (n, 3), m; ``pbc`` (3,) says along which vectors the network repeats. The
+        tangential forces are left out if in every list they are absent, or are nothing but the
+        rounding of normal forces. Contacts with faults raise or warn (:meth:`_join_balls`).
         """
         joined_lists = self._join_balls(positions, pbc, drops=completion.bad == "drop")
         fields_of_lists = [joined.complete(self.balls, completion) for joined in joined_lists]
@@ -225,8 +240,10 @@ class Source:
         return contact_fields, tuple(notes)
 
     def describe(self, is_kept: Any, notes: tuple[str, ...]) -> Reading:
-        """Return what is known of a network of this source beside its numbers; ``is_kept`` says
-        which of the balls the network has, (n,), and ``notes`` what has been left out of it.
+        """Return what is known of a network of this source beside its numbers.
+
+        ``is_kept`` selects the balls of the source that the network has, as (n,) truth values or a
+        slice; ``notes`` are those of :meth:`complete`.
         """
         rounding = np.zeros((len(self.balls.radii), 3))
         rounding[:, : self.balls.rounding.shape[1]] = self.balls.rounding
@@ -244,12 +261,12 @@ class Source:
         """
         springs = self.balls.on_site
         allowed = allowed_motions(dimension)
-        if not springs or motions not in allowed:  # motions are refused later
+        if not springs or motions not in allowed:  # the network refuses other motions
             return None
         names = name_springs(allowed[motions])
-        idle = [name for name in springs if name not in names and np.any(springs[name])]
-        if idle:
-            problem = f"{self.balls.name} has springs to the ground on_site_{idle[0]}"
+        unusable = [name for name in springs if name not in names and np.any(springs[name])]
+        if unusable:
+            problem = f"{self.balls.name} has springs to the ground on_site_{unusable[0]}"
             why = f"Balls with the motions {motions!r} have no such motion"
             raise InputError(problem, why, f"Give on_site of {', '.join(names)}")
         zeros = np.zeros(len(self.balls.radii))
@@ -257,7 +274,9 @@ class Source:
         return np.stack(columns, axis=1) if np.any(columns) else None
 
     def _find_model(self, material: Material | None, *, resists_slip: bool) -> ContactModel | None:
-        """Return the contact model of balls of the ``material``; without one that of the source."""
+        """Return the contact model of balls of the ``material``, with friction if contacts resist
+        slip; without a material that of the source.
+        """
         if material is None:
             return self.contact_model
         radii = self.balls.radii
@@ -274,7 +293,7 @@ class Source:
             if material is None:
                 problem = f"{balls.name} has no column 'mass', and no material is given"
                 raise InputError(problem, mend="Give the masses, or the material of the balls")
-            with np.errstate(all="ignore"):  # radii that are wild are refused later
+            with np.errstate(all="ignore"):  # radii out of range are refused later
                 masses = material.density * (4.0 / 3.0 * math.pi) * balls.radii**3
         return np.where(balls.fixed, np.inf, masses)
 
@@ -283,12 +302,13 @@ class Source:
         faults.
 
         ``positions`` are (n, 3), m; ``pbc`` (3,) says along which vectors of the cell the network
-        repeats. One InputError tells all balls and contacts that cannot be used; with ``drops``
-        such contacts are left out, with one warning.
+        repeats. Raises one InputError that tells all balls and contacts that cannot be used; with
+        ``drops``, if only contacts are at fault, these are left out, with one warning. InputError,
+        too, for a cell out of range, or whose periods are not independent.
         """
         lengths = np.max(np.abs(self.cell), axis=1)
-        is_short = (lengths < LARGEST) & ((lengths > 1.0 / LARGEST) | ~self.pbc)
-        if not np.all(is_short):
+        is_in_range = (lengths < LARGEST) & ((lengths > 1.0 / LARGEST) | ~self.pbc)
+        if not np.all(is_in_range):
             raise InputError(f"the cell is {self.cell.tolist()} m", mend="Give vectors in m")
         periods = self.cell[np.flatnonzero(pbc)]
         if len(periods) and np.linalg.matrix_rank(periods) < len(periods):
@@ -320,6 +340,7 @@ class Source:
         network depends on that number.
         """
         for attribute, name, unit, limit, at_least in BALL_LIMITS.values():
+            # where the source has masses, nothing follows from the density
             is_used = attribute != "material.density" or self.balls.masses is None
             if not attribute.startswith("material.") or not is_used:
                 continue
@@ -334,15 +355,17 @@ class Source:
 
 @dataclass(frozen=True)
 class _Places:
-    """The balls that contacts join, their ``positions`` (n, 3), m, the ``cell`` (3, 3), m, and
-    along which of its vectors they repeat, (3,); ``bad`` (n,) are balls with faults.
+    """The balls that contacts join, their ``positions`` (n, 3), m, and the ``cell`` (3, 3), m.
+
+    ``pbc`` (3,) says along which vectors of the cell the balls repeat, and ``is_bad`` (n,) which
+    balls have faults.
     """
 
     balls: Balls
     positions: Array
     cell: Array
     pbc: Flags
-    bad: Flags
+    is_bad: Flags
 
     @property
     def axes(self) -> Index:
@@ -356,24 +379,34 @@ class _Places:
 
 
 class _Joining:
-    """One list of contacts on its way to the balls that it joins; ``faults`` are those of its
-    contacts.
+    """The step from one list of contacts, which names balls by their labels, to the pairs of balls
+    that it joins.
+
+    ``faults`` collects the contacts of the list that cannot be used; :meth:`join` fills it.
     """
 
     def __init__(self, places: _Places, contacts: Contacts, adhesive: bool) -> None:
+        """Begin with all ``contacts`` of the list, without faults; ``adhesive`` says whether
+        contacts may pull.
+        """
         self.places = places
         self.contacts = contacts
         self.adhesive = adhesive
         self.faults = contacts.start_faults()
 
     def join(self) -> _Joined:
-        """Return the contacts without faults, with the balls that they join, and their forces."""
+        """Return the contacts without faults, with the balls that they join, and their forces.
+
+        The contacts with faults are noted in ``faults``, each with the first fault that is found.
+        Warns if the overlaps of the source are one multiple of those of places and radii.
+        """
         contacts = self.contacts
         faults = self.faults
         i, j = self._find_ends()
         contacts.note_numbers(faults, adhesive=self.adhesive)
-        # what follows needs contacts of balls that are where they are
-        is_bad_ball = self.places.bad
+        # the pairs of the other contacts are found from the places and radii of their balls: a ball
+        # with a fault has none that can be used
+        is_bad_ball = self.places.is_bad
         is_fine = faults.narrow(~(is_bad_ball[i] | is_bad_ball[j]) if is_bad_ball.size else None)
         contacts = contacts.select(is_fine)
         pairs = self._find_pairs(contacts, i[is_fine], j[is_fine])
@@ -391,8 +424,11 @@ class _Joining:
         return _Joined(contacts.select(is_fine), pairs.select(is_fine), force, across, is_normal)
 
     def _find_ends(self) -> tuple[Index, Index]:
-        """Return the indices, each (n_c,), of the two balls of each contact, by their labels; 0 of
-        a label that no ball has, which is a fault.
+        """Return the indices (n_c,) of balls i and (n_c,) of balls j, found by their labels; 0 for
+        a label that no ball has.
+
+        Contacts with such a label are noted as faults, and so are contacts of a ball with itself
+        where nothing repeats.
         """
         balls = self.places.balls
         n_balls = len(balls.positions)
@@ -405,13 +441,13 @@ class _Joining:
         ends = list[Index]()
         is_missing = np.zeros(len(self.contacts), bool)
         for end_labels in (self.contacts.i, self.contacts.j):
-            # the place of each label among the sorted ones, or of one beside it
-            places = np.minimum(np.searchsorted(sorted_labels, end_labels), max(n_balls - 1, 0))
+            # the rank at which each label stands among the sorted labels, if it is one of them
+            ranks = np.minimum(np.searchsorted(sorted_labels, end_labels), max(n_balls - 1, 0))
             is_found = np.zeros(len(end_labels), bool)
             if n_balls:
-                is_found = sorted_labels[places] == end_labels
+                is_found = sorted_labels[ranks] == end_labels
             is_missing |= ~is_found
-            ends.append(np.where(is_found, order[places] if n_balls else 0, 0))
+            ends.append(np.where(is_found, order[ranks] if n_balls else 0, 0))
         self.faults.note(is_missing, f"a ball that is not among those of {balls.name}", why=why)
         i, j = ends
         if not self.places.axes.size:
@@ -419,53 +455,62 @@ class _Joining:
         return i, j
 
     def _find_pairs(self, contacts: Contacts, i: Index, j: Index) -> _Pairs:
-        """Return the pairs of balls i and j (m,) that ``contacts`` (m,) join; note contacts that
-        cannot be where they are said to be.
+        """Return the pairs of balls i and j (m,) that ``contacts`` (m,) join, with shifts, normals
+        and overlaps.
+
+        Notes, as faults, contacts with a flat wall that have no normal, contacts whose balls are
+        not near each other, and contacts that are listed twice.
         """
         balls = self.places.balls
         radii_i = balls.radii[i]
         radii_j = balls.radii[j]
-        touch = radii_i + radii_j  # the distance at which balls touch
+        sum_of_radii = radii_i + radii_j  # infinite at a flat wall
         is_still = balls.fixed[i] | balls.fixed[j]
         if contacts.normal is None:
             words = "a flat wall, and no normal"
-            self.faults.note(np.isinf(touch), words, mend="Give nx, ny and nz")
+            self.faults.note(np.isinf(sum_of_radii), words, mend="Give nx, ny and nz")
         shift = contacts.shift
         if shift is None:
             shift = self._find_shift(contacts, i, j, is_still)
         between = self.places.positions[j] - self.places.positions[i]
         vector = between + shift @ self.places.cell
         distance = np.linalg.norm(vector, axis=1)
-        is_near = np.abs(touch - distance) <= _REACH * touch
+        is_near = np.abs(sum_of_radii - distance) <= _REACH * sum_of_radii
         normal = contacts.normal
-        has_overlap = np.isfinite(touch)
+        has_overlap = np.isfinite(sum_of_radii)
         if normal is None:
-            # a normal of balls in one place is nan, and is refused by the network
+            # the normal of two balls in one place is nan, which the network refuses
             with np.errstate(invalid="ignore", divide="ignore"):
                 normal = vector / distance[:, None]
         else:
-            # a body that does not move may have any place: it need not be a ball
+            # a body that does not move need not be a ball: its overlap is that of place and radius
+            # only if the body is near, and the normal is along the line of the centres
             is_along = np.einsum("ca,ca->c", normal, vector) >= _ALIGNED * distance
             has_overlap = ~is_still | (has_overlap & is_near & is_along)
         self.faults.note(
             has_overlap & ~is_near,
             "balls that are not near each other, by the distance between their surfaces",
-            values=np.where(has_overlap, distance - touch, 0.0),
+            values=np.where(has_overlap, distance - sum_of_radii, 0.0),
             unit="m",
             mend="Compare the cell and the units",
         )
-        overlap = np.where(has_overlap, touch - distance, 0.0)
+        overlap = np.where(has_overlap, sum_of_radii - distance, 0.0)
         pairs = _Pairs(i, j, radii_i, radii_j, shift, normal, overlap, has_overlap)
         self._note_repeated(pairs)
         return pairs
 
     def _take_overlaps(self, contacts: Contacts, pairs: _Pairs) -> _Pairs:
-        """Return the pairs with the overlaps of the source, (m,); note those that are none of balls
-        at these places, and warn if all are one multiple of theirs.
+        """Return the pairs (m,) with the overlaps of the source in place of those of places and
+        radii.
+
+        Notes, as faults, overlaps that are far from those of places and radii. Warns if the
+        overlaps of the other contacts are, in the median, a multiple of those of places and radii
+        (:func:`_compare_overlaps`).
         """
         assert contacts.overlap is not None
-        touch = pairs.radii_i + pairs.radii_j
-        is_off = pairs.has_overlap & (np.abs(contacts.overlap - pairs.overlap) > _REACH * touch)
+        sum_of_radii = pairs.radii_i + pairs.radii_j
+        deviations = np.abs(contacts.overlap - pairs.overlap)
+        is_off = pairs.has_overlap & (deviations > _REACH * sum_of_radii)
         self.faults.note(
             is_off,
             "an overlap that is not that of places and radii",
@@ -479,13 +524,12 @@ class _Joining:
         return replace(pairs, overlap=contacts.overlap, has_overlap=has_overlap)
 
     def _note_repeated(self, pairs: _Pairs) -> None:
-        """Note contacts that are listed before."""
+        """Note, as faults, contacts that repeat an earlier one."""
         fixed = self.places.balls.fixed
-        _first, again = find_repeated(
-            pairs.i, pairs.j, pairs.shift, pairs.normal, ~(fixed[pairs.i] | fixed[pairs.j])
-        )
+        both_move = ~(fixed[pairs.i] | fixed[pairs.j])
+        _contacts, twins = find_repeated(pairs.i, pairs.j, pairs.shift, pairs.normal, both_move)
         is_repeated = np.zeros(len(pairs.i), bool)
-        is_repeated[again] = True
+        is_repeated[twins] = True
         self.faults.note(
             is_repeated,
             "the balls of a contact before",
@@ -494,57 +538,62 @@ class _Joining:
         )
 
     def _find_shift(self, contacts: Contacts, i: Index, j: Index, is_still: Flags) -> Index:
-        """Return the whole cells (m, 3) by which balls j are displaced: as the vectors of the
-        source say; without vectors to where they are nearest, or, of contacts that are still or of
-        a ball with itself and have normals, to where these lead; zero at flat walls.
+        """Return the whole cells (m, 3) by which balls j are displaced; zero at flat walls.
 
-        For the arguments see :meth:`_find_pairs`; contacts that are still (m,) have a body that
+        Where the source has vectors from ball i to ball j, these decide. Otherwise ball j is
+        displaced to where it is nearest to ball i. There is an exception where the source has
+        normals: a ball may touch a body that does not move, or its own image, on several sides, and
+        there ball j is displaced to where the normal leads.
+
+        For the arguments see :meth:`_find_pairs`; ``is_still`` (m,) marks contacts with a body that
         does not move.
         """
         places = self.places
-        touch = places.balls.radii[i] + places.balls.radii[j]
-        is_flat = np.isinf(touch)
+        sum_of_radii = places.balls.radii[i] + places.balls.radii[j]
+        is_flat = np.isinf(sum_of_radii)
         between = places.positions[j] - places.positions[i]
         between = np.where(is_flat[:, None], 0.0, between)  # a flat wall may have any place
-        shift = np.zeros((len(touch), 3), np.intp)
-        # a body that does not move may be anywhere, unless nothing but its place says where it is
+        shift = np.zeros((len(sum_of_radii), 3), np.intp)
+        # with a normal, the place of a body that does not move says nothing about the contact
         is_anywhere = is_still if contacts.normal is not None else is_flat
         if contacts.vector is not None:
-            shift[:, places.axes] = self._find_steps(contacts, between, touch, is_anywhere)
+            shift[:, places.axes] = self._find_steps(contacts, between, sum_of_radii, is_anywhere)
         elif places.axes.size:
             with_itself = i == j
-            steps = self._find_nearest_steps(between, touch, is_anywhere, with_itself)
+            steps = self._find_nearest_steps(between, sum_of_radii, is_anywhere, with_itself)
             if contacts.normal is not None:
-                # a ball may touch one that does not move, or its own image, on several sides
-                is_led = (is_still & ~is_flat) | with_itself
+                follows_normal = (is_still & ~is_flat) | with_itself
+                # from ball j in the cell to where the normal leads from ball i
                 gaps = np.zeros_like(between)
-                gaps[is_led] = touch[is_led, None] * contacts.normal[is_led] - between[is_led]
-                led_steps = self._round_steps(gaps @ np.linalg.pinv(places.periods))
-                steps[is_led] = led_steps[is_led]
+                lengths = sum_of_radii[follows_normal, None]
+                gaps[follows_normal] = lengths * contacts.normal[follows_normal]
+                gaps[follows_normal] -= between[follows_normal]
+                steps_along_normals = self._round_steps(gaps @ np.linalg.pinv(places.periods))
+                steps[follows_normal] = steps_along_normals[follows_normal]
             shift[:, places.axes] = steps
         shift[is_flat] = 0
         return shift
 
     def _find_steps(
-        self, contacts: Contacts, between: Array, touch: Array, is_anywhere: Flags
+        self, contacts: Contacts, between: Array, sum_of_radii: Array, is_anywhere: Flags
     ) -> Index:
-        """Return the whole cells (m, p) by which balls j are displaced, from the vectors of
-        contacts; note a vector that leads to no image of ball j.
+        """Return the whole cells (m, p), along the p periods, by which balls j are displaced, from
+        the vectors of contacts; note, as a fault, a vector that leads to no image of ball j.
 
-        ``between`` (m, 3) leads from ball i to ball j in the cell, m; ``touch`` (m,) is the sum of
-        the radii, m; contacts that are anywhere (m,) have a body that may lie anywhere.
+        ``between`` (m, 3) leads from ball i to ball j in the cell, m; ``sum_of_radii`` is (m,), m;
+        ``is_anywhere`` (m,) marks contacts with a body whose place says nothing about the contact.
         """
         assert contacts.vector is not None
         periods = self.places.periods
         to_cells = np.linalg.pinv(periods)  # (3, p), from lengths to numbers of cells
         steps = self._round_steps((contacts.vector - between) @ to_cells)
         deviations = np.linalg.norm(between + steps @ periods - contacts.vector, axis=1)
-        is_off = ~is_anywhere & (deviations > _ROUNDED * touch)
+        is_off = ~is_anywhere & (deviations > _ROUNDED * sum_of_radii)
         mend = "Are both files of one time step?"
-        # the vectors from ball i to ball j less those of the contacts with the opposite sign
+        # by how much the vectors would miss an image of ball j if they had the opposite signs
         reversed_gaps = between + contacts.vector
         reversed_gaps -= self._round_steps(reversed_gaps @ to_cells) @ periods
-        fits_reversed = np.linalg.norm(reversed_gaps, axis=1) <= _ROUNDED * touch
+        fits_reversed = np.linalg.norm(reversed_gaps, axis=1) <= _ROUNDED * sum_of_radii
         if np.all(fits_reversed[is_off]):
             mend = "Turn the signs: the vector of a dump (dx, dy, dz) leads from ball j to ball i"
         words = "a vector that does not lead from ball to ball in this cell, off by a distance"
@@ -552,13 +601,14 @@ class _Joining:
         return steps
 
     def _find_nearest_steps(
-        self, between: Array, touch: Array, is_anywhere: Flags, with_itself: Flags
+        self, between: Array, sum_of_radii: Array, is_anywhere: Flags, with_itself: Flags
     ) -> Index:
-        """Return the whole cells (m, p) by which balls j are displaced to where they are nearest to
-        balls i; note balls that touch at more than one of their images.
+        """Return the whole cells (m, p), along the p periods, by which balls j are displaced to
+        where they are nearest to balls i; note, as a fault, balls that touch at more than one of
+        their images.
 
-        The arguments are those of :meth:`_find_steps`; contacts ``with_itself`` (m,) join a ball
-        with its own image.
+        The arguments are those of :meth:`_find_steps`; ``with_itself`` (m,) marks contacts of a
+        ball with its own image.
         """
         periods = self.places.periods
         n_periods = len(periods)
@@ -574,6 +624,7 @@ class _Joining:
         for step in steps:
             candidate = rounded + step
             distance = np.linalg.norm(between + candidate @ periods, axis=1)
+            # a ball does not touch itself without a displacement
             distance[with_itself & np.all(candidate == 0, axis=1)] = np.inf
             is_nearer = distance < nearest
             nearest_steps[is_nearer] = candidate[is_nearer]
@@ -583,7 +634,7 @@ class _Joining:
         # a ball has two equally near images of itself, which are one contact
         next_nearest = np.where(with_itself, third_nearest, second_nearest)
         self.faults.note(
-            ~is_anywhere & (next_nearest < touch),
+            ~is_anywhere & (next_nearest < sum_of_radii),
             "balls that touch at more than one place",
             why="The cell is so small that one contact is not the only one of its balls",
             mend="Give the shift of each contact",
@@ -591,8 +642,8 @@ class _Joining:
         return nearest_steps
 
     def _round_steps(self, steps: Array) -> Index:
-        """Return the nearest whole numbers of cells (m, p); note balls that are too many cells
-        apart.
+        """Return the whole numbers of cells (m, p) nearest to ``steps`` (m, p); note, as a fault,
+        balls that are too many cells apart, with 0 in their place.
         """
         is_near = np.abs(steps) <= MOST_STEPS  # False for nan
         words = f"balls more than {MOST_STEPS} cells apart"
@@ -600,9 +651,11 @@ class _Joining:
         return np.asarray(np.rint(np.where(is_near, steps, 0.0)), np.intp)
 
     def _split_forces(self, contacts: Contacts, pairs: _Pairs) -> tuple[Array | None, Array | None]:
-        """Return the normal forces (m,), N, and the tangential forces (m, 3), N, of ``contacts``;
-        None if they are not known. Note contacts that pull, and those without force whose overlap
-        is not known.
+        """Return the normal forces (m,), N, and the tangential forces (m, 3), N, of ``contacts``,
+        those of the source or else the parts of its force vectors; None for what is not known.
+
+        Notes, as faults, force vectors that pull, unless contacts are adhesive, and contacts for
+        which neither force nor overlap is known.
         """
         normal_force = contacts.normal_force
         across = contacts.tangential_force
@@ -610,7 +663,7 @@ class _Joining:
             along = np.einsum("ca,ca->c", contacts.force, pairs.normal)
             if normal_force is None:
                 mend = ""
-                if len(along) and np.max(along) <= 0.0:
+                if len(along) and np.max(along) <= 0.0:  # no contact presses
                     mend = "Turn the signs: they are those of the forces on the other ball"
                 note_pulling(self.faults, along, self.adhesive, mend)
                 normal_force = along
@@ -627,8 +680,9 @@ class _Joined:
     """Contacts (m,) that have no fault, the ``pairs`` of balls that they join, and their normal and
     tangential forces, (m,) and (m, 3), N; None where these are not known.
 
-    ``is_normal`` says that the tangential forces are nothing but what rounding has left of force
-    vectors along the normals, as programs write them that list tangential forces elsewhere.
+    ``is_normal`` is true where the source has force vectors that are along the normals but for
+    rounding: the tangential forces are then this rounding alone. Some programs write the normal
+    part as force vectors, and list tangential forces elsewhere.
     """
 
     contacts: Contacts
@@ -638,9 +692,10 @@ class _Joined:
     is_normal: bool
 
     def complete(self, balls: Balls, completion: Completion) -> dict[str, Any]:
-        """Return the fields of the contacts of the network, (m,) or (m, 3).
+        """Return the fields of the contacts of the network, by name, each (m,) or (m, 3), SI.
 
-        Where stiffnesses follow from Hertz's law, contacts without force are open and left out.
+        Where stiffnesses follow from Hertz's law, contacts without force are open: they are left
+        out.
         """
         contacts = self.contacts
         pairs = self.pairs
@@ -667,12 +722,13 @@ class _Joined:
         return fields_of_contacts
 
     def _find_springs(self, balls: Balls, completion: Completion) -> tuple[Array, Array, Array]:
-        """Return the normal force, N, the normal and the shear stiffness, N/m, each (m,): of the
-        source, or of balls of the material by the laws of Hertz and Mindlin.
+        """Return the normal forces, N, the normal stiffnesses and the shear stiffnesses, N/m, each
+        (m,).
 
-        A shear stiffness that the source does not have is zero without friction. InputError
-        where a material is needed and lacks, or overlaps from which forces follow have large errors
-        (:func:`_judge_errors`).
+        Those that the source does not have follow from the material of the balls by the laws of
+        Hertz and Mindlin; without friction or material the shear stiffness is then zero. InputError
+        if a material is needed and is not given, or if the overlaps from which forces follow have
+        large errors (:func:`_judge_errors`).
         """
         contacts = self.contacts
         pairs = self.pairs
@@ -717,8 +773,11 @@ class _Joined:
         raise InputError(problem, mend=mend)
 
     def _find_rolling_springs(self, shear: Array) -> tuple[Array, Array]:
-        """Return the torsion and the bending stiffness (m,), N m; ``shear`` (m,) is the shear
-        stiffness, N/m.
+        """Return the torsion and the bending stiffnesses, each (m,), N m; ``shear`` (m,) are the
+        shear stiffnesses, N/m.
+
+        Those that the source does not have follow from its coefficients of twisting and rolling,
+        see :class:`~granphon.networks.sources.Contacts`; without these they are zero.
         """
         contacts = self.contacts
         radii = self.pairs.reduced_radii
@@ -727,11 +786,12 @@ class _Joined:
         if torsion is None:
             torsion = np.zeros(len(radii))
             if contacts.twisting == "marshall":
-                spots = np.sqrt(radii * np.maximum(self.pairs.overlap, 0.0))  # their radii, m
-                # Mindlin's shear stiffness is proportional to the radius of the spot, and LAMMPS
-                # takes the factor for the stiffness
+                # Marshall's law: half the shear coefficient times the square of the radius of the
+                # contact spot. For Mindlin's law, whose shear stiffness is proportional to that
+                # radius, LAMMPS takes as coefficient the stiffness over the radius.
+                spot_radii = np.sqrt(radii * np.maximum(self.pairs.overlap, 0.0))  # m
                 is_constant = contacts.shear_stiffness is not None
-                torsion = 0.5 * shear * (spots**2 if is_constant else spots)
+                torsion = 0.5 * shear * (spot_radii**2 if is_constant else spot_radii)
             elif contacts.twisting is not None:
                 torsion = np.full(len(radii), float(contacts.twisting))
         if bending is None:
@@ -740,7 +800,7 @@ class _Joined:
 
 
 def _warn_of_missing_forces(contacts: Contacts) -> None:
-    """Warn that normal forces act without the tangential forces that belong to them."""
+    """Warn that the list of ``contacts`` has no tangential forces, though static forces act."""
     fault = f"{contacts.name} has no tangential forces, and its normal ones act (prestress)"
     why = (
         "Contacts that resist slip bear both, of one order: without them a packing at"
@@ -754,23 +814,28 @@ def _warn_of_missing_forces(contacts: Contacts) -> None:
 
 
 def _force_of_overlap(coefficient: Array, overlap: Array, error: Array | float = 0.0) -> Array:
-    """Return the forces (n_c,), N, of Hertz's law at overlaps with an error, (n_c,), m."""
+    """Return the forces (n_c,), N, of Hertz's law with this ``coefficient`` (n_c,), N/m^(3/2), at
+    the ``overlap`` (n_c,) plus an ``error`` of it, (n_c,) or a number, m.
+    """
     return np.asarray(coefficient * HertzLaw(1.0).force(overlap + error))
 
 
 def _judge_errors(
     contacts: Contacts, balls: Balls, pairs: _Pairs, find_force: Callable[..., Array]
 ) -> None:
-    """Raise InputError if the forces that follow from overlaps have too large errors;
-    ``find_force`` returns the forces (n_c,), N, at overlaps with an error (n_c,), m.
+    """Raise InputError if the forces that follow from overlaps have standard errors of more than
+    ``_MOST_ERROR`` of the forces, in the sum over all contacts.
 
-    Smaller errors by rounded places are told of the network, as all that its numbers contradict.
+    ``find_force(error)`` returns the forces (n_c,), N, at the overlaps plus an error (n_c,), m. The
+    errors come from the rounding of the overlaps of the source, or else of its places and radii.
+    Of smaller errors the network itself warns (:mod:`granphon.networks.consistency`).
     """
     if contacts.overlap is None:
         rounded = f"places of {balls.name}"
         _greatest, error = _find_errors(balls, pairs)
     else:
         rounded = "the overlaps"
+        # rounding errors are uniform up to the greatest one: the standard error is that over root 3
         error = find_rounding(contacts.overlap) / math.sqrt(3.0)
     if not error.size:
         return
@@ -789,8 +854,8 @@ def _judge_errors(
 
 
 def _find_errors(balls: Balls, pairs: _Pairs) -> tuple[Array, Array]:
-    """Return the greatest and the standard error (n_c,), m, that rounding leaves in the overlaps of
-    places and radii.
+    """Return the greatest and the standard errors, each (n_c,), m, that the rounding of places and
+    radii leaves in the overlaps of ``pairs``.
     """
     return find_errors_of_overlaps(
         balls.rounding, balls.radius_rounding, pairs.i, pairs.j, pairs.normal
@@ -798,8 +863,9 @@ def _find_errors(balls: Balls, pairs: _Pairs) -> tuple[Array, Array]:
 
 
 def _compare_overlaps(contacts: Contacts, balls: Balls, pairs: _Pairs) -> None:
-    """Warn if the overlaps of the source are not those of places and radii, in the median by 5 % or
-    more; those that rounding may have made count for nothing.
+    """Warn if the median ratio of the overlaps of the source to those of places and radii differs
+    from one by 5 % or more; pairs whose overlap is uncertain by that much from rounding alone do
+    not count.
     """
     assert contacts.overlap is not None
     greatest, _standard = _find_errors(balls, pairs)
@@ -814,13 +880,15 @@ def _compare_overlaps(contacts: Contacts, balls: Balls, pairs: _Pairs) -> None:
 
 
 def _leave_out(fields: Mapping[str, Any], is_open: Flags) -> dict[str, Any]:
-    """Return the fields of the contacts but those that are open, (n_c,)."""
+    """Return the ``fields`` of contacts, by name, without the contacts that ``is_open`` (n_c,)
+    marks.
+    """
     return {name: values[~is_open] for name, values in fields.items()}
 
 
 def _concatenate(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the fields of the contacts of several lists one behind the other; those that one of
-    the lists lacks are left out.
+    """Return the fields of the contacts of several lists, by name, joined in the order of the
+    lists; a field that one of the lists lacks is left out.
     """
     if len(parts) == 1:
         return dict(parts[0])

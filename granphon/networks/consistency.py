@@ -1,9 +1,11 @@
-"""Whether the numbers of a network agree with each other: its forces are in balance, and are those
-of the law at its overlaps; its masses are those of the material; its contacts hold its balls.
+"""Comparisons that tell whether the numbers of a network agree with each other: whether its forces
+are in balance, and are those of the law at its overlaps; whether its masses are those of the
+material; and whether its contacts hold its balls.
 
-Each comparison is of one number with a limit, names the balls that are farthest beyond it, and says
-what that does to frequencies. By Hertz's law a stiffness goes as the third root of the force, so
-that frequencies go as the sixth root of forces; they go as the inverse root of masses.
+Each comparison is of one number with a limit. It names the balls that are farthest beyond the
+limit, and says what the fault does to frequencies. By Hertz's law a stiffness goes as the third
+root of the force, so that frequencies go as the sixth root of forces; they go as the inverse root
+of masses.
 
 A ``network`` is a :class:`~granphon.networks.network.ContactNetwork`, which stands above this
 module.
@@ -28,9 +30,8 @@ from granphon.networks.sources import find_errors_of_overlaps, find_rounding
 #: where static forces act: programs of discrete elements leave 1e-4 or less, and weights, walls or
 #: digits that a file lacks leave more
 BALANCED = 1e-3
-#: the same sum, and that of torques over the mean force and the mean radius, from which a packing
-#: that nothing else can hold still moves: in files with three digits, too few for forces, it stays
-#: below
+#: the same sum, and the sum of torques over the mean force and the mean radius, from which on the
+#: balls of a packing that nothing else holds still move; rounding to three digits leaves less
 MOVING = 5e-3
 #: greatest difference of a median ratio from one, however 1.05 is rounded, and greatest scatter
 #: about the median
@@ -64,10 +65,10 @@ class Comparison:
     value : a pure number, which must not be above ``limit``, or with ``at_least`` not below it.
     limit : the limit.
     fault : what is wrong where the value is beyond the limit, in words.
-    reason : what that does to frequencies.
+    reason : what the fault does to frequencies, and how to mend it, in words.
     typical : the rms over balls, where the value is that of the worst ball; None elsewhere.
-    worst : the balls, or pairs of balls that touch, that are farthest from the others, the
-        farthest first: their labels, or indices where there are none.
+    worst : the balls, or pairs of balls that touch, that deviate most, the worst first; each a
+        tuple of one or two labels, or indices where balls have no labels.
     at_least : whether the limit is a lower one.
     """
 
@@ -90,21 +91,22 @@ class Comparison:
 def compare_numbers(network: Any) -> tuple[Comparison, ...]:
     """Return the comparisons of the numbers of a network, as far as its numbers are known.
 
-    The sums of static forces and torques on balls are judged where the tangential forces are known,
-    or contacts resist no slip; without prestress only where the network has no open ends. Torques
-    are not judged where contacts resist rolling or twist, whose static torques are not known.
-    Overlaps,
-    stiffnesses and masses are judged of networks that were read: in granphon's own the contacts
-    follow their law, and balls need not be solid.
+    The sums of static forces on balls are compared with prestress; without prestress they are
+    compared if all static forces are known, and the network has no open ends. The sums of torques
+    are compared, too, if tangential forces are known; not if contacts resist rolling or twist,
+    whose static torques are not known. Overlaps, stiffnesses and masses are compared in networks
+    that were read: in granphon's own networks the contacts follow their law, and balls need not be
+    solid.
     """
     return tuple(_list_comparisons(network))
 
 
 def warn_of_faults(network: Any) -> None:
-    """Warn of each comparison that a network fails which has been read, with the name of its file.
+    """Warn of each comparison that a network, which has been read from files, fails; the warning
+    begins with the name of the file.
 
-    Rattlers are there only if they were asked for. Too few contacts are no fault of a lattice in
-    balance, whose modes of frequency zero are known.
+    There is no warning of rattlers, which are in the network only if they were asked for, and none
+    of too few contacts of a lattice in balance, whose modes of frequency zero are known.
     """
     failing = {each.name: each for each in compare_numbers(network) if not each.holds}
     failing.pop("rattlers", None)
@@ -117,12 +119,15 @@ def warn_of_faults(network: Any) -> None:
 
 
 def _list_comparisons(network: Any) -> Iterator[Comparison]:
-    """Yield the comparisons."""
-    if _has_known_forces(network):
+    """Yield the comparisons of the numbers of a network that can be made, see
+    :func:`compare_numbers`.
+    """
+    if _can_balance(network):
         yield compare_forces(network)
-        # the static torques of contacts that resist rolling are not known
-        rolls = not np.any(network.bending_stiffness) and not np.any(network.torsion_stiffness)
-        if rolls and network.tangential_force is not None:
+        # the static torques of contacts that resist rolling or twist are not known
+        rolls_freely = not np.any(network.bending_stiffness)
+        twists_freely = not np.any(network.torsion_stiffness)
+        if rolls_freely and twists_freely and network.tangential_force is not None:
             yield _compare_torques(network)
     model = network.contact_model
     is_read = model is None or model.own_radii
@@ -135,20 +140,26 @@ def _list_comparisons(network: Any) -> Iterator[Comparison]:
 # -- balance ---------------------------------------------------------------------------------------
 
 
-def _has_known_forces(network: Any) -> bool:
-    """Whether the static forces on balls can be summed: all are known, and nothing that the network
-    lacks holds its balls; with prestress these forces act in any case.
+def _can_balance(network: Any) -> bool:
+    """Whether the static forces on each ball are compared with zero: if there are any, and with
+    prestress, by which they act on waves.
+
+    Without prestress they are compared only if they are complete: tangential forces are known or
+    cannot be, and the network repeats along all axes or has bodies that do not move, so that
+    nothing outside of it holds its balls.
     """
     if not np.any(network.normal_force):
         return False
-    slips = network.dimension == 1 or not np.any(network.shear_stiffness)
-    is_known = slips or network.tangential_force is not None
+    bears_no_tangential = network.dimension == 1 or not np.any(network.shear_stiffness)
+    is_known = bears_no_tangential or network.tangential_force is not None
     is_enclosed = all(network.pbc[: network.dimension]) or not np.all(network.moving)
     return bool(network.prestress or (is_known and is_enclosed))
 
 
 def compare_forces(network: Any) -> Comparison:
-    """Return the comparison of the sums of static forces on balls, of a network with contacts."""
+    """Return the comparison of the sum of the static forces on each ball, over the mean force of a
+    contact, with zero; the network has contacts with forces.
+    """
     ratios = np.linalg.norm(network.residual_forces, axis=1) / network.mean_force
     return _compare_sums(
         network,
@@ -163,7 +174,9 @@ def compare_forces(network: Any) -> Comparison:
 
 
 def _compare_torques(network: Any) -> Comparison:
-    """Return the comparison of the sums of static torques on the balls of a network."""
+    """Return the comparison of the sum of the static torques on each ball, over the mean force of a
+    contact times the mean radius, with zero; the network has contacts with forces.
+    """
     _forces, torques = network.unbalanced
     mean_radius = float(np.mean(network.radii[network.moving]))
     ratios = np.linalg.norm(torques, axis=1) / (network.mean_force * mean_radius)
@@ -190,7 +203,11 @@ def _compare_sums(
     fault: str,
     reason: str,
 ) -> Comparison:
-    """Return the comparison of the largest of ``ratios`` (n,), one of each ball."""
+    """Return the comparison of the largest of the ``ratios`` (n,), a pure number for each ball,
+    with the ``limit``.
+
+    The other arguments are fields of :class:`Comparison`; the worst balls are added to ``fault``.
+    """
     beyond = np.flatnonzero(ratios > limit)
     worst = beyond[np.argsort(-ratios[beyond], kind="stable")][:_NAMED]
     labels = [network.name_ball(ball) for ball in worst.tolist()]
@@ -213,9 +230,15 @@ def _compare_sums(
 
 @dataclass(frozen=True)
 class _Overlaps:
-    """The ``contacts`` (m,) under a force between balls that move, the overlaps of their places,
-    the greatest and the standard errors that rounding leaves in these, and force over stiffness,
-    all (m,), m; ``strong`` (m,) are those with the median force or more.
+    """The overlaps of the contacts under a force between balls that move.
+
+    Attributes
+    ----------
+    contacts : (m,) indices of these contacts in the network.
+    overlaps : (m,) overlaps that follow from places and radii, m; below zero for balls apart.
+    greatest_errors, errors : (m,) greatest and standard errors that rounding leaves in these, m.
+    linear_overlaps : (m,) force over normal stiffness, m: by Hertz's law 2/3 of the overlap.
+    strong : (m,) whether the force of a contact is the median force or more.
     """
 
     contacts: Index
@@ -227,7 +250,7 @@ class _Overlaps:
 
     @classmethod
     def of(cls, network: Any) -> Self:
-        """Return those of a network."""
+        """Return the overlaps of a network."""
         force = network.normal_force
         contacts = np.flatnonzero(
             (force > 0.0) & network.moving[network.i] & network.moving[network.j]
@@ -239,21 +262,27 @@ class _Overlaps:
             rounding = find_rounding(network.positions), find_rounding(network.radii)
         else:
             rounding = reading.rounding, reading.radius_rounding
-        errors = find_errors_of_overlaps(*rounding, i, j, network.normal[contacts])
-        touch = network.radii[i] + network.radii[j]
+        greatest_errors, errors = find_errors_of_overlaps(*rounding, i, j, network.normal[contacts])
+        sum_of_radii = network.radii[i] + network.radii[j]
+        strong = np.zeros(0, bool)
+        if contacts.size:  # the median of no forces is nan
+            strong = force[contacts] >= np.median(force[contacts])
         return cls(
-            contacts,
-            touch - network.distance[contacts],
-            np.maximum(errors[0], _LEAST_OVERLAP * touch),
-            errors[1],
-            force[contacts] / network.normal_stiffness[contacts],
-            force[contacts] >= np.median(force[contacts]) if contacts.size else contacts > 0,
+            contacts=contacts,
+            overlaps=sum_of_radii - network.distance[contacts],
+            greatest_errors=np.maximum(greatest_errors, _LEAST_OVERLAP * sum_of_radii),
+            errors=errors,
+            linear_overlaps=force[contacts] / network.normal_stiffness[contacts],
+            strong=strong,
         )
 
     @property
     def power(self) -> float:
-        """The median overlap over force over stiffness; zero if there are no overlaps beyond their
-        errors.
+        """The power p in the law that forces f are proportional to overlaps to the power p.
+
+        By this law an overlap is p f/k, k being the normal stiffness: p is found as the median,
+        over the strong contacts, of the overlap over f/k. It is zero if the median overlap is not
+        larger than its greatest error.
         """
         strong = self.strong
         if not np.median((self.overlaps - self.greatest_errors)[strong]) > 0.0:
@@ -261,21 +290,26 @@ class _Overlaps:
         return float(np.median(self.overlaps[strong] / self.linear_overlaps[strong]))
 
     def find_ratios(self, power: float, error: Array | float = 0.0) -> Array:
-        """Return the forces (m,) at the overlaps, with an error (m,), m, over those of the
-        contacts, if forces go as the ``power`` of overlaps; zero of balls that are apart.
+        """Return the forces of the law at the overlaps, over the forces of the contacts, (m,), if
+        forces go as the ``power`` of overlaps; zero for balls that are apart.
+
+        The overlaps are taken with an ``error``, (m,) or a number, m.
         """
         overlaps = np.maximum(self.overlaps + error, 0.0)
         return np.asarray((overlaps / (power * self.linear_overlaps)) ** power)
 
 
 def _compare_law(network: Any) -> Iterator[Comparison]:
-    """Yield the comparisons of overlaps, forces and stiffnesses of the contacts with the median
-    force or more, between balls that move: overlaps of others have large relative errors. There are
-    none where contacts are known to have another law than Hertz's.
+    """Yield the comparisons of the stiffnesses of contacts with Hertz's law under their forces, and
+    of their forces with the law at their overlaps.
+
+    Contacts with less than the median force do not count, as their overlaps have large relative
+    errors. Nothing is yielded if contacts are adhesive or known to have another law than Hertz's,
+    or if the network has no overlaps beyond rounding.
 
     A contact of the force f and the stiffness k has the overlap p f/k: p is 3/2 by Hertz's law, and
-    1 where forces are proportional to overlaps; without a material p is the nearer of the two. The
-    force at the overlap of the places is f times the power p of that overlap over p f/k.
+    1 where forces are proportional to overlaps. Without materials the nearer of the two is taken;
+    with materials p is 1 if the overlaps are f/k and the stiffnesses are not those of Hertz's law.
     """
     model = network.contact_model
     if network.adhesive or not (model is None or model.is_hertzian):
@@ -287,10 +321,10 @@ def _compare_law(network: Any) -> Iterator[Comparison]:
     if not power:
         return
     is_linear = power < 0.5 * (1.0 + EXPONENT)
-    stiffness_ratios = _compare_stiffnesses(network, overlaps.contacts[overlaps.strong])
+    stiffness_ratios = _find_stiffness_ratios(network, overlaps.contacts[overlaps.strong])
     if stiffness_ratios.size:
-        follows = float(np.median(np.abs(stiffness_ratios - 1.0))) <= _ALIKE
-        is_linear = abs(power - 1.0) <= _ALIKE and not follows
+        is_hertzian = float(np.median(np.abs(stiffness_ratios - 1.0))) <= _ALIKE
+        is_linear = abs(power - 1.0) <= _ALIKE and not is_hertzian
         if not is_linear:
             stiffness_ratio = float(np.median(stiffness_ratios))
             yield _compare_median(
@@ -307,16 +341,18 @@ def _compare_law(network: Any) -> Iterator[Comparison]:
 def _compare_forces_of_overlaps(
     network: Any, overlaps: _Overlaps, power: float
 ) -> Iterator[Comparison]:
-    """Yield the comparisons of the forces of contacts with those of the law at their overlaps;
-    forces go as the ``power`` of overlaps.
+    """Yield four comparisons of the forces of contacts with those of the law at their overlaps, by
+    which forces go as the ``power`` of overlaps: of the median ratio, of the scatter about the
+    median, of the number of contacts far from it, and of the error that rounding leaves in forces.
     """
     strong = overlaps.strong
-    ratios = overlaps.find_ratios(power)
+    ratios = overlaps.find_ratios(power)  # of the law over those of the contacts
     median = float(np.median(ratios[strong]))
     deviations = np.abs(ratios[strong] / median - 1.0)
     scatter = float(np.median(deviations))
     relative_errors = overlaps.errors[strong] / overlaps.linear_overlaps[strong]
-    error = float(np.median(relative_errors))  # of overlaps p f/k to the power p
+    # an overlap p f/k, to the power p, has the relative error p error/(p f/k) = error/(f/k)
+    error = float(np.median(relative_errors))
     yield _compare_median(
         "law",
         "median of the force over that of the law at the overlap of the places, less one",
@@ -346,20 +382,23 @@ def _compare_forces_of_overlaps(
     is_odd = (highest_ratios < 1.0 / _MOST_FACTOR) | (lowest_ratios > _MOST_FACTOR)
     is_odd &= np.maximum(1.0, lowest_ratios) * force > _LEAST_COMPARED * np.mean(force)
     yield _compare_single_forces(network, overlaps.contacts[is_odd], ratios[is_odd])
-    if np.max(deviations) >= _FOLLOWS:  # forces of their own lose what directions of contacts lose
+    if np.max(deviations) >= _FOLLOWS:
+        # the forces were not computed from the overlaps: rounding of the places changes them only
+        # through the directions of contacts
         i = network.i[overlaps.contacts]
         j = network.j[overlaps.contacts]
         error = float(np.median(overlaps.errors / (network.radii[i] + network.radii[j])))
     yield _compare_rounding(error)
 
 
-def _compare_single_forces(network: Any, odd: Index, ratios: Array) -> Comparison:
-    """Return the comparison of the number of contacts with an ``odd`` force (m,); ``ratios`` (m,)
-    are the forces of the law over those of the contacts.
+def _compare_single_forces(network: Any, outliers: Index, ratios: Array) -> Comparison:
+    """Return the comparison of the number of ``outliers`` with zero: (m,) indices of contacts whose
+    force is far from that of the law; ``ratios`` (m,) are the forces of the law over theirs.
     """
-    forces = network.normal_force[odd]
+    forces = network.normal_force[outliers]
+    # the contacts with the largest force, of the file or by the law, come first
     order = np.argsort(-np.maximum(ratios * forces, forces), kind="stable")
-    pairs = _name_pairs(network, odd[order])
+    pairs = _name_pairs(network, outliers[order])
     shown = [
         f"balls {i} and {j}, with {forces[row]:.3g} N where the overlap makes"
         f" {ratios[row] * forces[row]:.3g} N"
@@ -369,18 +408,18 @@ def _compare_single_forces(network: Any, odd: Index, ratios: Array) -> Compariso
         name="single forces",
         meaning="contacts whose force is more than ten times that of the law at the overlap, or"
         " less than a tenth, beside the median ratio of all",
-        value=float(odd.size),
+        value=float(outliers.size),
         limit=0.0,
         worst=pairs,
-        fault=f"{counted(odd.size, 'contact has', 'contacts have')} more than ten times the force"
-        f" of the overlap, or less than a tenth: {'; '.join(shown)}",
+        fault=f"{counted(outliers.size, 'contact has', 'contacts have')} more than ten times the"
+        f" force of the overlap, or less than a tenth: {'; '.join(shown)}",
         reason="Frequencies are of such contacts as if they were pressed by these forces. Compare"
         " units and columns",
     )
 
 
 def _name_pairs(network: Any, contacts: Index) -> tuple[tuple[int, int], ...]:
-    """Return the names of the two balls of each of the first few ``contacts`` (m,)."""
+    """Return the names of the two balls of each of the first three ``contacts`` (m,)."""
     named = contacts[:_NAMED]
     pairs = zip(network.i[named].tolist(), network.j[named].tolist(), strict=True)
     return tuple((network.name_ball(i), network.name_ball(j)) for i, j in pairs)
@@ -399,20 +438,20 @@ def _find_of_materials(network: Any, find: Callable[[Material], float]) -> Array
     return np.array([value_of_kind.get(kind, np.nan) for kind in kinds])
 
 
-def _compare_stiffnesses(network: Any, strong: Index) -> Array:
-    """Return the normal stiffnesses of ``strong`` contacts over those of Hertz's law under the
-    force, (m,), of the contacts whose materials are known.
+def _find_stiffness_ratios(network: Any, contacts: Index) -> Array:
+    """Return the normal stiffnesses over those of Hertz's law under the same forces, (m,), for
+    those of the ``contacts``, indices, whose materials are known.
     """
     moduli = _find_of_materials(network, lambda material: material.contact_modulus)
-    known = strong[np.isfinite(moduli[network.i[strong]] + moduli[network.j[strong]])]
+    is_known = np.isfinite(moduli[network.i[contacts]] + moduli[network.j[contacts]])
+    known = contacts[is_known]
     i = network.i[known]
     j = network.j[known]
     if not known.size:
         return np.zeros(0)
     diameters = harmonic_diameter(2.0 * network.radii[i], 2.0 * network.radii[j])
-    compliances = 0.5 / moduli[i] + 0.5 / moduli[j]
-    # the coefficient goes as the modulus of the pair and as the root of the diameter: its unit is
-    # that of a diameter of 1 m
+    compliances = 0.5 / moduli[i] + 0.5 / moduli[j]  # of pairs of materials, 1/Pa
+    # Hertz's coefficient is proportional to the modulus of the pair and to the root of the diameter
     material = network.contact_model.kinds[0].material
     coefficient = HertzLaw.between(material, 1.0).coefficient * np.sqrt(diameters)
     coefficient /= compliances * material.contact_modulus
@@ -515,6 +554,7 @@ def _compare_hold(network: Any) -> Iterator[Comparison]:
     is_held = network.moving.copy()
     is_held[rattlers] = False
     if not np.any(is_held):
+        # all balls are rattlers: contacts are counted only where there are none at all
         if np.any(network.moving) and not network.n_contacts:
             yield _compare_coordination(network, network.moving)
         return
@@ -533,28 +573,31 @@ def _compare_hold(network: Any) -> Iterator[Comparison]:
 
 def _compare_coordination(network: Any, is_held: Array) -> Comparison:
     """Return the comparison of the number of contacts per ball with the isostatic number, at which
-    as many deformations are resisted as there are motions (Maxwell's count). It is that of the
-    balls for which ``is_held`` (n,) is true. A contact that resists nothing counts as one that
-    resists one deformation.
+    as many deformations are resisted as there are motions (Maxwell's count).
+
+    The balls and their motions are counted where ``is_held`` (n,) is true; the contacts are those
+    among these balls, and with bodies that do not move. If no contact resists a deformation, each
+    is counted as one that resists one.
     """
     motions = network.ball_motions
     n_held = int(np.count_nonzero(is_held))
     is_end = is_held | ~network.moving
     is_counted = is_end[network.i] & is_end[network.j]
     n_contacts = int(np.count_nonzero(is_counted))
-    # kinds of deformations that the motions make: normals have no component along motions out of
-    # the plane
+    # The deformations of a contact that the motions make, by the stiffness that resists them: a
+    # normal one, unless balls move out of the plane only, to which normals are perpendicular; slip
+    # along the other displacements; twist; and rolling about the other rotations.
     n_along = int(0 in motions.translations)
     n_twists = int(motions.twist)
-    rows = {
+    n_deformations = {
         "normal_stiffness": n_along,
         "shear_stiffness": len(motions.translations) - n_along,
         "torsion_stiffness": n_twists,
         "bending_stiffness": len(motions.rotations) - n_twists,
     }
     n_resisted = sum(
-        n_rows * int(np.count_nonzero(getattr(network, name)[is_counted]))
-        for name, n_rows in rows.items()
+        number * int(np.count_nonzero(getattr(network, name)[is_counted]))
+        for name, number in n_deformations.items()
     )
     n_needed = motions.count * n_held - _count_rigid_motions(network)
     per_ball = 2.0 * n_contacts / n_held
@@ -580,8 +623,11 @@ def _is_regular(network: Any) -> bool:
 
 
 def _count_rigid_motions(network: Any) -> int:
-    """Return the number of motions of the whole that deform no contact: none where bodies that do
-    not move hold the balls, and no rotation of what repeats.
+    """Return the number of rigid motions, translations and rotations of the whole network that
+    deform no contact.
+
+    There are none where bodies that do not move hold the balls. A network turns in a plane only if
+    its balls move along both axes of the plane, and it repeats along neither.
     """
     if not np.all(network.moving):
         return 0

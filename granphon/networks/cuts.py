@@ -1,4 +1,5 @@
-"""Cuts of a network: layers of it, one above the other, and the floors on which their faces stand.
+"""Cuts of a network: a number of its layers, one above the other, and the floors on which the lower
+and the upper face stand.
 
 A ``network`` is a :class:`~granphon.networks.network.ContactNetwork`, which stands above this
 module.
@@ -31,10 +32,11 @@ _ALIKE = 0.25
 def cut_network(
     network: Any, layers: Layers, count: int, edges: Sequence[str | Wall]
 ) -> dict[str, Any]:
-    """Return those fields of ``count`` ``layers`` of a network that are not its own, by name;
-    ``edges`` are how the lower and the upper face are held.
+    """Return the fields of a cut of a network that differ from those of the network, by name.
 
-    For the errors see :meth:`granphon.networks.network.ContactNetwork.cut`.
+    The cut has ``count`` layers, whose vectors are ``layers``; ``edges`` say how the lower and the
+    upper face are held. Errors are those of
+    :meth:`granphon.networks.network.ContactNetwork.cut`.
     """
     model: ContactModel | None = network.contact_model
     if model is not None:
@@ -75,9 +77,12 @@ def cut_network(
 
 
 def find_sources(network: Any, layers: Layers, count: int, cut: Any) -> Index:
-    """Return the contact of a ``network`` that each contact (m,) of a ``cut`` of ``count`` of its
-    ``layers`` is; -1 of contacts with the walls of the cut, which come last.
+    """Return, for each contact (m,) of a ``cut`` of a ``network``, the index of the contact of the
+    network of which it is a copy; -1 for contacts with the walls of the cut, which come last.
+
+    The cut has ``count`` layers, whose vectors are ``layers``.
     """
+    # the same steps as in cut_network keep the same contacts in the same order
     stack = _LayerStack.of(network, layers, count)
     is_between = stack.has_i & stack.has_j
     between = {name: getattr(stack, name)[is_between] for name in ("i", "j", "row")}
@@ -86,8 +91,9 @@ def find_sources(network: Any, layers: Layers, count: int, cut: Any) -> Index:
 
 
 def change_wall(network: Any, wall: Wall) -> dict[str, Any]:
-    """Return the fields of a network whose only wall becomes ``wall``, which has its name: contacts
-    with it are under the same forces.
+    """Return the fields that change, by name, where ``wall`` takes the place of the only wall of a
+    network, which has the same name: contacts keep their forces, and get the stiffnesses of balls
+    on the new wall.
     """
     model = network.contact_model
     names = np.array(network.kinds or [wall.name] * network.n_balls)
@@ -106,18 +112,20 @@ def change_wall(network: Any, wall: Wall) -> dict[str, Any]:
 def _hold_faces(
     stack: _LayerStack, balls: dict[str, Any], contacts: dict[str, Any], edges: Sequence[str | Wall]
 ) -> tuple[list[Body], list[Index]]:
-    """Hold the two faces of a stack as ``edges`` say, in place: give clamped balls an infinite
-    mass, and add walls to the fields of ``balls`` and their contacts to those of ``contacts``.
+    """Hold the two faces of a stack as ``edges`` say, by changing the fields of ``balls`` and
+    ``contacts`` in place: clamped balls get an infinite mass, and walls and their contacts are
+    added.
 
-    Returns the walls, and the balls of each clamped face.
+    Returns the walls, and for each clamped face the indices of its balls.
     """
     axis = len(stack.layers.cell)  # the axis across the layers follows the periods
     spread = _find_spread(stack.network)
-    # of a face are balls whose heights differ by as much as their radii may let them
     lower_edge, upper_edge = edges
     heights = balls["positions"][:, axis]
+    # balls whose radii differ by the spread stand at different heights in one face
+    tolerance = 4.0 * spread
     lower_face, upper_face = find_faces(
-        heights, balls["radii"], (lower_edge, upper_edge), stack.network.n_balls, 4.0 * spread
+        heights, balls["radii"], (lower_edge, upper_edge), stack.network.n_balls, tolerance
     )
     walls = list[Body]()
     clamped_faces = list[Index]()
@@ -135,8 +143,8 @@ def _hold_faces(
 def _require_joined_cut(
     network: Any, contacts: Mapping[str, Any], is_still: Flags, n_periods: int
 ) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` unless the balls of a cut that move hang
-    together, or are held by bodies that do not move.
+    """Raise :class:`~granphon.base.errors.InputError` unless contacts join all balls of a cut that
+    move to each other, or to bodies that do not move.
 
     ``contacts`` are the fields of the contacts of the cut, of which ``n_periods`` periods are
     left, and ``is_still`` (n,) says which of its balls do not move.
@@ -146,6 +154,7 @@ def _require_joined_cut(
     mend = "Give more layers"
     if n_rattlers:
         why = f"Of its balls {n_rattlers} in each cell carry no load and hang on nothing"
+        # such balls are no part of the whole, whatever the number of layers
         mend = "Leave them out: network.without_rattlers()"
     require_joined(
         contacts["i"],
@@ -161,9 +170,10 @@ def _require_joined_cut(
 
 
 def _find_spread(network: Any) -> float:
-    """Return the greatest difference of the radii of balls of one kind, m: a layer of such
-    balls is a face, though the balls are off their sites. Zero where balls without kinds differ
-    so much that they are of several.
+    """Return the greatest difference between the radii of two balls of one kind, m.
+
+    Balls of one kind that differ by so much are off their sites, and still of one face. Zero where
+    balls name no kinds and differ so much that they must be of several kinds.
     """
     kinds = np.array(network.kinds or [""] * network.n_balls)
     is_ball = np.isfinite(network.radii)  # a flat wall has an infinite radius
@@ -187,9 +197,11 @@ def _find_forces(network: Any, contacts: Index) -> Array:
 def _press_on_floor(
     network: Any, balls: Index, force: Array, wall: Body, face: str
 ) -> dict[str, Any]:
-    """Return the fields (m,) of the contacts of ``balls`` (m,) of a cut with a ``wall``, each
-    under its own ``force`` (m,), N, in SI units by name; ``face`` is the face of these balls in
-    words. InputError for a ball without a force, or of an unknown material.
+    """Return the fields (m,), by name, SI, of the contacts of ``balls`` (m,) of a cut with a
+    ``wall``, each under its own ``force`` (m,), N.
+
+    ``face`` names the face of these balls in messages. InputError for a ball without a force, or of
+    an unknown material.
     """
     model: ContactModel | None = network.contact_model
     if model is None:
@@ -199,7 +211,7 @@ def _press_on_floor(
             " or clamp the face"
         )
         raise InputError(fault, "Its stiffness is that of a ball on a flat wall", mend)
-    in_layer = balls % network.n_balls
+    in_layer = balls % network.n_balls  # the index in the network of which the ball is a copy
     names = name_kinds(network, in_layer, model, face)
     radii = network.radii[in_layer]
     try:
@@ -213,8 +225,8 @@ def _press_on_floor(
         fault = f"a floor bears no load of ball {balls[is_loose][0]} of the {face}"
         why = "Without a force its contact has no stiffness"
         raise InputError(fault, why, "Press the network, or clamp the face")
-    # arms end in the middle of the overlap where a network has overlaps; where overlaps are
-    # small, at the points where balls touch
+    # Where the network has overlaps, the arms end in the middle of the overlap with the plane;
+    # where overlaps are neglected, they end where the undeformed ball touches the plane.
     overlap = contacts.pop("overlap")
     arm_i = contacts.pop("arm")
     arm_j = np.zeros(len(balls))
@@ -225,9 +237,10 @@ def _press_on_floor(
 
 
 def name_kinds(network: Any, balls: Index, model: ContactModel, face: str) -> list[str]:
-    """Return the names of the kinds of ``balls`` (m,), by their indices in the network; an
-    empty list where the contact model has one kind without a name. InputError for a ball of the
-    ``face`` whose material is not known.
+    """Return the names (m,) of the kinds of ``balls`` (m,), indices in the network; an empty list
+    where the contact model has one kind without a name.
+
+    InputError for balls whose material is not known; ``face`` names their face in the message.
     """
     if not network.kinds and len(model.kinds) > 1:
         materials = counted(len(model.kinds), "material")
@@ -254,10 +267,11 @@ class _LayerStack:
     layers : the vectors of the layers; p periods are left.
     count : the number of layers.
     turn : (3, 3) rows are the axes of the cut: the periods that are left come first.
-    positions : (n count, 3) centres of the balls, layer by layer, m.
-    i, j : (m,) the two balls of each contact; those of layers beyond have numbers below zero, or
+    positions : (n count, 3) centres of the balls, layer by layer, along the axes of the cut, m.
+    i, j : (m,) the two balls of each contact, also of the contacts that the cut has opened: balls
+        of layers below the cut have numbers below zero, and balls of layers above it have numbers
         from n count on.
-    row : (m,) the row of each contact among those of the network.
+    row : (m,) index of the contact of the network of which each contact is a copy.
     shift : (m, p) whole cells by which ball j is displaced.
     """
 
@@ -289,9 +303,11 @@ class _LayerStack:
             sites[:, :d], network.i, network.j, shift, np.isinf(network.radii)
         )
         _cells, rise = layers.split(shift)  # rise: layers from ball i to ball j
+        # contacts within a layer do not count: a large cell, as that of a sample, is a layer of
+        # many rows, which hang together by themselves
         lengths_across = np.abs(network.vector @ turn.T[:, p])[rise != 0]
-        reach = float(np.max(lengths_across, initial=0.0))
-        _require_short(reach, float(layer_step[p]), count)
+        longest = float(np.max(lengths_across, initial=0.0))
+        _require_short(longest, float(layer_step[p]), count)
         # Contacts that are cut lead to balls of layers beyond the two faces, as many as a contact
         # rises. Balls are numbered from the lowest of these, and then from the lower face.
         n_beyond = int(np.max(np.abs(rise), initial=0))
@@ -321,15 +337,15 @@ class _LayerStack:
         return np.asarray((self.j >= 0) & (self.j < len(self.positions)))
 
     def make_balls(self) -> dict[str, Any]:
-        """Return the fields of the balls."""
+        """Return the fields of the balls of all layers, by name."""
         fields: dict[str, Any] = {
             name: np.tile(getattr(self.network, name), self.count) for name in NUMBERS_OF_BALLS
         }
         return fields | {"positions": self.positions}
 
     def make_contacts(self) -> dict[str, Any]:
-        """Return the fields of the contacts among the layers, along the axes of the cut, by
-        name.
+        """Return the fields of the contacts whose two balls are in the layers, by name; vectors are
+        along the axes of the cut.
         """
         is_kept = self.has_i & self.has_j
         rows = self.row[is_kept]
@@ -347,14 +363,15 @@ class _LayerStack:
         }
 
     def find_floor(self, side: float, face: Index, wall: Body, may_carry_none: bool) -> _Floor:
-        """Return the floor of the balls of a ``face`` (m,), the lower one (``side`` -1) or the
-        upper one (+1), which is a ``wall``.
+        """Return the floor, a ``wall``, on which the balls of a ``face``, (m,) indices, stand: the
+        lower face (``side`` -1) or the upper one (+1).
 
-        The force on each ball is that of the contacts which the ball has lost there. Balls of the
-        face that have lost none stand on no floor if ``may_carry_none``, as of balls of different
-        sizes; else there is an InputError.
+        Each ball presses on the floor with the force of the contacts that the ball has lost there.
+        A ball of the face that has lost no contact stands on no floor if ``may_carry_none``, as in
+        faces of balls of different sizes; otherwise, and if no ball of the face has lost a contact,
+        InputError is raised.
         """
-        p = self.shift.shape[1]
+        p = self.shift.shape[1]  # the axis across the layers
         leads_beyond = np.minimum(self.i, self.j) < 0
         if side > 0.0:
             leads_beyond = np.maximum(self.i, self.j) >= len(self.positions)
@@ -363,19 +380,20 @@ class _LayerStack:
         cut_contacts = np.flatnonzero(is_cut & np.isin(ball_inside, face))
         balls = ball_inside[cut_contacts]
         pressed_balls = np.intersect1d(face, balls)
-        spare_balls = np.setdiff1d(face, balls)
-        if spare_balls.size and (not may_carry_none or not pressed_balls.size):
+        unpressed_balls = np.setdiff1d(face, balls)
+        if unpressed_balls.size and (not may_carry_none or not pressed_balls.size):
             raise InputError(
-                f"ball {spare_balls[0]} of the {_name_face(side)} has lost no contact there",
+                f"ball {unpressed_balls[0]} of the {_name_face(side)} has lost no contact there",
                 "Nothing says with which force it stands on a floor",
                 "Cut elsewhere, or clamp it",
             )
-        # the force of ball i on ball j along the axis across the layers, and the sign by which it
-        # presses the ball in the layers on the floor
+        # components, across the layers, of the forces of balls i on balls j
         forces = _find_forces(self.network, self.row[cut_contacts]) @ self.turn.T[:, p]
+        # a floor takes the part of the lost ball: where ball i is left, it presses on the floor as
+        # it did on ball j, outwards; where ball j is left, it presses with the opposite force
         signs = np.where(self.has_i, side, -side)[cut_contacts]
         places = np.searchsorted(pressed_balls, balls)
-        force: Any = np.bincount(places, signs * forces)
+        force: Any = np.bincount(places, signs * forces)  # the sum over the contacts of each ball
         springs = _press_on_floor(self.network, pressed_balls, force, wall, _name_face(side))
         return _Floor(side, pressed_balls, springs)
 
@@ -392,7 +410,9 @@ class _Floor:
 
     def add_to(self, balls: dict[str, Any], contacts: dict[str, Any], axis: int) -> None:
         """Add the plane, which lies across an ``axis``, as the last ball to the fields of
-        ``balls``, and its contacts to the fields of ``contacts``, in place.
+        ``balls``, and its contacts to the fields of ``contacts``, both in place.
+
+        The plane goes through the mean of the outermost points of the balls that stand on it.
         """
         n_contacts = len(self.balls)
         plane = len(balls["masses"])  # the index of the plane
@@ -414,22 +434,21 @@ class _Floor:
         balls["positions"] = np.concatenate([balls["positions"], point[None]])
 
 
-def _require_short(reach: float, height: float, count: int) -> None:
-    """Raise InputError if a contact reaches across all of ``count`` layers; ``reach`` is the
-    greatest distance across layers of balls that touch, and ``height`` that of one layer, m.
+def _require_short(longest: float, height: float, count: int) -> None:
+    """Raise InputError if a contact between layers reaches across all of ``count`` layers.
 
-    A large cell, as that of a sample, is a layer of many rows, which hang together by themselves:
-    contacts within a layer do not count.
+    ``longest`` is the greatest length, across the layers, of such a contact, and ``height`` that of
+    one layer, m.
     """
-    if reach >= (1.0 - TOUCH) * count * height:
-        least_count = int((1.0 + TOUCH) * reach / height) + 1
+    if longest >= (1.0 - TOUCH) * count * height:
+        least_count = int((1.0 + TOUCH) * longest / height) + 1
         fault = f"some contacts reach across {counted(count, 'layer')}"
         raise InputError(fault, "None of them would be left", f"Give {least_count} layers or more")
 
 
 def _leave_out_still(contacts: Mapping[str, Any], is_still: Flags) -> dict[str, Any]:
-    """Return the fields of the contacts but those of two balls that do not move; ``is_still`` is
-    (n,).
+    """Return the fields of the ``contacts``, by name, without contacts of two balls that do not
+    move; ``is_still`` (n,) marks such balls.
     """
     is_kept = ~(is_still[contacts["i"]] & is_still[contacts["j"]])
     return {name: values[is_kept] for name, values in contacts.items()}
@@ -438,8 +457,11 @@ def _leave_out_still(contacts: Mapping[str, Any], is_still: Flags) -> dict[str, 
 def _require_motion(
     contacts: Mapping[str, Any], is_still: Flags, clamped: Sequence[Index], count: int
 ) -> None:
-    """Raise InputError if no ball of ``count`` layers moves, or the balls of a clamped face touch
-    none that moves.
+    """Raise InputError if no ball of ``count`` layers moves, or if the balls of a clamped face
+    touch none that moves.
+
+    ``contacts`` are fields by name, without contacts of two balls that do not move, ``is_still``
+    (n,) marks these balls, and ``clamped`` has the indices of the balls of each clamped face.
     """
     if np.all(is_still):
         fault = f"no ball moves in {counted(count, 'layer')} with these edges"
@@ -452,4 +474,5 @@ def _require_motion(
 
 
 def _name_face(side: float) -> str:
+    """Return the words for the face on a ``side``, -1 or +1."""
     return "lower face" if side < 0.0 else "upper face"

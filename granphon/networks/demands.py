@@ -1,4 +1,5 @@
-"""What the balls and the contacts of a network must be: demands on the entries of its fields.
+"""Demands that the entries of the fields of a network must meet, ball by ball and contact by
+contact.
 
 A ``network`` is a :class:`~granphon.networks.network.ContactNetwork`, which stands above this
 module.
@@ -34,7 +35,9 @@ _BEYOND = f"beyond what can be reckoned with, {1.0 / LARGEST:g} to {LARGEST:g} i
 
 
 def list_demands(network: Any) -> Iterator[_Demand]:
-    """Yield the demands on balls and contacts; a demand may rely on earlier demands."""
+    """Yield the demands on the balls and contacts of a network, each a field, (n,) or (n_c,) truth
+    values, and words, see ``_Demand``. A demand may rely on earlier demands being met.
+    """
     yield from _list_demands_on_balls(network)
     yield from _list_demands_on_ends(network)
     yield from _list_demands_on_forces(network)
@@ -43,8 +46,8 @@ def list_demands(network: Any) -> Iterator[_Demand]:
 
 
 def _list_demands_on_balls(network: Any) -> Iterator[_Demand]:
-    """Yield the demands that places are finite, sizes and masses above zero, and those of all but
-    bodies that do not move finite.
+    """Yield the demands that places are finite, that radii, masses and moments of inertia are above
+    zero, and that these are finite for balls that move.
     """
     is_placed = np.all(np.abs(network.positions) < LARGEST, axis=1)
     yield "positions", is_placed, f"is at a place {_TOO_LARGE} m", ""
@@ -57,7 +60,9 @@ def _list_demands_on_balls(network: Any) -> Iterator[_Demand]:
 
 
 def _list_demands_on_ends(network: Any) -> Iterator[_Demand]:
-    """Yield the demands on the balls of each contact, and on the cells between them."""
+    """Yield the demands that the two balls of each contact are there, that its shift leads along
+    periods only and not too far, and that the contact does not join a ball with itself.
+    """
     for name in ("i", "j"):
         index = getattr(network, name)
         exists = (index >= 0) & (index < network.n_balls)
@@ -73,7 +78,9 @@ def _list_demands_on_ends(network: Any) -> Iterator[_Demand]:
 
 
 def _list_demands_on_forces(network: Any) -> Iterator[_Demand]:
-    """Yield the demands on normals, forces, stiffnesses and arms."""
+    """Yield the demands that normals have the length one, that forces and stiffnesses are in their
+    ranges, that tangential forces are across the normals, and that arms are finite.
+    """
     # squares of larger numbers might overflow
     length = np.linalg.norm(np.clip(network.normal, -2.0, 2.0), axis=1)
     yield "normal", np.abs(length - 1.0) <= UNIT, "has a normal whose length is not one", ""
@@ -94,9 +101,10 @@ def _list_demands_on_forces(network: Any) -> Iterator[_Demand]:
         is_finite = np.all(np.abs(tangential) < LARGEST, axis=1)
         yield name, is_finite, f"has a {name} {_TOO_LARGE} N", ""
         along = np.abs(np.einsum("ca,ca->c", tangential, network.normal))
-        # rounding turns a force that is nothing beside the normal one, or among the least numbers
-        nothing = _NOTHING * np.abs(network.normal_force) + np.finfo(float).tiny
-        allowed = ALONG * np.linalg.norm(tangential, axis=1) + nothing
+        # the direction of a force that is very small, beside the normal force or among floats, is
+        # decided by rounding: such a force meets the demand
+        negligible = _NOTHING * np.abs(network.normal_force) + np.finfo(float).tiny
+        allowed = ALONG * np.linalg.norm(tangential, axis=1) + negligible
         fault = f"has a {name} that is not across its normal"
         yield name, along <= allowed, fault, "Leave the normal force out of it"
     for name in ("arm_i", "arm_j"):
@@ -105,9 +113,12 @@ def _list_demands_on_forces(network: Any) -> Iterator[_Demand]:
 
 
 def _list_demands_on_geometry(network: Any) -> Iterator[_Demand]:
-    """Yield the demands on directions and lengths. Normals lie in the line or plane of the balls.
-    So do contacts of two balls that move; these lead from ball i to ball j, and are as long as the
-    two arms, to a quarter of these. A body that does not move may have any place.
+    """Yield the demands on the directions and lengths of contacts.
+
+    Normals lie in the line or plane of the network. Of contacts between two balls that move, the
+    vector from centre to centre lies there, too, the normal leads along it from ball i to ball j,
+    and its length is the sum of the two arms, to a quarter of this sum. A body that does not move
+    may have any place.
     """
     d = network.dimension
     where = "the line along x" if d == 1 else "the plane"
@@ -119,10 +130,10 @@ def _list_demands_on_geometry(network: Any) -> Iterator[_Demand]:
     arms = network.arm_i + network.arm_j
     is_level = ~np.any(np.abs(vector[:, d:]) > UNIT * np.abs(arms)[:, None], axis=1)
     yield "i", is_level | is_at_wall, f"joins balls that are not both in {where}", ""
-    leads_on = np.einsum("ca,ca->c", network.normal, vector) > 0.0
+    leads_to_j = np.einsum("ca,ca->c", network.normal, vector) > 0.0
     fault = "has a normal that does not lead from ball i to ball j"
     mend = "Normals lead from ball i to ball j displaced by shift cells"
-    yield "normal", leads_on | is_at_wall, fault, mend
+    yield "normal", leads_to_j | is_at_wall, fault, mend
     is_touching = np.abs(np.linalg.norm(vector, axis=1) - arms) <= _STRAY * np.abs(arms)
     fault = "joins balls whose distance is not the sum of the two arms"
     mend = "Compare shift and cell with the positions"
@@ -130,7 +141,9 @@ def _list_demands_on_geometry(network: Any) -> Iterator[_Demand]:
 
 
 def _list_demands_on_range(network: Any) -> Iterator[_Demand]:
-    """Yield the demands that products of a few numbers stay within the range of floats."""
+    """Yield the demands that masses, sizes and stiffnesses are so far from zero and infinity that
+    products of a few of them stay within the range of floats.
+    """
     for name in NUMBERS_OF_BALLS:
         values = getattr(network, name)
         is_in_range = (values >= 1.0 / LARGEST) & (values <= LARGEST)

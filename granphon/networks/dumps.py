@@ -1,8 +1,7 @@
-"""Dumps of LAMMPS and LIGGGHTS: frames of rows with named columns, as text or YAML, also packed;
-files of MercuryDPM have frames too.
+"""Dumps of LAMMPS and LIGGGHTS, as text or YAML, also packed: files of frames, each of which has a
+time step, a box, and a list of rows with named columns, of atoms or of local entries such as pairs.
 
-Each frame has a time step, a box and a list, of atoms or of local entries such as pairs. Rows stay
-bytes until their numbers are needed.
+Files of MercuryDPM are read as frames, too. Rows stay bytes until their numbers are needed.
 """
 
 from __future__ import annotations
@@ -94,20 +93,25 @@ class Frame:
 
 
 class Dump:
-    """The frames of a file: of ``kind`` "atoms" or "entries".
+    """A file of frames, all of whose lists are of one kind, "atoms" or "entries".
 
-    ``fault`` is the error at the place from which on the file cannot be read; None if it is whole.
-    InputError if no frame can be read.
+    Attributes
+    ----------
+    name : the file in messages.
+    frames : the frames that can be read, in the order of the file.
+    fault : the error at the place from which on the file cannot be read; None if it is whole.
     """
 
-    #: what tells frames apart: in messages, and as an argument of the reader
+    #: how messages call what tells frames apart, and the reader's argument for it
     word: ClassVar[str] = "time step"
     argument: ClassVar[str] = "step"
     #: advice for a file without frames
     mend: ClassVar[str] = _IS_DUMP
 
     def __init__(self, path: str | os.PathLike[str], kind: str) -> None:
-        """Read the frames of the file at ``path``, up to the first that cannot be read."""
+        """Read the frames of the file at ``path``, up to the first that cannot be read; InputError
+        if there is none before it.
+        """
         self.name = str(path)
         self.frames: list[Frame] = []
         self.fault: InputError | None = None
@@ -123,12 +127,12 @@ class Dump:
 
     @classmethod
     def open(cls, source: Any, kind: str) -> Self:
-        """Return the file at a path; one that is open is returned as it is."""
+        """Return the file ``source``: read from its path, or, if it is open, as it is."""
         return source if isinstance(source, cls) else cls(source, kind)
 
     def split(self, lines: Lines, kind: str) -> Iterator[Frame]:
-        """Yield the frames in the ``lines`` of a file, whose lists are of the ``kind``; InputError
-        where they cannot be read, when the frames before have been yielded.
+        """Yield the frames in the ``lines`` of a file, whose lists are of the ``kind``. InputError
+        is raised at the first frame that cannot be read, after the frames before have been yielded.
         """
         yield from _split_frames(lines, kind)
 
@@ -142,11 +146,12 @@ class Dump:
         return sorted({frame.step for frame in self.frames})
 
     def find(self, step: float | None) -> Frame:
-        """Return the frame at the time ``step``, or the last frame for None; of several with one
-        time step the last. InputError if there is no such frame.
+        """Return the frame at the time ``step``, the last one if there are several, or, for None,
+        the last frame of the file. InputError if there is no such frame.
 
-        A program that is killed leaves its last frame cut: an earlier frame that is requested is
-        read, with a warning; without a requested step an error names the last one that can be read.
+        A program that is killed leaves its last frame cut. An earlier frame of such a file is
+        returned with a warning; for None there is an InputError that names the last step that can
+        be read.
         """
         frames = [frame for frame in self.frames if step is None or self.is_at(frame, step)]
         if self.fault is not None:
@@ -164,15 +169,18 @@ class Dump:
 
 
 def open_series(dump: Any, pairs: Any) -> tuple[list[float], Dump, Dump]:
-    """Return the time steps that two dumps both have, ascending, and the two, see
-    :func:`share_steps`.
+    """Return the time steps that a dump of atoms and one of pairs both have, ascending, and the two
+    dumps, open; warnings and errors are those of :func:`share_steps`.
     """
     return share_steps(Dump.open(dump, "atoms"), Dump.open(pairs, "entries"))
 
 
 def share_steps(balls: OneDump, contacts: OneDump) -> tuple[list[float], OneDump, OneDump]:
-    """Return the time steps that two open files both have, ascending, and the two; warn if one of
-    them is cut. InputError without a common step.
+    """Return the time steps, or times, that two open files both have, ascending, and the two files.
+    InputError without a common step.
+
+    Warns if a file is cut; its ``fault`` is then removed, so that its frames are found without a
+    further warning.
     """
     for file in (balls, contacts):
         if file.fault is not None:
@@ -188,25 +196,31 @@ def share_steps(balls: OneDump, contacts: OneDump) -> tuple[list[float], OneDump
 
 
 def _describe_steps(steps: list[float]) -> str:
-    """Return ascending time steps in words."""
+    """Return ascending time steps in words: the step, or the first, the last and the number."""
     if len(steps) == 1:
         return f"{steps[0]:.12g} alone"
     return f"{steps[0]:.12g} to {steps[-1]:.12g}, {len(steps)} in all"
 
 
 class Lines:
-    """The lines of a file, which stay bytes; one of them is read next.
+    """The lines of a file, which are kept as bytes and are read one after the other.
 
-    A program ends each line with a line break: a file that ends without one is cut there, and so is
-    a packed file whose end lacks. ``place`` is the index of the line that is read next.
+    Attributes
+    ----------
+    name : the file in messages.
+    place : index of the line that is read next.
+    is_packed_whole : false for a packed file whose end is missing.
+    is_broken : whether the file ends without a line break: a program ends each line with one, so
+        that such a file is cut.
     """
 
     def __init__(self, name: str, raw: bytes, is_whole: bool) -> None:
-        """Split ``raw``, the unpacked bytes of the file ``name``, into lines; ``is_whole`` is false
-        for a packed file whose end lacks.
+        """Split ``raw``, the unpacked bytes of the file ``name``, into lines, without the empty
+        lines at its end; ``is_whole`` is false for a packed file whose end is missing. InputError
+        if the bytes are no text.
         """
-        decode(name, raw)  # for the error of what is no text
-        raw = raw.removeprefix(b"\xef\xbb\xbf")
+        decode(name, raw)  # raises the error; the text itself is not needed
+        raw = raw.removeprefix(b"\xef\xbb\xbf")  # the byte order mark of UTF-8
         if b"\r" in raw:
             raw = raw.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
         self.name = name
@@ -215,12 +229,13 @@ class Lines:
         self.place = 0
         self._raw = raw
         breaks = np.flatnonzero(np.frombuffer(raw, np.uint8) == ord("\n"))
-        #: where lines begin, and the end of the last one that is not empty
+        #: index of the byte at which each line begins, and last the end of the last line
         self._starts: Index = np.unique(np.concatenate([[0], breaks + 1, [len(raw)]]))
         while len(self) and not self.take(len(self) - 1, 1).strip():
             self._starts = self._starts[:-1]
 
     def __len__(self) -> int:
+        """Return the number of lines, without empty ones at the end of the file."""
         return len(self._starts) - 1
 
     @property
@@ -243,17 +258,23 @@ class Lines:
         return np.asarray(letters == ord(letter))
 
     def peek(self) -> str:
-        """The line that is read next; "" at the end of the file."""
+        """Return the line that is read next, without the space at its end, without moving on; ""
+        at the end of the file.
+        """
         return "" if self.at_end else self.take(self.place, 1).decode().rstrip()
 
     def read(self) -> str:
-        """Read a line, without the space around it; "" at the end of the file."""
+        """Return the next line, without the space around it, and move on to the line after it; ""
+        at the end of the file.
+        """
         text = self.peek().strip()
         self.place += 1
         return text
 
     def read_count(self, text: str | None = None) -> int:
-        """Return the whole number in ``text``, which has been read, or else in the next line."""
+        """Return the whole number in ``text``, of the line that was read last, or, for None, in the
+        next line, which is read. InputError, with the line, for anything else.
+        """
         digits = self.read() if text is None else text
         # 64 bits hold no number of more digits
         if not re.fullmatch("[0-9]{1,19}", digits):
@@ -265,12 +286,13 @@ class Lines:
         return int(digits)
 
     def read_list(self, frame: Frame, columns: Sequence[str], count: int, kind: str) -> None:
-        """Let the next ``count`` lines be the rows of a ``frame`` under the names of ``columns``;
-        ``count`` is -1 if the file has not said how many there are.
+        """Make the next ``count`` lines the rows of a ``frame``, with the names ``columns``, and
+        move on to the line after them.
 
-        InputError for another ``kind`` of list than is needed, a count that is not known, a file
-        that ends before, or in the last row, a row more, and a name of a column that no program
-        writes.
+        ``count`` is -1 if the file has not said how many rows there are. InputError for this; for a
+        list of another ``kind`` than is needed; for a file that ends before the last row does; for
+        a further row below the last one; and for the name of a column with other letters than
+        programs write.
         """
         if frame.kind != kind:
             required = "atoms (dump custom)" if kind == "atoms" else "pairs (dump local)"
@@ -302,8 +324,9 @@ class Lines:
             raise InputError(fault, "The number of rows that the file says is another")
 
     def refuse_cut(self, frame: Frame) -> None:
-        """Raise :class:`InputError` if the last line is broken, or is the last row of the last
-        ``frame`` with too few cells.
+        """Raise :class:`InputError` if the file is cut: its end is missing
+        (:meth:`require_whole`), or its last line is the last row of the last ``frame`` and has too
+        few cells.
         """
         where = f"{self.name}:{len(self)}"
         last_row = frame.first + frame.count
@@ -319,7 +342,9 @@ class Lines:
         self.require_whole()
 
     def require_whole(self) -> None:
-        """Raise :class:`InputError` if the end of the file lacks."""
+        """Raise :class:`InputError` if the end of the file is missing: its last line break, or the
+        end of a packed file.
+        """
         where = f"{self.name}:{len(self)}"
         if self.is_broken:
             why = "The file is not whole: its last number may have lost digits"
@@ -330,24 +355,28 @@ class Lines:
 
 
 def open_lines(path: str | os.PathLike[str]) -> Lines:
-    """Return the lines of a file, which may be packed."""
+    """Return the lines of the file at ``path``, which may be packed; InputError if the file cannot
+    be read or unpacked, or is no text.
+    """
     name = str(path)
     raw, is_whole = unpack(name, read_bytes(path, MOST_BYTES), MOST_BYTES)
     return Lines(name, raw, is_whole)
 
 
 def _split_frames(lines: Lines, kind: str) -> Iterator[Frame]:
-    """Yield the frames of a dump, whose lists are of the ``kind``; InputError where the dump cannot
-    be read, when the frames before have been yielded.
+    """Yield the frames of a dump as text or YAML, whose lists are of the ``kind``. InputError is
+    raised at the first frame that cannot be read, or is cut, after the frames before have been
+    yielded.
     """
     first_word = lines.peek().partition(":")[0]
     split = _split_yaml if first_word in ("---", "creator") else _split_text
     frame = None
     for frame in split(lines, kind):
-        if frame.lines is not None:
+        if frame.lines is not None:  # its list has been read
             yield frame
     if frame is None:
         return
+    # the last frame may be cut
     if frame.lines is None:
         fault = f"{lines.name} ends before the {kind} of its time step {frame.step}"
         raise InputError(fault, _NOT_WHOLE)
@@ -358,7 +387,8 @@ def _split_frames(lines: Lines, kind: str) -> Iterator[Frame]:
 
 
 def _split_text(lines: Lines, kind: str) -> Iterator[Frame]:
-    """Yield the frames of a dump as text; the last one without rows if its list lacks.
+    """Yield the frames of a dump as text; the last one has no rows if the file ends before its
+    list.
 
     Units hold until a frame says others; the number of rows and the box are those of one frame.
     """
@@ -396,8 +426,8 @@ def _split_text(lines: Lines, kind: str) -> Iterator[Frame]:
 
 
 def _read_title(lines: Lines) -> str:
-    """Read a line "ITEM: ..." and return what follows the word; "" for an empty line, and
-    InputError for another one.
+    """Read a line "ITEM: TITLE" and return the title; "" for an empty line. InputError for a line
+    of another form.
     """
     line = lines.read()
     if line and not line.startswith("ITEM:"):
@@ -407,8 +437,9 @@ def _read_title(lines: Lines) -> str:
 
 
 def _read_box_words(name: str, words: list[str]) -> tuple[list[str], bool]:
-    """Return the boundary conditions at the two faces across each axis, and whether the box is
-    tilted, from the ``words`` of its heading; InputError for three general vectors.
+    """Return the boundary conditions at the two faces across each axis, two letters as "pp", and
+    whether the box is tilted, from the ``words`` of the heading of a box. InputError, with the
+    ``name`` of the file, for a box of three general vectors.
     """
     if words[:1] == ["abc"]:
         fault = f"{name} has a box of three general vectors"
@@ -424,7 +455,10 @@ def _read_box_words(name: str, words: list[str]) -> tuple[list[str], bool]:
 
 def _split_yaml(lines: Lines, kind: str) -> Iterator[Frame]:
     """Yield the frames of a dump of style yaml, whose lines have the form that LAMMPS gives them;
-    the last one without rows if its list lacks.
+    the last one has no rows if the file ends before its list.
+
+    Units, names of columns and boundary conditions hold until a frame says others; the number of
+    rows and the box are those of one frame.
     """
     units = ""
     n_rows = -1
@@ -467,15 +501,15 @@ def _split_yaml(lines: Lines, kind: str) -> Iterator[Frame]:
 
 
 def _read_yaml_box(lines: Lines, frame: Frame, boundaries: list[str]) -> None:
-    """Read the rows of the box of a ``frame``: three of bounds, and one of tilts if it is
-    tilted.
+    """Read the rows of a box, three of bounds, and a fourth one of tilts if the box is tilted, and
+    set the box of the ``frame``; ``boundaries`` and errors are those of :func:`_set_box`.
     """
     place = lines.place
     rows: list[list[str]] = []
     while lines.peek().startswith(" ") and len(rows) < 4:
         rows.append(lines.read().strip("- ").translate(str.maketrans("[],", "   ")).split())
     is_tilted = len(rows) == 4
-    if is_tilted:
+    if is_tilted:  # the tilts become third cells, as dumps as text have them
         tilts = rows.pop()
         rows = [[*row, *tilts[axis : axis + 1]] for axis, row in enumerate(rows)]
     _set_box(frame, rows, boundaries, is_tilted, place)
@@ -487,12 +521,15 @@ def _read_yaml_box(lines: Lines, frame: Frame, boundaries: list[str]) -> None:
 def _set_box(
     frame: Frame, rows: list[list[str]], boundaries: list[str], is_tilted: bool, place: int
 ) -> None:
-    """Set the box of a ``frame`` from the cells of its three ``rows``, which begin at the line of
-    index ``place``. Without boundary conditions nothing repeats.
+    """Set ``origin``, ``cell`` and ``pbc`` of a ``frame`` from the cells of the three ``rows`` of
+    its box, which begin at the line of index ``place``: bounds, and tilts if the box
+    ``is_tilted``.
 
-    InputError for cells that are no bounds, and for a length of zero or below.
+    ``boundaries`` has two letters for each axis, which repeats if they are "pp"; without any
+    nothing repeats. InputError for cells that are no bounds, and for a length of zero or below.
     """
     try:
+        # Python also reads other digits, and digits with "_" between them, as numbers
         if not all(cell.isascii() and "_" not in cell for row in rows for cell in row):
             raise ValueError
         bounds = np.array([[float(cell) for cell in row] for row in rows])

@@ -1,4 +1,6 @@
-"""Balls and contacts of a source that cannot be used, by kinds of fault: all are told at once."""
+"""Balls and contacts of a source that cannot be used. They are collected by kinds of fault, so that
+one message tells all of them.
+"""
 
 from __future__ import annotations
 
@@ -10,16 +12,22 @@ import numpy as np
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InconsistencyWarning, InputError, message, warn_caller
 
-#: rows of a kind of fault that a message names, the worst ones
+#: most rows of a kind of fault that a message names, the worst ones
 _MOST_NAMED = 3
-#: what may become of contacts with faults
+#: what a reader does with contacts that have faults: raise an error, or leave them out
 BAD = ("refuse", "drop")
 
 
 @dataclass(frozen=True)
 class _Kind:
-    """A kind of fault: what rows have in words, their number, the worst rows in words, why that is
-    a fault, and how to mend it.
+    """A kind of fault.
+
+    Attributes
+    ----------
+    words : what the rows with this fault have, as "a force that pulls".
+    count : number of these rows.
+    worst : the worst of them in words, three at most.
+    why, mend : why that is a fault, and how to mend it; "" for nothing to say.
     """
 
     words: str
@@ -29,6 +37,7 @@ class _Kind:
     mend: str
 
     def __str__(self) -> str:
+        """Return the sentences about this kind of fault in a message."""
         more = "; ..." if self.count > len(self.worst) else ""
         listed = f"{self.count} with {self.words}: {'; '.join(self.worst)}{more}"
         return message(listed, self.why, self.mend)
@@ -44,8 +53,9 @@ class Faults:
     subject : what the rows are: "balls" or "contacts".
     count : number of rows.
     describe : the words that name a row, by its index.
-    rows : (m,) the rows that are looked at; at first all, see :meth:`narrow`.
-    is_bad : (count,) whether each row has a fault that has been noted.
+    rows : (m,) indices of the present rows, about which :meth:`note` is told: at first all rows,
+        then those that :meth:`narrow` has left.
+    is_bad : (count,) whether a fault of each row has been noted.
     """
 
     name: str
@@ -57,12 +67,13 @@ class Faults:
     _kinds: list[_Kind] = field(default_factory=list)
 
     def __post_init__(self) -> None:
+        """Begin with all rows present, and none of them bad."""
         self.rows = np.arange(self.count)
         self.is_bad = np.zeros(self.count, bool)
 
     def narrow(self, is_kept: Flags | None = None) -> Flags:
-        """Look, from now on, only at those of the present rows that are kept (m,) and have no
-        fault; return (m,) which these are.
+        """Reduce the present ``rows`` to those that have no fault and that ``is_kept`` (m,) marks,
+        by default all; return (m,) truth values of the rows before, true for those that are left.
         """
         is_fine = ~self.is_bad[self.rows]
         if is_kept is not None:
@@ -80,11 +91,12 @@ class Faults:
         why: str = "",
         mend: str = "",
     ) -> None:
-        """Note those of the present rows that are bad (m,) and have no other fault: a row counts
-        once.
+        """Note a fault of those of the present rows that ``is_bad`` (m,) marks; a row that has a
+        fault already is not noted again.
 
-        ``words`` say what these rows have. ``values`` (m,) or (m, d), in the ``unit``, are shown of
-        the worst rows, which are those with the largest values, or the first ones.
+        ``words`` say what these rows have, ``why`` and ``mend`` are those of the message. The
+        message shows the ``values`` (m,) or (m, d), in the ``unit``, of the worst rows, which are
+        those with the largest values; without values it names the first rows.
         """
         places = np.flatnonzero(is_bad & ~self.is_bad[self.rows])
         if not places.size:
@@ -97,15 +109,18 @@ class Faults:
         self._kinds.append(_Kind(words, places.size, tuple(shown), why, mend))
 
     def __str__(self) -> str:
+        """Return the message about all rows with faults, kind by kind."""
         n_bad = int(np.count_nonzero(self.is_bad))
         head = f"{self.name}: {n_bad} of {self.count} {self.subject} cannot be used"
         return " ".join([f"{head}.", *map(str, self._kinds)])
 
 
 def settle(lists: Sequence[Faults], drops: bool) -> None:
-    """Raise one :class:`~granphon.base.errors.InputError` that tells all faults of balls and
-    contacts; with ``drops``, and if all are faults of contacts, warn of them instead: they are
-    left out.
+    """Raise one :class:`~granphon.base.errors.InputError` that tells all faults in ``lists``, of
+    balls and of contacts; do nothing if there is none.
+
+    With ``drops``, if all are faults of contacts, warn instead that these contacts are left out;
+    the caller leaves them out.
     """
     lists_with_faults = [faults for faults in lists if np.any(faults.is_bad)]
     if not lists_with_faults:
@@ -123,8 +138,8 @@ def settle(lists: Sequence[Faults], drops: bool) -> None:
 
 
 def _find_worst(places: Index, values: Array | None) -> Index:
-    """Return the few of some ``places`` whose ``values`` are largest, nan first; the first few
-    without values.
+    """Return those three of the ``places`` (m,), indices into ``values``, at which the values are
+    largest in magnitude, nan first; the first three if there are no values.
     """
     if values is None:
         return places[:_MOST_NAMED]
@@ -134,6 +149,6 @@ def _find_worst(places: Index, values: Array | None) -> Index:
 
 
 def _show(value: Array, unit: str) -> str:
-    """Return a number or a vector, with its unit, in few digits."""
+    """Return a number, or the components of a vector, with six digits and the unit, as text."""
     numbers = ", ".join(f"{number:.6g}" for number in np.ravel(value).tolist())
     return f"{numbers} {unit}".strip()

@@ -1,5 +1,7 @@
-"""Dumps of LAMMPS: one of atoms and one of pairs that touch, at the same time step; contacts with
-walls are columns of the atoms. Networks are read from them, and written as them.
+"""Networks from dumps of LAMMPS, and networks written as such dumps.
+
+A network is in two dumps of the same time step: one of atoms and one of pairs that touch. Contacts
+with walls are in columns of the dump of atoms.
 """
 
 from __future__ import annotations
@@ -60,13 +62,14 @@ class Scales:
 
     @classmethod
     def find(cls, units: str | Units | None, frames: Sequence[Frame]) -> Scales:
-        """Return the scales of the ``units``, or, if these are None, of the style that the
-        ``frames`` name, by default SI.
+        """Return the scales of the ``units``, a style by its name or the scales of the style "lj"
+        as :class:`~granphon.base.scales.Units`; for None those of the style that the ``frames``
+        name, or of SI if they name none.
 
-        InputError for an unknown style, for files of different styles, and for a style other than
-        that of the files; :class:`~granphon.base.scales.Units` belong to the style "lj".
+        InputError for an unknown style, for frames of different styles, and for a style other than
+        that of the frames.
         """
-        named = [frame for frame in frames if frame.units]  # the other files have the same
+        named = [frame for frame in frames if frame.units]  # other frames do not say their style
         styles_of_files = {frame.units for frame in named}
         if len(styles_of_files) > 1:
             listed = ", and ".join(f"{frame.name} is in units {frame.units}" for frame in named)
@@ -89,11 +92,12 @@ class Scales:
 
 @dataclass(frozen=True)
 class Springs:
-    """Stiffnesses that all contacts have; None where they follow from the law.
+    """Stiffnesses that all contacts of the files have in common; None where the user gives none.
 
-    ``normal`` and ``shear`` are in N/m, ``rolling`` is the coefficient k of LAMMPS' rolling law, in
-    N/m, and ``twisting`` that of its twisting law, in N m, or "marshall". InputError for a number
-    out of range.
+    ``normal`` and ``shear`` are in N/m; without them stiffnesses follow from the material.
+    ``rolling`` is the coefficient k of LAMMPS' rolling law, N/m, and ``twisting`` that of its
+    twisting law, N m, or "marshall"; without them contacts roll and twist freely. InputError for a
+    number out of range.
     """
 
     normal: float | None = None
@@ -115,7 +119,9 @@ class Springs:
             not_negative("twisting_stiffness", self.twisting, "N*m")
 
     def of(self, count: int) -> dict[str, Any]:
-        """Return the fields of ``count`` contacts that have these stiffnesses, by name."""
+        """Return, by name, the fields of :class:`~granphon.networks.sources.Contacts` that give
+        these stiffnesses to ``count`` contacts, as arrays (count,) or a number for all.
+        """
         fields: dict[str, Any] = {"rolling": self.rolling, "twisting": self.twisting}
         for name, number in (("normal_stiffness", self.normal), ("shear_stiffness", self.shear)):
             if number is not None:
@@ -136,6 +142,8 @@ def read_dumps(
 ) -> Source:
     """Return the balls and contacts of two dumps of one time step and one box, in SI units; see
     ``ContactNetwork.from_lammps`` for the arguments and errors.
+
+    ``slip_levers`` of the source are "radii", by which LAMMPS computes slip.
     """
     atoms, touching = find_frames(dump, pairs, step)
     scales = Scales.find(units, [atoms, touching])
@@ -157,8 +165,8 @@ def read_dumps(
 def make_source(
     atoms: Frame, scales: Scales, balls: Balls, lists: Sequence[Contacts], notes: Sequence[str]
 ) -> Source:
-    """Return the source of ``balls`` and ``lists`` of contacts in the box of a frame of atoms,
-    without the ``notes`` that say nothing.
+    """Return the source of ``balls`` and ``lists`` of contacts, both in SI, in the box of a frame
+    of ``atoms``, with those of the ``notes`` that are not empty.
     """
     return Source(
         balls,
@@ -170,8 +178,11 @@ def make_source(
 
 
 def find_frames(dump: Any, pairs: Any, step: int | None) -> tuple[Frame, Frame]:
-    """Return the frames of atoms and of pairs at one time ``step``, by default the last one;
-    InputError unless both are of one step and one box.
+    """Return the frames of atoms and of pairs at one time ``step``, or for None the last frame of
+    each file; InputError unless both frames are of one step and one box.
+
+    ``dump`` and ``pairs`` are paths, or files that are open
+    (:class:`~granphon.networks.dumps.Dump`).
     """
     step = None if step is None else whole_number("step", step, 0)
     atoms = Dump.open(dump, "atoms").find(step)
@@ -195,7 +206,8 @@ def read_contacts(pairs: Frame, scales: Scales, springs: Springs) -> Contacts:
     require_columns(pairs, ("i", "j"), _NAME_PAIRS)
     names_read = [name for name in _NAMES if name in pairs.names]
     columns = pairs.read(names_read)
-    # programs write the vector from j to i, and the forces on i: all are turned
+    # programs write the vector from j to i and the forces on i; in Contacts the vector leads from i
+    # to j and the forces act on j: all change their signs
     units = {"vector": scales.length, "tangential_force": scales.force, "force": scales.force}
     vectors: dict[str, Any] = {}
     for field, names in _VECTORS.items():
@@ -231,11 +243,15 @@ def read_names(columns: Any, touching: Frame) -> tuple[str, ...]:
 
 
 def read_balls(atoms: Frame, scales: Scales, frozen: Mapping[str, Any] | None) -> Balls:
-    """Return the balls of a dump of atoms, in SI units, of which those are ``frozen`` that have
-    these values in these columns. InputError without places, ids or sizes.
+    """Return the balls of a dump of atoms, in SI units.
+
+    Balls that :func:`find_frozen` finds do not move; without ``frozen`` all move. The kinds are the
+    elements, or else the types, if there are several. InputError without columns of places, ids or
+    radii.
     """
     names = _name_places(atoms)
     has_radius = "radius" in atoms.names
+    # without both columns the error is about the radius
     size = "radius" if has_radius or "diameter" not in atoms.names else "diameter"
     require_columns(atoms, ("id", size), _WRITE_ATOMS)
     has_mass = "mass" in atoms.names
@@ -258,8 +274,9 @@ def read_balls(atoms: Frame, scales: Scales, frozen: Mapping[str, Any] | None) -
 
 
 def _name_places(atoms: Frame) -> tuple[str, ...]:
-    """Return the names of the three columns of places; InputError without any."""
-    # columns with "s" are fractions of the box, and those with "u" go on beyond its faces
+    """Return the names of the three columns of places; InputError without such columns."""
+    # LAMMPS names columns of fractions of the box with "s", and columns of places that are not
+    # wrapped back into the box with "u"
     for suffix in ("", "u", "s", "su"):
         names = tuple(f"{axis}{suffix}" for axis in "xyz")
         if set(names) <= set(atoms.names):
@@ -271,19 +288,21 @@ def _name_places(atoms: Frame) -> tuple[str, ...]:
 def _place(
     atoms: Frame, names: tuple[str, ...], columns: Mapping[str, Array]
 ) -> tuple[Array, Array]:
-    """Return the positions (n, 3) of balls from the origin of the box, in units of the dump, from
-    the columns of these ``names``; and the greatest errors (n, 3) that rounding leaves in them.
+    """Return the positions (n, 3) of balls, counted from the origin of the box, and the greatest
+    errors (n, 3) that rounding leaves in them, both in units of the dump.
+
+    ``names`` are the three of the ``columns`` that have the places, see :func:`_name_places`.
     """
     coordinates = join_vectors(columns, names)
     rounding = find_rounding(coordinates)
-    if names[0].startswith("xs"):
+    if names[0].startswith("xs"):  # fractions of the box
         return coordinates @ atoms.cell, rounding @ np.abs(atoms.cell)
     return coordinates - atoms.origin, rounding
 
 
 def _read_kinds(atoms: Frame) -> tuple[str, ...]:
-    """Return the elements of balls, or else their types, a name for each ball; none without such a
-    column.
+    """Return the elements of balls, or else their types, a name for each ball (n,); an empty tuple
+    if the dump has neither column.
     """
     for name in ("element", "type"):
         if name in atoms.names:
@@ -292,8 +311,10 @@ def _read_kinds(atoms: Frame) -> tuple[str, ...]:
 
 
 def find_frozen(atoms: Frame, frozen: Any) -> Flags:
-    """Return (n,) whether each ball has one of the values of ``frozen`` in the column of that name;
-    InputError for another mapping, an unknown column, and values that no ball has.
+    """Return (n,) whether each ball does not move: ``frozen`` maps names of columns to a value or
+    several, and a ball that has one of the values in such a column is frozen.
+
+    InputError for what is no such mapping, for an unknown column, and for values that no ball has.
     """
     if not isinstance(frozen, Mapping) or not frozen:
         mend = "Give a column of the dump with the values there: frozen={'type': 2}"
@@ -301,9 +322,8 @@ def find_frozen(atoms: Frame, frozen: Any) -> Flags:
     is_frozen = np.zeros(atoms.count, bool)
     for column, values in frozen.items():
         require_columns(atoms, (str(column),), "Give a column that it has")
-        listed = (
-            values if isinstance(values, Collection) and not isinstance(values, str) else [values]
-        )
+        is_single = isinstance(values, str) or not isinstance(values, Collection)
+        listed = [values] if is_single else values
         has_value = np.isin(atoms.read_words(column), [str(value) for value in listed])
         if not np.any(has_value):
             raise InputError(f"{atoms.name} has no ball with {column} = {brief(values)}")
@@ -317,21 +337,25 @@ def find_frozen(atoms: Frame, frozen: Any) -> Flags:
 def _read_wall(
     atoms: Frame, balls: Balls, wall: str, label: int, scales: Scales, springs: Springs
 ) -> Contacts:
-    """Return the contacts of ``balls`` with a wall, from the columns that ``fix wall/gran`` of the
-    name ``wall`` has with the keyword contacts; the wall has the ``label``. InputError without
-    these columns.
+    """Return the contacts of ``balls`` with a wall, in SI units; the wall has the ``label``.
+
+    They are in the columns of the ``fix wall/gran`` with the name ``wall`` and the keyword
+    contacts, InputError without these: column 1 is not zero for balls that touch, and then come the
+    force on the ball and the place of the contact on the wall.
     """
-    numbers = (1, *_WALL_FORCE, *_WALL_PLACE)
-    names = [f"f_{wall}[{number}]" for number in numbers]
+    touching_name = f"f_{wall}[1]"
+    force_names = [f"f_{wall}[{number}]" for number in _WALL_FORCE]
+    place_names = [f"f_{wall}[{number}]" for number in _WALL_PLACE]
+    names = [touching_name, *force_names, *place_names]
     mend = f"Add contacts to fix {wall}, and f_{wall}[*] to the columns of the dump"
     require_columns(atoms, names, mend)
     columns = atoms.read(names)
-    rows = np.flatnonzero(columns[names[0]])
-    force = join_vectors(columns, names[1:4])[rows]
-    touching = join_vectors(columns, names[4:])[rows]
-    between = scales.length * touching - balls.positions[rows]
+    rows = np.flatnonzero(columns[touching_name])
+    force = join_vectors(columns, force_names)[rows]
+    places = join_vectors(columns, place_names)[rows]
+    between = scales.length * places - balls.positions[rows]
     axes = np.flatnonzero(atoms.pbc)
-    if axes.size:  # the place of an unwrapped ball may be cells away
+    if axes.size:  # the contact may be at another image of the ball, if balls are not wrapped
         periods = scales.length * atoms.cell[axes]
         between -= np.rint(between @ np.linalg.pinv(periods)) @ periods
     distance = np.linalg.norm(between, axis=1)
@@ -345,7 +369,7 @@ def _read_wall(
         normal=normal,
         force=-scales.force * force,
         overlap=balls.radii[rows] - distance,
-        # LAMMPS and LIGGGHTS take the whole radius at walls
+        # LAMMPS and LIGGGHTS let forces of walls act at the radius, without half of the overlap
         arm_i=balls.radii[rows],
         arm_j=np.zeros(len(rows)),
         lines=atoms.first + 1 + rows,
@@ -354,7 +378,9 @@ def _read_wall(
 
 
 def add_wall(balls: Balls, label: int, kind: str) -> Balls:
-    """Return the ``balls`` and a flat wall of this ``label`` and ``kind``, which does not move."""
+    """Return the ``balls`` with one more body at their end, a flat wall of this ``label`` and
+    ``kind``: it has an infinite radius, and does not move.
+    """
     n_axes = balls.positions.shape[1]
     still = np.zeros(len(balls.radii), bool) if balls.still is None else balls.still
 
@@ -391,12 +417,15 @@ def require_columns(frame: Frame, names: Sequence[str], mend: str) -> None:
 
 
 def join_vectors(columns: Mapping[str, Array], names: Sequence[str]) -> Array:
-    """Return the columns of these ``names`` side by side, (rows, m)."""
+    """Return the columns of these m ``names`` side by side, (rows, m)."""
     return np.stack([columns[name] for name in names], axis=1)
 
 
 def read_ids(frame: Frame, column: str, columns: Mapping[str, Array]) -> Index:
-    """Return the whole numbers (rows,) of a column; InputError names the line of another one."""
+    """Return the whole numbers (rows,) of a ``column``, which are floats in ``columns``.
+
+    InputError, with the line, for a number that is not whole, or too large to be exact.
+    """
     numbers = columns[column]
     is_whole = (np.abs(numbers) < 2.0**53) & (numbers == np.rint(numbers))  # False for nan
     if not np.all(is_whole):
@@ -407,7 +436,9 @@ def read_ids(frame: Frame, column: str, columns: Mapping[str, Array]) -> Index:
 
 
 def note_columns(frame: Frame, read: Collection[str]) -> str:
-    """Return the note on the columns of a frame that are not ``read``; "" if there are none."""
+    """Return a note that names the columns of a frame that are not among the columns ``read``; ""
+    if there are no such columns.
+    """
     names = [name for name in frame.names if name not in read]
     if not names:
         return ""
@@ -416,18 +447,22 @@ def note_columns(frame: Frame, read: Collection[str]) -> str:
 
 
 def note_atoms(atoms: Frame, walls: Collection[str], frozen: Mapping[str, Any] | None) -> list[str]:
-    """Return the notes on columns of atoms that are not read; those that look like contacts with a
-    wall have a note of their own.
+    """Return the notes on columns of a dump of atoms that are not read.
+
+    ``walls`` are the names of the fixes whose columns are read as contacts with walls. The columns
+    of another fix that seem to be contacts with a wall have a note of their own, which says how to
+    read them.
     """
     places = [f"{axis}{suffix}" for axis in "xyz" for suffix in ("", "u", "s", "su")]
     read = {*_OF_ATOMS, *places, *(frozen or ())}
     notes = []
-    fixes: dict[str, set[int]] = {}
+    fixes: dict[str, set[int]] = {}  # the numbers of the columns of each fix
     for name in atoms.names:
         match = re.fullmatch(r"f_(.+)\[(\d+)\]", name)
         if match:
             fixes.setdefault(match[1], set()).add(int(match[2]))
     for fix, numbers in fixes.items():
+        # fix wall/gran with the keyword contacts has the columns 1 to 8
         if set(range(1, 9)) <= numbers:
             read |= {f"f_{fix}[{number}]" for number in numbers}
             if fix not in walls:
@@ -453,13 +488,14 @@ def write_dumps(network: Any, atoms: str | os.PathLike[str], pairs: str | os.Pat
     kinds = network.kinds or [""] * network.n_balls
     _names, types = np.unique(kinds, return_inverse=True)
     force = np.zeros(network.n_balls)
+    # the column is the sum of the sizes of the normal forces on a ball
     for end in (network.i, network.j):
         np.add.at(force, end, network.normal_force)
     columns: dict[str, Any] = {"id": ids, "type": types + 1}
     columns |= zip("xyz", network.positions.T, strict=True)
     columns |= {"radius": network.radii, "mass": network.masses, "force": force}
     _write_frame(atoms, "ATOMS", box, {name: values[is_ball] for name, values in columns.items()})
-    joins_balls = is_ball[network.j]
+    joins_balls = is_ball[network.j]  # a flat wall is always ball j
     normal_force, across = network.static_forces
     columns = {"i": ids[network.i], "j": ids[network.j], "force": normal_force}
     columns |= zip(("dx", "dy", "dz"), -network.vector.T, strict=True)
@@ -470,8 +506,8 @@ def write_dumps(network: Any, atoms: str | os.PathLike[str], pairs: str | os.Pat
 
 
 def _write_box(network: Any) -> str:
-    """Return the lines of the box of a network, which reaches around all balls along axes that do
-    not repeat.
+    """Return the lines of a dump that give the box of a network: along periods the cell, from the
+    origin; along other axes as long as is needed to contain all balls.
 
     Raises InputError for a cell that no box of a dump can be: its first vector must lie along x,
     and its second in the xy plane.
@@ -504,7 +540,9 @@ def _write_box(network: Any) -> str:
 def _write_frame(
     path: str | os.PathLike[str], kind: str, box: str, columns: Mapping[str, Array]
 ) -> None:
-    """Write the dump of one step, with these ``columns`` (rows,) by name, in SI units."""
+    """Write the file ``path``, a dump of one time step with the number 0 and the lines ``box``;
+    ``kind`` is "ATOMS" or "ENTRIES", and ``columns`` have the numbers (rows,) by name, in SI units.
+    """
     rows = list(zip(*(values.tolist() for values in columns.values()), strict=True))
     head = ["ITEM: UNITS", "si", "ITEM: TIMESTEP", "0", f"ITEM: NUMBER OF {kind}", str(len(rows))]
     head += [box, f"ITEM: {kind} {' '.join(columns)}"]
@@ -512,5 +550,5 @@ def _write_frame(
 
 
 def _join_numbers(numbers: Sequence[float]) -> str:
-    """Return numbers on one line, with all of their digits."""
+    """Return the ``numbers`` as text on one line, with all of their digits."""
     return " ".join(map(repr, numbers))

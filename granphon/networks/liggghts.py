@@ -74,6 +74,9 @@ def read_liggghts(
 ) -> Source:
     """Return the balls and contacts of dumps of one time step and one box, in SI units; see
     ``ContactNetwork.from_liggghts`` for the arguments and errors.
+
+    Contacts with walls, if their dump is given, are the second list of contacts, and each mesh is
+    one more body.
     """
     atoms, touching = find_frames(dump, pairs, step)
     scales = Scales.find(units, [atoms, touching])
@@ -98,11 +101,12 @@ def read_liggghts(
 
 
 def _name_columns(frame: Frame, keywords: str | Sequence[str] | None) -> Frame:
-    """Return a frame whose columns have the names that the ``keywords`` of the compute give them;
-    a frame that names its columns itself is returned as it is.
+    """Return the ``frame`` with the names of columns that follow from the ``keywords`` of the
+    compute; None is for a compute without keywords, whose default ones hold.
 
-    InputError for an unknown keyword, and for a frame with another number of columns than these
-    keywords give.
+    Without keywords, a frame whose columns have names of their own, not "c_ID[1]" and so on, is
+    returned as it is. InputError for an unknown keyword, and for a frame with another number of
+    columns than the keywords give.
     """
     are_numbered = all(re.fullmatch(r"c_.+\[\d+\]", name) for name in frame.names)
     if keywords is None and not are_numbered:
@@ -134,23 +138,25 @@ def _name_columns(frame: Frame, keywords: str | Sequence[str] | None) -> Frame:
 
 
 def _rename_wall(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the ``names`` of the columns of contacts with walls: where pairs have two balls and a
-    flag, they have the mesh, its triangle and the ball.
+    """Return the names of the columns of contacts with walls, from the ``names`` that the same
+    keywords give to pairs: the three columns of "id" are there the mesh, its triangle and the ball,
+    in place of two balls and a flag.
     """
     wall_names = dict(zip(_KEYWORDS["id"], ("mesh", "triangle", "ball"), strict=True))
     return tuple(wall_names.get(name, name) for name in names)
 
 
 def _read_walls(frame: Frame, balls: Balls, scales: Scales, springs: Springs) -> Contacts:
-    """Return the contacts of ``balls`` with the walls of meshes, from a dump of
-    ``compute wall/gran/local``: mesh m has the label -1 - m. InputError for a dump without the
+    """Return the contacts of ``balls`` with the walls of meshes, in SI units, from a frame of
+    ``compute wall/gran/local``: mesh m has the label -1 - m. InputError for a frame without the
     columns that are needed.
     """
     mend = "Write pos, id and force in compute wall/gran/local"
     require_columns(frame, _OF_WALLS, mend)
     columns = frame.read(_OF_WALLS)
     labels = read_ids(frame, "ball", columns)
-    places = _find_places(balls, labels)
+    indices = _find_indices(balls, labels)
+    # from the centre of the ball to the place of the contact on the wall
     between = join_vectors(columns, ("x1", "y1", "z1")) - join_vectors(columns, ("x2", "y2", "z2"))
     between *= scales.length
     distance = np.linalg.norm(between, axis=1)
@@ -162,20 +168,21 @@ def _read_walls(frame: Frame, balls: Balls, scales: Scales, springs: Springs) ->
         -1 - read_ids(frame, "mesh", columns),
         normal=normal,
         force=-scales.force * join_vectors(columns, ("fx", "fy", "fz")),
-        overlap=balls.radii[places] - distance,
-        arm_i=balls.radii[places],
+        overlap=balls.radii[indices] - distance,
+        # LIGGGHTS lets forces of walls act at the radius, without half of the overlap
+        arm_i=balls.radii[indices],
         arm_j=np.zeros(frame.count),
         lines=frame.first + 1 + np.arange(frame.count),
         **springs.of(frame.count),
     )
 
 
-def _find_places(balls: Balls, labels: Index) -> Index:
-    """Return the index of the ball of each of some ``labels`` (m,); 0 of a label that no ball has,
-    which is told as a fault of the contact.
+def _find_indices(balls: Balls, labels: Index) -> Index:
+    """Return the index (m,) of the ball with each of the ``labels`` (m,). For a label that no ball
+    has, the index of any ball is returned, as its contact is refused later.
     """
     assert balls.labels is not None
     order = np.argsort(balls.labels, kind="stable")
-    places = np.searchsorted(balls.labels[order], labels)
-    is_inside = places < len(order)
-    return np.where(is_inside, order[np.where(is_inside, places, 0)], 0)
+    ranks = np.searchsorted(balls.labels[order], labels)
+    is_inside = ranks < len(order)
+    return np.where(is_inside, order[np.where(is_inside, ranks, 0)], 0)

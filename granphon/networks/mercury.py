@@ -40,9 +40,17 @@ _SAME_TIME = 1e-6
 
 @dataclass(frozen=True)
 class _State:
-    """The balls at one time: the ``cell`` (3, 3), m, and which of its vectors are periods (3,).
+    """The balls of a file at one time.
 
-    ``interactions`` is the number of contacts that the file says there are; None if it says none.
+    Attributes
+    ----------
+    name : the file in messages.
+    time : s.
+    balls : the balls, SI.
+    cell : (3, 3) the vectors of the cell as rows, m.
+    pbc : (3,) whether each of these is a period.
+    notes : what has been passed over, and why.
+    interactions : the number of contacts that the file states; None if it states none.
     """
 
     name: str
@@ -55,22 +63,26 @@ class _State:
 
 
 class _Times(Dump):
-    """The frames of a file at its times, s."""
+    """A file of MercuryDPM, whose frames have times, s, in place of the numbers of time steps."""
 
     word = "time"
     argument = "time"
     mend = "Is this a file of MercuryDPM?"
 
     def is_at(self, frame: Frame, step: float) -> bool:
-        """Return whether a frame is of the time ``step``: files have some ten digits."""
+        """Return whether a frame is of the time ``step``, s, but for rounding in the file."""
         return _is_same_time(frame.step, step)
 
 
 class _Data(_Times):
-    """The balls of a file .data."""
+    """A file .data, whose frames have balls."""
 
     def split(self, lines: Lines, kind: str) -> Iterator[Frame]:
-        """Yield the balls at each time."""
+        """Yield the frames of balls at each time; InputError where a heading is no heading.
+
+        A heading has the number of balls, the time, and the bounds of the box: first the lower ones
+        along each axis, and then the upper ones.
+        """
         while not lines.at_end:
             number, *further_numbers = _read_numbers(lines)
             n_bounds = len(further_numbers) - 1
@@ -90,12 +102,16 @@ class _Data(_Times):
 
 
 class _Fstat(_Times):
-    """The contacts of a file .fstat."""
+    """A file .fstat, whose frames have contacts."""
 
     def split(self, lines: Lines, kind: str) -> Iterator[Frame]:
-        """Yield the contacts at each time."""
+        """Yield the frames of contacts at each time; InputError for a heading without its time.
+
+        A heading has three lines that begin with "#", the first of which has the time.
+        """
         headings = np.flatnonzero(lines.begin_with("#"))
-        # a heading has three lines: times without contacts follow each other at once
+        # Between times without contacts there are no other lines: in a run of such lines each third
+        # line begins a time.
         run_starts = headings[~np.isin(headings - 1, headings)]
         in_run = headings - run_starts[np.searchsorted(run_starts, headings, side="right") - 1]
         starts = headings[in_run % _HEADING == 0]
@@ -109,8 +125,10 @@ class _Fstat(_Times):
 
 
 def open_times(fstat: Any, particles: Any) -> tuple[list[float], Any, Any]:
-    """Return the times that the files .fstat and .data both have, ascending, s, and the two; warn
-    if one of them is cut. InputError without a common time, and for a file .restart.
+    """Return the times, s, that the files .fstat and .data both have, ascending, and the two files,
+    open: that of contacts, and that of balls.
+
+    Warns if one of them is cut. InputError without a common time, and for a file .restart.
     """
     lines = open_lines(particles)
     if _is_restart(lines):
@@ -130,6 +148,9 @@ def read_mercury(
 ) -> Source:
     """Return the balls and contacts of two files of MercuryDPM at one time, in SI units; see
     ``ContactNetwork.from_mercury`` for the arguments and errors.
+
+    Balls of a file .data do not move if ``frozen`` says so, or, without it, if .fstat lists their
+    contacts from the other ball alone. Each wall in .fstat is one more body.
     """
     time = None if time is None else not_negative("time", time, "s")
     state = _read_state(particles, time, pbc, frozen)
@@ -159,8 +180,10 @@ def read_mercury(
 def _read_state(
     particles: Any, time: float | None, pbc: Sequence[bool] | None, frozen: Mapping[str, Any] | None
 ) -> _State:
-    """Return the balls of a file .data, which may be open, or .restart, at a ``time``; by default
-    the last one.
+    """Return the balls at a ``time``, s, or for None at the last one, of ``particles``: the path of
+    a file .data or .restart, or a file .data that is open.
+
+    InputError if the file does not have the time.
     """
     if isinstance(particles, _Data):
         return _read_data(particles.find(time), pbc, frozen)
@@ -174,11 +197,13 @@ def _read_state(
 
 
 def _is_restart(lines: Lines) -> bool:
+    """Whether the ``lines``, of which none has been read, are of a file .restart."""
     return lines.peek().partition(" ")[0] in ("restart_version", "MercuryDPM")
 
 
-def _is_same_time(one: float, other: float) -> bool:
-    return abs(one - other) <= _SAME_TIME * max(abs(one), abs(other))
+def _is_same_time(time: float, other_time: float) -> bool:
+    """Whether two times, s, differ by no more than rounding in the files."""
+    return abs(time - other_time) <= _SAME_TIME * max(abs(time), abs(other_time))
 
 
 # -- balls -----------------------------------------------------------------------------------------
@@ -211,7 +236,9 @@ def _read_data(
 
 
 def _read_numbers(lines: Lines) -> list[float]:
-    """Read a line of numbers; InputError for another one."""
+    """Read the next of the ``lines``, and return its numbers; InputError unless there is one number
+    or more, and nothing else.
+    """
     cells = lines.read().split()
     try:
         numbers = [plain_float(cell) for cell in cells]
@@ -226,15 +253,19 @@ def _read_numbers(lines: Lines) -> list[float]:
 def _read_restart(
     lines: Lines, pbc: Sequence[bool] | None, frozen: Mapping[str, Any] | None
 ) -> _State:
-    """Return the balls of a file .restart, with their masses; those of zero inverse mass do not
-    move. Periods are those of its periodic boundaries.
+    """Return the balls of a file .restart, with their masses; balls of zero inverse mass do not
+    move.
+
+    The cell has the vectors of the periodic boundaries of the file, and is zero along other axes;
+    its vectors are periods unless ``pbc`` says otherwise. InputError for a file that is cut, and if
+    ``frozen`` is given, which the file itself says.
     """
     if frozen is not None:
         fault = f"{lines.name} says which balls are fixed, and frozen is given"
         raise InputError(fault, mend="Leave frozen out")
     lines.require_whole()
     time = 0.0
-    plane = False
+    is_plane = False
     cell = np.zeros((3, 3))
     notes = list[str]()
     while not lines.at_end:
@@ -242,17 +273,21 @@ def _read_restart(
         if "timeMax" in words:
             time = _read_word(lines, words, "time")[0]
         if "particleDimensions" in words:
-            plane = _read_word(lines, words, "particleDimensions")[0] == 2.0
+            is_plane = _read_word(lines, words, "particleDimensions")[0] == 2.0
         if words[:1] == ["PeriodicBoundary"]:
             shift = _read_word(lines, words, "shift", 3)
-            cell[int(np.argmax(np.abs(shift)))] = shift
+            main_axis = int(
+                np.argmax(np.abs(shift))
+            )  # vectors of the cell are in the order x, y, z
+            cell[main_axis] = shift
         elif words[:1] and words[0].endswith("Boundary"):
             notes.append(f"{lines.where}: not read, as the network has no such edge: {words[0]}.")
         if words[:1] == ["Particles"]:
             break
     else:
         raise InputError(f"{lines.name} ends before its particles", "The file is not whole")
-    balls = _read_particles(lines, int(_read_word(lines, words, "Particles")[0]), plane=plane)
+    n_balls = int(_read_word(lines, words, "Particles")[0])
+    balls = _read_particles(lines, n_balls, is_plane=is_plane)
     words = lines.read().split()
     interactions = None
     if words[:1] == ["Interactions"]:
@@ -261,37 +296,42 @@ def _read_restart(
     return _State(lines.name, time, balls, cell, pbc_of_network, tuple(notes), interactions)
 
 
-def _read_particles(lines: Lines, count: int, *, plane: bool) -> Balls:
-    """Read the next ``count`` lines of a file .restart as balls, in a ``plane`` as discs."""
+def _read_particles(lines: Lines, count: int, *, is_plane: bool) -> Balls:
+    """Read the next ``count`` lines of a file .restart, and return them as balls; if the particles
+    have two dimensions (``is_plane``), they have no z, and the moments of inertia of discs.
+
+    InputError if there are fewer lines, or for a line without place, radius and inverse mass.
+    """
     if count > len(lines) - lines.place:
         fault = f"{lines.name} ends before its {count} particles do: {len(lines) - lines.place} are"
         raise InputError(f"{fault} there", "The file is not whole")
-    table = np.empty((count, 5))
+    table = np.empty((count, 5))  # a row for each ball: x, y, z, radius, inverse mass
     first = lines.place + 1
     for row in table:
         words = lines.read().split()
         row[:3] = _read_word(lines, words, "position", 3)
         row[3] = _read_word(lines, words, "radius")[0]
         row[4] = _read_word(lines, words, "invMass")[0]
-    with np.errstate(divide="ignore"):
+    positions = table[:, : 2 if is_plane else 3]
+    radii = table[:, 3]
+    with np.errstate(divide="ignore"):  # the mass of a fixed ball is infinite
         masses = 1.0 / table[:, 4]
-    p = 2 if plane else 3
     return Balls(
         lines.name,
-        table[:, :p],
-        table[:, 3],
+        positions,
+        radii,
         masses=masses,
-        inertias=0.5 * masses * table[:, 3] ** 2 if plane else None,
+        inertias=0.5 * masses * radii**2 if is_plane else None,
         labels=np.arange(count),
-        rounding=find_rounding(table[:, :p]),
-        radius_rounding=find_rounding(table[:, 3]),
+        rounding=find_rounding(positions),
+        radius_rounding=find_rounding(radii),
         lines=first + np.arange(count),
     )
 
 
 def _read_word(lines: Lines, words: Sequence[str], name: str, count: int = 1) -> list[float]:
-    """Return the numbers behind the word ``name`` in the line that was read last; InputError
-    without them.
+    """Return the ``count`` numbers that follow the word ``name`` among the ``words`` of the line
+    that was read last; InputError if they are not there.
     """
     try:
         place = words.index(name) + 1
@@ -305,8 +345,8 @@ def _read_word(lines: Lines, words: Sequence[str], name: str, count: int = 1) ->
 
 
 def _read_pbc(pbc: Any, default: Flags) -> Flags:
-    """Return (3,) along which axes the network repeats; InputError for what is not up to three
-    truth values.
+    """Return (3,) along which axes the network repeats: as ``pbc`` says, one to three truth values,
+    false along further axes; for None the ``default``. InputError for another ``pbc``.
     """
     if pbc is None:
         return default
@@ -321,19 +361,22 @@ def _read_pbc(pbc: Any, default: Flags) -> Flags:
 
 
 def _compare_number(contacts: Contacts, state: _State) -> None:
-    """Warn if .fstat has fewer contacts than .restart says: it is cut between two lines.
+    """Warn if .fstat has fewer contacts than .restart says: .fstat is then cut between two lines.
 
-    A contact across a periodic boundary may count twice there, once for each image.
+    A contact across a periodic boundary may count twice in the number of .restart, once for each
+    image.
     """
     last_ball = len(state.balls.radii) - 1
-    i = np.clip(contacts.i, 0, last_ball)  # walls, below zero, are left out by is_across
+    # walls have negative labels, which are no indices; is_across leaves them out
+    i = np.clip(contacts.i, 0, last_ball)
     j = np.clip(contacts.j, 0, last_ball)
     assert contacts.vector is not None
-    # what the way between the listed places has more than the contact: periods, where it is across
-    detours = state.balls.positions[j] - state.balls.positions[i]
-    detours -= contacts.vector[:, : detours.shape[1]]
-    reach = state.balls.radii[i] + state.balls.radii[j]
-    is_across = (contacts.j >= 0) & (np.linalg.norm(detours, axis=1) > reach)
+    # the difference of the listed places less the vector of the contact: periods, if the contact is
+    # across a boundary, else zero but for rounding
+    periods = state.balls.positions[j] - state.balls.positions[i]
+    periods -= contacts.vector[:, : periods.shape[1]]
+    sum_of_radii = state.balls.radii[i] + state.balls.radii[j]
+    is_across = (contacts.j >= 0) & (np.linalg.norm(periods, axis=1) > sum_of_radii)
     n_most = len(contacts) + int(np.count_nonzero(is_across))
     if state.interactions is not None and state.interactions > n_most:
         fault = (
@@ -344,10 +387,12 @@ def _compare_number(contacts: Contacts, state: _State) -> None:
 
 
 def _read_contacts(frame: Frame, balls: Balls, springs: Springs) -> tuple[Contacts, Flags]:
-    """Return the contacts of .fstat, each once, and (n,) which balls have all of theirs from the
-    other ball alone: these are fixed.
+    """Return the contacts of a frame of .fstat, each once, in SI units, and (n,) which balls are
+    fixed; warn of contacts of two balls that move that are listed from one of them alone.
 
-    The label of wall w is -1 - w.
+    The label of wall w is -1 - w. Balls of a file .restart, or with ``frozen``, are fixed as
+    ``balls`` say. Otherwise a ball is fixed if it lists no contact itself, and another ball lists
+    one with it.
     """
     columns = frame.read([name for name in _OF_CONTACTS if name not in ("time", "slip")])
     i = read_ids(frame, "i", columns)
@@ -355,19 +400,21 @@ def _read_contacts(frame: Frame, balls: Balls, springs: Springs) -> tuple[Contac
     n_balls = len(balls.radii)
     is_wall = j < 0
     pair = np.minimum(i, j) * n_balls + np.maximum(i, j)  # a number of the two balls
-    # a contact of two balls is listed from both, or from one of them alone
+    # A contact of two balls is listed from both, or from one of them alone. It is kept as listed
+    # from the ball with the lower index, or else from the other ball.
     is_from_lower = ~is_wall & (i < j)
     is_from_higher = ~is_wall & (i > j)
     lacks_higher = is_from_lower & ~np.isin(pair, pair[is_from_higher])
     lacks_lower = is_from_higher & ~np.isin(pair, pair[is_from_lower])
     is_alone = lacks_lower | lacks_higher
     along = join_vectors(columns, ("nx", "ny", "nz"))
-    # a ball that touches its own image is listed from both sides: the one that looks ahead is kept
+    # A ball that touches its own image is listed from both sides: the row is kept whose normal has
+    # a positive component along the axis along which it is largest.
     is_ahead = along[np.arange(len(i)), np.argmax(np.abs(along), axis=1)] > 0.0
     is_own_image = ~is_wall & (i == j) & is_ahead
     is_kept = is_wall | is_from_lower | lacks_lower | is_own_image
-    # normals lead from ball j to ball i, and from a ball to a wall; forces act on ball i, and on a
-    # wall
+    # In the file normals lead from ball j to ball i, and from a ball to a wall; forces act on ball
+    # i, and on a wall. In Contacts normals lead from i to j, and forces act on j.
     sign = np.where(is_wall, 1.0, -1.0)[:, None]
     across = columns["ft"][:, None] * join_vectors(columns, ("tx", "ty", "tz"))
     contacts = Contacts(
@@ -408,9 +455,12 @@ def _find_vectors(
     columns: Mapping[str, Array], balls: Balls, i: Index, j: Index, normal: Array
 ) -> Array:
     """Return the vectors (n_c, 3), m, from the centres of balls i to those of balls j, or to walls.
-    They lie along the normals, and are as long as radii and overlaps say.
+
+    They lie along the ``normal`` (n_c, 3), and are as long as the sum of the radii less the overlap
+    in the ``columns``.
     """
-    last = len(balls.radii) - 1
-    radii_j = np.where(j < 0, 0.0, balls.radii[np.clip(j, 0, last)])
-    lengths = balls.radii[np.clip(i, 0, last)] + radii_j - columns["delta"]
+    last_ball = len(balls.radii) - 1
+    # indices that no ball has are refused later, and walls, below zero, have no radius
+    radii_j = np.where(j < 0, 0.0, balls.radii[np.clip(j, 0, last_ball)])
+    lengths = balls.radii[np.clip(i, 0, last_ball)] + radii_j - columns["delta"]
     return np.asarray(lengths[:, None] * normal)

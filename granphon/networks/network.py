@@ -69,8 +69,8 @@ Found = TypeVar("Found")
 _WHOLE = ("i", "j", "shift", "labels")
 #: least volume of a periodic cell over the product of the lengths of its vectors
 _FLAT = 1e-9
-#: the power of the overlap as which a static tangential force grows while the slip stays, by the
-#: names of laws of other programs
+#: the power p by which a static tangential force grows with the overlap delta, as delta^p, while
+#: the slip stays; by the names of the laws in other programs
 TANGENTIAL_LAWS = {
     "mindlin/force": 0.0,
     "mindlin": 0.5,
@@ -81,9 +81,10 @@ TANGENTIAL_LAWS = {
 }
 #: levers by which rotations make slip: to the contact, or to the surface of each ball
 SLIP_LEVERS = ("arms", "radii")
-#: memory to repeat or to cut a network, and to check it, over that of its arrays
+#: memory that is taken to repeat or to cut a network, and to check the result, over the memory of
+#: the arrays of the result
 _COPIES = 4.5
-#: the key of what a reader leaves among what a network keeps
+#: the key under which a network keeps what its reader knows beside its numbers
 _READING = "reading"
 #: most cells along a period
 MOST_CELLS = 1_000_000
@@ -137,10 +138,11 @@ class ContactNetwork(Result):
         grows as the shear stiffness, as delta^(1/2). "mindlin_rescale" and "mindlin_rescale/force":
         the same two, but slip or force shrinks where the overlap does; the response is the mean of
         both directions, as delta^(3/4) and delta^(1/4).
-    slip_levers : "arms", rotations make slip with the distances ``arm_i`` and ``arm_j``, by which
-        forces make torques too; "radii", as in ``pair_style granular`` of LAMMPS, with the radii:
-        more by half of the overlap, so that with ``prestress`` slip has no potential. Static forces
-        act by terms of the same order: without ``prestress`` neither counts.
+    slip_levers : the levers by which rotations of balls make slip. "arms": the distances ``arm_i``
+        and ``arm_j``, which are also the levers of torques. "radii", as in ``pair_style granular``
+        of LAMMPS: the radii, which exceed the arms by half of the overlap; with ``prestress`` slip
+        then has no potential. The excess is of the order of the terms of static forces: without
+        ``prestress`` both are neglected, and the levers are the arms.
 
     Raises
     ------
@@ -189,8 +191,9 @@ class ContactNetwork(Result):
     slip_levers: str = held(str, default="arms")
 
     def __post_init__(self) -> None:
-        """Check every field, and put it in place as it is kept: arrays are read-only, and flat
-        walls are the second of the two ends of their contacts.
+        """Check every field, and replace its value by the one that is kept: arrays become
+        read-only, cell vectors that are no periods become zero, springs to the ground of zero
+        become None, and flat walls become ball j of their contacts.
         """
         checked: dict[str, Any] = {
             "pbc": _read_periods(self.pbc),
@@ -218,7 +221,7 @@ class ContactNetwork(Result):
                 require("the name of a kind", label, name)
         for name, layout in self._shapes.items():
             values = getattr(self, name)
-            is_left_out = values is None and layout.endswith("?")
+            is_left_out = values is None and layout.endswith("?")  # "?": the field may be None
             if name == "kinds" or is_left_out:
                 continue
             numbers = read_whole_numbers if name in _WHOLE else real_array
@@ -235,11 +238,13 @@ class ContactNetwork(Result):
         self._check()
 
     def _check(self) -> None:
-        """Let contacts lead from balls to flat walls, as all that follows takes for granted, and
-        raise :class:`~granphon.base.errors.InputError` for fields that the class does not allow.
+        """Raise :class:`~granphon.base.errors.InputError` for fields that the class does not allow.
+
+        Before the fields are judged, contacts whose ball i is a flat wall are reversed, in place
+        (:meth:`_reverse_wall_contacts`).
         """
         super()._check()
-        self._turn_walls()
+        self._reverse_wall_contacts()
         motions = allowed_motions(self.dimension)
         if not is_one_of(self.motions, motions):
             fault = f"a network in {self.dimension} dimensions has no motions {brief(self.motions)}"
@@ -271,7 +276,8 @@ class ContactNetwork(Result):
 
     def _refuse(self, name: str, is_bad: Flags, fault: str, mend: str) -> None:
         """Raise :class:`~granphon.base.errors.InputError` that names the first bad entry of the
-        field ``name``, of a ball or a contact, and counts all; ``is_bad`` is (n,) or (n_c,).
+        field ``name`` and says how many entries are bad; ``is_bad`` has a flag for each ball, (n,),
+        or for each contact, (n_c,), whichever the entries of the field belong to.
         """
         bad_indices = np.flatnonzero(is_bad)
         index = bad_indices[0]
@@ -283,9 +289,9 @@ class ContactNetwork(Result):
         total = f" ({bad_indices.size} in all)" if bad_indices.size > 1 else ""
         raise InputError(f"{subject} {index} of the network {fault}: {shown}{total}", mend=mend)
 
-    def _turn_walls(self) -> None:
-        """Let contacts lead from balls to flat walls: exchange, in place, the two ends of those
-        whose ball i is a flat wall.
+    def _reverse_wall_contacts(self) -> None:
+        """Let each contact with a flat wall lead from the ball to the wall: where ball i is the
+        wall, exchange the two ends, and reverse shift, normal and tangential force, in place.
         """
         walls = np.flatnonzero(np.isinf(self.radii))
         is_reversed = np.isin(self.i, walls) & ~np.isin(self.j, walls)
@@ -298,7 +304,7 @@ class ContactNetwork(Result):
             fields[name_i] = read_only(exchanged[0])
             fields[name_j] = read_only(exchanged[1])
         for name in {"shift", "normal", "tangential_force"} & {*self.contact_fields}:
-            opposite = 0 - fields[name]  # without zeros of negative sign
+            opposite = 0 - fields[name]  # 0 - x, as -x would make zeros of negative sign
             fields[name] = read_only(np.where(is_reversed[:, None], opposite, fields[name]))
 
     def _check_cell(self) -> None:
@@ -334,8 +340,8 @@ class ContactNetwork(Result):
         """
         i = self.i
         j = self.j
-        moves = self.moving[i] & self.moving[j]
-        contacts, twins = find_repeated(i, j, self.shift, self.normal, moves)
+        both_move = self.moving[i] & self.moving[j]
+        contacts, twins = find_repeated(i, j, self.shift, self.normal, both_move)
         n_repeated = contacts.size
         if not n_repeated:
             return
@@ -403,7 +409,9 @@ class ContactNetwork(Result):
 
     @cached_property
     def vector(self) -> Array:
-        """(n_c, 3) from the centre of ball i to the centre of ball j, m."""
+        """(n_c, 3) vectors from the centre of ball i to the centre of ball j, displaced by its
+        ``shift``, m.
+        """
         return read_only(self.positions[self.j] + self.shift @ self.cell - self.positions[self.i])
 
     @cached_property
@@ -430,9 +438,11 @@ class ContactNetwork(Result):
 
     @cached_property
     def tangential_growth(self) -> Array:
-        """(n_c,) part by which a static tangential force grows, over the growth of the overlap, by
-        the ``tangential_law``, 1/m; zero without a normal force. The overlap is that of Hertz's
-        law, 3 f/2 k.
+        """(n_c,) relative growth of a static tangential force T with the overlap delta,
+        (dT/d delta)/T, 1/m; zero without a normal force.
+
+        By the ``tangential_law`` T goes as a power p of the overlap, so that the growth is p/delta.
+        The overlap is that of Hertz's law, 3 f/2 k.
         """
         power = TANGENTIAL_LAWS[self.tangential_law]
         overlap = overlap_from(self.normal_force, self.normal_stiffness)
@@ -441,9 +451,11 @@ class ContactNetwork(Result):
 
     @cached_property
     def lever_excesses(self) -> tuple[Array, Array] | None:
-        """(n_c,) of balls i and of balls j: by how much the levers of slip exceed the arms, m; zero
-        of flat walls, and of contacts that resist no slip. None if they exceed none, or if static
-        forces do not act.
+        """By how much the levers of slip exceed the arms, m: at balls i, (n_c,), and at balls j,
+        (n_c,).
+
+        The excess is zero at flat walls, and of contacts that do not resist slip. None if no lever
+        exceeds its arm, or if static forces do not act on displacements (``prestress``).
         """
         if not self.prestress or self.slip_levers == "arms":
             return None
@@ -458,8 +470,8 @@ class ContactNetwork(Result):
 
     @cached_property
     def unbalanced(self) -> tuple[Array, Array]:
-        """Sums of the static forces, N, and of their torques, N m, on each ball, (n, 3): zero of
-        balls that do not move.
+        """Sums of the static forces, N, and of their torques, N m, on each ball, both (n, 3); zero
+        for balls that do not move.
         """
         normal_force, across = self.static_forces
         contact_forces = normal_force[:, None] * self.normal + across  # (n_c, 3), of i on j
@@ -488,9 +500,11 @@ class ContactNetwork(Result):
 
     @cached_property
     def residual_forces(self) -> Array:
-        """(n, 3) sums of the static forces on each ball, N. Where bodies hold some balls, the one
-        acceleration that weights may give to all others is left out: that with the least squares of
-        what remains.
+        """(n, 3) sums of the static forces on each ball, N, without what gravity may bear.
+
+        Where some balls do not move, the others may be held against gravity, whose direction and
+        size the network does not know. The uniform acceleration that leaves the least sum of
+        squares of the forces is then subtracted, times the mass of each ball.
         """
         forces, _torques = self.unbalanced
         if np.all(self.moving):
@@ -506,7 +520,7 @@ class ContactNetwork(Result):
         sizes = np.linalg.norm(forces, axis=1)
         ball = int(np.argmax(sizes))
         size = float(sizes[ball])
-        # without forces the mean may be zero too
+        # where all forces are zero, the mean force may be zero too
         ratio = size / self.mean_force if size else 0.0
         return ball, size, ratio
 
@@ -529,23 +543,24 @@ class ContactNetwork(Result):
     @property
     def is_balanced(self) -> bool:
         """Whether the static forces on each ball add up to no more than 1e-3 of the mean force of a
-        contact; also where static forces do not act, or springs to the ground may bear the rest,
-        whose forces the network does not have.
+        contact.
+
+        True, too, where nothing can be judged: without ``prestress`` or contacts, and with springs
+        to the ground, whose static forces the network does not have.
         """
-        is_known = self.prestress and self.on_site is None
-        if not is_known or not self.n_contacts:
+        can_be_judged = self.prestress and self.on_site is None and self.n_contacts > 0
+        if not can_be_judged:
             return True
         _ball, _force, ratio = self.imbalance
         return ratio <= BALANCED
 
     def require_rest(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if static forces act, and some ball is so
-        far from balance that the balls still move.
+        far from balance that the balls still move: the :attr:`residual_forces` on the ball are
+        5e-3 of the mean force of a contact or more.
 
-        That is so from 5e-3 of the mean force of a contact on, where nothing that the network lacks
-        can hold the ball. A network without a period along some axis is not judged: walls that are
-        not in a file may stand there. Where bodies hold some balls, the one acceleration that
-        weights may give to all others is left out.
+        A network without a period along some axis is not judged: walls that are not in a file may
+        hold its balls there.
         """
         if self.is_balanced or not all(self.pbc[: self.dimension]):
             return
@@ -562,7 +577,7 @@ class ContactNetwork(Result):
 
     @property
     def contact_places(self) -> Array:
-        """(n_c, 3) where the contacts are, m: at the arm of ball i from its centre, along the
+        """(n_c, 3) places of the contacts, m: the centre of ball i plus its arm along the
         normal.
         """
         return np.asarray(self.positions[self.i] + self.arm_i[:, None] * self.normal)
@@ -574,7 +589,8 @@ class ContactNetwork(Result):
         """
         points = self.contact_places
         walls: dict[int, tuple[Array, Array]] = {}
-        # from the last contact to the first, which has the point where a wall has several contacts
+        # the contacts are taken from the last to the first: of several contacts of a wall the first
+        # one replaces the others
         for contact in np.flatnonzero(np.isinf(self.distance))[::-1].tolist():
             walls[int(self.j[contact])] = (points[contact], self.normal[contact])
         return walls
@@ -590,6 +606,9 @@ class ContactNetwork(Result):
 
     @cached_property
     def _cache(self) -> dict[Any, Any]:
+        """What has been found of this network, by the functions that have found it
+        (:meth:`cached`), and its :attr:`reading`. A changed copy begins with an empty one.
+        """
         return {}
 
     @cached_property
@@ -636,7 +655,9 @@ class ContactNetwork(Result):
         return self._average_directions(self.normal_force)
 
     def _average_directions(self, weights: Array) -> Array:
-        """Return the mean (d, d) of n n over the contacts, with ``weights`` (n_c,)."""
+        """Return the mean (d, d) of n n over the contacts, n being their normals, with ``weights``
+        (n_c,); InputError if the weights add up to zero.
+        """
         total = float(np.sum(weights))
         if not total:
             raise InputError("the network has no contacts, or none with a force")
@@ -659,21 +680,22 @@ class ContactNetwork(Result):
         A contact counts if its force is above 8e-9 of the mean of those above zero. Under less, a
         contact of Hertz's law, whose stiffness goes as the third root of its force, is less than
         2e-3 as stiff as under the mean. If no contact of the network has a force, all contacts
-        count, as if their forces were equal. See :meth:`without_rattlers`. Neither a wall is a
-        rattler, nor a ball whose displacements are all resisted by springs to the ground.
+        count, as if their forces were equal. How many contacts hold a ball says
+        :meth:`without_rattlers`. A wall is no rattler, and neither is a ball whose displacements
+        are all resisted by springs to the ground.
         """
         from granphon.networks.rattlers import find_rattlers
 
         return read_only(find_rattlers(self))
 
     def without_rattlers(self, held_by: int | None = None) -> Self:
-        """Return the network without the balls that carry no load; ``left_out`` says how many these
-        are.
+        """Return the network without the balls that carry no load, whose number is added to
+        ``left_out``; a network without such balls is returned itself.
 
-        ``held_by`` is the least number of contacts that hold a ball: by default two if contacts
-        resist slip, else one more than there are dimensions. Without slip resistance two or more
+        ``held_by`` is the least number of contacts that hold a ball. The default is two if contacts
+        resist slip, else one more than there are dimensions; without slip resistance two or more
         contacts whose forces are in balance, as along a straight row, also hold a ball. Where
-        gravity holds balls down, too, it is smaller: give it. Raises
+        gravity holds balls down, fewer contacts hold them: give ``held_by`` then. Raises
         :class:`~granphon.base.errors.InputError` if no ball is held.
         """
         from granphon.networks.rattlers import find_holding, find_rattlers
@@ -704,12 +726,13 @@ class ContactNetwork(Result):
         :class:`~granphon.base.errors.InputError` for balls that are not there, for a ball given
         twice, and for none.
         """
+        # a list of n truth values says which balls are kept; any other list has indices
         plain: Any = balls.tolist() if isinstance(balls, np.ndarray) else balls
         is_for_each_ball = isinstance(plain, list | tuple) and len(plain) == self.n_balls
         are_flags = is_for_each_ball and all(isinstance(value, bool | np.bool_) for value in plain)
         indices = np.flatnonzero(plain) if are_flags else balls
         kept_balls = index_array("balls", indices, self.n_balls)
-        new_index = np.full(self.n_balls, -1)  # -1 of balls that are left out
+        new_index = np.full(self.n_balls, -1)  # -1 for balls that are left out
         new_index[kept_balls] = np.arange(kept_balls.size)
         i = new_index[self.i]
         j = new_index[self.j]
@@ -739,8 +762,8 @@ class ContactNetwork(Result):
         return read_only(number_pieces(self.i, self.j, self.moving))
 
     def pieces(self) -> tuple[Self, ...]:
-        """Return the networks into which this one falls, the largest first; (self,) if contacts
-        join all balls.
+        """Return the pieces of the network, sets of balls that contacts join, as networks, the
+        largest first; (self,) if there is one piece alone.
 
         A wall does not move and joins no pieces; each piece that touches the wall contains it. A
         wall that no ball touches is in no piece, unless there is one piece alone, which is the
@@ -755,11 +778,12 @@ class ContactNetwork(Result):
         pieces = np.split(members, bounds) if members.size else []
         is_at_wall = ~(moving[self.i] & moving[self.j])
         if np.any(is_at_wall):
-            ball = np.where(moving[self.i], self.i, self.j)[is_at_wall]
-            wall = np.where(moving[self.i], self.j, self.i)[is_at_wall]
-            for number, balls in enumerate(pieces):
-                walls = wall[piece_of_ball[ball] == piece_of_ball[balls[0]]]
-                pieces[number] = np.unique(np.append(balls, walls))
+            # the ball and the wall of each contact with a wall
+            touching_balls = np.where(moving[self.i], self.i, self.j)[is_at_wall]
+            touched_walls = np.where(moving[self.i], self.j, self.i)[is_at_wall]
+            for index, balls in enumerate(pieces):
+                touches = piece_of_ball[touching_balls] == piece_of_ball[balls[0]]
+                pieces[index] = np.unique(np.append(balls, touched_walls[touches]))
         if len(pieces) == 1:
             return (self,)
         return tuple(self.select(balls) for balls in sorted(pieces, key=len, reverse=True))
@@ -767,12 +791,13 @@ class ContactNetwork(Result):
     # -- larger networks, cuts, files --------------------------------------------------------------
 
     def repeat(self, shape: tuple[int, ...]) -> Self:
-        """Return the network of ``shape`` (L1, ..., Lp) cells of this one, one number for each
-        period.
+        """Return the network of ``shape`` (L1, ..., Lp) cells, each a copy of this network; L is
+        the number of cells along each period.
 
         Balls come in the order of cells, ball by ball of each cell, with the last period fastest.
-        They have no labels, and ``left_out`` counts those of all cells. Of one cell of a lattice
-        the ``lattice`` is kept, and ``shape`` is the one given. Raises
+        They have no labels, and ``left_out`` counts the balls that are left out of all cells. If
+        this network is one cell of a lattice, the ``lattice`` is kept, and the field ``shape`` is
+        the given one. Raises
         :class:`~granphon.base.errors.InputError` for a network without periods, another number of
         lengths, and more balls than memory holds.
         """
@@ -798,7 +823,8 @@ class ContactNetwork(Result):
             repetitions = (n_cells,) if values.ndim == 1 else (n_cells, 1)
             contacts[name] = np.tile(values, repetitions)
         contacts |= {"i": i, "j": j, "shift": shift}
-        # balls of many arrays side by side are not in the order of the cells of one
+        # copies of an array of several cells are not in the order of cells that a shape means: only
+        # copies of a single cell keep lattice and shape
         is_cell = self.lattice and max(self.shape or (1,)) == 1
         return replace(
             self,
@@ -827,8 +853,10 @@ class ContactNetwork(Result):
         )
 
     def layers_across(self, axis: Any) -> Layers:
-        """Return the layers of the network across an axis, as for :meth:`cut`; raises its error for
-        another axis.
+        """Return the vectors of the layers of the network across an ``axis``, which is given as for
+        :meth:`cut`.
+
+        Raises :class:`~granphon.base.errors.InputError` for an axis that is no period.
         """
         periods = self.cell[np.flatnonzero(self.pbc), : self.dimension]  # (p, d), m
         # layers are found along axes (d, d) of which the first ones span the periods
@@ -837,34 +865,36 @@ class ContactNetwork(Result):
         return replace(layers, turn=layers.turn @ axes)
 
     def cut(self, axis: Any, layers: int, edges: Any = "free") -> Self:
-        """Return so many layers of the network, which no longer repeat across them: a strip, slab,
-        column or flake.
+        """Return a cut of the network: a number of its layers, one above the other, between two
+        faces, across which nothing repeats; a strip, slab, column or flake.
 
-        Contacts between balls have the stiffness of the bulk: a cut says what waves do at an edge,
-        not how the edge came to rest.
+        Contacts between balls keep the stiffness of the bulk: a cut says what waves do at an edge,
+        and not how the balls of the edge would come to rest.
 
         Parameters
         ----------
         axis : the number, among the periods, of the vector along which layers follow each other; or
             the integer Miller indices of their plane, one for each period.
         layers : their number, in cells.
-        edges : how the two faces are held: "free"; "clamped", the balls of the outer layer do not
-            move; "floor", a rigid plane touches the outer balls; a :class:`~granphon.Wall`, an
-            elastic one does. The force on a floor or wall is that of the contacts which each ball
-            has lost there, and its stiffness that of a ball on such a plane under this force, by
-            the :attr:`contact_model`: the floor of :meth:`Crystal.cut <granphon.Crystal.cut>`. One
-            for both, or (lower, upper).
+        edges : how the two faces are held, one word for both or (lower, upper). "free": nothing
+            holds them. "clamped": the balls of the outer layer do not move. "floor": the outer
+            balls touch a rigid plane. A :class:`~granphon.Wall`: they touch an elastic plane. Each
+            ball presses on the plane with the force of the contacts that the ball has lost there;
+            the contact has the stiffness of a ball on such a plane under this force, by the
+            :attr:`contact_model`, as the floor of :meth:`Crystal.cut <granphon.Crystal.cut>` does.
 
         The layers follow each other along the first axis that is no longer a period, the lower face
-        first: y of what was cut from a plane, z from space, x from a chain. If need be the network
-        is turned, so that the periods that are left lie along x or in the xy plane.
+        first: along y for a cut of a plane, along z for a cut of space, and along x for a cut of a
+        chain. If need be the network is turned, so that the periods that are left lie along x or in
+        the xy plane.
 
         Raises :class:`~granphon.base.errors.InputError` for an axis that is no period, for so few
         layers that a contact reaches across all of them, if layers are not connected, if no ball
-        can move, if the balls of a clamped layer touch none that moves, and for a floor if
-        materials are not known, a ball is not pressed on it, or a ball has lost no contact there.
-        Where balls of one kind differ in size, a ball that has lost none does not touch the floor,
-        and only a face without others is an error.
+        can move, and if the balls of a clamped layer touch none that moves. A floor raises the
+        error, too, if the materials of the balls are not known, if a ball is not pressed on it, or
+        if a ball of the face has lost no contact. Where balls of one kind differ in size, a ball
+        that has lost no contact stands on no floor instead, and the error is raised if all balls of
+        the face are such.
         """
         from granphon.networks.cuts import cut_network
 
@@ -883,8 +913,11 @@ class ContactNetwork(Result):
         return walls[0]
 
     def with_wall(self, material: Material) -> Self:
-        """Return the network with its wall of another ``material``: contacts with it are under the
-        same forces. Raises the error of :attr:`wall`.
+        """Return the network whose :attr:`wall` is of another ``material``. Contacts with the wall
+        keep their forces, and get the stiffnesses that belong to the new material.
+
+        Raises :class:`~granphon.base.errors.InputError` unless the network has one wall whose
+        material is known.
         """
         from granphon.networks.cuts import change_wall
 
@@ -968,25 +1001,27 @@ class ContactNetwork(Result):
             contacts of each and the worst three; "drop" leaves these contacts out, and an
             :class:`~granphon.base.errors.InconsistencyWarning` tells the same.
 
-        Forces that follow from overlaps have the error of places with few digits: where its
-        standard value is above 6 % there is an error. An
+        Where forces follow from overlaps, the rounding of places with few digits makes them
+        uncertain: a standard error above 6 % of the forces raises InputError. An
         :class:`~granphon.base.errors.InconsistencyWarning` tells each check of
         :func:`~granphon.validity` that fails, as forces that are not those of the overlaps, masses
-        that are not those of the density, or balls that still move; but for the number of rattlers,
-        and the number of contacts in a lattice. There is one too if the material is none in SI.
+        that are not those of the density, or balls that still move. Two checks give no warning:
+        that of the number of rattlers, and in a lattice that of the number of contacts. The same
+        warning tells a density or a Young modulus that seems to be in another unit than SI.
 
-        Contacts without force whose stiffness follows from it are left out. Files of
+        Contacts without force are left out where their stiffness follows from the force. Files of
         :meth:`write_tables` also give cell, pbc, dimension, motions and prestress, where these are
-        not given here; pbc for their own cell only. They have a digest: if one of the two has lost
-        it, or a file of another program has no line break at its end, where it may be cut, there is
-        an :class:`~granphon.base.errors.UnverifiedFileWarning`.
+        not given here; pbc for their own cell only. Such files have a digest. An
+        :class:`~granphon.base.errors.UnverifiedFileWarning` tells that one of the two files has
+        lost its digest, or that a file of another program may be cut, as there is no line break at
+        its end.
 
         Raises
         ------
         InputError : a file is not as granphon has written it; a column is missing, has no unit or
-            not the unit of its kind, or coordinates are in different units; places have too few
-            digits for overlaps, from which forces follow; a cell cannot be read; and what the class
-            itself does not allow.
+            not the unit of its kind, or coordinates are in different units; forces follow from
+            overlaps, and places have too few digits for these; a cell cannot be read; and what the
+            class itself does not allow.
         """
         from granphon.networks.tables import read_tables
 
@@ -1051,10 +1086,10 @@ class ContactNetwork(Result):
         motions, friction, prestress, tangential_law, slip_levers, keep_rattlers, held_by, bad : see
             :meth:`from_table`.
 
-        With ``prestress`` the response is that of the ``tangential_law``, and of slip that LAMMPS
-        computes with the radii (``slip_levers``); the part without a potential is left out.
-        Contacts with walls are not in ``compute pair/local``: without ``walls`` they are
-        missing. :attr:`notes` say what has not been read.
+        With ``prestress`` tangential forces change as the ``tangential_law`` says, and rotations
+        make slip with the radii, as in LAMMPS (``slip_levers``); the part of the response that has
+        no potential is left out. Contacts with walls are not in ``compute pair/local``: without
+        ``walls`` they are missing. :attr:`notes` say what has not been read.
 
         Forces that are not those of the overlaps, masses that are not those of the density, rounded
         places and static forces out of balance are told as by :meth:`from_table`.
@@ -1277,8 +1312,8 @@ class ContactNetwork(Result):
         network = whole_network
         if not completion.keep_rattlers:
             network = whole_network.without_rattlers(completion.held_by)
-        # balls of the source that are left; where the source has no labels, those of the network
-        # are the numbers of the balls in the source
+        # the balls of the source that the network still has: where the source has no labels, the
+        # labels of the network are the indices of the balls in the source
         is_kept: Any = slice(None)
         if network is not whole_network and network.labels is not None:
             all_labels = whole_network.labels
@@ -1347,10 +1382,10 @@ def register_reader(
     """Make the reader of another program's contacts known by a name, to
     :meth:`ContactNetwork.read`.
 
-    ``read`` takes the paths of files, and options, and returns a :class:`~granphon.ContactNetwork`,
-    as :meth:`ContactNetwork.from_table` makes one of arrays in SI. Returns ``read``. Raises
-    :class:`~granphon.base.errors.InputError` for what cannot be called, and for a name that is
-    taken.
+    ``read`` takes the paths of files, and options, and returns a :class:`~granphon.ContactNetwork`;
+    :meth:`ContactNetwork.from_table` makes one of arrays in SI. The function ``read`` itself is
+    returned. Raises :class:`~granphon.base.errors.InputError` for what cannot be called, and for a
+    name that is taken.
     """
     if not callable(read):
         raise InputError(f"{brief(read)} reads no files", mend="Give a function of paths")
@@ -1402,16 +1437,17 @@ def _read_periods(pbc: Any) -> tuple[bool, ...]:
 
 
 def _find_mean(values: Array) -> float:
-    """Return the mean of values, exact where all are equal."""
+    """Return the mean of ``values`` (m,): their first value plus the mean of the differences from
+    it, which is exact where all values are equal.
+    """
     return float(values[0] + np.mean(values - values[0]))
 
 
 def number_pieces(i: Index, j: Index, moving: Flags) -> Index:
-    """Return (n,) the number, from 0, of the set of balls to which contacts join each ball; a wall
-    joins no balls, and is a set of its own.
+    """Return (n,) the number, from 0, of the piece to which each ball belongs: the set of all balls
+    that contacts between balls that move join. A wall does not move, and is a piece of its own.
 
-    ``i`` and ``j`` (n_c,) are the balls of each contact, and ``moving`` (n,) says which balls are
-    no walls.
+    ``i`` and ``j`` (n_c,) are the balls of each contact, and ``moving`` (n,) says which balls move.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

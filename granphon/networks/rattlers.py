@@ -19,12 +19,15 @@ from granphon.networks.consistency import BALANCED
 def find_rattlers(network: Any, held_by: int | None = None) -> Index:
     """Return the indices (m,) of the balls that carry no load; for ``held_by`` see
     :meth:`granphon.networks.network.ContactNetwork.without_rattlers`.
+
+    First the balls with too few contacts are found; then the contacts of these are removed, ball by
+    ball, and their neighbours that now have too few contacts are added, until none is left.
     """
     hold = _Hold(network, held_by)
     is_loose = ~hold.are_held(np.arange(network.n_balls))
-    if not np.any(network.moving & ~is_loose):  # all that move are loose already
+    if not np.any(network.moving & ~is_loose):  # all balls that move are loose already
         return np.flatnonzero(is_loose)
-    # loose balls whose contacts still count for their neighbours
+    # loose balls whose contacts have not been removed yet
     waiting = np.flatnonzero(is_loose).tolist()
     while waiting:
         for neighbour in hold.release(waiting.pop()):
@@ -35,8 +38,8 @@ def find_rattlers(network: Any, held_by: int | None = None) -> Index:
 
 
 def find_holding(network: Any, most: int) -> int:
-    """Return the greatest ``held_by`` up to ``most`` at which a ball that moves is held; 0 if
-    none above 0 holds one.
+    """Return the greatest number of contacts ``held_by``, up to ``most``, with which
+    :func:`find_rattlers` leaves a ball that moves; 0 if there is no such number above 0.
     """
     n_contacts = np.bincount(np.concatenate([network.i, network.j]), minlength=network.n_balls)
     low = 0
@@ -53,24 +56,29 @@ def find_holding(network: Any, most: int) -> int:
 
 
 class _Hold:
-    """How the contacts that carry load hold each ball of a network; the contacts of a ball can be
-    released one by one.
+    """The counts and sums of forces by which the contacts that carry load hold each ball of a
+    network; :meth:`release` removes the contacts of a ball from them.
 
     Attributes
     ----------
+    is_held : (n,) whether a ball needs no contacts: it does not move, or springs to the ground
+        resist all of its displacements.
     i, j : (m,) the balls of the contacts that carry load.
     sizes : (m,) the forces of these contacts, N, or 1 if no contact has a force.
     forces : (m, 3) these forces as vectors, of i on j.
     counts : (n,) number of these contacts of each ball.
     total_sizes, total_forces : (n,) and (n, 3) the sums of the sizes, and of the vectors, of the
         forces on each ball.
-    least : the number of contacts from which on they hold a ball.
-    rows_hold : whether two contacts whose forces are in balance hold a ball too.
+    least : the least number of contacts that hold a ball.
+    rows_hold : whether two or more contacts whose forces are in balance, as along a straight row,
+        hold a ball, too.
     """
 
     def __init__(self, network: Any, held_by: int | None) -> None:
-        """Count the contacts of the network that carry load, at each ball; ``held_by`` is the
-        number of contacts that hold a ball, None for that of its motions.
+        """Count the contacts of the network that carry load, at each ball.
+
+        ``held_by`` is the least number of contacts that hold a ball. None: two if contacts resist
+        slip; else one more than there are dimensions, or a row in balance.
         """
         n = network.n_balls
         slips = not np.any(network.shear_stiffness)
@@ -91,34 +99,34 @@ class _Hold:
         self.counts = np.bincount(self.i, minlength=n) + np.bincount(self.j, minlength=n)
         sizes_on_i = np.bincount(self.i, self.sizes, n)
         self.total_sizes = sizes_on_i + np.bincount(self.j, self.sizes, n)
-        # ball j gets the force of a contact, and ball i the opposite one
+        # the force of a contact acts on ball j, and the opposite force on ball i
         sums = [
             np.bincount(self.j, component, n) - np.bincount(self.i, component, n)
             for component in self.forces.T
         ]
         self.total_forces = np.stack(sums, axis=1)
         self._is_open = np.ones(len(self.i), bool)  # (m,) whether a contact is not released yet
-        # the ends of contacts, first all ends i and then all ends j, ball by ball, and where the
-        # ends at each ball begin
+        # The ends of contacts are numbered, first all ends i and then all ends j. In the order
+        # _order they are sorted by their balls; those at ball b begin at _starts[b].
         ends = np.concatenate([self.i, self.j])
         self._order = np.argsort(ends, kind="stable")
         self._starts = np.searchsorted(ends[self._order], np.arange(n + 1))
 
     def are_held(self, balls: Index) -> Flags:
-        """Return (m,) whether each of some ``balls`` (m,) has enough contacts, does not move, or
-        hangs on a spring to the ground.
+        """Return (m,) whether each of some ``balls``, (m,) indices, is held: by enough contacts
+        that have not been released, by contacts in a row, or without contacts (``is_held``).
         """
         counts = self.counts[balls]
-        # where contacts slip, two contacts or more whose forces are in balance, as along a straight
-        # row, hold a ball
         net_force = np.linalg.norm(self.total_forces[balls], axis=1)
         is_balanced = net_force <= BALANCED * self.total_sizes[balls]
         is_in_row = self.rows_hold & (counts >= 2) & is_balanced
         return np.asarray((counts >= self.least) | is_in_row | self.is_held[balls])
 
     def release(self, ball: int) -> Iterator[int]:
-        """Remove the contacts of a ``ball`` one by one, and yield the neighbour of each, from whose
-        sums the contact has been taken; the sums of the ball itself stay.
+        """Remove the contacts of a ``ball`` one by one, and yield the neighbour at each.
+
+        When a neighbour is yielded, the contact has been taken from the count and the sums of the
+        neighbour; those of the ball itself stay, as nothing reads them any more.
         """
         ends = self._order[self._starts[ball] : self._starts[ball + 1]]
         contacts = ends % len(self.i)  # the ends j of all contacts follow the ends i

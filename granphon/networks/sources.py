@@ -1,5 +1,5 @@
-"""Balls and contacts as a program of discrete elements has left them, in SI, and what is wrong with
-them.
+"""Balls and contacts as a program of discrete elements has left them, in SI units, with their
+faults, and with the errors that rounding in the files leaves.
 """
 
 from __future__ import annotations
@@ -90,8 +90,8 @@ class Balls:
         return f"ball {row if self.labels is None else self.labels[row]}{line}"
 
     def find_faults(self) -> Faults:
-        """Return the balls with places, sizes or masses that none can have, and those whose label
-        is not their own.
+        """Return the balls that cannot be used: with a place, radius, mass or moment of inertia out
+        of range, or with a label that another ball has, too.
         """
         faults = Faults(self.name, "balls", len(self.radii), self.describe)
         is_placed = np.all(np.abs(self.positions) < LARGEST, axis=1)
@@ -112,7 +112,7 @@ class Balls:
                 words = f"a {name} that is not above zero"
                 faults.note(~(values > 0.0), words, values=values, unit=unit)
         if self.labels is not None:
-            _, index, counts = np.unique(self.labels, return_inverse=True, return_counts=True)
+            _labels, index, counts = np.unique(self.labels, return_inverse=True, return_counts=True)
             words = "an id that another ball has too"
             faults.note(counts[index] > 1, words, mend="Give each an id of its own")
         return faults
@@ -150,8 +150,11 @@ class CompletionOptions(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class Completion:
-    """How a network follows from what a source has: the arguments that all readers have in common,
-    see :meth:`granphon.networks.network.ContactNetwork.from_table`. InputError for other values.
+    """The arguments that all readers have in common, which say how the fields of a network follow
+    from what a source has.
+
+    They are described at :meth:`granphon.networks.network.ContactNetwork.from_table`. InputError
+    for values of another kind.
     """
 
     material: Material | None = None
@@ -166,7 +169,9 @@ class Completion:
     bad: str = "refuse"
 
     def __post_init__(self) -> None:
-        """Check the arguments of the reader that are not checked where they are used."""
+        """Check the material, ``bad`` and the truth values; the other arguments are checked where
+        they are used.
+        """
         material: Any = self.material
         if not isinstance(material, Material | None):
             raise InputError(f"the material is {brief(material)}", mend="Give a gp.Material")
@@ -178,7 +183,7 @@ class Completion:
 
     @property
     def of_network(self) -> dict[str, Any]:
-        """The fields of the network that are given, by name."""
+        """The given arguments that are fields of the network, by name; None is not given."""
         names = ("dimension", "motions", "prestress", "tangential_law", "slip_levers")
         values = {name: getattr(self, name) for name in names}
         return {name: value for name, value in values.items() if value is not None}
@@ -194,9 +199,10 @@ class Contacts:
     (n_c, 3); the other arrays are (n_c,). Forces that press are positive. ``lines`` are the lines
     of the contacts in a file.
 
-    ``rolling`` is the stiffness k of rolling, N/m: the bending stiffness is k R^2, of the reduced
-    radius R. ``twisting`` is the torsion stiffness, N m, or "marshall": half of the shear stiffness
-    over that length of the contact spot with which it grows, times the square of its radius.
+    ``rolling`` is the coefficient k of LAMMPS' rolling law, N/m: the bending stiffness is k R^2,
+    where R is the reduced radius. ``twisting`` is the torsion stiffness, N m, or "marshall" for
+    Marshall's law, by which the torsion stiffness is half of the shear coefficient times the square
+    of the radius of the contact spot.
     """
 
     name: str
@@ -220,6 +226,7 @@ class Contacts:
     twisting: float | str | None = None
 
     def __len__(self) -> int:
+        """Return the number of contacts."""
         return len(self.i)
 
     def select(self, rows: Any) -> Self:
@@ -238,17 +245,19 @@ class Contacts:
         return Faults(self.name, "contacts", len(self), self.describe)
 
     def note_numbers(self, faults: Faults, *, adhesive: bool) -> None:
-        """Note the contacts with numbers that are not finite or out of range, that pull where
-        contacts are not ``adhesive``, and with normals that are no unit vectors.
+        """Note, in ``faults``, the contacts with numbers that are not finite or out of range, with
+        a normal force that pulls unless contacts are ``adhesive``, with a shift of too many cells,
+        and with a normal whose length is not one.
         """
         for name, unit in _UNITS.items():
             values = getattr(self, name)
             if values is None:
                 continue
             words = f"a {name} that is not finite, or too large"
-            is_tame = np.abs(values) < LARGEST  # False for nan
-            is_wild = ~(is_tame if values.ndim == 1 else is_tame.all(axis=1))
-            faults.note(is_wild, words, values=values, unit=unit)
+            is_in_range = np.abs(values) < LARGEST  # False for nan
+            if values.ndim > 1:
+                is_in_range = is_in_range.all(axis=1)
+            faults.note(~is_in_range, words, values=values, unit=unit)
             if name.endswith("stiffness"):
                 must_be_above = name == "normal_stiffness"
                 is_low = values <= 0.0 if must_be_above else values < 0.0
@@ -267,7 +276,9 @@ class Contacts:
 
 
 def note_pulling(faults: Faults, force: Array, adhesive: bool, mend: str = "") -> None:
-    """Note the contacts whose normal ``force`` (n_c,), N, pulls, unless they are ``adhesive``."""
+    """Note, in ``faults``, the contacts whose normal ``force`` (n_c,), N, pulls, unless contacts
+    are ``adhesive``; ``mend`` is the advice of the message, "" for the usual one.
+    """
     if not adhesive:
         faults.note(
             force < 0.0,
@@ -280,10 +291,11 @@ def note_pulling(faults: Faults, force: Array, adhesive: bool, mend: str = "") -
 
 
 def read_whole_numbers(name: str, values: Any) -> Index:
-    """Return ``values`` as an array of whole numbers; floats are taken if they are whole.
+    """Return ``values`` as an array of whole numbers, of the same shape; floats are accepted if
+    they are whole.
 
-    Raises :class:`~granphon.base.errors.InputError` for other values, and for numbers too large to
-    be an index.
+    Raises :class:`~granphon.base.errors.InputError`, which names the field ``name``, for other
+    values, and for floats above 2^53, which are not exact.
     """
     if isinstance(values, np.ndarray) and values.dtype.kind == "i":
         return np.asarray(values, np.intp)
@@ -301,18 +313,24 @@ def read_whole_numbers(name: str, values: Any) -> Index:
 
 
 def find_rounding(values: Array) -> Array:
-    """Return half a unit of the last digit of each of ``values``, of one source: their greatest
-    errors, of the same shape.
+    """Return the greatest rounding errors of ``values`` that one source has written: half a unit of
+    the last digit of each, in an array of the same shape.
 
-    The number of digits that the source writes follows from all of its numbers. Where all are whole
-    multiples of the last digit of the largest, the source writes as many decimals of each. Numbers
-    that single precision holds have the digits of single precision. A few numbers of fewer digits
-    than a program writes were chosen by hand, and have no error.
+    How many digits the source writes is found from all values together, in three cases:
+
+    - A few different values with fewer digits than a program writes were chosen by hand: their
+      error is zero.
+    - Values that single precision holds exactly were numbers of single precision: their error is
+      half of the distance to the next such number.
+    - Otherwise each value has the number of significant digits that represents all values; or, if
+      all are whole multiples of the last digit of the largest, the same number of decimals.
+
+    The error of a value that is zero or out of range is zero, as it plays no part or is refused.
     """
     sizes = np.abs(values)
     with np.errstate(over="ignore"):
         single = values.astype(np.float32)
-    is_counted = (sizes < LARGEST) & (sizes > 1.0 / LARGEST)  # others are refused, or play no part
+    is_counted = (sizes < LARGEST) & (sizes > 1.0 / LARGEST)
     least_digits, _most_digits = _DIGITS
     n_digits = _count_digits(sizes[is_counted])
     if n_digits < least_digits and np.unique(sizes[is_counted]).size < _CHOSEN:
@@ -333,8 +351,8 @@ def find_rounding(values: Array) -> Array:
 def find_errors_of_overlaps(
     rounding: Array, radius_rounding: Array, i: Index, j: Index, normal: Array
 ) -> tuple[Array, Array]:
-    """Return the greatest and the standard error that rounding leaves in the overlaps of balls i
-    and j, each (n_c,), m.
+    """Return the greatest and the standard errors, each (n_c,), m, that rounding leaves in the
+    overlaps of balls i and j.
 
     ``rounding`` (n, d) and ``radius_rounding`` (n,) are the greatest errors of positions and radii,
     m; ``normal`` is (n_c, 3).
@@ -344,13 +362,14 @@ def find_errors_of_overlaps(
     greatest = greatest + radius_rounding[i] + radius_rounding[j]
     squares = np.einsum("ca,ca->c", weights**2, rounding[i] ** 2 + rounding[j] ** 2)
     squares = squares + radius_rounding[i] ** 2 + radius_rounding[j] ** 2
-    # errors of rounding are even up to the greatest: their variance is a third of its square
+    # each rounding error is uniformly distributed up to the greatest one: its variance is a third
+    # of the square of that
     return greatest, np.sqrt(squares / 3.0)
 
 
 def _count_digits(sizes: Array) -> int:
-    """Return the least number of significant digits that represent all of ``sizes`` (n,), which are
-    above zero; at most that of floats.
+    """Return the least number of significant digits that represents all of ``sizes`` (n,), which
+    are above zero; 15 at most, the number of digits that every float keeps.
     """
     _least_digits, most_digits = _DIGITS
     mantissas = sizes / 10.0 ** np.floor(np.log10(sizes))  # from 1 to 10
@@ -363,35 +382,38 @@ def _count_digits(sizes: Array) -> int:
 
 
 def find_repeated(
-    i: Index, j: Index, shift: Index, normal: Array, moves: Flags
+    i: Index, j: Index, shift: Index, normal: Array, both_move: Flags
 ) -> tuple[Index, Index]:
-    """Return the indices, each (m,), of contacts and of those that repeat them, from the same end
-    or from the other one.
+    """Return the indices (m,) of contacts that are listed twice, and the indices (m,) of their
+    repetitions, which may be listed from the same end or from the other one.
 
-    ``i``, ``j`` (n_c,), ``shift`` and ``normal`` (n_c, 3) are those of contacts, and ``moves``
-    (n_c,) says whether both of their balls move: a wall may touch a ball at several places.
+    ``i`` and ``j`` (n_c,), ``shift`` and ``normal`` (n_c, 3) are those of the contacts.
+    ``both_move`` (n_c,) says whether both balls of a contact move: a wall may touch a ball at
+    several places, so that two contacts with a wall are the same only if their normals are.
     """
-    # A contact of a ball with its own image has no lower ball: there the first axis along which it
-    # leaves the cell decides.
+    # Each contact is compared as seen from the ball with the lower index. A contact of a ball with
+    # its own image has no such ball: it is seen from the end from which it leaves the cell upwards,
+    # along the first axis along which it leaves the cell at all.
     first_axis = np.argmax(shift != 0, axis=1)[:, None]
     first_shift = np.take_along_axis(shift, first_axis, axis=1)[:, 0]
     is_from_higher = (i > j) | ((i == j) & (first_shift < 0))
-    # (n_c,) a number of the pair of balls, and (n_c, 3) cells from the lower to the higher
+    # (n_c,) a number of the pair of balls, and (n_c, 3) the cells from its lower to its higher ball
     n_balls = int(max(np.max(i, initial=0), np.max(j, initial=0))) + 1
     pair = np.where(is_from_higher, j, i) * n_balls + np.where(is_from_higher, i, j)
     step = np.where(is_from_higher[:, None], -shift, shift)
-    contacts, twins = _find_alike(pair, step)
-    is_alike = is_from_higher[contacts] == is_from_higher[twins]
-    signs = np.where(is_alike, 1.0, -1.0)[:, None]
+    contacts, twins = _find_twins(pair, step)
+    is_same_end = is_from_higher[contacts] == is_from_higher[twins]
+    signs = np.where(is_same_end, 1.0, -1.0)[:, None]  # from the other end normals are opposite
     deviation = np.abs(normal[contacts] - signs * normal[twins])
-    is_elsewhere = np.any(deviation > UNIT, axis=1)
-    is_repeated = moves[twins] | ~is_elsewhere
+    has_other_normal = np.any(deviation > UNIT, axis=1)
+    is_repeated = both_move[twins] | ~has_other_normal
     return contacts[is_repeated], twins[is_repeated]
 
 
-def _find_alike(pair: Index, step: Index) -> tuple[Index, Index]:
-    """Return the indices, each (m,), of contacts and of their twins, which have the same ``pair``
-    and ``step``; of three alike the second is the twin of the first, and the third of the second.
+def _find_twins(pair: Index, step: Index) -> tuple[Index, Index]:
+    """Return the indices (m,) of contacts, and the indices (m,) of their twins, later contacts with
+    the same ``pair`` and ``step``. Of three such contacts the second is the twin of the first, and
+    the third that of the second.
 
     ``pair`` (n_c,) is a number of the two balls of a contact, and ``step`` (n_c, 3) the cells
     between them.
@@ -399,11 +421,11 @@ def _find_alike(pair: Index, step: Index) -> tuple[Index, Index]:
     by_pair = np.argsort(pair, kind="stable")
     is_as_previous = np.diff(pair[by_pair], prepend=-1) == 0
     is_as_following = np.append(is_as_previous[1:], False)
-    # only contacts of pairs with several are sorted by their steps: these are few, as balls rarely
-    # touch through more than one image
-    several = by_pair[is_as_previous | is_as_following]
-    ordered = several[np.lexsort((*step[several].T, pair[several]))]
+    # Only contacts whose pair has several contacts are sorted by their steps, too. There are few of
+    # them, as balls rarely touch through more than one image.
+    shared = by_pair[is_as_previous | is_as_following]
+    ordered = shared[np.lexsort((*step[shared].T, pair[shared]))]
     has_same_pair = np.diff(pair[ordered]) == 0
     has_same_step = ~np.any(np.diff(step[ordered], axis=0), axis=1)
-    is_alike = has_same_pair & has_same_step
-    return ordered[:-1][is_alike], ordered[1:][is_alike]
+    is_twin = has_same_pair & has_same_step
+    return ordered[:-1][is_twin], ordered[1:][is_twin]

@@ -111,21 +111,17 @@ _REMARK = "# granphon network: "
 
 
 class _Columns:
-    """The columns of a table of balls or contacts, in SI, from a file or from arrays; ``name`` is
-    the name of the table in messages.
+    """The columns of a table of balls or contacts, in SI units, from a file or from arrays.
 
-    ``subject`` is "balls" or "contacts", ``source`` the path of a file or arrays, ``known`` are the
-    quantities of the columns that are read, by name, and ``columns`` the headings of those that go
-    by other names.
-
-    ``remark`` has the fields of the whole network in a written table; empty for a table from
-    elsewhere. ``sealed`` says whether the file has a digest, which then fits; None for arrays.
-    ``kinds`` are the names in the column "kind"; None without that column. ``lines`` (rows,) are
-    the lines of a file; None for arrays. ``note`` names the columns that are not read; "" if all
-    are.
-
-    InputError for a file that cannot be read, a name that seems misspelled, wrong units or cells,
-    and columns of different lengths.
+    Attributes
+    ----------
+    name : the table in messages.
+    remark : the fields of the whole network, by name, that a table written by granphon has; empty
+        for another table.
+    sealed : whether the file has a digest, which then fits; None for arrays.
+    lines : (rows,) the lines of the rows in a file; None for arrays.
+    kinds : (rows,) the names in the column "kind"; None without that column.
+    note : a sentence that names the columns that are not read; "" if all are read.
     """
 
     def __init__(
@@ -135,9 +131,13 @@ class _Columns:
         known: Mapping[str, Quantity | None],
         columns: Mapping[str, str],
     ) -> None:
-        """Read the table ``source``, the path of a file or a mapping of arrays, of the ``subject``
-        "balls" or "contacts"; ``known`` are the quantities of columns by name, None for whole
-        numbers and words, and ``columns`` the headings of columns that go by other names.
+        """Read the table ``source``, the path of a file or arrays by name.
+
+        ``subject`` is "balls" or "contacts". ``known`` has the quantities of the columns that are
+        read, by name, None for whole numbers and words; ``columns`` has the headings of columns
+        that go by other names. InputError for a file that cannot be read, a name that seems
+        misspelled, wrong units or cells, and columns of different lengths. Warns of a file without
+        a digest that may be cut.
         """
         self.remark: dict[str, Any] = {}
         self.sealed: bool | None = None
@@ -179,8 +179,9 @@ class _Columns:
             raise InputError(f"{self.name} has columns of different lengths: {listed}")
 
     def _open_file(self, path: str | os.PathLike[str]) -> Iterator[Table]:
-        """Return the parts of the table in a file, and set ``remark`` and ``sealed`` from the
-        file.
+        """Return the pieces of the table in the file at ``path``, and set ``remark`` and
+        ``sealed``. InputError for a file whose digest does not fit; warns if a file without a
+        digest has no line break at its end.
         """
         raw = read_bytes(path, MOST_BYTES)
         text = decode(self.name, raw).replace("\r\n", "\n")
@@ -202,8 +203,9 @@ class _Columns:
         known: Mapping[str, Quantity | None],
         columns: Mapping[str, str],
     ) -> None:
-        """Read the columns of the ``tables`` that are the pieces of a file, one behind the other;
-        columns go by the names ``known``, or by the headings ``columns``.
+        """Read the ``tables``, which are the pieces of a file one behind the other, and set the
+        columns, their units, ``lines`` and ``kinds``. For arrays there are no pieces, and nothing
+        is read. ``known`` and ``columns`` are those of :meth:`__init__`.
         """
         arrays_of_columns: dict[str, list[Any]] = {}
         lines = list[Index]()
@@ -214,7 +216,7 @@ class _Columns:
                 heading = columns.get(name, name)
                 if heading not in table:
                     continue
-                if name == "kind":  # the only column of names, which may be numbers
+                if name == "kind":  # the only column of words, which may look like numbers
                     key = Heading.parse(heading).key
                     kinds += map(sys.intern, table.columns[table.keys.index(key)])
                     self.kinds = ()
@@ -241,7 +243,9 @@ class _Columns:
         return remark
 
     def _read_arrays(self, source: Any) -> dict[str, Any]:
-        """Return the columns of a mapping, a structured array or a data frame, by their names."""
+        """Return the columns of a mapping, a structured array or a data frame, by their names;
+        InputError for anything else.
+        """
         names = getattr(getattr(source, "dtype", None), "names", None)
         is_mapping = hasattr(source, "keys") and hasattr(source, "__getitem__")
         if names is None and not is_mapping:
@@ -258,11 +262,11 @@ class _Columns:
         known: Mapping[str, Quantity | None],
         columns: Mapping[str, str],
     ) -> None:
-        """Raise :class:`InputError` for a misspelled name of an optional column, which would be
-        passed over.
+        """Raise :class:`InputError` for a column whose name is nearly that of a known column which
+        is missing: it is probably misspelled, and would not be read.
 
-        ``names`` are those of the columns of the table, ``keys`` the same as they are compared,
-        without units; ``known`` and ``columns`` are those of the class.
+        ``names`` are those of the columns of the table, ``keys`` the same names as they are
+        compared, without units; ``known`` and ``columns`` are those of :meth:`__init__`.
         """
         requested = {Heading.parse(columns.get(name, name)).key for name in known}
         lacking = [name for name in known if Heading.parse(name).key not in keys]
@@ -286,8 +290,8 @@ class _Columns:
         known: Mapping[str, Quantity | None],
         columns: Mapping[str, str],
     ) -> str:
-        """Return the note on the columns that are not read; the arguments are those of
-        :meth:`_require_spelling`.
+        """Return a sentence that names the columns that are not read; "" if all are read. The
+        arguments are those of :meth:`_require_spelling`.
         """
         read = {Heading.parse(columns.get(name, name)).key for name in known}
         passed_over = [str(name) for name, key in zip(names, keys, strict=True) if key not in read]
@@ -300,7 +304,7 @@ class _Columns:
         )
 
     def _read_kinds(self, heading: str) -> None:
-        """Set the names of the kinds of the balls from an array of them."""
+        """Set ``kinds`` from the array under a ``heading``; InputError for what is no array."""
         try:
             names = np.asarray(self._arrays[heading]).ravel()
         except ValueError as error:
@@ -310,7 +314,7 @@ class _Columns:
 
     def _read_array(self, name: str, heading: str, quantity: Quantity | None) -> Array:
         """Return the numbers (rows,) of the column ``name``, whose array is called ``heading``, in
-        SI units; InputError for a heading with another unit.
+        SI units; InputError for a heading with another unit, and for what is no list of numbers.
         """
         unit = Heading.parse(heading).unit
         si_unit = "" if quantity is None else quantity.unit
@@ -324,6 +328,7 @@ class _Columns:
         return values
 
     def __contains__(self, name: str) -> bool:
+        """Return whether there is a column of numbers called ``name``."""
         return name in self._values
 
     def require(self, *names: str) -> None:
@@ -335,16 +340,20 @@ class _Columns:
             raise InputError(fault, f"Its columns are {list_names(self._headings)}", mend)
 
     def read(self, name: str) -> Array:
-        """The numbers of a column, (rows,)."""
+        """Return the numbers (rows,) of a column, in SI units; InputError if there is no such
+        column.
+        """
         self.require(name)
         return self._values[name]
 
     def find(self, name: str) -> Array | None:
-        """The numbers of a column; None if there is no such column."""
+        """Return the numbers (rows,) of a column, in SI units; None if there is no such column."""
         return self._values.get(name)
 
     def whole(self, name: str) -> Index:
-        """The whole numbers of a column."""
+        """Return the whole numbers (rows,) of a column; InputError, with the line, for another
+        number, and if there is no such column.
+        """
         values = self.read(name)
         try:
             return read_whole_numbers(name, values)
@@ -418,7 +427,7 @@ def _read_cells(table: Table, name: str, heading: str, quantity: Quantity | None
     is_infinite = np.array([cell.lower() in ("inf", "infinity") for cell in cells], bool)
     if not np.any(is_infinite):
         return table.column(heading, quantity)
-    # a column has no cells that are infinite: these are read as "1", and become infinite then
+    # Table.column refuses infinite numbers: such cells are read as "1", and then set to infinity
     finite_cells = tuple(np.where(is_infinite, "1", cells).tolist())
     columns = (*table.columns[:index], finite_cells, *table.columns[index + 1 :])
     values = replace(table, columns=columns).column(heading, quantity)
@@ -535,8 +544,8 @@ def _read_pbc(pbc: Any, has_cell: bool) -> list[bool]:
 
 
 def _read_balls(columns: _Columns) -> Balls:
-    """Return the balls of a table; InputError if the table lacks places or sizes, or has radii and
-    diameters.
+    """Return the balls of a table, in SI units; InputError if the table has no places, no sizes, or
+    both radii and diameters.
     """
     columns.require("x")
     has_diameter = "diameter" in columns
@@ -569,7 +578,9 @@ def _read_balls(columns: _Columns) -> Balls:
 
 
 def _read_contacts(columns: _Columns) -> Contacts:
-    """Return the contacts of a table; InputError if the table does not name their balls."""
+    """Return the contacts of a table, in SI units; InputError if the table does not name the two
+    balls of each contact.
+    """
     columns.require("i", "j")
     steps = columns.vectors("shift_1", "shift_2", "shift_3", wide=True)
     shift = None if steps is None else read_whole_numbers(f"shift of {columns.name}", steps)

@@ -168,6 +168,22 @@ def test_a_spring_to_the_ground_puts_the_lowest_branch_where_it_is_wanted(chain)
     assert best.starts.size == 2
 
 
+@pytest.mark.parametrize("at_start", [0.0, 5e3])
+def test_springs_to_the_ground_vary_where_balls_do_not_turn(at_start):
+    """omega^2 = g/m at Gamma, of both displacements: the motions of the network have rotations,
+    which nothing resists.
+    """
+    network = gp.Crystal.on("triangular", BALL, friction=False).at_force(20.0).network
+    start = replace(network, on_site=np.array([[at_start, at_start, 0.0]]))
+    assert start.ball_motions.count == 2
+    frequency = 2e3
+    goal = gp.MatchFrequencies([frequency, frequency], q=[[0.0, 0.0]])
+    best = gp.design(start, goal, "on_site", (0.0, 1e8), restarts=0)
+    wanted = network.masses[0] * (2.0 * math.pi * frequency) ** 2
+    assert_allclose(best.network.on_site, [[wanted, wanted, 0.0]], rtol=1e-7)
+    assert best.start_variables == [at_start]
+
+
 def test_equal_starts_do_not_depend_on_their_number(chain):
     mass = chain.masses[0]
     goal = gp.ResponseAt(5e3, (0, "x"), (1, "x"), loss_factor=0.1)
