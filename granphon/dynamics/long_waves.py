@@ -71,10 +71,10 @@ _COUPLED = 1e-9
 _ISOTROPIC = 1e-10
 #: largest number of motions of a cell in space that are relaxed by factors: 20,000 balls take 8 GB
 MOST_RELAXED_BY_FACTORS = 120_000
-#: largest number of motions of a firm cell in space that are relaxed by factors. Of balls with 4.3
-#: contacts, little more than the four that hold them, iteration takes 1.1 times as long as factors
-#: at 2,240 balls, and 0.75 times at 4,375; with 7.1 contacts it takes a fifth at both
-MOST_FIRM_RELAXED_BY_FACTORS = 15_000
+#: largest number of motions of a cell in space that are relaxed by factors where iteration finds all
+#: that is loose. With 4.3 contacts, little more than the four that hold a ball, iteration takes 1.6
+#: times as long as factors of 2,240 balls, and as long at 4,375; with 7.1 contacts a quarter
+MOST_FIRM_RELAXED_BY_FACTORS = 27_000
 #: number of components of directions up to which their long waves are cached
 _FEW_COMPONENTS = 12
 #: largest number of directions whose long waves a lattice caches
@@ -177,25 +177,28 @@ class LongWaves(Compatibility):
         """Return the relaxation by iteration of a large cell in space; None of any other.
 
         Cells whose factors would not fit into memory are iterated in any case, smaller ones only if
-        they are firm: motions of several balls that cost nothing, or nearly so, such as gears, are
-        found by factors alone. The arguments are those of :class:`IterativeRelaxation`.
+        no motion of several balls costs nothing, or nearly so, as gears do: such motions are found
+        by factors alone. The arguments are those of :class:`IterativeRelaxation`.
         """
-        if self.periods < 3 or self.n_branches <= MOST_FIRM_RELAXED_BY_FACTORS:
+        if not self.tries_iteration:
             return None
         iteration = IterativeRelaxation(self, difference, progress)
-        is_firm = not iteration.free.size and self._holds_rotations
-        return iteration if is_firm or self.n_branches > MOST_RELAXED_BY_FACTORS else None
+        is_free_to_choose = self.n_branches <= MOST_RELAXED_BY_FACTORS
+        return None if is_free_to_choose and iteration.leaves_loose else iteration
 
     @property
-    def relaxes_by_iteration(self) -> bool:
-        """Whether moduli and sound of the cell are found by iteration, and not by factors."""
-        head, tail = compose_ends(self, *self._weight_rows())
-        return self._find_iteration((head - tail).tocsr(), silent) is not None
+    def tries_iteration(self) -> bool:
+        """Whether moduli and sound of the cell are found by iteration, and not by factors, unless
+        several balls turn out to be loose together.
+        """
+        is_large = self.periods == 3 and self.n_branches > MOST_FIRM_RELAXED_BY_FACTORS
+        is_too_large = self.n_branches > MOST_RELAXED_BY_FACTORS
+        return is_large and (is_too_large or self._holds_rotations)
 
     @cached_property
     def _holds_rotations(self) -> bool:
         """Whether contacts that resist slip join all balls that rotate, each in an odd ring with
-        others, so that no balls turn against each other as gears do.
+        others, so that no balls turn against each other as gears do; true if balls do not rotate.
 
         A set of balls has no odd ring if two copies of it, in which each contact joins a ball of
         one copy with one of the other, fall into two parts.
@@ -204,7 +207,7 @@ class LongWaves(Compatibility):
         from scipy.sparse.csgraph import connected_components
 
         if not self.motions.rotate:
-            return False
+            return True
         table = self.contacts
         count = self.n_balls
         # springs to the ground, and bodies that do not move, join no balls
@@ -216,7 +219,8 @@ class LongWaves(Compatibility):
             shape = (copies * count, copies * count)
             joined = coo_array((np.ones(ends[0].size), ends), shape=shape)
             counts.append(connected_components(joined, directed=False)[0])
-        return bool(counts[0] == counts[1])
+        n_alone = count - np.unique([i, j]).size  # balls that touch no other cannot be gears
+        return bool(counts[1] - counts[0] == n_alone)
 
     @property
     def _relaxation(self) -> SparseRelaxation | IterativeRelaxation | None:
@@ -460,7 +464,8 @@ class LongWaves(Compatibility):
         all_waves = np.concatenate([weighted_sound, waves], axis=2)
         # motions, as rows, that deform nothing to second order: first their amplitudes in the
         # shifts of all balls, then those in the inner motions
-        idle = _find_null(all_waves.reshape(-1, count + free.shape[1]))
+        accuracy = _SOFT if self._relaxation is None else self._relaxation.accuracy
+        idle = _find_null(all_waves.reshape(-1, count + free.shape[1]), soft=accuracy)
         idle_shifts = idle[:, :count]
         idle_inner = idle[:, count:]
         # the waves of inner motions that are perpendicular to those that stay behind
@@ -1064,15 +1069,15 @@ class LongWaves(Compatibility):
         return squared, curvature
 
 
-def _find_null(matrix: Array, size: float = 0.0) -> Array:
+def _find_null(matrix: Array, size: float = 0.0, soft: float = _SOFT) -> Array:
     """Return an orthonormal basis (k, n), as rows, of the vectors that a ``matrix`` (m, n) takes to
-    zero. Rounding is in proportion to its largest singular value, or to ``size`` if that is larger.
+    zero. Rounding is ``soft`` times its largest singular value, or ``size`` if that is larger.
     """
     # rows of zeros make n singular values also if there are fewer rows than columns
     lacking = max(0, matrix.shape[1] - len(matrix))
     padded = np.pad(matrix, ((0, lacking), (0, 0)))
     _, singular_values, right_vectors = np.linalg.svd(padded, full_matrices=False)
-    is_null = singular_values <= _SOFT * np.max(singular_values, initial=size)
+    is_null = singular_values <= soft * np.max(singular_values, initial=size)
     return np.asarray(right_vectors[is_null])
 
 

@@ -238,7 +238,7 @@ class WaveEstimate:
         if operator.size <= MANY_COLUMNS:
             return self._make_dense(words)
         periods = int(np.count_nonzero(operator.network.pbc))
-        if ContactLattice.from_network(operator.network).relaxes_by_iteration:
+        if ContactLattice.from_network(operator.network).tries_iteration:
             together = periods**2  # all gradients of a displacement
             iterations = _RELAXATIONS * _ITERATIONS * operator.balls.size ** (1.0 / periods)
             held = 2.0 * 8.0 * _HELD * operator.size * together + self._matrix_bytes
