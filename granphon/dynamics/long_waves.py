@@ -71,9 +71,9 @@ _COUPLED = 1e-9
 _ISOTROPIC = 1e-10
 #: largest number of motions of a cell in space that are relaxed by factors: 20,000 balls take 8 GB
 MOST_RELAXED_BY_FACTORS = 120_000
-#: largest number of motions of a cell in space that are relaxed by factors where iteration finds all
-#: that is loose. With 4.3 contacts, little more than the four that hold a ball, iteration takes 1.6
-#: times as long as factors of 2,240 balls, and as long at 4,375; with 7.1 contacts a quarter
+#: largest number of motions of a cell in space that are relaxed by factors where iteration finds
+#: all that is loose. With 4.3 contacts, little more than the four that hold a ball, iteration takes
+#: 1.6 times as long as factors of 2,240 balls, and as long at 4,375; with 7.1 contacts a quarter
 MOST_FIRM_RELAXED_BY_FACTORS = 27_000
 #: number of components of directions up to which their long waves are cached
 _FEW_COMPONENTS = 12
