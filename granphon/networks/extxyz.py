@@ -48,7 +48,7 @@ _TYPES = {"i": "I", "f": "R", "U": "S"}
 
 def is_frame(path: Any) -> bool:
     """Return whether the file at ``path`` holds a frame, by its name."""
-    return os.fspath(path).lower().endswith(SUFFIXES)
+    return str(path).lower().endswith(SUFFIXES)
 
 
 def find_box(network: Any) -> tuple[Array, Array]:
