@@ -683,7 +683,7 @@ def seal(lines: list[str], place: int = 0) -> str:
     """Return the text of ``lines`` with a comment line that holds their digest, inserted before
     ``lines[place]``.
     """
-    comment = _SEAL + _digest_lines([*lines, ""])  # the last line ends with a line feed too
+    comment = _SEAL + digest_lines([*lines, ""])  # the last line ends with a line feed too
     return "\n".join([*lines[:place], comment, *lines[place:], ""])
 
 
@@ -711,12 +711,12 @@ def open_seal(path: str | os.PathLike[str], text: str) -> tuple[str, bool]:
     seal_line = lines.pop(seals[0])
     # the pattern first: a line that is no seal needs no digest of millions of lines
     is_seal = re.fullmatch(_SEAL + "[0-9a-f]{64}", seal_line)
-    if not is_seal or seal_line != _SEAL + _digest_lines(lines):
+    if not is_seal or seal_line != _SEAL + digest_lines(lines):
         raise damage_error(path, f"sha256 in line {seals[0] + 1}")
     return "\n".join(lines), True
 
 
-def _digest_lines(lines: list[str]) -> str:
+def digest_lines(lines: list[str]) -> str:
     """Return the sha256, as hexadecimal digits, of lines joined by line feeds."""
     # line by line, so that a text of millions of lines is not held in memory a second time
     digest = hashlib.sha256()

@@ -71,6 +71,10 @@ _COUPLED = 1e-9
 _ISOTROPIC = 1e-10
 #: largest number of motions of a cell in space that are relaxed by factors: 20,000 balls take 8 GB
 MOST_RELAXED_BY_FACTORS = 120_000
+#: largest number of motions of a cell in space that are relaxed by factors where iteration finds
+#: all that is loose. With 4.3 contacts, little more than the four that hold a ball, iteration takes
+#: 1.6 times as long as factors of 2,240 balls, and as long at 4,375; with 7.1 contacts a quarter
+MOST_FIRM_RELAXED_BY_FACTORS = 27_000
 #: number of components of directions up to which their long waves are cached
 _FEW_COMPONENTS = 12
 #: largest number of directions whose long waves a lattice caches
@@ -159,13 +163,64 @@ class LongWaves(Compatibility):
         return self._make_sparse(silent)
 
     def _make_sparse(self, progress: Progress) -> SparseRelaxation | IterativeRelaxation:
-        """Return a new relaxation of all inner motions: by iteration for the largest cells in
-        space, whose factors would not fit into memory, else by sparse factors.
+        """Return a new relaxation of all inner motions: by iteration where this takes less time and
+        memory (:meth:`_find_iteration`), else by sparse factors.
         """
         head, tail = compose_ends(self, *self._weight_rows())
-        if self.periods == 3 and self.n_branches > MOST_RELAXED_BY_FACTORS:
-            return IterativeRelaxation(self, (head - tail).tocsr(), progress)
-        return SparseRelaxation(self, (head - tail).tocsr(), (head + tail).tocsr(), _SOFT, progress)
+        difference = (head - tail).tocsr()
+        iteration = self._find_iteration(difference, progress)
+        if iteration is not None:
+            return iteration
+        return SparseRelaxation(self, difference, (head + tail).tocsr(), _SOFT, progress)
+
+    def _find_iteration(self, difference: Any, progress: Progress) -> IterativeRelaxation | None:
+        """Return the relaxation by iteration of a large cell in space; None of any other.
+
+        Cells whose factors would not fit into memory are iterated in any case, smaller ones only if
+        no motion of several balls costs nothing, or nearly so, as gears do: such motions are found
+        by factors alone. The arguments are those of :class:`IterativeRelaxation`.
+        """
+        if not self.tries_iteration:
+            return None
+        iteration = IterativeRelaxation(self, difference, progress)
+        is_free_to_choose = self.n_branches <= MOST_RELAXED_BY_FACTORS
+        return None if is_free_to_choose and iteration.leaves_loose else iteration
+
+    @property
+    def tries_iteration(self) -> bool:
+        """Whether moduli and sound of the cell are found by iteration, and not by factors, unless
+        several balls turn out to be loose together.
+        """
+        is_large = self.periods == 3 and self.n_branches > MOST_FIRM_RELAXED_BY_FACTORS
+        is_too_large = self.n_branches > MOST_RELAXED_BY_FACTORS
+        return is_large and (is_too_large or self._holds_rotations)
+
+    @cached_property
+    def _holds_rotations(self) -> bool:
+        """Whether contacts that resist slip join all balls that rotate, each in an odd ring with
+        others, so that no balls turn against each other as gears do; true if balls do not rotate.
+
+        A set of balls has no odd ring if two copies of it, in which each contact joins a ball of
+        one copy with one of the other, fall into two parts.
+        """
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
+        if not self.motions.rotate:
+            return True
+        table = self.contacts
+        count = self.n_balls
+        # springs to the ground, and bodies that do not move, join no balls
+        resists = np.broadcast_to(self.mindlin_ratio, len(table)) > 0.0
+        resists &= (np.arange(len(table)) < self.n_between) & (table.j < count)
+        i, j = table.i[resists], table.j[resists]
+        counts = []
+        for copies, ends in ((1, (i, j)), (2, (np.r_[i, i + count], np.r_[j + count, j]))):
+            shape = (copies * count, copies * count)
+            joined = coo_array((np.ones(ends[0].size), ends), shape=shape)
+            counts.append(connected_components(joined, directed=False)[0])
+        n_alone = count - np.unique([i, j]).size  # balls that touch no other cannot be gears
+        return bool(counts[1] - counts[0] == n_alone)
 
     @property
     def _relaxation(self) -> SparseRelaxation | IterativeRelaxation | None:
@@ -409,7 +464,8 @@ class LongWaves(Compatibility):
         all_waves = np.concatenate([weighted_sound, waves], axis=2)
         # motions, as rows, that deform nothing to second order: first their amplitudes in the
         # shifts of all balls, then those in the inner motions
-        idle = _find_null(all_waves.reshape(-1, count + free.shape[1]))
+        accuracy = _SOFT if self._relaxation is None else self._relaxation.accuracy
+        idle = _find_null(all_waves.reshape(-1, count + free.shape[1]), soft=accuracy)
         idle_shifts = idle[:, :count]
         idle_inner = idle[:, count:]
         # the waves of inner motions that are perpendicular to those that stay behind
@@ -1013,15 +1069,15 @@ class LongWaves(Compatibility):
         return squared, curvature
 
 
-def _find_null(matrix: Array, size: float = 0.0) -> Array:
+def _find_null(matrix: Array, size: float = 0.0, soft: float = _SOFT) -> Array:
     """Return an orthonormal basis (k, n), as rows, of the vectors that a ``matrix`` (m, n) takes to
-    zero. Rounding is in proportion to its largest singular value, or to ``size`` if that is larger.
+    zero. Rounding is ``soft`` times its largest singular value, or ``size`` if that is larger.
     """
     # rows of zeros make n singular values also if there are fewer rows than columns
     lacking = max(0, matrix.shape[1] - len(matrix))
     padded = np.pad(matrix, ((0, lacking), (0, 0)))
     _, singular_values, right_vectors = np.linalg.svd(padded, full_matrices=False)
-    is_null = singular_values <= _SOFT * np.max(singular_values, initial=size)
+    is_null = singular_values <= soft * np.max(singular_values, initial=size)
     return np.asarray(right_vectors[is_null])
 
 

@@ -79,6 +79,9 @@ class SparseRelaxation:
     shifts of all balls is held. No motion of ``free`` contains a shift of all balls itself.
     """
 
+    #: error of deformations that have relaxed, over the largest
+    accuracy = 1e-12
+
     def __init__(
         self,
         lattice: Compatibility,

@@ -952,7 +952,8 @@ class ContactNetwork(Result):
     ) -> Self:
         """Return the network that a table of balls and one of contacts describe.
 
-        Each table is the path of a CSV file whose headings have units, such as ``radius (mm)``; or
+        Each table is the path of a CSV file whose headings have units, such as ``radius (mm)``, or
+        of a file of extended XYZ, ``.extxyz`` or ``.xyz``, as :meth:`write_tables` writes it; or
         arrays in SI under the same names without units: a mapping, a structured array or a data
         frame. Balls have ``x``, ``y``, ``z`` (only ``x``, ``y`` in a plane, ``x`` on a line),
         ``radius`` or ``diameter``; ``mass`` if there is no material; and, if need be, ``inertia``
@@ -1342,12 +1343,16 @@ class ContactNetwork(Result):
         """Write the network as two CSV files; :meth:`from_table` reads the same from them, to the
         last digit.
 
-        Each has a comment with a digest of the rest. ``lattice`` and ``shape`` are not written.
-        Folders are made if need be.
+        A file whose name ends with ``.extxyz`` or ``.xyz`` is extended XYZ instead, for OVITO and
+        ASE, in SI. Balls stand at their centres, with the further columns masses, load, the sum of
+        the normal forces on the ball, N, and rattler, 1 of a ball that carries no load, else 0.
+        Contacts stand at their places, with the vector force, the static force with which ball i
+        acts on ball j, N. Each file has a digest of the rest. ``lattice`` and ``shape`` are not
+        written. Folders are made if need be.
         """
         from granphon.networks.tables import write_tables
 
-        write_tables(vars(self.storable()), balls, contacts)
+        write_tables(self.storable(), balls, contacts)
 
     def write_dumps(self, atoms: str | os.PathLike[str], pairs: str | os.PathLike[str]) -> None:
         """Write the network as two dumps of LAMMPS, in SI units, for OVITO, LAMMPS and

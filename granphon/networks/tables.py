@@ -42,6 +42,7 @@ from granphon.base.text import (
 )
 from granphon.base.validation import real_array, require, truth
 from granphon.networks.building import Source
+from granphon.networks.extxyz import is_frame, read_frame, write_frame
 from granphon.networks.sources import (
     MOST_BYTES,
     Balls,
@@ -146,7 +147,7 @@ class _Columns:
         tables: Iterator[Table] = iter(())  # the pieces of a file, which is read piece by piece
         if isinstance(source, str | os.PathLike):
             self.name = str(source)
-            tables = self._open_file(source)
+            tables = self._open_file(source, known)
             first_table = next(tables)
             tables = chain([first_table], tables)
             names = [heading.name for heading in first_table.headings]
@@ -178,11 +179,16 @@ class _Columns:
             listed = ", ".join(f"{size} of {name}" for name, size in sizes.items())
             raise InputError(f"{self.name} has columns of different lengths: {listed}")
 
-    def _open_file(self, path: str | os.PathLike[str]) -> Iterator[Table]:
+    def _open_file(
+        self, path: str | os.PathLike[str], known: Mapping[str, Quantity | None]
+    ) -> Iterator[Table]:
         """Return the pieces of the table in the file at ``path``, and set ``remark`` and
-        ``sealed``. InputError for a file whose digest does not fit; warns if a file without a
-        digest has no line break at its end.
+        ``sealed``; ``known`` are the quantities of columns by name. InputError for a file whose
+        digest does not fit; warns if a file without a digest has no line break at its end.
         """
+        if is_frame(path):
+            self.remark, self.sealed, tables = read_frame(path, known, MOST_BYTES, _MOST_ROWS)
+            return tables
         raw = read_bytes(path, MOST_BYTES)
         text = decode(self.name, raw).replace("\r\n", "\n")
         _text, self.sealed = open_seal(self.name, text)
@@ -600,11 +606,12 @@ def _read_contacts(columns: _Columns) -> Contacts:
 
 
 def write_tables(
-    fields: Mapping[str, Any], balls: str | os.PathLike[str], contacts: str | os.PathLike[str]
+    network: Any, balls: str | os.PathLike[str], contacts: str | os.PathLike[str]
 ) -> None:
-    """Write the ``fields`` of a network, by name, as the two CSV files ``balls`` and ``contacts``;
-    see ``ContactNetwork.write_tables``.
+    """Write a network as the two files ``balls`` and ``contacts``; see
+    :meth:`~granphon.networks.network.ContactNetwork.write_tables`.
     """
+    fields = vars(network)
     fields_of_whole: dict[str, Any] = {"cell": fields["cell"].tolist()}
     for name in ("pbc", "dimension", "motions", "prestress", "left_out", "tangential_law"):
         fields_of_whole[name] = fields[name]
@@ -614,9 +621,41 @@ def write_tables(
         fields_of_whole["adhesive"] = True
     if fields["contact_model"] is not None:
         fields_of_whole["contact_model"] = plain(fields["contact_model"])
-    remark = _REMARK.removeprefix("# ") + json.dumps(fields_of_whole)
-    _write_columns(balls, _list_columns_of_balls(fields), BALLS, [remark])
-    _write_columns(contacts, _list_columns_of_contacts(fields), CONTACTS, [])
+    columns_of_balls = _list_columns_of_balls(fields)
+    columns_of_contacts = _list_columns_of_contacts(fields)
+    for path in (balls, contacts):
+        require_path(path)
+    if is_frame(balls):
+        shown = _show_balls(network)
+        write_frame(balls, columns_of_balls | shown, network, fields_of_whole)
+    else:
+        remark = _REMARK.removeprefix("# ") + json.dumps(fields_of_whole)
+        _write_columns(balls, columns_of_balls, BALLS, [remark])
+    if is_frame(contacts):
+        write_frame(contacts, _show_contacts(network) | columns_of_contacts, network, {})
+    else:
+        _write_columns(contacts, columns_of_contacts, CONTACTS, [])
+
+
+def _show_balls(network: Any) -> dict[str, Array]:
+    """Return the columns (n,) of balls for viewers alone: the masses as ASE names them, the sum of
+    the normal forces on a ball, N, and whether it is a rattler, 1 or 0.
+    """
+    load = np.zeros(network.n_balls)
+    for end in (network.i, network.j):
+        np.add.at(load, end, network.normal_force)
+    rattler = np.isin(np.arange(network.n_balls), network.rattlers)
+    return {"masses": network.masses, "load": load, "rattler": rattler.astype(int)}
+
+
+def _show_contacts(network: Any) -> dict[str, Array]:
+    """Return the columns (n_c,) of contacts for viewers alone: places, m, and the whole static
+    force with which ball i acts on ball j, N.
+    """
+    along, across = network.static_forces
+    force = along[:, None] * network.normal + across
+    columns = dict(zip(_AXES, network.contact_places.T, strict=True))
+    return columns | dict(zip(_FORCE_VECTOR, force.T, strict=True))
 
 
 def _list_columns_of_balls(fields: Mapping[str, Any]) -> dict[str, Array]:
@@ -663,7 +702,6 @@ def _write_columns(
     """Write the table ``path`` of ``columns`` (rows,), in SI units, by name, with ``comments`` at
     its head and a digest.
     """
-    require_path(path)
     headings = []
     for name in columns:
         quantity = quantities[name]

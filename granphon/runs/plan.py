@@ -718,6 +718,7 @@ class Plan:
             sensitivities,
             *networks,
             waves,
+            *self._cost_packings(),
             *self._cost_edges(),
             *self._cost_states(),
             *derivatives,
@@ -808,6 +809,22 @@ class Plan:
             " resolution (spectrum)"
         )
         return ("medium",), mend, replace(total, parts=total.parts[:1])
+
+    def _cost_packings(self) -> list[CostPart]:
+        """Return the part of the work that finds the waves in packings of files; empty without
+        them.
+        """
+        settings = self.waves
+        if settings is None or not self.grid.packing.is_network:
+            return []
+        works = [
+            _estimate_packing(serving, settings)
+            for case in self.checked_cases
+            for serving in case.serving_media
+        ]
+        total = self._add_costs(works)
+        mend = "Observe less, or take fewer wave vectors or a coarser resolution (spectrum)"
+        return [(("observe",), mend, replace(total, parts=total.parts[:1]))]
 
     def _cost_networks(self) -> list[CostPart]:
         """Return the parts of the work that find motions and responses of networks, if the scene
@@ -932,6 +949,39 @@ def _estimate_waves(medium: DirectSimulation, load: Load, settings: WaveSettings
             heard=n_heard,
             readings=n_readings,
         )
+
+
+def _estimate_packing(serving: ServingMedium, settings: WaveSettings) -> Cost:
+    """Return the estimated memory and time of the density of states, spectral functions and pulse
+    of the packing in files that a medium serves.
+    """
+    # imported here: other scenes do not need it
+    from granphon.runs.wave_records import find_typical_state
+    from granphon.waves.path_spectra import find_packing_points
+    from granphon.waves.pulses import PulseSource
+    from granphon.waves.waves import Waves
+
+    network = find_typical_state(serving).network
+    waves = Waves(network)
+    works = list[Cost]()
+    if settings.dos:
+        works.append(waves.estimate("dos"))
+    spectrum = settings.spectrum
+    if spectrum is not None:
+        q = find_packing_points(network, settings.path, spectrum.points).q
+        works += [
+            waves.estimate("spectral_function", q, polarisation, spectrum.resolution)
+            for polarisation in spectrum.polarisation
+        ]
+    pulse = settings.pulse
+    if pulse is not None:
+        # a pulse that cannot be sent has a note in place of numbers, and takes no time
+        with suppress(InputError):
+            sent = PulseSource.of(pulse, network, settings.direction)
+            way = (sent.direction, sent.distance, sent.cycles, sent.polarisation)
+            ends = {"source": sent.source, "ends": sent.ends}
+            works.append(waves.estimate("transmit", sent.frequency, *way, **ends, **pulse.losses))
+    return sum(works, Cost())
 
 
 def _count_spectrum_products(

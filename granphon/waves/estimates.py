@@ -19,9 +19,9 @@ from granphon.array.sparse_matrices import estimate_factors
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
 from granphon.base.validation import frequency_array, one_of, whole_number
+from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.damping import GivenLosses, Losses
 from granphon.dynamics.linalg import MANY_COLUMNS
-from granphon.dynamics.long_waves import MOST_RELAXED_BY_FACTORS
 from granphon.dynamics.lowest_modes import size_block
 from granphon.media.cost import Cost, Units, time_once
 from granphon.waves.branches import read_wavevectors
@@ -265,7 +265,7 @@ class WaveEstimate:
         if operator.size <= MANY_COLUMNS:
             return self._cost_dense(words)
         periods = int(np.count_nonzero(operator.network.pbc))
-        if periods == 3 and operator.size > MOST_RELAXED_BY_FACTORS:
+        if ContactLattice.from_network(operator.network).tries_iteration:
             together = periods**2  # all gradients of a displacement
             iterations = _RELAXATIONS * _ITERATIONS * operator.balls.size ** (1.0 / periods)
             held = 2.0 * 8.0 * _HELD_VECTORS * operator.size * together + self._matrix_bytes

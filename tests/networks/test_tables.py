@@ -4,12 +4,16 @@ import re
 import warnings
 from dataclasses import replace
 
+import ase
+import ase.io
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
 from granphon.base.errors import InconsistencyWarning, InputError, UnverifiedFileWarning
 from tests import packings
+from tests.dynamics.test_network_lattice import random_network
 from tests.networks.test_lammps import GLASS, NAMES, dumps
 
 
@@ -40,6 +44,20 @@ def network_of(kind):
         assert network.adhesive
         assert np.min(network.normal_force) < 0.0
         return network
+    if kind in ("plane", "friction"):
+        shape = {"plane": ("triangular", (4, 3)), "friction": ("fcc", (2, 2, 3))}[kind]
+        made = packings.balance(random_network(*shape))
+        rng = np.random.default_rng(3)
+        twist = rng.uniform(-1.0, 1.0, made.normal.shape) if kind == "friction" else [0.0, 0.0, 1.0]
+        across = np.cross(made.normal, twist) * rng.uniform(0.0, 0.3, (made.n_contacts, 1))
+        return replace(
+            made,
+            tangential_force=across * made.normal_force[:, None],
+            prestress=True,
+            tangential_law="mindlin_rescale",
+            slip_levers="radii",
+            left_out=7,
+        )
     if kind == "sample":
         packing = gp.Packing(steel, 8e-3, gp.Uniform(2.04e-6))
         return replace(
@@ -71,6 +89,86 @@ def test_tables_are_read_as_they_were_written(kind, tmp_path):
     assert same == network
     with pytest.raises(OSError, match="is a folder"):
         network.write_tables(tmp_path, tmp_path / "contacts.csv")
+
+
+# tangential forces made at random are not in balance, which reading tells
+@pytest.mark.filterwarnings("ignore::granphon.base.errors.InconsistencyWarning")
+@pytest.mark.claim("api-network-extxyz")
+@pytest.mark.parametrize(
+    "kind", ["packing", "sample", "wall", "kinds", "adhesive", "plane", "friction"]
+)
+def test_frames_are_read_as_they_were_written(kind, tmp_path):
+    """ASE's own reader keeps every ball, in the cell of the network, and the place and the force
+    of every contact.
+    """
+    network = network_of(kind)
+    files = tmp_path / "new" / "balls.extxyz", tmp_path / "contacts.xyz"
+    network.write_tables(*files)
+    for pbc in (None, network.pbc):
+        again = gp.ContactNetwork.from_table(*files, pbc=pbc, keep_rattlers=True)
+        assert again == network
+        assert not again.notes
+    atoms, touching = map(ase.io.read, files)
+    for name, column in (("mass", "masses"), ("masses", "masses"), ("radius", "radii")):
+        assert_array_equal(atoms.arrays[name], getattr(network, column))
+    assert_array_equal(atoms.positions, network.positions)
+    assert tuple(atoms.pbc) == network.pbc
+    assert_array_equal(atoms.cell.array[atoms.pbc], network.cell[atoms.pbc])
+    assert_array_equal(np.flatnonzero(atoms.arrays["rattler"]), network.rattlers)
+    assert_array_equal(touching.positions, network.contact_places)
+    # the forces on each ball, of the contacts at both of its ends, are those of the network
+    force = touching.arrays["force"]
+    pushed = np.zeros_like(network.positions)
+    np.add.at(pushed, network.j, force)
+    np.add.at(pushed, network.i, -force)
+    scale = np.max(np.abs(force))
+    pushed[~network.moving] = 0.0
+    assert_allclose(pushed, network.residual_forces, rtol=0.0, atol=1e-13 * scale)
+    if kind in ("plane", "friction"):
+        across = force - network.normal_force[:, None] * network.normal
+        assert_allclose(across, network.tangential_force, rtol=0.0, atol=1e-13 * scale)
+        assert np.max(np.abs(across)) > 1e-3 * scale
+    # balls lie in a box of ASE's cell and the corner, along what does not repeat too
+    box = np.linalg.solve(atoms.cell.array.T, (atoms.positions - atoms.info["Origin"]).T).T
+    is_ball = np.isfinite(network.radii)
+    assert np.all((box > 0.0) & (box < 1.0), where=is_ball[:, None] & ~atoms.pbc)
+
+
+@pytest.mark.parametrize(
+    "seed", [pytest.param(n, marks=pytest.mark.exhaustive if n else ()) for n in range(10)]
+)
+def test_no_change_of_a_written_frame_goes_unnoticed(seed, tmp_path):
+    network = network_of(["packing", "sample", "wall"][seed % 3])
+    paths = tmp_path / "balls.extxyz", tmp_path / "contacts.extxyz"
+    network.write_tables(*paths)
+    whole = [path.read_text() for path in paths]
+    rng = np.random.default_rng(seed)
+    spoilt = [
+        (0, ""),
+        (1, "1"),
+        (0, whole[0] + whole[0]),
+        (1, whole[1][: len(whole[1]) // 2]),
+        (0, re.sub(" granphon_sha256.*", "", whole[0])),
+        (1, re.sub(" granphon_.*", "", whole[1])),
+        (1, re.sub("Properties=[^ ]*|granphon_sha.*", "", whole[1])),
+        (0, re.sub(":R:3| granphon_sha.*", "", whole[0])),
+    ]
+    spoilt += [(which, damage(whole[which], rng)) for which in rng.integers(2, size=40)]
+    for which, text in spoilt:
+        if text == whole[which]:
+            continue
+        for n, path in enumerate(paths):
+            path.write_text(text if n == which else whole[n])
+        with pytest.raises((InputError, UnverifiedFileWarning)) as caught:
+            gp.ContactNetwork.from_table(*paths, keep_rattlers=True)
+        assert paths[which].name in str(caught.value)
+
+
+def test_a_frame_of_another_program_is_refused(tmp_path):
+    path = tmp_path / "gold.xyz"
+    ase.io.write(path, ase.Atoms("Au2", positions=[[0, 0, 0], [0, 0, 2]]), format="extxyz")
+    with pytest.raises(InputError, match="units of other files"):
+        gp.ContactNetwork.from_table(path, path)
 
 
 @pytest.mark.parametrize(

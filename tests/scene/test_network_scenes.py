@@ -12,6 +12,7 @@ import granphon as gp
 from granphon.base.errors import InputError, SceneError
 from granphon.cli.main import main
 from granphon.figures.waves import plot_spectrum
+from granphon.media.cost import Cost
 from granphon.scene.scene import is_complete
 from granphon.waves.settings import RESPONSES
 from tests import packings
@@ -137,6 +138,39 @@ def test_the_command_tells_a_damaged_file_in_one_line(damage, tmp_path, capsys):
             r"granphon: error: .*scene\.yaml:\d+: network: .*pairs\.dump.*\n", told.err
         )
     assert sorted(path.name for path in tmp_path.iterdir()) == ["pairs.dump", "scene.yaml"]
+
+
+def test_check_counts_the_waves_of_a_packing():
+    """Density of states, spectral functions and a pulse cost what the estimates of the network
+    say, and nothing that is not observed costs anything.
+    """
+    network = read_disks()
+    periods = network.cell[:2, :2]
+    q = 2.0 * np.pi * np.linalg.inv(periods).T[0] * np.arange(1, 9)[:, None]
+    polarisations = ("longitudinal", "transverse")
+    waves = gp.Waves(network)
+    works = {
+        "dos": [waves.estimate("dos")],
+        "spectrum": [waves.estimate("spectral_function", q, name, 3e3) for name in polarisations],
+        "pulse": [waves.estimate("transmit", 9e4, (1, 0), 4e-3, 2.0)],
+    }
+    head = NETWORK.split("observe:")[0]
+    blocks = {
+        "dos": "",
+        "spectrum": "spectrum: {polarisation: [longitudinal, transverse], resolution: 3 kHz}\n"
+        "phonopy: {band: 0 0 0 8 0 0}\n",
+        "pulse": "pulse: {frequency: 90 kHz, distance: 4 mm, cycles: 2}\ndirection: [1, 0]\n",
+        "modes": "",
+    }
+    for names in (["dos"], ["spectrum"], ["pulse"], ["dos", "spectrum", "pulse"], ["modes"]):
+        text = f"{head}observe: [{', '.join(names)}]\n" + "".join(blocks[name] for name in names)
+        parts = make(text).plan.parts
+        told = sum((cost for place, _, cost in parts if place == ("observe",)), Cost())
+        expected = sum((work for name in names for work in works.get(name, [])), Cost())
+        numbers = [[unit.number for unit in cost.units] for cost in (told, expected)]
+        assert numbers[0] == pytest.approx(numbers[1])
+        assert told.memory == pytest.approx(expected.memory)
+        assert len(numbers[0]) == len(names) + ("spectrum" in names) - ("modes" in names)
 
 
 def observe_spectrum(more=""):

@@ -126,7 +126,7 @@ def test_iterations_of_moduli_are_estimated(network, monkeypatch):
     assert "moduli" in gp.Waves(network).estimate("moduli").text
     assert count(gp.Waves(network).estimate("moduli")) < 1.0
     monkeypatch.setattr("granphon.dynamics.long_waves.MOST_RELAXED_BY_FACTORS", 0)
-    monkeypatch.setattr("granphon.waves.estimates.MOST_RELAXED_BY_FACTORS", 0)
+    monkeypatch.setattr("granphon.dynamics.long_waves.MOST_FIRM_RELAXED_BY_FACTORS", 0)
     cost = gp.Waves(balls).estimate("moduli")
     applied = []
     solve = IterativeRelaxation._solve

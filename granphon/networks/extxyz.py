@@ -1,0 +1,196 @@
+"""Tables of balls and of contacts as frames of extended XYZ, which OVITO and ASE open.
+
+A frame has the number of its rows in the first line; in the second one keys with values, of which
+``Lattice`` is the box and ``Properties`` names the columns; then the rows. Balls stand at their
+centres, contacts where they are. A column may be a vector. Two keys are granphon's own:
+``granphon_network``, the fields of the whole network as JSON in percent-encoding, which no reader
+of keys takes apart, and at last ``granphon_sha256``, the digest of all the rest. Numbers are in SI
+with all digits.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from typing import Any
+from urllib.parse import quote, unquote
+
+import numpy as np
+
+from granphon.base.arrays import Array
+from granphon.base.errors import InputError, brief
+from granphon.base.quantities import Quantity
+from granphon.base.staging import write_text
+from granphon.base.tables import Heading, Table
+from granphon.base.text import damage_error, decode, digest_lines, read_bytes
+
+#: ends of the names of files that hold a frame
+SUFFIXES = (".extxyz", ".xyz")
+#: the columns of tables that are one vector of a frame, by the name of this
+_VECTORS = {
+    "pos": ("x", "y", "z"),
+    "shift": ("shift_1", "shift_2", "shift_3"),
+    "normal": ("nx", "ny", "nz"),
+    "tangential_force": ("tangential_x", "tangential_y", "tangential_z"),
+    "force": ("force_x", "force_y", "force_z"),
+}
+_REMARK = "granphon_network"
+_SEAL = " granphon_sha256="
+#: vectors of contacts that viewers draw; reading takes the parts of which they are made
+_SHOWN = ("force",)
+#: letters of types of columns, by the kind of an array of NumPy
+_TYPES = {"i": "I", "f": "R", "U": "S"}
+
+
+def is_frame(path: Any) -> bool:
+    """Return whether the file at ``path`` holds a frame, by its name."""
+    return str(path).lower().endswith(SUFFIXES)
+
+
+def find_box(network: Any) -> tuple[Array, Array]:
+    """Return the vectors (3, 3), m, of a box around a network, the cell along its periods, and the
+    corner (3,), m, where they begin: across the periods the box reaches around all balls.
+    """
+    vectors = network.cell.copy()
+    is_open = ~np.asarray(network.pbc)
+    is_ball = np.isfinite(network.radii)
+    radii = network.radii[is_ball, None]
+    # unit vectors across all periods
+    across = np.linalg.svd(vectors[~is_open])[2][np.count_nonzero(~is_open) :]
+    across *= np.sign(np.sum(across, axis=1, keepdims=True))
+    heights = network.positions[is_ball] @ across.T
+    low = np.min(heights - radii, axis=0)
+    high = np.max(heights + radii, axis=0)
+    vectors[is_open] = (high - low)[:, None] * across
+    return vectors, low @ across
+
+
+def write_frame(
+    path: str | os.PathLike[str],
+    columns: Mapping[str, Array],
+    network: Any,
+    remark: Mapping[str, Any],
+) -> None:
+    """Write the ``columns`` (rows,) or (rows, m) by name, in SI units, as a frame in the box of the
+    ``network``, with ``remark``, plain data. The three columns of a vector become one.
+    """
+    grouped: dict[str, Array] = {}
+    parts = {part: vector for vector, names in _VECTORS.items() for part in names}
+    for name, values in columns.items():
+        vector = parts.get(name)
+        if vector is None:
+            grouped[name] = values
+        elif vector not in grouped:
+            grouped[vector] = np.stack([columns[part] for part in _VECTORS[vector]], axis=1)
+    n_rows = len(next(iter(grouped.values())))
+    properties = ["species:S:1"]  # of all balls X, which is no element
+    cells: list[Sequence[str]] = [["X"] * n_rows]
+    for name, values in grouped.items():
+        flat = values.reshape(n_rows, -1)
+        properties.append(f"{name}:{_TYPES[values.dtype.kind]}:{flat.shape[1]}")
+        encode = quote if values.dtype.kind == "U" else repr
+        cells += [list(map(encode, column.tolist())) for column in flat.T]
+    vectors, corner = find_box(network)
+    keys = [
+        f'Lattice="{_join(vectors)}"',
+        f'Origin="{_join(corner)}"',
+        f"Properties={':'.join(properties)}",
+        f'pbc="{" ".join("T" if repeats else "F" for repeats in network.pbc)}"',
+        f"{_REMARK}={quote(json.dumps(remark), safe='')}",
+    ]
+    lines = [str(n_rows), " ".join(keys), *map(" ".join, zip(*cells, strict=True)), ""]
+    lines[1] += _SEAL + digest_lines(lines)
+    write_text(path, "\n".join(lines))
+
+
+def _join(numbers: Array) -> str:
+    """Return numbers side by side, with all of their digits."""
+    return " ".join(map(repr, numbers.ravel().tolist()))
+
+
+def read_frame(
+    path: str | os.PathLike[str],
+    quantities: Mapping[str, Quantity | None],
+    most_bytes: int,
+    most_rows: int,
+) -> tuple[dict[str, Any], bool, Iterator[Table]]:
+    """Return the remark of a frame that :func:`write_frame` has written, whether it has a digest,
+    and its columns of known ``quantities`` as tables of ``most_rows`` rows, one below the other.
+
+    Raises :class:`~granphon.base.errors.InputError` for a file that cannot be read, has more than
+    ``most_bytes``, is another frame, or was changed, and as the tables are read for a row that has
+    not as many cells as there are columns.
+    """
+    name = str(path)
+    lines = decode(name, read_bytes(path, most_bytes)).replace("\r\n", "\n").split("\n")
+    head = lines[1] if len(lines) > 1 else ""
+    is_sealed = _SEAL in head
+    if is_sealed:
+        head, _, seal = head.partition(_SEAL)
+        if digest_lines([lines[0], head, *lines[2:]]) != seal:
+            raise damage_error(path, f"{_SEAL.strip(' =')} in line 2")
+    rows = lines[2:-1] if lines[-1] == "" else lines[2:]
+    if lines[0].strip() != str(len(rows)):
+        fault = f"{name} says that it has {brief(lines[0].strip())} rows, and has {len(rows)}"
+        raise InputError(fault, "It may be cut, or hold several frames", "Write it again")
+    keys = dict(re.findall(r"(\w+)=(\S+)", head))
+    remark: Any = None
+    with suppress(ValueError, RecursionError):
+        remark = json.loads(unquote(keys.get(_REMARK, "")))
+    if not isinstance(remark, dict):
+        fault = f"{name} is no frame of granphon: its second line has no {_REMARK}"
+        why = "The units of other files are not known, and they have no contacts"
+        raise InputError(fault, why, "Give a file of network.write_tables, or arrays in SI")
+    names = _list_columns(name, keys.get("Properties", ""))
+    return remark, is_sealed, _read_rows(name, rows, names, quantities, most_rows)
+
+
+def _list_columns(name: str, properties: str) -> list[str]:
+    """Return the names of the columns of the frame in the file ``name``, those of tables where it
+    has these; InputError for ``properties`` that are none.
+    """
+    parts = properties.split(":")
+    is_whole = len(parts) % 3 == 0 and all(re.fullmatch("[1-9]", part) for part in parts[2::3])
+    if not is_whole:
+        fault = f"{name}: Properties={brief(properties)} in line 2 names no columns"
+        raise InputError(fault, mend="Write it again")
+    names = list[str]()
+    for column, width in zip(parts[::3], map(int, parts[2::3]), strict=True):
+        alone = [column] if width == 1 else [f"{column}.{place}" for place in range(width)]
+        vector = () if column in _SHOWN else _VECTORS.get(column, ())
+        names += vector if len(vector) == width else alone
+    return names
+
+
+def _read_rows(
+    name: str,
+    rows: Sequence[str],
+    names: Sequence[str],
+    quantities: Mapping[str, Quantity | None],
+    most_rows: int,
+) -> Iterator[Table]:
+    """Yield the ``rows`` of the file ``name``, the first of which is line 3, as tables of
+    ``most_rows`` rows with those of the columns ``names`` whose ``quantities`` are known.
+    """
+    units = {key: "" if kind is None else kind.unit for key, kind in quantities.items()}
+    places = [place for place, column in enumerate(names) if column in units]
+    headings = tuple(Heading(names[place], units[names[place]]) for place in places)
+    for first in range(0, max(len(rows), 1), most_rows):
+        columns: list[list[str]] = [[] for _ in places]
+        piece = rows[first : first + most_rows]
+        for line, row in enumerate(piece, first + 3):
+            cells = row.split()
+            if len(cells) != len(names):
+                fault = f"{name}:{line}: found {len(cells)} cells, and there are {len(names)}"
+                raise InputError(f"{fault} columns", mend="Write it again")
+            for place, column in zip(places, columns, strict=True):
+                column.append(cells[place])
+        for heading, column in zip(headings, columns, strict=True):
+            if heading.name == "kind":
+                column[:] = [sys.intern(unquote(cell)) for cell in column]
+        numbers = tuple(range(first + 3, first + 3 + len(piece)))
+        yield Table(name, headings, numbers, tuple(map(tuple, columns)))
