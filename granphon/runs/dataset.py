@@ -63,7 +63,7 @@ from granphon.runs.tasks import (
     drop_marks,
     explain_end,
     find_reached,
-    pad_alike,
+    pad_columns,
     read_notes,
     to_json,
 )
@@ -88,7 +88,7 @@ _UNEVEN = (("surface_wave",), ("gap",), ("branch",), ("response_peak",))
 DIGEST = "granphon_sha256"
 #: longest time that opening a file without a digest may take, s
 TRIAL_SECONDS = 120.0
-#: program of the process that tries to open a file without a digest, see _try_elsewhere
+#: program of the process that tries to open a file without a digest, see _require_openable
 _TRIAL = """
 import sys
 sys.path.insert(0, sys.argv[1])
@@ -162,14 +162,22 @@ _WORDS = {dict: "mapping", list: "list"}
 
 @dataclass(frozen=True, eq=False)
 class SweepRun:
-    """The work of a sweep: its frame, and the tasks of each case."""
+    """The work of a sweep: the cases of its ``grid``, each with its tasks, and the ``frame``, which
+    is the data set before anything is computed.
+    """
 
     grid: Grid
     frame: Dataset
 
     @classmethod
     def of(cls, grid: Grid) -> Self:
-        """Lay out the work; raises what :func:`sweep` raises before anything is computed."""
+        """Return the work on a grid, of which nothing is computed yet.
+
+        Raises :class:`~granphon.base.errors.InputError` as :func:`make_frame` does, and, where the
+        request of the grid takes a lattice without velocities for an error,
+        :class:`~granphon.base.errors.MechanismError` or
+        :class:`~granphon.base.errors.InstabilityError` for a case with such a lattice.
+        """
         frame = make_frame(grid)
         if grid.request.sound:
             _require_sound(grid)
@@ -182,13 +190,17 @@ class SweepRun:
         store: Store | None = None,
     ) -> list[TaskResult]:
         """Do all tasks, and return their results in the order of the cases and of the tasks of
-        each. The ``store`` keeps the results, but that of a state which is known.
+        each case.
+
+        A ``store`` is claimed for this sweep, and keeps the results. The one task of a state that
+        is already known is done here, without ``executor``, and its result is not kept.
         """
         tasks = [task for case in self.grid.cases for task in case.tasks]
         is_known = tasks[0].known_state is not None
         if store is not None:
             store.claim(collect_identity(self.frame), lambda: [task.name for task in tasks])
         if is_known:
+            # only the waves of its network take time that progress tells of
             has_networks = tasks[0].request.waves is not None
             with progress.step("networks") if has_networks else nullcontext():
                 return [task.solve() for task in tasks]
@@ -197,8 +209,8 @@ class SweepRun:
     def join(self, results: Sequence[TaskResult]) -> Dataset:
         """Return the data set from the results of all tasks, in the order of :meth:`do`.
 
-        :class:`~granphon.base.errors.ConvergenceError` if a path of loads ends early; the
-        ``reached`` of the error is the data set of the loads before that end.
+        Raises :class:`~granphon.base.errors.ConvergenceError` if a path of loads ends early; the
+        ``reached`` of the error is the data set at the loads that all paths have reached.
         """
         remaining = iter(results)
         joined = [case.join(list(islice(remaining, len(case.tasks)))) for case in self.grid.cases]
@@ -234,8 +246,11 @@ def make_frame(grid: Grid) -> Dataset:
     The path, which all packings share, has s segments of p points, and labels of its corners. In
     the data set ``qpoints`` (s, p, 3) are fractions of the reciprocal cell, ``distances`` (s, p)
     lengths along the path without 2 pi, in units of 1/d, or of 1/a for media with finite overlap,
-    and ``labels`` (s + 1,) the names of the corners. :class:`~granphon.base.errors.InputError` if
-    there is no such path, or if the bands of the packings do not fit into one array.
+    and ``labels`` (s + 1,) the names of the corners. Data sets get their accessor, see
+    :func:`register_accessor`.
+
+    Raises :class:`~granphon.base.errors.InputError` if there is no such path, or if the bands of
+    the packings do not fit into one array.
     """
     with needing("A data set"):
         from xarray import Dataset
@@ -431,7 +446,7 @@ def tabulate(
 
     ``force``, N, and each of the ``values``, in SI units, have the shape (n,). The data set has the
     dimensions ``load``, of size n, and ``medium``, of size 1; ``attributes`` are its attributes,
-    beside the packing.
+    beside the packing. Data sets get their accessor, see :func:`register_accessor`.
     """
     with needing("A data set"):
         from xarray import Dataset
@@ -449,8 +464,9 @@ def tabulate(
 
 
 def find_dataset(result: Any) -> Dataset | None:
-    """Return the data set of states that a ``result`` is, or has as its ``dataset``; None for a
-    result without a data set. Raises InputError if a variable is not in SI units.
+    """Return the data set of states that a ``result`` is, or has as its attribute ``dataset``; None
+    for a result without such a data set, which has a variable ``valid``. Raises InputError if a
+    variable is not in SI units.
     """
     dataset: Dataset = getattr(result, "dataset", result)
     is_of_states = hasattr(dataset, "data_vars") and "valid" in dataset
@@ -486,8 +502,10 @@ def list_finite_overlap(dataset: Dataset) -> list[bool]:
 
 def collect_identity(frame: Dataset) -> dict[str, Any]:
     """Return all that determines the numbers of a sweep, by name, as plain data for JSON: inputs,
-    versions of packages, and the values of what is swept. A frame and the sweep read from its file
-    give the same.
+    versions of packages, and the values of what is swept.
+
+    The frame of a sweep and the sweep that is read from its file have equal identities, once that
+    of the frame has been through JSON.
     """
     identity = {
         name: json.loads(frame.attrs[name])
@@ -516,14 +534,16 @@ def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
     """Return the ``frame`` with the ``results`` filled in, one for each case of the ``grid``; a
     result holds arrays whose first axis is the loads.
 
-    Variables that some cases lack are left out, but for errors, choices and gaps: those are filled.
-    The results are changed in place.
+    A variable that some cases lack is left out, but for standard errors (:func:`_fill_errors`), the
+    choices of media (:func:`_fill_choices`), and velocities, moduli, pressures and waves
+    (:func:`_fill_missing`), whose values are filled in. The results are changed in place.
     """
     packing = grid.cases[0].packing
     notes = [read_notes(result) for result in results]
     _fill_errors(grid, results)
-    _pad_uneven(results)  # before gaps, which have the shape of the values of others
-    results, sentences = _fill_gaps(results, packing.structure.periods)
+    # first, as values that are filled in have the shape of those of other results
+    _pad_uneven(results)
+    results, sentences = _fill_missing(results, packing.structure.periods)
     notes = [
         [*of_case, *filter(None, [text])] for of_case, text in zip(notes, sentences, strict=True)
     ]
@@ -553,8 +573,11 @@ def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
 
 
 def _label_sensitivities(frame: Dataset, grid: Grid, variables: dict[str, Any]) -> Dataset:
-    """Return the frame with the names of the quantities and parameters of the derivatives among the
-    ``variables``, from which those that no state has are taken.
+    """Return the ``frame`` with the names of the quantities and of the parameters as coordinates of
+    the derivatives, the last two axes of the variable ``sensitivity``.
+
+    Quantities and parameters of which no state has a derivative are taken out of the names, and, in
+    place, of the ``variables``.
     """
     from granphon.runs.sensitivities import NAME, list_axes
 
@@ -573,9 +596,9 @@ def _label_sensitivities(frame: Dataset, grid: Grid, variables: dict[str, Any]) 
 def _stack(
     name: str, frame: Dataset, grid: Grid, results: Sequence[TaskResult]
 ) -> tuple[tuple[str, ...], Array]:
-    """Return the dimensions and the values of a variable of all cases; the axes of the values are
-    loads, media, the parameters in their order, directions where the variable has them, and the
-    dimensions of the variable.
+    """Return the dimensions and the values of the variable ``name`` of all cases, each (loads, ...)
+    in its result. The axes of the values are loads, media, the parameters in their order,
+    directions where the variable has them, and the variable's own dimensions.
     """
     axes = grid.axes
     counts = [len(axis.values) for axis in axes]
@@ -594,9 +617,10 @@ def _stack(
 
 
 def _fill_errors(grid: Grid, results: Sequence[TaskResult]) -> None:
-    """Add, in place, the standard errors that some ``results`` lack, load by load: zero for a
-    medium that samples nothing and for equal balls, and nan, not known, for arrays of balls that
-    differ, such as a single sample.
+    """Add, in place, the standard errors that some ``results`` lack and others have.
+
+    The error at a load is zero for a medium that samples nothing and for equal balls. For simulated
+    arrays of balls that differ the error is not known, as of a single sample, and is nan.
     """
     # the shapes of standard errors without their first axis, the loads
     shapes = {
@@ -613,7 +637,8 @@ def _fill_errors(grid: Grid, results: Sequence[TaskResult]) -> None:
             errors[serving.loads] = np.nan if is_sampled else 0.0
         for name, shape in shapes.items():
             if name not in result:
-                result[name] = np.moveaxis(np.broadcast_to(errors, (*shape, n_loads)), -1, 0)
+                errors_of_name = np.broadcast_to(errors, (*shape, n_loads))
+                result[name] = np.moveaxis(errors_of_name, -1, 0)  # (n_loads, *shape)
 
 
 def _pad_uneven(results: Sequence[TaskResult]) -> None:
@@ -627,9 +652,9 @@ def _pad_uneven(results: Sequence[TaskResult]) -> None:
         if (entry := CATALOGUE.get(name)) and entry.dims[-1:] in _UNEVEN
     }
     for name in uneven_names:
-        holders = [result for result in results if name in result]
-        tables = pad_alike([result[name] for result in holders])
-        for result, table in zip(holders, tables, strict=True):
+        results_with_name = [result for result in results if name in result]
+        tables = pad_columns([result[name] for result in results_with_name])
+        for result, table in zip(results_with_name, tables, strict=True):
             result[name] = table
 
 
@@ -651,21 +676,24 @@ def _fill_choices(grid: Grid, results: Sequence[TaskResult]) -> None:
         result["expected_error"] = errors
 
 
-def _fill_gaps(results: Sequence[TaskResult], periods: int) -> tuple[list[TaskResult], list[str]]:
-    """Return results in which velocities, moduli, pressures and waves that only some of them have
-    are nan in the others.
+def _fill_missing(
+    results: Sequence[TaskResult], periods: int
+) -> tuple[list[TaskResult], list[str]]:
+    """Return the results in which velocities, moduli, pressures and waves that only some of the
+    ``results`` have are nan in the others, and for each result a sentence that says which are nan
+    and why, see :func:`_explain_missing`.
 
-    For each result, a sentence says which are nan and why, see :func:`_explain_gaps`. Bulk and
-    shear moduli and the anisotropy are left out if one of the lattices has a tensor without them.
-    The tensor is left out if the bulk modulus, and but on a chain (1 of ``periods``) the shear
-    modulus, are kept, as they say the same. A variable is left out with its standard error.
+    Bulk and shear moduli and the anisotropy are left out of all results if one of the lattices has
+    a tensor without them. The tensor is left out if the moduli that say the same are kept: the bulk
+    modulus and the shear modulus, or on a chain (``periods`` 1) the bulk modulus alone. A variable
+    is left out with its standard error.
     """
     # a value of each variable that may be nan, from the first result with the variable
     examples = {
         name: value
         for result in reversed(results)
         for name, value in result.items()
-        if _may_be_gap(name)
+        if _may_be_missing(name)
     }
     left_out = {
         name
@@ -687,20 +715,22 @@ def _fill_gaps(results: Sequence[TaskResult], periods: int) -> tuple[list[TaskRe
         }
         remaining = {name: value for name, value in result.items() if name not in left_out}
         filled.append(remaining | nans)
-        sentences.append(_explain_gaps(result, list(nans)))
+        sentences.append(_explain_missing(result, list(nans)))
     return filled, sentences
 
 
-def _explain_gaps(result: TaskResult, gaps: Sequence[str]) -> str:
-    """Return a sentence which says why the variables ``gaps``, which the ``result`` lacks, are nan:
-    the pressure, velocities and moduli; of velocities and moduli not for a mechanism, which has its
-    own warning. Empty if there is none of these.
+def _explain_missing(result: TaskResult, missing: Sequence[str]) -> str:
+    """Return a sentence that says why the variables ``missing``, which the ``result`` lacks, are
+    nan; empty if nothing is to be said.
+
+    The sentence is about the pressure, and about velocities and moduli if the result has others of
+    them: a result without any is that of a mechanism, which has its own warning.
     """
     reasons = list[str]()
-    if "pressure" in gaps:
+    if "pressure" in missing:
         reasons.append("pressure is nan, as the stress of the lattice is not one")
     # a case has its own notes on waves in arrays
-    velocities = [name for name in gaps if name != "pressure" and _is_of_sound(name)]
+    velocities = [name for name in missing if name != "pressure" and _is_of_sound(name)]
     if velocities and any(map(_is_of_sound, result)):
         names = ", ".join(velocities)
         why = "as balls with these motions have no such waves"
@@ -711,8 +741,8 @@ def _explain_gaps(result: TaskResult, gaps: Sequence[str]) -> str:
     return "; ".join(reasons)
 
 
-def _may_be_gap(name: str) -> bool:
-    """Whether some cases of a sweep may have a variable that others lack."""
+def _may_be_missing(name: str) -> bool:
+    """Whether a variable may be nan in the cases of a sweep that lack it, while others have it."""
     return name == "pressure" or _find_cost(name) in ("velocities", *WAVE_COSTS)
 
 
@@ -722,7 +752,9 @@ def _is_of_sound(name: str) -> bool:
 
 
 def _find_cost(name: str) -> str:
-    """Return what a variable is found from; empty for one that is no observable."""
+    """Return the ``cost`` of a variable in the catalogue, the word for what the variable is found
+    from, such as "velocities" or "spectrum"; empty for a variable that is no observable.
+    """
     entry = CATALOGUE.get(name)
     return entry.cost if entry else ""
 
@@ -740,7 +772,7 @@ def _list_attributes(name: str, values: Array, packing: Balls) -> dict[str, str]
 
 
 def file_names(path: Path) -> list[str]:
-    """Names of the netCDF file and of the table beside it."""
+    """Return the names of the netCDF file ``path`` and of the table beside it."""
     return [path.name, path.with_suffix(".csv").name]
 
 
@@ -857,8 +889,8 @@ def write_waves(
     """Write the table ``path`` of the variables that have the dimensions ``wave_dims`` besides
     those of the states, with a row for each of their points in every state.
 
-    The dimensions that are ``numbered`` have no coordinates: their numbers, from zero, tell rows
-    apart.
+    With ``numbered`` the dimensions ``wave_dims`` have no coordinates in the data set, and columns
+    of their indices, from zero, tell rows apart.
     """
     dims = (*dataset["valid"].dims, *wave_dims)
     if numbered:
@@ -920,7 +952,7 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
     if kept_digest is not None and kept_digest != _digest_numbers(dataset):
         raise damage_error(path, f"sha256 of the numbers, the attribute {DIGEST}")
     if kept_digest is None and not has_file_digest:
-        _require_sense(path, dataset)
+        _require_plausible(path, dataset)
         warn_unverified(path)
     return dataset
 
@@ -934,7 +966,7 @@ def _read_checked(path: str | os.PathLike[str]) -> tuple[bytes, bool]:
     netcdf = content[:-_TRAILER_BYTES]
     trailer = content[-_TRAILER_BYTES:]
     if not trailer.startswith(_TRAILER):
-        _try_elsewhere(path, content)
+        _require_openable(path, content)
         return content, False
     if trailer != _TRAILER + hashlib.sha256(netcdf).hexdigest().encode():
         raise damage_error(path, "sha256 of the file, at its end")
@@ -955,7 +987,7 @@ def _require_sweep(path: str | os.PathLike[str], dataset: Dataset) -> None:
         raise InputError(problem, mend="Run the sweep again")
 
 
-def _require_sense(path: str | os.PathLike[str], dataset: Dataset) -> None:
+def _require_plausible(path: str | os.PathLike[str], dataset: Dataset) -> None:
     """Raise InputError if a variable or an attribute of a file without a digest cannot be of a
     sweep.
     """
@@ -995,20 +1027,21 @@ def _is_quantity(name: str, values: Array) -> bool:
 
 
 def _find_fault(name: str, values: Array, *, may_lack: bool) -> str:
-    """Return words for the first of the ``values`` of a variable that cannot be of a sweep; empty
-    if all can be. Standard errors, waves and registered observables may be nan, and with
-    ``may_lack`` velocities, moduli and pressures too; those of :data:`_MAY_BE_INFINITE` may be
-    +inf.
+    """Return words for the first of the ``values`` of a variable that cannot be of a sweep, and for
+    the bounds of the variable; an empty text if all values can be.
+
+    Standard errors, waves and registered observables may be nan, and with ``may_lack`` velocities,
+    moduli and pressures too; variables of :data:`_MAY_BE_INFINITE` may be +inf.
     """
     if values.dtype.kind not in "iuf":
         return "which are no numbers"
     entry = CATALOGUE[name]
     is_error = entry.sampled or name == "exponent_error"
     # standard errors, waves and registered observables are nan where they are not known
-    is_nan_of_kind = is_error or entry.cost in WAVE_COSTS or CATALOGUE.is_added(name)
-    is_nan_of_sweep = may_lack and (entry.cost == "velocities" or name == "pressure")
+    kind_may_be_nan = is_error or entry.cost in WAVE_COSTS or CATALOGUE.is_added(name)
+    sweep_may_lack = may_lack and (entry.cost == "velocities" or name == "pressure")
     is_bad = values == -np.inf if name in _MAY_BE_INFINITE else np.isinf(values)
-    if not (is_nan_of_kind or is_nan_of_sweep):
+    if not (kind_may_be_nan or sweep_may_lack):
         is_bad |= np.isnan(values)
     bounds = "finite"
     if name in _ABOVE_ZERO:
@@ -1027,12 +1060,16 @@ def _find_fault(name: str, values: Array, *, may_lack: bool) -> str:
 
 
 def _explain_unreadable(path: str | os.PathLike[str], why: str) -> InputError:
+    """Return the error of the file ``path``, which cannot be read for the reason ``why``."""
     return InputError(f"{path} cannot be read", why, "Is this the right file?")
 
 
-def _try_elsewhere(path: str | os.PathLike[str], data: bytes) -> None:
+def _require_openable(path: str | os.PathLike[str], data: bytes) -> None:
     """Raise InputError if the ``data`` of a file without a digest are not those of a netCDF-4 file,
-    or cannot be opened in a separate process: HDF5 may hang, or crash, on a damaged file.
+    or cannot be opened.
+
+    A separate process tries to open the data, for at most :data:`TRIAL_SECONDS`: on a damaged file
+    HDF5 may hang, or crash.
     """
     if data.startswith(b"CDF") and b"granphon motion" in data:
         mend = f"Draw it in Python, gp.plot(gp.Motion.read({str(path)!r}))"
@@ -1069,8 +1106,8 @@ def _try_elsewhere(path: str | os.PathLike[str], data: bytes) -> None:
 
 
 class SweepAccessor:
-    """What ``dataset.granphon`` is, for a ``dataset`` of :func:`~granphon.sweep` or
-    :func:`~granphon.load_sweep`.
+    """The accessor ``dataset.granphon`` of a ``dataset``, as :func:`~granphon.sweep` or
+    :func:`~granphon.load_sweep` returns it.
     """
 
     def __init__(self, dataset: Dataset) -> None:
@@ -1155,8 +1192,8 @@ class SweepAccessor:
 
 
 def _find_slopes(x: Array, y: Array) -> Array:
-    """Return the slopes dy/dx (n, ...) of the parabolas through each point along the first axis and
-    its neighbours, of values ``x`` and ``y`` (n, ...).
+    """Return the slopes dy/dx (n, ...) of values ``y`` over ``x``, both (n, ...), along the first
+    axis: at each point that of the parabola through the point and its neighbours.
     """
     columns = zip(x.reshape(len(x), -1).T, y.reshape(len(y), -1).T, strict=True)
     slopes = [np.gradient(y_column, x_column, edge_order=2) for x_column, y_column in columns]
@@ -1164,7 +1201,9 @@ def _find_slopes(x: Array, y: Array) -> Array:
 
 
 def register_accessor() -> None:
-    """Give data sets the accessor, once."""
+    """Give all data sets of xarray the accessor ``granphon``, a :class:`SweepAccessor`, unless they
+    have it.
+    """
     import xarray
 
     if getattr(xarray.Dataset, "granphon", None) is not SweepAccessor:

@@ -59,19 +59,26 @@ class Task:
         return 1
 
     def done(self, result: TaskResult) -> int:
-        """Return the number of steps that a ``result`` contains."""
+        """Return the number of steps that a ``result`` contains: all of a task in one step."""
         return 1
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
-        """Do the next step after ``begun``, or the first, and return both together; after the last
-        step, the result.
+        """Do one step, and return what ``begun``, the steps before, and this step have found
+        together; after the last step this is the result of the task. Without ``begun`` the step is
+        the first.
         """
         raise NotImplementedError
 
 
 class Result(NamedTuple):
-    """Result of a worker: the entry of the steps of a task so far, their number, and the time of
-    the last step, s.
+    """What a worker returns of a task.
+
+    Attributes
+    ----------
+    entry : the steps of the task so far, as :func:`~granphon.runs.finished_tasks.encode` writes
+        them.
+    steps : number of these steps.
+    seconds : time of the last step, s.
     """
 
     entry: bytes
@@ -84,14 +91,17 @@ def advance(
     package_versions: Mapping[str, str],
     added: Sequence[str] = (),
 ) -> list[Result]:
-    """Do, in a worker, the next step of each task, and return the results of the first of the
-    tasks, in their order: of all tasks, or of those for which there was time.
+    """Do, in a worker, the next step of each task in turn, and return the results of the steps that
+    were done, in the order of the tasks.
 
     Each of the ``orders`` is a task and the entry of its steps so far, None for a task that is not
-    begun. Packages must have the ``package_versions`` of the process that began the work, and
-    observables that were ``added`` must be known. After ``CALL_SECONDS`` nothing more is begun. An
-    error of the first task is raised; that of a later task ends the call before that task, which
-    will come again as the first.
+    begun. Once the call has taken ``CALL_SECONDS`` no further task is begun, and the list is
+    shorter than ``orders``. An error of the first task is raised. An error of a later task ends the
+    call before that task, which will be the first of another call.
+
+    Raises :class:`~granphon.base.errors.GranphonError` if this process has packages of other
+    versions than ``package_versions``, those of the process that began the work, or does not know
+    an observable that was ``added`` there.
     """
     require_packages(f"the worker on {platform.node()}", package_versions)
     _require_observables(added)
@@ -172,7 +182,9 @@ def solve_all(
 
 @dataclass(frozen=True)
 class Means:
-    """By what the tasks of a run are done; see :func:`solve_all`."""
+    """The means by which the tasks of a run are done: the executor, the progress and the store that
+    :func:`solve_all` takes.
+    """
 
     executor: Executor | None = None
     progress: Progress = silent
@@ -181,8 +193,9 @@ class Means:
     def solve(
         self, label: str, tasks: Sequence[Task], identity: Mapping[str, Any]
     ) -> list[TaskResult]:
-        """Do ``tasks`` and return their results in the order of the tasks. The store is claimed for
-        the work that ``identity``, plain data, describes, see :meth:`Store.claim`.
+        """Do ``tasks`` by :func:`solve_all`, and return their results in the order of the tasks.
+        Before, the store is claimed for the work that ``identity``, plain data, describes, see
+        :meth:`Store.claim`.
         """
         if self.store is not None:
             self.store.claim(identity, lambda: [task.name for task in tasks])
@@ -195,8 +208,8 @@ class _Work:
     """
 
     def __init__(self, tasks: Sequence[Task], store: Store, step: Step) -> None:
-        """Take what the ``store`` holds of the ``tasks`` as done, tell ``step`` of it, and let the
-        others wait.
+        """Read which steps of the ``tasks`` the ``store`` holds, count them as done in the progress
+        ``step``, and let all tasks wait that are not finished.
         """
         self.tasks = tasks
         self.store = store
@@ -204,11 +217,11 @@ class _Work:
         self.waiting = list[int]()
         #: tasks of each call under way
         self.running = dict[Future[list[Result]], list[int]]()
-        #: entries of tasks that have begun
+        #: entries, by the index of the task, of the steps of unfinished tasks that are done
         self.begun = dict[int, bytes]()
         #: number of workers that were lost with each task
         self.losses = Counter[int]()
-        #: time of a step of each kind of task, s
+        #: mean time of a step of each kind of task, s
         self.seconds: dict[str, float] = {}
         n_kept_steps = 0
         for index, task in enumerate(tasks):
@@ -223,27 +236,38 @@ class _Work:
         step.advance(n_kept_steps)  # also by zero: the clock of the progress begins here
 
     def run(self, executor: Executor) -> None:
-        """Have the tasks done by ``executor``, with as many calls under way as it has workers."""
+        """Have all tasks done by ``executor``, with as many calls under way as it has workers.
+
+        Results are kept as they come. Raises what :meth:`_send_call` and :meth:`_receive_results`
+        raise, after :meth:`_keep_finished`.
+        """
         ready = SimpleQueue[Future[list[Result]]]()
         n_calls = count_calls(executor)
         try:
             while self.waiting or self.running:
+                # calls that have ended come first: their tasks may have further steps
                 while self.waiting and ready.empty():
-                    # this process does one call at a time, and a suspect is to run alone
+                    # one call at a time if this process does the calls (n_calls is 0), and so that
+                    # a task that may be why workers were lost runs alone
                     most_running = 1 if self._has_suspect() else max(1, n_calls)
                     if len(self.running) >= most_running:
                         break
-                    future = self._send(executor, self._take(n_calls))
+                    future = self._send_call(executor, self._take_next_tasks(n_calls))
                     future.add_done_callback(ready.put)
                 future = ready.get()
                 # the call counts as running until its results, or its loss, have been taken in
-                self._receive(future, self.running[future])
+                self._receive_results(future, self.running[future])
                 del self.running[future]
         finally:
             self._keep_finished()
 
-    def _send(self, executor: Executor, indices: list[int]) -> Future[list[Result]]:
-        """Have the tasks of ``indices`` done by one call of ``executor``, and return its future."""
+    def _send_call(self, executor: Executor, indices: list[int]) -> Future[list[Result]]:
+        """Give the next steps of the tasks ``indices`` to ``executor`` as one call, which then
+        counts as running, and return the future of its results.
+
+        Raises :class:`~granphon.base.errors.GranphonError`, with the task that may be the reason,
+        if the executor takes no more work because workers were lost.
+        """
         orders = [(self.tasks[index], self.begun.get(index)) for index in indices]
         added = list_added("observable")
         with naming_lost_workers(self._name_suspects(indices[0])):
@@ -257,7 +281,9 @@ class _Work:
         """
         wait(self.running, _LAST_SECONDS)
         for future, indices in self.running.items():
-            is_done = not future.cancel() and future.done() and not future.cancelled()
+            # cancel() has no effect on a call that is running or done
+            was_cancelled = future.cancel() or future.cancelled()
+            is_done = not was_cancelled and future.done()
             if is_done and future.exception() is None:
                 # An error of the store may be the very error that is being raised.
                 with suppress(OutputError):
@@ -265,15 +291,16 @@ class _Work:
                         self.store.append(self.tasks[index].name, result.entry)
 
     def _has_suspect(self) -> bool:
-        """Whether the next task, or one under way, may be why workers were lost; such a task is to
-        run alone.
+        """Whether the next task or a task under way is a suspect, one with which all but one of
+        :data:`MOST_LOSSES` workers have been lost; a suspect is to run alone.
         """
         suspects = {index for index, losses in self.losses.items() if losses >= MOST_LOSSES - 1}
         return not suspects.isdisjoint(chain([self.waiting[0]], *self.running.values()))
 
     def _name_suspects(self, following: int) -> str:
-        """Return words for the tasks with which workers were lost; if no worker was lost, for the
-        task of the index ``following``.
+        """Return words for the tasks with which workers were lost: the name of the first of them,
+        and how many others there are. If no worker was lost, return the name of the task
+        ``following``, an index.
         """
         suspects = sorted(self.losses) or [following]
         name = str(self.tasks[suspects[0]].where)
@@ -281,13 +308,13 @@ class _Work:
             return name
         return f"{name}, or one of {len(suspects) - 1} tasks beside it"
 
-    def _take(self, n_calls: int) -> list[int]:
+    def _take_next_tasks(self, n_calls: int) -> list[int]:
         """Remove the tasks of the next call from those that wait, and return their indices: a
         single task unless the tasks are known to be short and no worker was lost with them.
 
-        ``n_calls`` calls are under way at a time; 0 if this process does them. Towards the end
-        calls become shorter, so that all workers end at about the same time: a call has at most
-        half of what would be the share of its worker.
+        ``n_calls`` calls are under way at a time; 0 if this process does the calls. A call takes at
+        most half of the waiting tasks that each worker would have if they were shared out: calls
+        become shorter towards the end, and all workers end at about the same time.
         """
         n_most = 1
         if n_calls:
@@ -305,12 +332,13 @@ class _Work:
             indices.append(heappop(self.waiting))
         return indices
 
-    def _receive(self, future: Future[list[Result]], indices: Sequence[int]) -> None:
-        """Keep the results of the call ``future``, which did the tasks of ``indices``, and put back
-        those of its tasks that are not done; all of them if its worker was lost.
+    def _receive_results(self, future: Future[list[Result]], indices: Sequence[int]) -> None:
+        """Keep the results of the call ``future``, which was given the tasks ``indices``, count
+        their steps (:meth:`_count_step`), and put back the tasks that the call has not come to: all
+        of them if its worker was lost.
 
-        Raises the error of a task, and GranphonError for a scheduler that does not answer, and as
-        :meth:`_count_losses` does.
+        Raises the error of a task; GranphonError if a scheduler does not answer, or if too many
+        workers were lost (:meth:`_count_losses`).
         """
         results: list[Result] = []
         try:
@@ -323,20 +351,21 @@ class _Work:
         except Exception as error:  # BrokenProcessPool, or KilledWorker of dask
             if not isinstance(error, BrokenExecutor) and type(error).__name__ != "KilledWorker":
                 raise
-            # dask gives the call to that many more workers before it raises KilledWorker
+            # dask gives the call to allowed_failures more workers before it raises KilledWorker
             n_losses = getattr(error, "allowed_failures", 0) + 1
             self._count_losses(indices, n_losses)
         for index, result in zip(indices, results, strict=False):
             self.store.append(self.tasks[index].name, result.entry)
-        # the call has ended before these tasks
+        # the call has ended before it came to the other tasks
         for index in indices[len(results) :]:
             heappush(self.waiting, index)
         for index, result in zip(indices, results, strict=False):
             self._count_step(index, result)
 
     def _count_losses(self, indices: Sequence[int], n_losses: int) -> None:
-        """Count ``n_losses`` workers that were lost with tasks; raise GranphonError if the one task
-        under way has lost too many.
+        """Add ``n_losses`` to the number of workers that were lost with each task of ``indices``;
+        raise GranphonError if a single task is under way, and :data:`MOST_LOSSES` workers or more
+        have been lost with it.
         """
         self.losses.update(dict.fromkeys(indices, n_losses))
         task_losses = self.losses[indices[0]]
@@ -351,8 +380,9 @@ class _Work:
             raise GranphonError(problem, LOST_WORKER, mend) from None
 
     def _count_step(self, index: int, result: Result) -> None:
-        """Count the step of the task ``index`` that has given a ``result``, and put the task back
-        if it has more steps.
+        """Take in the step of the task ``index`` that has given a ``result``: its time enters the
+        mean of the task's kind, the task waits again if it has more steps, and the progress goes on
+        by one.
         """
         task = self.tasks[index]
         # in this mean earlier steps count less and less, as the steps of a task take unequal times

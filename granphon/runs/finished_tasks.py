@@ -84,7 +84,9 @@ def _seal(name: str, *data: bytes) -> bytes:
 
 
 def decode(entry: bytes) -> TaskResult:
-    """Return the result that :func:`encode` has made an entry of; the arrays are copies."""
+    """Return the result from the ``entry`` that :func:`encode` has made of it; the arrays are
+    copies. The SHA-256 is not compared here.
+    """
     layout_start = entry.index(b"\n", _HEAD) + 1
     offset = entry.index(b"\n", layout_start) + 1
     result = TaskResult()
@@ -131,7 +133,7 @@ class Store:
         self._base: sqlite3.Connection | None = None
         #: the identity that is to be written with the next result, as JSON
         self._pending: str | None = None
-        #: identity of the folder that was claimed, and of the file that is open
+        #: device and inode of the folder that was claimed, and of the file that is open
         self._home = (0, 0)
         self._file = (0, 0)
         #: time at which the disk was waited for, s, and whether something has been written since
@@ -201,6 +203,7 @@ class Store:
         return [str(name) for (name,) in rows]
 
     def __contains__(self, name: str) -> bool:
+        """Whether there is an entry of this name, which may be damaged."""
         return bool(self._query("SELECT 1 FROM task WHERE name = ? LIMIT 1", name))
 
     def read(self, name: str) -> TaskResult | None:
@@ -212,7 +215,9 @@ class Store:
         return None
 
     def _read(self, name: str) -> bytes:
-        """Return the entry of a name; ValueError if no entry is sound."""
+        """Return the entry of a name, joined from its pieces; ValueError if there is none, or if
+        its SHA-256 or its name is another.
+        """
         rows = self._query("SELECT entry FROM task WHERE name = ? ORDER BY piece", name)
         entry = b"".join(piece for (piece,) in rows)
         digest = hashlib.sha256(memoryview(entry)[_HEAD:]).digest()
@@ -253,7 +258,9 @@ class Store:
             self._synced = now
 
     def _query(self, question: str, name: str) -> list[tuple[Any, ...]]:
-        """Return the rows that answer a question about a name; none if there is no file yet."""
+        """Return the rows that answer ``question``, SQL with one place for the ``name``; no rows if
+        there is no file yet, or an empty one.
+        """
         base = self._connect()
         try:
             if base is None or _is_empty(base):
@@ -344,7 +351,10 @@ class Store:
         return True
 
     def _explain(self, error: OSError | sqlite3.Error, done: str = "written") -> OutputError:
-        """Return the error of a file that cannot be ``done``, "read" or "written"."""
+        """Return the error of a file that cannot be ``done``, "read" or "written", from an
+        ``error`` of the system or of SQLite; an ``error`` that is an OutputError is returned as it
+        is.
+        """
         if isinstance(error, OutputError):
             return error
         if isinstance(error, FileNotFoundError):
@@ -375,11 +385,14 @@ class Store:
             self._is_unsynced = False
 
     def __del__(self) -> None:
+        """Close the file of a store that nobody has closed."""
         if self._base is not None:
             self._base.close()
 
     def clear(self) -> None:
-        """Delete every result, and the file, unless another file has replaced it."""
+        """Close the store and delete its file, with every result; a file that has replaced it
+        stays. A store in memory loses its results.
+        """
         if self.path is None:
             has_own_file = False
         elif self._base is None:
@@ -444,8 +457,8 @@ def _require_sound(base: sqlite3.Connection) -> None:
 
 
 def _write_entries(base: sqlite3.Connection, entries: Mapping[str, bytes]) -> None:
-    """Write entries by name, in pieces, in place of those of the same names; make the table
-    first if there is none.
+    """Write ``entries``, by name, in place of those of the same names; make the table first if
+    there is none. An entry is cut into pieces of :data:`_PIECE` bytes, one a row.
     """
     if _is_empty(base):
         for command in _MAKE:

@@ -22,7 +22,7 @@ _MOST_VALUES = 3
 
 @dataclass(frozen=True, eq=False)
 class CaseNotes:
-    """What is said of a case: conditions over its loads, and sentences.
+    """The notes on a case, from which warnings are made: conditions over its loads, and sentences.
 
     Attributes
     ----------
@@ -38,7 +38,9 @@ class CaseNotes:
 
     @classmethod
     def of(cls, case: Case, notes: Sequence[Check | str]) -> CaseNotes:
-        """Return notes on a whole case, whose conditions are joined over its media."""
+        """Return notes on a whole case; the values of their conditions are those of one medium of
+        the case after the other.
+        """
         return cls(case, notes, np.concatenate([medium.serving.loads for medium in case.media]))
 
     @property
@@ -57,8 +59,9 @@ class CaseNotes:
         return {"medium": self.case.medium.label, **dict(self.case.values)}
 
     def find_failing(self, check: Check) -> NDArray[np.intp] | None:
-        """Return the indices of the loads at which a condition fails; None where it is not known to
-        which loads the values of the condition belong.
+        """Return the indices, ascending, of the loads at which a condition fails; None where the
+        condition has another number of values than there are loads, so that it is not known to
+        which loads the values belong.
         """
         is_failing = ~np.ravel(check.ok)
         order = np.arange(self.n_loads) if self.loads is None else self.loads
@@ -68,15 +71,19 @@ class CaseNotes:
 
 
 def tell_notes(entries: Sequence[CaseNotes]) -> list[str]:
-    """Return the warnings of all cases of a sweep; those of a single case do not name the case. A
-    case may have several entries.
+    """Return the warnings of all cases of a sweep from the ``entries``, of which a case may have
+    several.
+
+    If all entries are about one case, each condition that fails and each sentence is a warning,
+    which does not name the case. Otherwise there is one warning for each limit that cases pass, and
+    one for each sentence, with the cases that it is about, in the order in which they come first.
     """
     if len({entry.case.label for entry in entries}) == 1:
         texts = [text for entry in entries for text in _tell_case(entry)]
         return list(dict.fromkeys(texts))
     checks: dict[Any, list[tuple[CaseNotes, Check]]] = {}
     sentences: dict[str, list[CaseNotes]] = {}
-    order: dict[Any, None] = {}  # the keys of both, in the order in which they come
+    order: dict[Any, None] = {}  # the keys of checks and sentences, each once, as they come
     for entry in entries:
         for note in entry.notes:
             if isinstance(note, str):
@@ -108,22 +115,25 @@ def _tell_case(entry: CaseNotes) -> list[str]:
 
 
 def _find_place(entry: CaseNotes, check: Check) -> str:
-    """Return in words the loads at which a condition fails, of the only case of a sweep, or of a
-    medium. The text is empty if these are none or all of the loads, and if the condition tells them
-    itself.
+    """Return in words the loads at which a condition on the case of an entry fails; an empty text
+    if these are none or all of the loads, if they are not known, or if the condition's own text
+    names them.
     """
     failing = entry.find_failing(check)
-    # the text about a medium has the contact forces
-    of_contacts = entry.case.load.kind == "force" and entry.case.written.load is None
-    is_told = check.name == "medium" and of_contacts
-    if failing is None or not 0 < failing.size < entry.n_loads or is_told:
+    # the text of a condition on the medium names contact forces, the loads if these are given so
+    is_given_as_force = entry.case.load.kind == "force" and entry.case.written.load is None
+    text_names_loads = check.name == "medium" and is_given_as_force
+    if failing is None or not 0 < failing.size < entry.n_loads or text_names_loads:
         return ""
     return _describe_loads(entry.case, failing)
 
 
 def _tell_check(failing: Sequence[tuple[CaseNotes, Check]], entries: Sequence[CaseNotes]) -> str:
-    """Return the warning of one limit that the cases ``failing`` pass, of all cases of a sweep:
-    each entry comes with the condition that says so.
+    """Return the warning of one limit of a sweep, whose notes are the ``entries``.
+
+    ``failing`` holds the entries of the cases that pass the limit, each with the condition that
+    fails. The warning has the number of states beyond the limit, where they lie, the worst value,
+    and where this lies.
     """
     _entry, check = failing[0]
     media = {entry.case.medium.label for entry, _ in failing}
@@ -163,8 +173,10 @@ def _count_states(entries: Sequence[CaseNotes]) -> int:
 def _describe_places(
     failing: Sequence[tuple[CaseNotes, Check]], entries: Sequence[CaseNotes]
 ) -> str:
-    """Return in words the media, parameters and loads of the cases ``failing``, as far as they are
-    not all of the ``entries``; loads are left out where one case does not know its own.
+    """Return in words where the states beyond a limit lie: the media, the values of parameters and
+    the loads of the entries ``failing``, each left out where it is all that the ``entries`` have.
+
+    Loads are also left out if they are not known of one of the ``failing`` entries.
     """
     words = [_describe_values([entry.values for entry, _ in failing], entries)]
     loads_of_entries = [entry.find_failing(check) for entry, check in failing]
@@ -178,12 +190,13 @@ def _describe_places(
 
 
 def _describe_worst(entry: CaseNotes, index: int | None, entries: Sequence[CaseNotes]) -> str:
-    """Return in words where the worst of several states lies: the values of the case in which cases
-    differ, and the load of the ``index``, if it is known.
+    """Return in words where the worst of several states lies: the medium and the parameters of the
+    ``entry``, where these differ among the ``entries``, and the load number ``index``, unless the
+    number is None, not known, or there is one load.
     """
     words = []
     for name, text in entry.values.items():
-        if len({neighbour.values.get(name) for neighbour in entries}) > 1:
+        if len({other.values.get(name) for other in entries}) > 1:
             words.append(_write_value(name, text))
     if index is not None and entry.n_loads > 1:
         words.append(_describe_loads(entry.case, np.array([index])))
@@ -196,8 +209,8 @@ def _write_value(name: str, text: str) -> str:
 
 
 def _describe_values(values: Sequence[Mapping[str, str]], entries: Sequence[CaseNotes]) -> str:
-    """Return in words the values of media and parameters of some cases, as far as they are not all
-    values of the sweep.
+    """Return in words the ``values``, by name, of the medium and the parameters of some cases; a
+    name of which all values of the ``entries`` are among them is left out.
     """
     words = []
     for name in values[0]:

@@ -121,8 +121,9 @@ NOWHERE = Places()
 def list_parameters_of_branches(
     packing: Balls, parameters: Iterable[tuple[str, Sequence[Any]]]
 ) -> list[str]:
-    """Return the names of those of the swept ``parameters`` of a ``packing``, each with its values,
-    on which the number of branches or the zone depends: bands are not swept over them.
+    """Return the names of those of the swept ``parameters`` of a ``packing``, pairs of name and
+    values, on which the number of branches or the Brillouin zone depends: bands are not swept over
+    these.
     """
     changing = []
     for name, values in parameters:
@@ -156,7 +157,8 @@ class PlannedCase:
             return self.case.serving_media
 
     def states(self, quick: bool) -> Iterator[tuple[ServingMedium, ContactState]]:
-        """Each medium and its state, or of those media alone whose states are ``quick`` to find.
+        """Yield each medium and its state at the loads that it serves; with ``quick`` only media
+        whose states are quick to find. A state is solved when its turn comes.
 
         Quantities of a state have the shape (n,) for the n loads that the medium serves, or () if
         the case has one load.
@@ -174,7 +176,9 @@ class PlannedCase:
 
     @cached_property
     def quick_states(self) -> list[tuple[ServingMedium, ContactState]]:
-        """Those of the :meth:`states` that are quick to find, once for all who ask."""
+        """Those of the :meth:`states` that are quick to find. They are solved once, after the case
+        was checked (:attr:`is_possible`).
+        """
         _ = self.is_possible
         return list(self.states(quick=True))
 
@@ -199,9 +203,12 @@ class PlannedCase:
         return True
 
     def require_start(self, most: float) -> float:
-        """Raise GranphonError if a load is below the start of its history, where this is a load of
-        another kind; samples of more than ``most`` balls in all are not looked at. Return the
-        number of balls that may still be looked at.
+        """Raise GranphonError if a load is below the start of a loading with friction, and return
+        how many balls may still be looked at.
+
+        A start that is given by another kind of load, say an overlap where the loads are forces,
+        must be solved for before the two can be compared. This is done for at most ``most`` balls,
+        in all samples together; larger samples are left out.
         """
         n_remaining = most
         for serving in self.serving_media:
@@ -224,7 +231,9 @@ class PlannedCase:
 
 
 def _note_limits(planned: PlannedCase) -> CaseNotes:
-    """Return the limits that the states of a case pass, of those that are quick to find."""
+    """Return the conditions of validity on those states of a case that are quick to find, joined
+    over the media, with the indices of the loads of these states.
+    """
     checks: dict[Any, Check] = {}
     loads = []
     for serving, state in planned.quick_states:
@@ -304,7 +313,7 @@ class Plan:
         return self._plan_cases(self.grid)
 
     def _plan_cases(self, grid: Grid) -> tuple[PlannedCase, ...]:
-        """Return the cases of a grid, whose errors have places."""
+        """Return the cases of a ``grid`` with the places of their errors."""
         return tuple(PlannedCase(case, self.written, self.places) for case in grid.cases)
 
     @property
@@ -351,8 +360,8 @@ class Plan:
     def require(self) -> None:
         """Raise GranphonError, placed in the file, if a packing cannot have a value of a parameter,
         is not rigid or has no such medium; if a quickly solved medium cannot carry a load, or a
-        load is below the start of its history; or if arrays or networks lack the waves that are
-        observed. Only the :attr:`checked_cases` and small arrays are looked at.
+        load is below the start of a loading with friction; or if arrays or networks lack the waves
+        that are observed. Only the :attr:`checked_cases` and small arrays are looked at.
         """
         self._require_parameters()
         with self.places.at("sweep"):
@@ -365,14 +374,15 @@ class Plan:
 
     def _require_parameters(self) -> None:
         """Raise InputError, placed in the file, for the first value of a parameter that the packing
-        or its losses cannot have.
+        or its losses cannot have. If the ends of an axis are possible, its other values are taken
+        to be.
         """
         for axis in self.axes:
             try:
-                # if a packing can have both ends of an axis, it can have all values between
                 for value in axis.ends.values:
                     self.grid.change({axis.name: value})
             except (GranphonError, ArithmeticError):
+                # again, value by value, to find the first that fails and its place
                 for index, value in enumerate(axis.values):
                     with self.places.at_index("sweep", axis.name, index):
                         self.grid.change({axis.name: value})
@@ -387,8 +397,12 @@ class Plan:
         return (name,) if name else ("packing", "lattice")
 
     def _require_case(self, planned: PlannedCase, most_balls: float) -> float:
-        """Raise GranphonError, placed in the file, if a case cannot be carried out; return, of the
-        ``most_balls`` whose start may be found, the number that remains.
+        """Raise GranphonError, placed in the file, if a case cannot be carried out: the packing has
+        no such medium, is not rigid where velocities are observed, cannot carry a load, or a load
+        is below the start of a loading.
+
+        At most ``most_balls`` are looked at for a start; the number that remains is returned, see
+        :meth:`PlannedCase.require_start`.
         """
         path = self._path_of_lattice
         case = planned.case
@@ -447,7 +461,7 @@ class Plan:
         from granphon.runs.wave_records import require_network, require_waves
 
         for planned in self.checked_cases:
-            named = partial(self._naming, planned.case)
+            named = partial(self._name_case, planned.case)
             for settings in waves.of_networks:
                 for key in settings.of_network:
                     with self.places.at(settings.block, key), named():
@@ -458,9 +472,9 @@ class Plan:
                 require_waves(planned.serving_media, replace(waves, spectrum=None), most)
 
     @contextmanager
-    def _naming(self, case: Case) -> Iterator[None]:
-        """Raise errors of the with-block with the label of a ``case`` before their text, unless it
-        is the only one.
+    def _name_case(self, case: Case) -> Iterator[None]:
+        """Raise errors of the with-block with the label of a ``case`` before their text, unless the
+        plan has this case alone.
         """
         try:
             yield
@@ -490,16 +504,16 @@ class Plan:
 
     @property
     def records(self) -> list[Mapping[str, Any]]:
-        """Of each sample of the only state, or of its network, what is kept of its waves, arrays by
-        name.
+        """What is kept of the waves of the only state, arrays by name: one mapping for each sample,
+        or one for the network of a state without samples.
         """
         case = self.case.case
         (task,) = case.media
         return [record.of_waves for record in task.list_records(case.state)]
 
     def states(self, quick: bool = False) -> Iterator[tuple[str, ContactState]]:
-        """Return label and state of every medium at every combination of parameters, one after the
-        other.
+        """Return an iterator over every medium at every combination of parameters, which gives its
+        label and its state.
 
         Quantities of a state have the shape (n,) for the n loads that the medium serves, or () if
         the scene has one load. A state is solved when its turn comes; with ``quick`` simulations
@@ -556,8 +570,9 @@ class Plan:
         }
 
     def survey(self) -> tuple[Iterator[CaseNotes], str]:
-        """Return the notes on the cases whose states are quick to find, the limits that their
-        states pass, and words for the states that are left out; an empty text for none.
+        """Return the notes on the cases whose states are quick to find, which are solved as the
+        iterator comes to them, and words for the states that are left out; an empty text for none.
+        The notes are conditions of validity.
 
         Simulations and effective media of long lists are left out. If there are more than 100
         combinations of medium and packing, or more than 20 000 states, so are all but those at the
@@ -654,7 +669,7 @@ class Plan:
             why = "It is a netCDF file, with a .csv beside it"
             raise InputError(f"{target} does not end in .nc", why)
         if resume and not overwrite:
-            earlier_sweep = _load_same(run, target)
+            earlier_sweep = _load_finished_sweep(run, target)
             if earlier_sweep is not None:
                 return earlier_sweep
         incomplete_names = _incomplete_files(target.name)
@@ -678,7 +693,7 @@ class Plan:
 
     def add_costs(self, parts: Iterable[CostPart]) -> Cost | None:
         """Return memory and time that ``parts`` of the work take, done one after the other; None if
-        both are negligible.
+        both are negligible for every part.
 
         :class:`~granphon.base.errors.InputError` if more memory is needed than is available on this
         machine now, or more than 10,000 days on one processor.
@@ -734,15 +749,17 @@ class Plan:
             for medium in serving.arrays
         ]
 
-    def _add_costs(self, works: list[Cost]) -> Cost:
-        """Return the cost of the ``works`` of the checked cases, one after the other; if only cases
-        at the ends of axes are checked, the cost of as many works in all cases as large as the
-        largest.
+    def _add_over_cases(self, works: list[Cost]) -> Cost:
+        """Return the cost of a part of the work in all cases, done one after the other, from the
+        costs ``works`` of this part in the :attr:`checked_cases`.
+
+        If only the cases at the ends of axes are checked, every case is taken to have as many works
+        as these have in the mean, each as large as the largest of ``works``.
         """
         n_checked = len(self.checked_cases)
         if n_checked == self.n_cases or not works:
             return sum(works, Cost())
-        # by the number of units of work, whose time is not measured for a comparison
+        # compared by their numbers of units of work: to compare times, these would be measured
         largest = max(works, key=lambda work: sum(number for number, _ in work.units))
         return largest.times(len(works) * self.n_cases / n_checked)
 
@@ -753,7 +770,7 @@ class Plan:
             costs.estimate(medium, load, exponents=has_velocities) for medium, load in self._arrays
         ]
         mend = "Take fewer balls (medium.simulation.shape), samples or loads"
-        return ("medium",), mend, self._add_costs(works)
+        return ("medium",), mend, self._add_over_cases(works)
 
     def _cost_sensitivities(self) -> CostPart:
         """Return the part of the work that finds derivatives by parameters of arrays; its cost is
@@ -769,7 +786,7 @@ class Plan:
                 )
                 for medium, load in self._arrays
             ]
-            total = self._add_costs(works)
+            total = self._add_over_cases(works)
         mend = "Take fewer balls (medium.simulation.shape), samples or loads"
         return ("medium",), mend, replace(total, parts=total.parts[:1])
 
@@ -789,7 +806,7 @@ class Plan:
         ]
         if not works:
             return []
-        total = self._add_costs(works)
+        total = self._add_over_cases(works)
         mend = "Take fewer loads, values or balls, or leave sensitivities out"
         return [(("observe",), mend, replace(total, parts=total.parts[:1]))]
 
@@ -803,7 +820,7 @@ class Plan:
             works = list[Cost]()
             for medium, load in self._arrays:
                 works += _estimate_waves(medium, load, settings)
-            total = self._add_costs(works)
+            total = self._add_over_cases(works)
         mend = (
             "Take fewer balls (medium.simulation.shape), fewer wave vectors or a coarser"
             " resolution (spectrum)"
@@ -844,7 +861,7 @@ class Plan:
                     for case in self.checked_cases
                     for serving in case.serving_media
                 ]
-            total = self._add_costs([work for work in works if work is not None])
+            total = self._add_over_cases([work for work in works if work is not None])
             mend = f"Take fewer balls ({block}.repeat, {block}.cut), {fewer}"
             # the words for one of the works serve for all
             parts.append(((block,), mend, replace(total, parts=total.parts[:1])))
@@ -911,8 +928,8 @@ class Plan:
 
 
 def _estimate_waves(medium: DirectSimulation, load: Load, settings: WaveSettings) -> Iterator[Cost]:
-    """Yield, for each ``load``, the estimated memory and time of the density of states, spectral
-    functions and pulses of a simulation, all samples together.
+    """Yield, for each value of the ``load``, the estimated memory and time of the density of
+    states, spectral functions and pulses of a simulation, all samples together.
     """
     packing = medium.packing
     structure = medium.packing.structure
@@ -1099,21 +1116,21 @@ def _estimate_motion(serving: ServingMedium, settings: MotionSettings) -> Cost |
     return cost_of_motion.times(serving.load.size * n_samples)
 
 
-def _load_same(run: SweepRun, path: Path) -> Dataset | None:
-    """Return the sweep in ``path`` if its files are whole and its inputs and versions are those of
-    ``run``; None otherwise.
+def _load_finished_sweep(run: SweepRun, path: Path) -> Dataset | None:
+    """Return the sweep that the file ``path`` holds, if its files are whole and its inputs and
+    versions are those of ``run``; None otherwise.
     """
     if not is_whole(path.parent, file_names(path)):
         return None
     earlier_sweep = load_sweep(path)
-    # as JSON and back, as the identity in the file has been
+    # through JSON and back, as tuples, for one, come back as lists from a file
     identity = json.loads(to_json(collect_identity(run.frame)))
     return earlier_sweep if collect_identity(earlier_sweep) == identity else None
 
 
 def _incomplete_files(name: str) -> list[str]:
-    """Return the names of the files of a sweep that lacks loads, where the whole one would be in
-    the file ``name``.
+    """Return the names of the files of a sweep that lacks loads; the whole sweep would be in the
+    file ``name``.
     """
     path = Path(name)
     return file_names(path.with_stem(f"{path.stem}_{INCOMPLETE}"))

@@ -41,8 +41,11 @@ _TIMED_BALLS = 200
 
 
 def list_axes(balls: Balls, load: Load, *, has_cutoffs: bool) -> tuple[list[str], list[str]]:
-    """Return the names of the quantities of which derivatives are found, and of the parameters:
-    velocities and moduli, and with ``has_cutoffs`` the ends of the branches in the zone.
+    """Return the names of the quantities of which derivatives are found, and those of the
+    parameters of the ``balls`` and their ``load``.
+
+    The quantities are velocities and moduli, and with ``has_cutoffs`` the lower cut-off frequencies
+    of all branches and then the upper ones.
     """
     quantities = [
         name
@@ -67,9 +70,12 @@ def observe_sensitivities(
     finite_overlap: bool,
     has_cutoffs: bool,
 ) -> Array:
-    """Return the logarithmic derivatives (loads, quantities, parameters) of :func:`list_axes`, in
-    the medium that serves a ``load``; nan of what a state does not have, what is zero, and
-    parameters that cannot change. Of many directions of sound the first counts.
+    """Return the logarithmic derivatives (loads, quantities, parameters) of the quantities by the
+    parameters of :func:`list_axes`, in the medium that serves a ``load``.
+
+    A derivative is nan if the state does not have the quantity, if the quantity is zero, or if the
+    parameter cannot change; it is zero where it is rounding. Of many directions of sound the first
+    counts.
     """
     balls = serving.packing
     quantities, parameters = list_axes(balls, load, has_cutoffs=has_cutoffs)
@@ -77,7 +83,7 @@ def observe_sensitivities(
     derivatives = np.full((load.size, len(quantities), len(parameters)), np.nan)
     for index in range(load.size):
         single = load.flat[index]
-        find = _Finder(quantities, direction, has_cutoffs).find
+        find = _Quantities(quantities, direction, has_cutoffs).find
         names = list_parameters(balls, single)
         sensitivities = find_parameter_sensitivities(
             serving.medium, balls, single, find, names, finite_overlap or None
@@ -87,11 +93,11 @@ def observe_sensitivities(
     return np.where(np.abs(derivatives) <= _ROUNDING, 0.0, derivatives)
 
 
-class _Finder:
-    """What finds the quantities of states that differ little.
+class _Quantities:
+    """The quantities of :func:`list_axes`, of states that differ little from each other.
 
-    A cut-off frequency does not change to first order as its wave vector moves: the wave vectors of
-    the first state serve for all.
+    A cut-off frequency is an extremum, and does not change to first order as its wave vector moves:
+    the wave vectors that are found for the first state serve for all states after it.
     """
 
     def __init__(self, quantities: list[str], direction: Any, has_cutoffs: bool) -> None:
@@ -102,33 +108,41 @@ class _Finder:
         self._points: Array | None = None
 
     def find(self, state: Any) -> Array:
-        """Return the quantities of a state; zero of those that it does not have."""
+        """Return the values (quantities,) of a state; zero for quantities that the state does not
+        have.
+        """
         numbers = find_all(Analysis(state, self._direction), ("velocities",), swept=True)
         values = [float(np.ravel(numbers.get(name, 0.0))[0]) for name in self._quantities]
         if self._has_cutoffs:
             cutoffs = self._find_cutoffs(state)
+            # the names end with the lower cut-offs of all branches and then the upper ones
             values[-cutoffs.size :] = cutoffs.T.ravel().tolist()
         return np.array(values)
 
     def _find_cutoffs(self, state: Any) -> Array:
-        """Return the cut-off frequencies (n_branches, 2), Hz."""
+        """Return the lower and the upper cut-off frequency of each branch, (n_branches, 2), Hz; at
+        the first call their wave vectors are sought in the zone, and kept.
+        """
         from granphon.phonons.phonons import find_phonons  # other runs do not need phonons
 
         phonons = find_phonons(state)
         if self._points is None:
             self._points = phonons.find_cutoff_points()
-        count, ends, periods = self._points.shape
+        n_branches, n_ends, periods = self._points.shape
         frequencies = phonons.frequencies(self._points.reshape(-1, periods))
-        by_point = frequencies.reshape(count, ends, -1)
-        return by_point[np.arange(count), :, np.arange(count)]
+        by_point = frequencies.reshape(n_branches, n_ends, -1)  # all branches at every point
+        # of the points of each branch the frequency of this branch
+        branches = np.arange(n_branches)
+        return by_point[branches, :, branches]
 
 
 def estimate_derivatives(serving: ServingMedium, *, has_cutoffs: bool) -> costs.Cost:
     """Return the estimated memory and time of the derivatives of the states of a medium that
-    simulates no arrays, at all its loads, beside those of the states.
+    simulates no arrays, at all its loads; memory and time of the states are not included.
 
-    Each value of a difference takes the velocities and moduli of one network, and with
-    ``has_cutoffs`` the frequencies at the wave vectors of both ends of all branches.
+    Derivatives are differences between states of changed parameters. Each such state takes the
+    velocities and moduli of one network, and with ``has_cutoffs`` the frequencies at the wave
+    vectors of both ends of all branches.
     """
     balls = serving.packing
     structure = balls.structure
@@ -154,8 +168,11 @@ def estimate_derivatives(serving: ServingMedium, *, has_cutoffs: bool) -> costs.
 
 @cache
 def _measure_long_waves(dimension: int, n_balls: int, friction: bool) -> float:
-    """Return the time of the velocities and moduli of a crystal of so many balls, s: that of a
-    crystal of few balls, and of its state, is measured.
+    """Return the time, s, of the state, the velocities and the moduli of a crystal of ``n_balls``
+    balls in its cell.
+
+    The time of a crystal of at most :data:`_TIMED_BALLS` balls is measured, and multiplied by the
+    power of the number of balls in :data:`_TIMED`.
     """
     lattice, growth = _TIMED[dimension]
     n_cells = max(round(min(n_balls, _TIMED_BALLS) ** (1.0 / dimension)), 1)  # along each period
@@ -164,6 +181,7 @@ def _measure_long_waves(dimension: int, n_balls: int, friction: bool) -> float:
     direction = np.eye(dimension)[0]
 
     def find() -> None:
+        """Find the state of the small crystal and its velocities and moduli."""
         state: Any = as_state(crystal.at_force(1.0))
         find_all(Analysis(state, direction), ("velocities",), swept=True)
 

@@ -239,8 +239,8 @@ def sweep(
 
 
 def _choose_load(load: Load | None, **loads: ArrayLike | None) -> Load:
-    """Return the applied load, of one dimension at most: ``load``, or else the one of ``loads``, by
-    kind, that is not None; InputError if there are both.
+    """Return the applied load, of one axis at most: ``load``, or, where that is None, the only one
+    of ``loads``, values by kind, that is not None. InputError if both are given, or none.
     """
     if load is None:
         return Load.only(**loads)
@@ -251,8 +251,9 @@ def _choose_load(load: Load | None, **loads: ArrayLike | None) -> Load:
 
 
 def _read_media(media: Any, lattice: Lattice, packing: Packing | Arrangement) -> list[MediumChoice]:
-    """Return the choices of media of a sweep from ``media``, one or a list of them; InputError for
-    none, for one that is given twice, or for one that the ``packing`` cannot have.
+    """Return the choices of media of a sweep from ``media``, a medium or a list of media as
+    :func:`sweep` takes them. InputError for an empty list, for a medium that is given twice, or for
+    one that the ``packing`` cannot have.
     """
     descriptions = media if isinstance(media, list | tuple) else [media]
     choices = [MediumChoice.parse(description, lattice) for description in descriptions]
@@ -272,7 +273,8 @@ def _read_directions(direction: ArrayLike, lattice: Lattice) -> tuple[Any, ...]:
     """Return the Cartesian components of the direction of sound (p,) as a tuple; of many directions
     (n, p) a tuple of such tuples. InputError for a direction that is given twice.
 
-    The components are kept as they are given, not of unit length, as they name the direction.
+    The components are those that were given, without a change to unit length: they name the
+    direction.
     """
     unit_vectors = as_direction(direction, lattice.periods)
     components = np.asarray(direction, float).tolist()
@@ -294,9 +296,12 @@ def _read_waves(
     directions: tuple[Any, ...] | None,
     lattice: Lattice,
 ) -> WaveSettings | None:
-    """Return the settings of the waves in each sample, and in the network of each state, which
-    ``networks`` has by block; None if none are requested. InputError for a pulse along several
-    ``directions``.
+    """Return the settings of the waves in each sample and in the network of each state; None if no
+    waves are requested.
+
+    ``dos``, ``spectrum`` and ``pulse`` are those of :func:`sweep`, and ``networks`` holds its
+    ``response``, ``motion`` and ``modes`` by name, None where they are not given. InputError for a
+    pulse along several ``directions``.
     """
     with_dos = require("dos", truth, dos)
     spectrum_settings, corners, names = _read_spectrum(spectrum, lattice)

@@ -307,9 +307,12 @@ class Case:
 
     def join(self, results: Sequence[TaskResult]) -> TaskResult:
         """Return the result of the case, arrays (loads, ...) by name, from the ``results`` of the
-        :attr:`tasks`; variables that only some of several media have, chosen automatically, are
-        left out, and those that one medium has in one geometry alone are nan in the other. Where
-        states are kept, the variables of a simulated state are found from the state itself.
+        :attr:`tasks`.
+
+        Of several media that were chosen automatically, variables that only some have are left out.
+        Of one medium in two geometries, variables that one geometry alone has are nan in the other.
+        Where states are kept, the state of a simulation, with the balls of its samples, is made
+        from the results, replaces :attr:`state`, and is what the variables are found from.
         """
         media = self.media
         if self.request.kept and media[0].known_state is None:
@@ -338,12 +341,12 @@ class Case:
             for result, medium in zip(of_media, media, strict=True):
                 unknown = np.full((medium.load.size, *example.shape[1:]), np.nan)
                 blocks.append(result.get(name, unknown))
-            joined[name] = np.concatenate(pad_alike(blocks))[order]
+            joined[name] = np.concatenate(pad_columns(blocks))[order]
         return joined | marks
 
     def _restore(self, results: Sequence[TaskResult]) -> SimulatedState:
         """Return the only state of the case, that of a simulation, from the ``results`` of the
-        :attr:`tasks`, which hold the balls of a sample each.
+        :attr:`tasks`, each with the balls of one sample.
         """
         (serving,) = self.serving_media
         (medium,) = serving.arrays
@@ -384,7 +387,11 @@ class Grid:
         )
 
     def change(self, values: Mapping[str, Any]) -> tuple[Balls, Request]:
-        """Return the packing and the request with other ``values`` of parameters, by name."""
+        """Return the packing and the request with other ``values`` of parameters, by name; the
+        request keeps states if the grid has one state alone.
+
+        Values of losses and of walls change the request, and all others the packing.
+        """
         losses = {name: value for name, value in values.items() if name in LOSS_PARAMETERS}
         walls = {name: value for name, value in values.items() if is_of_wall(name)}
         of_balls = {name: x for name, x in values.items() if name not in losses | walls}
@@ -438,7 +445,7 @@ def require_arrays(
         raise InputError(problem, "Their wave vectors differ", "Make a scene of each shape")
 
 
-def pad_alike(arrays: Sequence[Array]) -> list[Array]:
+def pad_columns(arrays: Sequence[Array]) -> list[Array]:
     """Return ``arrays`` (..., c) with as many columns c each as the widest of them has; columns
     that are added are nan. Arrays of one axis have no columns, and stay as they are.
     """
@@ -460,7 +467,14 @@ def pad_alike(arrays: Sequence[Array]) -> list[Array]:
 @dataclass(frozen=True, eq=False)
 class MediumTask(Task):
     """One medium on one packing at all loads that it serves, which are solved together, in one
-    step, unless their state is a ``known_state``.
+    step.
+
+    Attributes
+    ----------
+    where : the task in words, for messages.
+    serving : the medium with its packing and its loads.
+    request : what is found of the state at each load.
+    known_state : the state at the loads, if it was found before; None if the task is to find it.
     """
 
     where: str
@@ -475,7 +489,7 @@ class MediumTask(Task):
 
     @property
     def simulation(self) -> DirectSimulation:
-        """The simulation of the packing, if it is one."""
+        """The simulation that is the medium of the task; ValueError if the medium is another."""
         (simulation,) = self.serving.arrays
         return simulation
 
@@ -499,7 +513,9 @@ class MediumTask(Task):
 
     @property
     def kind(self) -> str:
-        """Medium, size of an array and number of loads, on which the time depends most."""
+        """Words for the medium, the shape of an array and the number of loads: tasks of one kind
+        take similar times.
+        """
         medium = self.serving.medium
         return f"{medium.name} {medium.settings.get('shape', '')} {len(self.serving.loads)}"
 
@@ -509,7 +525,7 @@ class MediumTask(Task):
         medium this task alone.
         """
         samples = self.serving.samples if self.known_state is None else []
-        # bands, directions, edges and observables are found of the mean over samples
+        # these are found from the mean over samples, in join, and not by the tasks
         request = replace(
             self.request,
             path=None,
@@ -526,10 +542,11 @@ class MediumTask(Task):
 
     def join(self, results: Sequence[TaskResult]) -> TaskResult:
         """Return the result of the medium, arrays (loads, ...) by name, from the ``results`` of the
-        :attr:`tasks`: samples are averaged, at the loads that all of them have reached. The other
-        loads have rows without meaning, and marks.
+        :attr:`tasks`.
 
-        ConvergenceError if there is no load that all samples have reached.
+        The variables are those of the mean over samples, at the loads that all samples have
+        reached. At the other loads the rows mean nothing, and the result has marks that name these
+        loads. Raises ConvergenceError if there is no load that all samples have reached.
         """
         if self.known_state is not None or not self.serving.arrays:
             return results[0]
@@ -552,10 +569,10 @@ class MediumTask(Task):
         return self.serving.at(load, finite_overlap=self.request.finite_overlap)
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
-        """Return every variable (loads, ...) by name, and the "warnings" that
-        :func:`read_notes` reads; nothing is ``begun``, as the task has one step.
+        """Find the state at the loads, and return its variables (loads, ...) by name, with the
+        "warnings" that :func:`read_notes` reads. ``begun`` is not used, as the task has one step.
 
-        An error names its task and, if it is known, its load.
+        The message of a GranphonError names the task and, if it is known, the load.
         """
         try:
             state = self.state(self.load)
@@ -598,9 +615,9 @@ class MediumTask(Task):
         medium was chosen automatically.
         """
         request = self.request
-        # that of a known state is kept with it; of others nothing is kept when they are done
-        find = Analysis if self.known_state is None else find_analysis
-        analysis = find(state, request.direction)
+        # a known state outlives the task, and keeps its analysis for others who ask for it
+        make_analysis = Analysis if self.known_state is None else find_analysis
+        analysis = make_analysis(state, request.direction)
         # conditions that hold are kept only where another medium, at other loads, may not meet them
         notes: list[Check | str] = [
             check
@@ -630,10 +647,12 @@ class MediumTask(Task):
 
     def _observe_numbers(self, analysis: Analysis) -> tuple[dict[str, Any], list[str]]:
         """Return the numbers of a state by name, at each load (loads, ...) or, of a single state,
-        without this axis: those of the state, velocities if they are requested or long waves move
-        all balls, and exponents if they are requested; and notes on those that are not known.
+        without this axis, and notes on numbers that are not known.
 
-        MechanismError for a lattice without velocities if they are requested.
+        The numbers are the attributes of the state; velocities and moduli if these are requested,
+        or if long waves move all balls; and exponents if these are requested. Raises MechanismError
+        for a lattice without velocities if velocities are requested; otherwise a note says that
+        they are left out.
         """
         request = self.request
         packing = self.serving.packing
@@ -657,9 +676,11 @@ class MediumTask(Task):
         return numbers, notes
 
     def list_records(self, state: ContactState) -> Sequence[Any]:
-        """Return a record of the waves of each sample of a state at each load, or of its network;
-        where states are kept, with the results of the solvers too. An error about a network knows
-        its load.
+        """Return the records of the waves of a state: those of each sample at each load, or, of a
+        state without samples, that of its network at each load.
+
+        Where states are kept, the records of networks hold the results of the solvers too, and the
+        state keeps them. A GranphonError about a network has the ``load_index`` of its load.
         """
         if state.n_samples:
             return state.samples
@@ -680,11 +701,12 @@ class MediumTask(Task):
 
     def _locate(self, reduced_error: GranphonError) -> GranphonError:
         """Return an error whose message begins with the task and the load, and has forces in
-        newton.
+        newton, from the error of the task, ``reduced_error``, which may have reduced forces.
 
-        If the load of ``error`` is not known, the error of the first load that fails alone is
-        returned instead. The ``load_index`` is the index of the load in the sweep. If no load fails
-        alone, or if ``error`` is about an option, ``error`` is returned with the task only.
+        If the load of the error is not known, the loads are solved again one by one, and the error
+        of the first that fails alone is taken instead. The ``load_index`` of the returned error is
+        the index of the load in the sweep. If no load fails alone, or if the error is about an
+        option, its message begins with the task alone.
         """
         error = write_newtons(reduced_error, self.serving.packing)
         periods = self.serving.packing.structure.periods
@@ -719,21 +741,25 @@ def find_analysis(state: ContactState, direction: tuple[Any, ...] | None) -> Ana
 def _average_samples(
     serving: ServingMedium, simulation: DirectSimulation, samples: Sequence[Any], load: Load
 ) -> SimulatedState:
-    """Return the state of the ``samples`` of a ``simulation`` under a ``load``, or of their
-    records; the state says whether its medium was chosen.
+    """Return the state of a ``simulation`` under a ``load``, the mean over its ``samples``, or over
+    records of these; the state has the word of ``serving`` on whether its medium was chosen
+    automatically.
     """
     state = simulation.average(samples, load)
     return replace(state, chosen_automatically=serving.chosen_automatically)
 
 
 def _split_loads(state: ContactState) -> list[ContactState]:
-    """Return the state at each load."""
+    """Return a list of the single states of a ``state``, one for each load."""
     return [state] if state.is_single else [state[index] for index in range(len(state.force))]
 
 
 def _find_distinct(state: ContactState, states: list[ContactState]) -> list[ContactState]:
-    """Return the states whose lattices differ: in the paper's limit one dispersion relation serves
-    all loads, unless the torsion is that of a Hertz contact.
+    """Return those of the ``states``, which are those of a ``state`` at its loads, whose lattices
+    differ: the first alone, or all.
+
+    In the limit of small overlaps one reduced dispersion relation serves all loads, unless the
+    torsion is that of a Hertz contact.
     """
     return states[:1] if state.has_one_lattice else states
 
@@ -806,8 +832,9 @@ def _find_in_zone(phonons: Phonons, request: Request) -> dict[str, Array]:
 def _observe_bands(
     state: ContactState, qpoints: Array, losses: BandsSettings | None
 ) -> tuple[TaskResult, list[str]]:
-    """Return the variables of the bands, each (loads, s, p, branches) at ``qpoints`` (s, p, 3), and
-    notes on them; branches and modes that vanish are those of the first load.
+    """Return the variables of the bands, each (loads, s, p, branches) at ``qpoints`` (s, p, 3),
+    fractions of the reciprocal cell, and notes on branches and modes whose frequencies vanish at
+    the first load.
 
     The variables are the frequencies, Hz, and, where contacts have ``losses``, the frequencies, Hz,
     decay and Q of the damped bands.
@@ -847,8 +874,9 @@ def _observe_bands(
 def _name_load(
     where: str, load: Load, index: int | None, error: GranphonError, periods: int
 ) -> GranphonError:
-    """Return ``error`` with the task, named by ``where``, before its message, and with the load of
-    ``index`` if this is known, which becomes the ``load_index`` of the error.
+    """Return ``error`` with words for its place before its message: ``where``, which names the
+    task, and the load number ``index``, unless that is None, not known. The index becomes the
+    ``load_index`` of the error.
 
     ``periods`` is the number of periods of the lattice, on which the unit of the load depends.
     """
@@ -887,7 +915,7 @@ def add_waves(
     waves: TaskResult = {}
     for name, example in examples.items():
         unknown = np.full_like(example, np.nan)
-        waves[name] = np.array(pad_alike([row.get(name, unknown) for row in rows]))
+        waves[name] = np.array(pad_columns([row.get(name, unknown) for row in rows]))
     notes = list[str]()
     for text, indices in indices_of_texts.items():
         # a note need not name the loads if they are all those of the medium
@@ -925,9 +953,14 @@ class SampleTask(MediumTask):
         return 1 if self.simulation.friction_history else len(result["force"])
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
-        """Return the numbers of the sample that are averaged, (loads, ...), at the loads of
-        ``begun`` and at the next load: in the order in which the loads are taken, with the balls at
-        rest; after the last load in the order of the task's loads, without these balls.
+        """Find the sample at one more load, and return its numbers that are averaged, (loads, ...)
+        by name, at the loads of ``begun`` and at this load.
+
+        Until the last load is done, the loads stand in the order in which they are taken, and the
+        result has the overlap and the balls at rest under the last of them, from which the next
+        step starts. The result of the last step has the order of the task's loads, without these.
+        With a history of friction one step takes the whole path, see :meth:`_solve_path`. The
+        message of a GranphonError names the task and the load.
         """
         simulation = self.simulation
         if simulation.friction_history:
@@ -963,9 +996,12 @@ class SampleTask(MediumTask):
         return {name: value[np.argsort(order)] for name, value in result.items()}
 
     def _solve_path(self) -> TaskResult:
-        """Return every number of a sample that is averaged, (loads, ...), along its path of loads
-        with friction; if the path ends early, those at the loads that were reached, with marks, and
-        rows without meaning at the other loads.
+        """Return the numbers of a sample that are averaged, (loads, ...) by name, along its path of
+        loads with friction.
+
+        If the path ends early, the rows of the loads that were not reached mean nothing, and the
+        result has marks, which name these loads and say why the path ended. A path that reaches no
+        load raises its GranphonError, with the task and the load in the message.
         """
         try:
             return self.observe(self.state(self.load))
@@ -986,14 +1022,14 @@ class SampleTask(MediumTask):
             return _expand_loads(self._record(error.reached.samples), reached, n_loads) | marks
 
     def observe(self, state: ContactState) -> TaskResult:
-        """Return every number of the samples that is averaged, (n_loads, ...), and the balls if
-        they are kept.
+        """Return the numbers of the sample that are averaged, (n_loads, ...) by name, and its balls
+        if states are kept; ``state`` has the sample at each of n_loads loads.
         """
         return self._record(state.samples)
 
     def _record(self, samples: Sequence[Any]) -> TaskResult:
-        """Return the numbers of a sample at one or several loads that are averaged, (n_loads, ...),
-        and its balls at rest, (1, ...), if they are kept.
+        """Return the numbers that are averaged, (n_loads, ...) by name, of one sample at n_loads
+        loads, the ``samples``; if states are kept, also its balls at rest, (1, ...).
         """
         request = self.request
         records = [
@@ -1079,8 +1115,9 @@ class SampleRecord(SimpleNamespace):
 
 
 def restore_sample(simulation: DirectSimulation, result: TaskResult) -> Sample | PressedSample:
-    """Return the one sample of a ``simulation`` at its one load, with the balls and the elastic
-    tensors in the ``result`` of its task; deviations of diameters are drawn again from the seed.
+    """Return the one sample of a ``simulation`` at its one load, with the balls, the elastic
+    tensors and the waves in the ``result`` of its task; deviations of diameters are drawn again
+    from the seed.
     """
     balls = {
         name.removeprefix(_BALLS): rows[0]
@@ -1090,6 +1127,7 @@ def restore_sample(simulation: DirectSimulation, result: TaskResult) -> Sample |
     sample = simulation.restore_sample(balls)
     tensors = {name: rows[0] for name, rows in result.items() if name.startswith("elastic_")}
     waves = SampleRecord.from_result(result, 0).of_waves
+    # tensors are cached properties of a sample: set here, they are not computed again
     vars(sample).update(tensors, of_waves=waves)
     return sample
 
@@ -1098,8 +1136,9 @@ def restore_sample(simulation: DirectSimulation, result: TaskResult) -> Sample |
 
 
 def _expand_loads(result: TaskResult, reached: Sequence[int], size: int) -> TaskResult:
-    """Return a result at the loads of the indices ``reached`` with a row for each of all loads; the
-    other rows mean nothing.
+    """Return a ``result``, whose rows are those of the loads ``reached``, with a row for each of
+    ``size`` loads: at loads that were not reached the row is that of another load, and means
+    nothing. ``reached`` are indices of loads.
     """
     rows = np.zeros(size, int)
     rows[list(reached)] = range(len(reached))
@@ -1164,8 +1203,8 @@ def explain_end(results: Sequence[TaskResult]) -> ConvergenceError:
 
 
 def _write_notes(notes: Iterable[Check | str]) -> NDArray[Any]:
-    """Return notes on a result, conditions over loads or sentences, as an array (notes,) of JSON
-    texts, each once.
+    """Return ``notes`` on a result, conditions over loads or sentences, as an array (notes,) of
+    JSON texts in bytes; equal notes are one.
     """
     texts = list[str]()
     for note in notes:
@@ -1175,8 +1214,9 @@ def _write_notes(notes: Iterable[Check | str]) -> NDArray[Any]:
 
 
 def _join_notes(results: Iterable[TaskResult]) -> NDArray[Any]:
-    """Return the notes on parts of the loads as notes on all of them: each condition and each
-    sentence once.
+    """Return the notes on all ``results``, which are those of different loads, in the form of
+    :func:`_write_notes`: each sentence once, and each condition once, with its values at the loads
+    of all results.
     """
     notes: dict[Any, Check | str] = {}
     for result in results:

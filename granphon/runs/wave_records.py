@@ -134,12 +134,12 @@ def require_waves(
     serving_media: Sequence[ServingMedium], settings: WaveSettings, most: float = np.inf
 ) -> None:
     """Raise GranphonError if the waves of the ``settings`` cannot be found in the arrays of a case,
-    at any of its loads.
+    at any of its loads, or if a packing in files lacks the path of the spectra.
 
-    Each array of up to ``most`` balls is looked at as one of equal balls at the same mean force,
-    which takes no simulation: the wave vectors of its cell, the motions of its balls, the path of
-    the pulse and the time for which a pulse may be heard. What depends on the load is refused if it
-    fails at the least load and at the greatest.
+    An array of equal balls at the same mean force stands for each array of up to ``most`` balls, so
+    that nothing is simulated. Its wave vectors, the motions of its balls, the path of the pulse and
+    the time for which a pulse may be heard are looked at. A pulse, which depends on the load, is
+    refused if it fails at the least load and at the greatest.
     """
     if settings.spectrum is None and settings.pulse is None:
         return
@@ -171,8 +171,8 @@ def require_waves(
 def _require_pulse(
     networks: Sequence[ContactNetwork], settings: PulseSettings, direction: Any
 ) -> None:
-    """Raise the GranphonError of the first of the ``networks``, which are those of one array at
-    several loads, if a pulse can be sent through none of them.
+    """Raise GranphonError if a pulse along the ``direction`` can be sent through none of the
+    ``networks``, which are those of one array at several loads; the error is that of the first.
     """
     errors = list[GranphonError]()
     for network in networks:
@@ -209,13 +209,13 @@ def require_network(
     key: str,
     most: float = np.inf,
 ) -> None:
-    """Raise GranphonError unless the networks of a case, repeated and cut, have what the ``key`` of
-    the settings says of them.
+    """Raise GranphonError unless the networks of a case, repeated and cut, have what one ``key`` of
+    the ``settings`` asks for, such as the balls of "source" or the modes of "count".
 
-    Networks of packings are of equal balls at a typical force. Networks of more than ``most`` balls
-    and crystals that are not quickly loaded are left out.
+    Networks of equal balls at a typical force stand for those of packings. Networks of more than
+    ``most`` balls are not looked at, nor are crystals whose states take long.
     """
-    # the repetition is judged alone: the cut is another key, and has its own errors
+    # the key "repeat" is judged without the cut, whose errors belong to the key "cut"
     settings = replace(settings, cut=()) if key == "repeat" else settings
     for serving in serving_media:
         array = next(iter(serving.arrays), None)
@@ -228,7 +228,7 @@ def require_network(
             continue
         network = state.network if array is None else state.network.repeat(array.cells)
         if isinstance(settings, MotionSettings) and key == "drive":
-            PreparedMotion(state if array is None else network, settings)
+            PreparedMotion(state if array is None else network, settings)  # raises InputError
             continue
         shaped_network = settings.shape(network)
         if isinstance(settings, ModesSettings) and key == "count":
@@ -241,8 +241,8 @@ def require_network(
 
 
 def find_typical_state(serving: ServingMedium) -> Any:
-    """Return a state like the first of a case: of equal balls at a typical force, or a crystal's;
-    None for a crystal whose state takes long.
+    """Return a state that stands for those of a medium: of a packing that of equal balls at a
+    typical force, of a crystal that at its first load. None for a crystal whose state takes long.
     """
     if serving.packing.kind_names:
         return serving.at(serving.load[0]) if serving.is_quick else None
@@ -251,7 +251,9 @@ def find_typical_state(serving: ServingMedium) -> Any:
 
 
 def _choose_plane(settings: ResponseSettings) -> dict[str, Any]:
-    """Return the settings of the planes of balls that are driven and heard, by their names."""
+    """Return the ``settings`` of planes of balls as source or receiver, by name: direction,
+    polarisation and distance.
+    """
     return {name: getattr(settings, name) for name in ("direction", "polarisation", "distance")}
 
 
@@ -259,8 +261,8 @@ def record_waves(x: Any, settings: WaveSettings, whole: bool = False) -> dict[st
     """Find the waves of the ``settings`` in ``x``, a sample or a state, and return the numbers that
     :func:`average_waves` averages, arrays in SI units by name.
 
-    With ``whole`` the results of the solvers are kept too, as JSON, for the functions that restore
-    them.
+    With ``whole`` the results of the solvers are among the arrays too, as JSON or as the bytes of
+    a file, for :func:`restore_result` and :func:`restore_motion`.
     """
     numbers = dict[str, Array]()
     for name in settings.names:
@@ -276,8 +278,9 @@ def record_waves(x: Any, settings: WaveSettings, whole: bool = False) -> dict[st
 def _record_dos(
     waves: Waves, sample: Sample, _settings: WaveSettings
 ) -> tuple[dict[str, Array], dict[str, Result]]:
-    """Return the density of states of a ``sample``: rows of frequencies, Hz, translational and
-    rotational density, 1/Hz, and their error, and the result itself.
+    """Return the table ``dos`` (4, n) of the density of states of a ``sample``, and the result from
+    which it is made, by name. The rows of the table are frequencies, Hz, translational density,
+    1/Hz, rotational density, 1/Hz, and error of their sum, 1/Hz.
     """
     # random vectors differ from sample to sample, so that their noise is part of the standard
     # error over samples
@@ -289,8 +292,8 @@ def _record_dos(
 def _record_spectra(
     waves: Waves, sample: Sample | NetworkState, settings: WaveSettings
 ) -> tuple[dict[str, Array], dict[str, SpectralFunction]]:
-    """Return the numbers of the spectral functions of a ``sample``, or of the state of a packing,
-    along the path, and the functions by polarisation.
+    """Return the numbers of the spectral functions of a ``sample``, or of the state of a packing in
+    files, along the path of the ``settings``, by name, and the functions by polarisation.
 
     ``lines`` (polarisations, 3, n) holds the peak, Hz, the width, Hz, and whether the line is
     resolved, at n wave vectors; ``wavenumber`` (n,), ``path_corners`` and ``path_distance`` (n,)
@@ -325,8 +328,8 @@ def _record_pulse(
     of a pulse through a sample, and the pulse, if one can be sent.
 
     Where the arrival of the pulse is not known, the first two are nan, and where no pulse can be
-    sent all three; the text ``pulse_note`` says why. ``pulse_echo`` holds all other warnings of the
-    pulse, not of echoes alone.
+    sent all three; the text ``pulse_note`` says why, and is empty otherwise. The text
+    ``pulse_echo`` holds all other warnings of the pulse, of which those of echoes are some.
     """
     numbers = dict.fromkeys(_PULSE, math.nan)
     pulses: dict[str, Pulse] = {}
@@ -351,8 +354,8 @@ def _record_networks(x: Any, settings: WaveSettings, *, whole: bool = False) -> 
     """Find the waves of the ``settings`` in the network of ``x``, a state or a sample, and return
     the numbers that :func:`average_waves` averages, arrays in SI units by name.
 
-    With ``whole`` results that have a file of their own are kept too, as the bytes of the file. An
-    error knows its block.
+    With ``whole`` results that have a file of their own are among the arrays too, as the bytes of
+    the file. A GranphonError has the name of its block of settings as ``block``.
     """
     numbers = dict[str, Array]()
     for block in settings.of_networks:
@@ -373,12 +376,13 @@ def _record_networks(x: Any, settings: WaveSettings, *, whole: bool = False) -> 
 
 
 def _record_response(x: Any, settings: ResponseSettings) -> tuple[dict[str, Array], dict[str, Any]]:
-    """Return the numbers of the response of the network of ``x``, and no files.
+    """Return the numbers of the response of the network of ``x``, a state, sample or network, by
+    name, and no files.
 
-    ``response`` (n_f, receivers) holds complex amplitudes, those of a plane as the mean over its
-    balls; ``response_quantity`` is the name of the quantity, which depends on whether the source
-    moves by itself; ``response_peaks`` is as :func:`_list_peaks` makes it, and ``response_note`` is
-    a text of the warnings.
+    ``response`` (n_f, receivers) holds complex amplitudes, that of a plane being the mean over its
+    balls. ``response_quantity`` is the name of the quantity, which depends on whether the motion of
+    the source is given. ``response_peaks`` is the table of :func:`_list_peaks`, and
+    ``response_note`` a text of the warnings.
     """
     sources = [find_place(words) for words in settings.source]
     receivers = [find_place(words) for words in settings.receiver]
@@ -390,7 +394,7 @@ def _record_response(x: Any, settings: ResponseSettings) -> tuple[dict[str, Arra
         **settings.losses,
         **_choose_plane(settings),
     )
-    # the columns of the response are balls: one of each receiver, but several of a plane
+    # a receiver that is a ball has one column of the response, and a plane one for each ball
     n_plane = len(response.receivers) - len(receivers) + 1
     counts = [n_plane if receiver == "plane" else 1 for receiver in receivers]
     starts = np.cumsum([0, *counts])
@@ -406,8 +410,9 @@ def _record_response(x: Any, settings: ResponseSettings) -> tuple[dict[str, Arra
 
 
 def _list_peaks(peaks: Sequence[Peaks]) -> Array:
-    """Return the frequencies, Hz, heights and Q of the peaks of each receiver, (3, receivers, n),
-    where n is the greatest number of peaks; nan beyond the number of peaks of a receiver.
+    """Return the table (3, receivers, n) of the frequencies, Hz, heights and Q of the ``peaks`` of
+    each receiver, where n is the greatest number of peaks of a receiver; the entries of a receiver
+    with fewer peaks are nan after these.
     """
     n_peaks = max(len(of_receiver.frequencies) for of_receiver in peaks)
     table = np.full((3, len(peaks), n_peaks), np.nan)
@@ -420,13 +425,15 @@ def _average_responses(
     records: Sequence[Record], settings: ResponseSettings
 ) -> tuple[dict[str, Array], list[str]]:
     """Return the observables of the coherent response, which is the mean of complex amplitudes over
-    samples, by name, and notes.
+    the samples of the ``records``, by name, and notes.
 
-    The observables are the response and its phase, rad, both (n_f, receivers); if there are any,
-    the peaks of each receiver, (receivers, n); if the heights of all peaks of the first receiver
-    are known, the highest of them; and of several samples the standard error of the response. Peaks
-    of one record are solved for between the frequencies; peaks of a mean are sought among the
-    frequencies of the settings. A note counts the peaks whose height is not known.
+    The observables are the absolute value of the response and its phase, rad, both (n_f,
+    receivers); if there are peaks, frequency, height and Q of those of each receiver, (receivers,
+    n), and of the highest peak of the first receiver if the heights of all its peaks are known; and
+    for several samples the standard error of the response. The peaks of a single record were solved
+    for between the frequencies of the settings; peaks of a mean are sought among these frequencies.
+    The notes are the warnings of the records, and one that counts the peaks whose height is not
+    known, as they are narrower than the step of the frequencies.
     """
     amplitudes = np.array([record["response"] for record in records])
     name = RESPONSES[str(records[0]["response_quantity"])]
@@ -466,7 +473,8 @@ def _average_responses(
 
 def make_waves(x: Any, network: ContactNetwork, settings: MotionSettings) -> NonlinearWaves:
     """Return the nonlinear waves in a ``network``, which was made of the state, sample or network
-    ``x``; the contacts of a crystal keep its law, and other contacts have Hertz's.
+    ``x``; the contacts of a crystal keep its law, and other contacts have Hertz's. Without a
+    coefficient of friction in the ``settings`` contacts do not slide.
     """
     # imported here: other tasks do not need nonlinear waves
     from granphon.waves.nonlinear import NonlinearWaves
@@ -488,7 +496,8 @@ def make_waves(x: Any, network: ContactNetwork, settings: MotionSettings) -> Non
 
 
 class PreparedMotion:
-    """The balls of a state, or of a network, that move, and the drives that move them.
+    """A motion that is ready to run: the balls of a state, sample or network, and the drives that
+    move them.
 
     Raises :class:`~granphon.base.errors.InputError` for settings that are known to be wrong before
     anything moves.
@@ -498,7 +507,7 @@ class PreparedMotion:
     waves : the balls and their law.
     drives : :class:`~granphon.Drive`, in turn, without impacts.
     velocities : (n, 3) velocities that impacts give, m/s.
-    notes : the warnings of the motion, in sentences.
+    notes : the warnings of the motion, in sentences; empty until :meth:`run` has returned.
     """
 
     def __init__(self, x: Any, settings: MotionSettings) -> None:
@@ -530,7 +539,7 @@ class PreparedMotion:
         self._require_step()
 
     def _require_free(self, network: ContactNetwork) -> None:
-        """Raise InputError for an impact on a ball whose motion is given otherwise."""
+        """Raise InputError for an impact on a ball that is held, or whose displacement is given."""
         displaced_balls = [drive.balls for drive in self.drives if drive.displacement is not None]
         held_balls = np.flatnonzero(~network.moving)
         led_balls = np.concatenate([held_balls, *displaced_balls])
@@ -539,7 +548,9 @@ class PreparedMotion:
             raise InputError(problem, mend="Give it a shaker or a displacement")
 
     def _require_step(self) -> None:
-        """Raise InputError if steps are too long for a shaker, or for the table of a drive."""
+        """Raise InputError if a period of a shaker has fewer than :data:`_PER_PERIOD` steps, or if
+        more than :data:`_MOST_LOST` of the area under the table of a drive falls between steps.
+        """
         settings = self.settings
         shakers = [drive.shaker for drive in settings.drive if drive.shaker is not None]
         frequency = max((shaker.frequency for shaker in shakers), default=0.0)
@@ -562,9 +573,11 @@ class PreparedMotion:
             raise InputError(problem, mend="Give a shorter step")
 
     def run(self) -> Motion:
-        """Return the motion of the balls, and keep its warnings as :attr:`notes`;
-        :class:`~granphon.base.errors.ConvergenceError` for a motion that ends before its time, and
-        KeyboardInterrupt for one that Ctrl-C stops.
+        """Let the balls move for the duration of the settings, keep the warnings as :attr:`notes`,
+        and return the motion.
+
+        Raises :class:`~granphon.base.errors.ConvergenceError` if the motion ends before its time,
+        and KeyboardInterrupt if Ctrl-C stops it.
         """
         settings = self.settings
         with warnings.catch_warnings(record=True) as limit_warnings:
@@ -591,7 +604,9 @@ class PreparedMotion:
 
 
 def find_source(settings: MotionSettings, network: ContactNetwork) -> Index:
-    """Return the numbers of all balls of a shaped network that are driven."""
+    """Return the indices, ascending and each once, of the balls and walls that the drives of the
+    ``settings`` move; ``network`` is repeated and cut as the settings say.
+    """
     return np.unique(np.concatenate([drive.find_balls(network) for drive in settings.drive]))
 
 
@@ -628,8 +643,8 @@ class Passage(NamedTuple):
         peak_passages = motion.passages()
         # at the ends of the motion the force may still have risen, or have fallen before
         peak_frames = np.argmax(motion.forces, axis=0)
-        is_within = (peak_frames > 0) & (peak_frames < len(motion.times) - 1)
-        is_peak = np.isfinite(peak_passages) & is_within
+        is_between_ends = (peak_frames > 0) & (peak_frames < len(motion.times) - 1)
+        is_peak = np.isfinite(peak_passages) & is_between_ends
         return cls(
             distances=distances,
             arrivals=front_passages,
@@ -658,10 +673,12 @@ def _find_distances(motion: Motion, source: Index) -> Array:
 
 
 def _find_velocity(distances: Array, times: Array) -> float:
-    """Return the velocity, m/s, of a wave that passes contacts at ``distances``, m, and ``times``,
-    s; a time that is not known is nan. The line is fitted between a quarter and three quarters of
-    the greatest distance with a known time. nan for fewer than three contacts, and without a
-    straight line.
+    """Return the velocity, m/s, of a wave that passes contacts at ``distances`` (n_c,), m, at the
+    ``times`` (n_c,), s, where a time that is not known is nan.
+
+    A straight line is fitted to the contacts between a quarter and three quarters of the greatest
+    distance with a known time. The velocity is nan for fewer than three such contacts, and if their
+    times are no straight line that rises.
     """
     is_fitted = np.isfinite(times)
     greatest = float(np.max(distances, initial=0.0, where=is_fitted))
@@ -675,8 +692,8 @@ def _find_velocity(distances: Array, times: Array) -> float:
 def record_motion(
     x: Any, settings: MotionSettings
 ) -> tuple[dict[str, Array], dict[str, Callable[[], bytes]]]:
-    """Let the array of ``x``, a state, sample or network, move, and return the numbers of its
-    motion and the function that makes the bytes of the file of the motion, both by name.
+    """Run the motion of the network of ``x``, a state, sample or network, and return the numbers of
+    the motion and the function that makes the bytes of its file, both by name.
 
     Beside :data:`NUMBERS`, in SI units, ``motion`` (len(OVER_TIME), n_times) holds the rows of
     :data:`OVER_TIME`, and ``motion_note`` is a text of the warnings.
@@ -709,6 +726,7 @@ def record_motion(
     record["motion_note"] = np.array(" ".join(prepared.notes))
 
     def make_bytes() -> bytes:
+        """Return the bytes of the file of the motion."""
         stream = io.BytesIO()
         motion.write(stream)
         return stream.getvalue()
@@ -719,13 +737,13 @@ def record_motion(
 def average_motions(
     records: Sequence[Mapping[str, Array]], _settings: MotionSettings
 ) -> tuple[dict[str, Array], list[str]]:
-    """Return means over samples of the arrays of :func:`record_motion`, the standard errors of
-    :data:`_WITH_ERRORS`, and notes; means and errors by name.
+    """Return, by name, the means over samples of the arrays of :func:`record_motion` with the
+    standard errors of the numbers :data:`_WITH_ERRORS`, and notes.
 
-    The mean and the error of a number are of the samples in which the number is known; one that is
-    known in none is left out, as an error is that fewer than two samples have. The notes say in how
-    many samples it is not known. Of the warnings of all samples they quote those of the first
-    sample that has any, with the number of such samples.
+    The mean and the error of a number are those of the samples in which the number is known. A mean
+    is left out if the number is known in no sample, and an error if it is known in fewer than two.
+    Notes say in how many samples a number is not known. Another note quotes the warnings of the
+    first sample that has any, and says how many samples have warnings.
     """
     motions = np.mean([record["motion"] for record in records], axis=0)
     observables = dict(zip(OVER_TIME, motions, strict=True))
@@ -778,8 +796,9 @@ def write_contacts(motion: Motion, path: Path, settings: MotionSettings) -> None
 
 
 def _record_modes(x: Any, settings: ModesSettings) -> tuple[dict[str, Array], dict[str, Any]]:
-    """Return the numbers of the lowest modes of the network of ``x``, and no files: rows of
-    frequencies, Hz, participation ratios and parts in rotations, (3, modes).
+    """Return the table ``modes`` (3, modes) of the lowest modes of the network of ``x``, by name,
+    and no files. The rows of the table are frequencies, Hz, participation ratios, and parts of the
+    kinetic energy in rotations.
     """
     modes = Waves(settings.shape(given_network(x))).modes(settings.count)
     rows = [modes.frequencies, modes.participation_ratio, modes.rotational_fraction]
@@ -889,9 +908,12 @@ def average_waves(
 
 
 def _interpolate_densities(table: Array, points: Array) -> Array:
-    """Return the densities (3, n_f) of a ``table`` at the frequencies ``points`` (n_f,), Hz: zero
-    or above, and zero above the last frequency of the table. The first row of the table (4, n) is
-    its frequencies, Hz, and the others are its densities.
+    """Return the densities (3, n_f), 1/Hz, of a ``table`` (4, n) at the frequencies ``points``
+    (n_f,), Hz. The first row of the table is its n frequencies, Hz, and the others are its
+    densities, 1/Hz.
+
+    A cubic spline interpolates; values below zero become zero, as do those above the last frequency
+    of the table.
     """
     from scipy.interpolate import CubicSpline
 
@@ -935,13 +957,13 @@ def _average_spectra(
     records: Sequence[Record], settings: WaveSettings
 ) -> tuple[dict[str, Array], list[str]]:
     """Return the observables of the mean lines of plane waves, (polarisations, n) at n wave
-    vectors, by name, and notes: peaks and widths, Hz, are averaged, and the other observables are
-    those of the mean peaks and widths; ``line_resolved`` is the part of the samples whose line is
-    resolved.
+    vectors, by name, and notes.
 
-    Of several samples there are standard errors of peaks, widths and phase velocities, of the
-    attenuations that the samples have each, and of Ioffe-Regel frequencies by the jackknife. Where
-    there is no such frequency a note says why.
+    Peaks and widths, Hz, are averaged over samples, and the other observables are found from their
+    means; ``line_resolved`` is the part of the samples whose line is resolved. Several samples have
+    standard errors too: of peaks, widths and phase velocities; of attenuations, as those that each
+    sample has by itself scatter; and of Ioffe-Regel frequencies by the jackknife. A note says of
+    which polarisation there is no such frequency, and why.
     """
     notes = list[str]()
     along_path = ("path_corners", "path_distance", "wavenumber")
@@ -984,7 +1006,8 @@ def _average_spectra(
 
 def _find_crossing(q: Array, peak: Array, width: Array) -> tuple[float | None, str]:
     """Return the Ioffe-Regel frequency, Hz, of waves with these peaks and widths (n,), Hz, at wave
-    vectors of the length ``q`` (n,), 1/m; or None and the reason why there is none.
+    vectors of the length ``q`` (n,), 1/m, and the reason that holds if there is none: the
+    frequency is then None.
     """
     try:
         crossing = find_ioffe_regel(q, peak, width)
@@ -1000,10 +1023,11 @@ def _average_pulses(
     and the standard error of the velocity, ``pulse_velocity_error``, in SI units by name, and
     notes.
 
-    Each mean is of the samples in which its number is known: where a pulse was heard and only its
-    arrival is not known, the coherent fraction is. A number that is known in no sample is left out,
-    and an error is of two samples or more. The notes are all other warnings of the pulses, and one
-    that says in how many samples the arrival is not known, with the reason in the first of these.
+    The mean of a number is that of the samples in which the number is known: of a pulse that is
+    heard, but whose arrival is not known, the coherent fraction is known. A mean is left out if the
+    number is known in no sample, and the error if the velocity is known in fewer than two. The
+    notes are the warnings of the pulses, and one that says in how many samples the arrival is not
+    known, with the reason in the first of these samples.
     """
     means = dict[str, Array]()
     for name in _PULSE:
@@ -1027,8 +1051,9 @@ def _average_pulses(
 
 
 def _jackknife(q: Array, lines: Array) -> float:
-    """Return the standard error of the Ioffe-Regel frequency, Hz, by the jackknife: the frequency
-    is found of all samples but one, for each of them; nan where some have no such frequency.
+    """Return the standard error of the Ioffe-Regel frequency, Hz, by the jackknife: each sample is
+    left out in turn, the frequency of the mean over the others is found, and these frequencies
+    scatter. The error is nan if one of these means has no such frequency.
 
     ``q`` (n,) are wave numbers, 1/m, and ``lines`` (samples, 3, n) the peak, Hz, the width, Hz, and
     whether the line is resolved, of each sample.
@@ -1041,6 +1066,7 @@ def _jackknife(q: Array, lines: Array) -> float:
             frequencies.append(find_ioffe_regel(q, peak, width))
     if len(frequencies) < n_samples or None in frequencies:
         return math.nan
+    # the means share all samples but one: their scatter is less by the root of n - 1 than the error
     return math.sqrt(n_samples - 1) * float(np.std(np.array(frequencies, float)))
 
 

@@ -76,14 +76,16 @@ def _start_resource_tracker() -> None:
 
 
 def _end_with_parent() -> None:
-    """Have this process, a worker, end as soon as its parent process has ended, however that
-    ended, and ignore interruptions, to which the parent answers.
+    """Have this process, a worker, end as soon as its parent process has ended, even if the parent
+    was killed, and ignore interruptions, to which the parent answers. A thread waits for the
+    parent's end.
     """
     # masks hold interruptions back already, but not on every system
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent: Any = multiprocessing.parent_process()
 
     def end_when_parent_has_ended() -> None:
+        """Wait until the parent process has ended, and end this process."""
         wait([parent.sentinel])
         os._exit(0)
 
@@ -129,12 +131,12 @@ def _start_pool() -> Any:
 
 
 class Workers(Executor):
-    """An executor of ``most`` processes, each of which is started when there is work that no other
-    is free to do.
+    """An executor of at most ``most`` worker processes.
 
-    So there are never more than calls. They are spawned, not forked, as numerical libraries may
-    have started threads by now. If one is killed, its calls have the error BrokenProcessPool, and
-    another one is started for the next call.
+    A process is started when a call comes and all others are at work, so that there are never more
+    processes than calls. Processes are spawned, not forked, as numerical libraries may have started
+    threads by now. If a process is killed, its calls have the error BrokenProcessPool, and another
+    process is started for the next call.
     """
 
     def __init__(self, most: int) -> None:
@@ -143,7 +145,8 @@ class Workers(Executor):
         _start_resource_tracker()
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Give ``fn`` to the worker with the fewest calls, and return the future of its result.
+        """Give the call of ``fn`` to the worker with the fewest calls, or to a new one if none is
+        free and there may be more, and return the future of its result.
 
         Raises :class:`~granphon.base.errors.GranphonError` if a process is needed and cannot be
         started.
@@ -155,7 +158,7 @@ class Workers(Executor):
         try:
             future: Future[Any] = pool.submit(_call, fn, *args, **kwargs)
         except BrokenProcessPool:
-            # the process of the pool was killed: the call goes to another one
+            # the process of the pool was killed: the call goes to another pool
             self._pools.remove(pool)
             return self.submit(fn, *args, **kwargs)
         return future
@@ -173,7 +176,9 @@ class Workers(Executor):
         return pool
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Kill the processes at once, even in the middle of their work."""
+        """Kill the processes at once, even in the middle of their work, whatever ``wait`` and
+        ``cancel_futures`` say; calls that have not begun are cancelled.
+        """
         with hold_back_signals():
             for pool in self._pools:
                 _kill(pool)
@@ -188,7 +193,7 @@ class InProcess(Executor):
     _max_workers = 0
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Return the result of ``fn`` in a future."""
+        """Call ``fn`` now, and return a future that has its result; raise its error here."""
         future: Future[Any] = Future()
         future.set_result(fn(*args, **kwargs))
         return future

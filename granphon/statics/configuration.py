@@ -85,8 +85,18 @@ class AppliedLoad:
 class Problem:
     """An assembly under a load, and the unknowns of its rest.
 
-    ``geometry`` says whether contacts turn, and ``boundary`` which strains are free where the load
-    has a stress: all, or that of the size.
+    The unknowns x (size,) are lengths, m: the displacements of n balls along d axes, those of k
+    walls along their lines, and s strains of the cell times :attr:`length`. ``geometry`` says
+    whether contacts turn, and ``boundary`` which strains are unknowns where the load has a stress:
+    all, or the one that changes the size of the cell and not its shape.
+
+    Attributes
+    ----------
+    turns : whether contacts turn with their balls.
+    n_ball_unknowns : number n d of the displacements of balls, which come first.
+    n_displacements : number n d + k of all displacements.
+    size : number n d + k + s of all unknowns.
+    length : unknown of a strain over this strain, m.
     """
 
     def __init__(
@@ -107,7 +117,8 @@ class Problem:
             shapes = np.zeros((len(pairs), p, p))
             for shape, (a, b) in zip(shapes, pairs, strict=True):
                 shape[a, b] = shape[b, a] = 1.0
-        # an unknown of 1 is a length
+        # strains are scaled so that the forces on them, sums over all contacts, are comparable
+        # with those on balls
         self.length = assembly.mean_distance * math.sqrt(assembly.n_contacts)
         #: (s, 3, 3) strains of the cell by the unknowns
         self.unit_strains = np.zeros((len(shapes), 3, 3))
@@ -119,7 +130,10 @@ class Problem:
 
     @cached_property
     def weights(self) -> Array:
-        """(size,) what makes the force left on an unknown a force on a ball."""
+        """(size,) factors by which the force left on an unknown becomes one as on a ball: 1 for
+        balls, one over the number of balls at a wall, and for strains one over the root of the
+        number of contacts and over the tolerance of the cell.
+        """
         weights = np.ones(self.size)
         weights[self.n_ball_unknowns : self.n_displacements] = 1.0 / self.assembly.wall_balls
         of_cell = self.load.cell_tolerance * math.sqrt(self.assembly.n_contacts)
@@ -134,13 +148,17 @@ class Problem:
         return np.concatenate([self.load.force, work])
 
     def find_work(self, stress: Array) -> Array:
-        """Return the forces (s,) on the free strains of a ``stress`` (p, p) times the measure."""
+        """Return the forces (s,), N, of a ``stress`` (p, p) on the s unknown strains: its work on
+        the cell as it is at touch, for each unknown.
+        """
         p = len(stress)
         unit_strains = self.unit_strains[:, :p, :p]
         return np.asarray(np.einsum("sab,ab->s", unit_strains, stress) * self.assembly.measure)
 
     def find_displacement(self, x: Array) -> Array:
-        """Return the displacements (bodies, 3) of balls, walls, and what is held."""
+        """Return the displacements (bodies, 3), m, of all bodies at unknowns x: of balls, of walls,
+        and zeros of what is held.
+        """
         assembly = self.assembly
         displacement = np.zeros((assembly.n_bodies, 3))
         n = assembly.n_balls
@@ -151,12 +169,14 @@ class Problem:
         return displacement
 
     def find_strain(self, x: Array) -> Array:
-        """Return the strain (3, 3) that the unknowns make, beside a given one."""
+        """Return the strain (3, 3) that unknowns x (size,) make; a given strain is not part of
+        it.
+        """
         return np.asarray(np.einsum("s,sab->ab", x[self.n_displacements :], self.unit_strains))
 
     @cached_property
     def wall_lines(self) -> Array:
-        """(k d, k) displacements of the walls by the unknowns."""
+        """(k d, k) matrix from the unknowns of the walls to their displacements along the axes."""
         k = self.assembly.n_walls
         lines = np.zeros((k, self.assembly.dimension, k))
         lines[np.arange(k), :, np.arange(k)] = self.assembly.directions
@@ -164,8 +184,9 @@ class Problem:
 
     @cached_property
     def free_axes(self) -> list[int]:
-        """The axes along which nothing hinders all balls together, nor pushes them: contacts that
-        turn, with a ball that is held or rides on a wall, push aside.
+        """The axes along which all balls may move together with nothing that hinders or pushes
+        them; none if contacts turn and some join a ball to a body that is held or to a wall, as
+        such contacts push aside.
         """
         assembly = self.assembly
         if self.turns and not np.all(assembly.is_between_balls | assembly.is_flat):
@@ -173,8 +194,8 @@ class Problem:
         return assembly.free_axes
 
     def remove_drift(self, motion: Array) -> Array:
-        """Return a motion (size,) without that of the whole, along axes on which nothing hinders
-        the balls.
+        """Return a ``motion`` (size,) less the mean motion of the balls along the
+        :attr:`free_axes`.
         """
         if not self.free_axes:
             return motion
@@ -185,7 +206,9 @@ class Problem:
         return still
 
     def find_unit_losses(self, normal: Array) -> Array:
-        """Return what contacts lose of their overlaps by the unit strains, (n_c, s)."""
+        """Return what contacts along ``normal`` (n_c, 3) lose of their overlaps by the unit
+        strains, (n_c, s).
+        """
         from granphon.contacts.deformation import measure_losses  # averages need no Numba
 
         assembly = self.assembly
@@ -199,8 +222,9 @@ class Problem:
     def measure_losses(
         self, x: Array, normal: Array | None = None, strain: Array | None = None
     ) -> Array:
-        """Return what contacts (n_c,) lose of their overlaps along their normals, (n_c, 3), by
-        default those at touch; ``strain`` (3, 3) is one beside that of the unknowns.
+        """Return what contacts lose of their overlaps, (n_c,), m, at unknowns x (size,), to first
+        order along ``normal`` (n_c, 3), by default that at touch; ``strain`` (3, 3) is added to
+        that of the unknowns.
         """
         from granphon.contacts.deformation import measure_losses  # averages need no Numba
 
@@ -230,7 +254,9 @@ class Problem:
         return hstack([of_bodies[:, :n], of_walls, of_strains], format="csr")
 
     def collect_forces(self, normal: Array, force: Array) -> Array:
-        """Return what forces (n_c,) along normals (n_c, 3) make on the unknowns (size,)."""
+        """Return the forces (size,) on the unknowns by forces of contacts, ``force`` (n_c,), N,
+        along ``normal`` (n_c, 3).
+        """
         from granphon.contacts.deformation import add_forces  # averages need no Numba
 
         assembly = self.assembly
@@ -263,6 +289,12 @@ class Configuration:
 
     ``carried`` are the overlaps (n_c,), m, that a search on the lattice carries along; in exact
     directions they follow from x unless they are given.
+
+    Attributes
+    ----------
+    normal, current : (n_c, 3) unit vectors of the contacts, and the vectors from ball to ball, m.
+    distance : (n_c,) lengths of these vectors, m.
+    overlap, force : (n_c,) overlaps, m, and forces of the contacts, N.
     """
 
     def __init__(self, problem: Problem, x: Array, carried: Array | None = None) -> None:
@@ -283,11 +315,13 @@ class Configuration:
         if carried is not None:
             self.overlap = carried
         self.force = assembly.laws.force(self.overlap)
-        #: size of the forces, by which those left are measured
+        #: size of the forces of contacts, N, by which the forces left are measured
         self.mean = assembly.laws.size(self.force)
 
     def _measure(self, strain: Array) -> None:
-        """Measure the contacts where they are now."""
+        """Set vectors, distances, normals and overlaps of contacts that turn, at the displacements
+        of x and a ``strain`` (3, 3) of the cell. Overlaps that are rounding are zero.
+        """
         from granphon.contacts.deformation import measure_turned  # averages need no Numba
 
         assembly = self.problem.assembly
@@ -304,17 +338,19 @@ class Configuration:
 
     @cached_property
     def deformed(self) -> Array:
-        """(p, p) the deformation of the cell."""
+        """(p, p) deformation gradient of the cell, one plus the strain."""
         return np.eye(len(self.strain)) + self.strain
 
     @cached_property
     def growth(self) -> float:
-        """Factor by which the measure of the cell has grown."""
+        """Measure of the deformed cell over that at touch, as of its volume in space."""
         return float(np.linalg.det(self.deformed)) if len(self.strain) else 1.0
 
     @cached_property
     def load_force(self) -> Array:
-        """(size,) forces of the load on the unknowns."""
+        """(size,) forces of the load on the unknowns, N; in exact directions those on the cell as
+        it is deformed.
+        """
         problem = self.problem
         load = problem.load
         if not problem.turns or not len(self.strain):
@@ -328,8 +364,9 @@ class Configuration:
 
     @cached_property
     def load_slope(self) -> Array | None:
-        """(size, k + s) growth of the load's forces with walls and strains: in exact directions the
-        load follows the cell as that deforms; None of a load that does not.
+        """(size, k + s) derivatives of the load's forces by the unknowns of walls and strains, N/m;
+        None of a load whose forces do not change. In exact directions a stress acts on the deformed
+        cell, and its forces change with the strains; the columns of the walls are zero.
         """
         problem = self.problem
         load = problem.load
@@ -350,8 +387,9 @@ class Configuration:
 
     @cached_property
     def pull(self) -> Array:
-        """(size,) the forces left on the unknowns; on the strain of a cell whose contacts are given
-        a mean force, what they have more than it.
+        """(size,) the forces left on the unknowns, N. Where contacts are given a mean force, the
+        entry of the cell's strain is instead what their mean force has beyond the given one, times
+        the root of the number of contacts.
         """
         pull = self.load_force + self.problem.collect_forces(self.normal, self.force)
         wanted = self.problem.load.mean_force
@@ -362,8 +400,8 @@ class Configuration:
 
     @cached_property
     def residual(self) -> float:
-        """The largest force left, as on a ball, over the size of the forces; infinite if that is
-        zero.
+        """The largest force left, as on a ball (:attr:`Problem.weights`), over the size of the
+        forces of contacts; infinite if that size is zero.
         """
         if not self.mean:
             return math.inf
@@ -385,8 +423,8 @@ class Configuration:
         )
 
     def list_columns(self, stiffness: Array, side_stiffness: Array) -> Columns:
-        """Return the contacts as loops read them, with these stiffnesses (n_c,) along normals and
-        across them; bodies do not turn.
+        """Return the contacts as compiled loops read them, with ``stiffness`` (n_c,) along normals
+        and ``side_stiffness`` (n_c,) across them, N/m; bodies do not rotate.
         """
         assembly = self.problem.assembly
         nothing = np.zeros(assembly.n_contacts)
@@ -410,11 +448,15 @@ class Configuration:
 
     @cached_property
     def is_sound(self) -> bool:
-        """Whether balls are apart and touch some others, and the cell is not inside out."""
+        """Whether the configuration is possible: the unknowns are finite, contacts have a length,
+        some carry a force, and the cell is not turned inside out.
+        """
         if not (self.mean and np.all(np.isfinite(self.x)) and np.all(self.distance > 0.0)):
             return False
         return not len(self.strain) or float(np.min(np.linalg.eigvalsh(self.deformed))) > 0.0
 
     def move(self, x: Array, overlap: Array | None = None) -> Configuration:
-        """Return the configuration at other unknowns."""
+        """Return the configuration at other unknowns x (size,), with the overlaps (n_c,) there,
+        which must be given unless contacts turn.
+        """
         return Configuration(self.problem, x, overlap)

@@ -32,27 +32,34 @@ P = TypeVar("P", bound=Place)
 
 
 class Trail(Generic[P]):
-    """The place nearest to rest on the way, and the steps since the residual was halved.
+    """What is remembered of the places on the way.
 
-    ``keeps`` says whether a place is kept when others follow that are farther from rest.
+    ``keeps_nearest`` says whether the place nearest to rest is kept; otherwise the last one is, as
+    if it were the nearest.
+
+    Attributes
+    ----------
+    best : least residual of all places; infinite at first.
+    stalled : number of places since one had less than half of the least residual before it.
+    nearest : the place that is kept; None at first.
     """
 
-    def __init__(self, keeps: bool = True) -> None:
-        self._keeps = keeps
+    def __init__(self, keeps_nearest: bool = True) -> None:
+        self._keeps_nearest = keeps_nearest
         self.best = math.inf
         self.stalled = 0
         self.nearest: P | None = None
 
     @property
     def left(self) -> float:
-        """The residual of the nearest place; infinite if there is none."""
+        """The residual of the place that is kept; infinite if there is none."""
         return math.inf if self.nearest is None else self.nearest.residual
 
     def add(self, place: P) -> None:
-        """Go on to a place."""
+        """Enter the next ``place`` of the way."""
         residual = place.residual
         self.stalled = self.stalled + 1 if residual > 0.5 * self.best else 0
-        if residual < self.best or not self._keeps:
+        if residual < self.best or not self._keeps_nearest:
             self.nearest = place
         self.best = min(self.best, residual)
 
@@ -86,8 +93,10 @@ class Descent(ABC, Generic[P]):
         """Return the place at which the way begins: that of ``start``, if there is one."""
 
     def run(self, start: Rest | None) -> Rest:
-        """Return the state at rest to which the way leads from a ``start``, or raise the error of
-        one that does not lead to rest.
+        """Return the state at rest to which the way leads from a ``start``, or from where
+        :meth:`begin` says; raise the error of :meth:`_explain_failure` if it does not lead to rest.
+
+        At rest at a saddle of the energy the way goes on downhill, with a new trail.
         """
         place = self.begin(start)
         for _ in range(self.options.steps):
@@ -116,7 +125,9 @@ class Descent(ABC, Generic[P]):
 
     @property
     def _has_arrived(self) -> bool:
-        """Whether the balls are at rest, or as near as rounding lets them come."""
+        """Whether the balls are at rest, or near enough to it (``required``) after three steps that
+        have not halved the residual: these leave rounding.
+        """
         trail = self.trail
         comes_no_nearer = trail.left <= self.required and trail.stalled > 2
         return trail.left <= self.tolerance or comes_no_nearer
@@ -135,13 +146,16 @@ class Descent(ABC, Generic[P]):
 
     def _follow(self, way: Way[P], part: float | None = None) -> tuple[P, float]:
         """Return the place along the ``way`` of a step at which the energy hardly falls any more,
-        by default at a part ``options.slope`` of the fall at first, and the length of the step.
+        and the length of the step, 1 for a whole step. There the slope is at most a ``part`` of
+        that at the start, by default ``options.slope``.
         """
         options = self.options
         return follow(way, options.slope if part is None else part, options.slopes)
 
     def _leave_saddle(self, place: P) -> P | None:
-        """Return where to go on from a saddle of the energy; None at a minimum."""
+        """Return a place below ``place``, which is at rest, if that is a saddle of the energy; None
+        at a minimum.
+        """
         return None
 
     @abstractmethod

@@ -16,11 +16,12 @@ _UNITS = ("", "N", "N/m", "Pa")
 
 
 def find_typical_force(problem: Problem) -> float:
-    """Return the size of contact forces under a load, N, to begin with.
+    """Return an estimate of the size of contact forces under a load, N, with which a search begins.
 
-    It follows from the pressure of the stress; if that does not press, of bonds from the size of
-    the stress; else from the forces on balls and walls; without any of these it is the tension that
-    contacts bear, zero where they do not adhere.
+    A stress with a pressure gives the estimate by the virial; so does the size of another stress
+    where there are bonds. Otherwise the forces on balls and walls give the estimate, and without
+    these the largest tension that contacts bear by adhesion, which is zero where they do not
+    adhere.
     """
     assembly = problem.assembly
     laws = problem.assembly.laws
@@ -40,20 +41,26 @@ def find_typical_force(problem: Problem) -> float:
 
 
 def _find_bearing(problem: Problem) -> tuple[bool, str]:
-    """Return whether contacts can bear the load, and if not a sentence on the pressure with which
-    they could; empty if there is none.
+    """Return whether contacts can bear the load, and, if not, a sentence on the pressure from all
+    sides with which they could; an empty text if there is no such pressure.
+
+    A linear programme seeks forces of contacts that balance the load, none with more tension than
+    its contact bears. A second one seeks the least pressure that makes such forces possible.
     """
     from scipy.optimize import linprog
     from scipy.sparse import csr_array, hstack
 
     assembly = problem.assembly
-    # what forces of contacts make on the unknowns is to balance the load
+    # (size, n_c) matrix from forces of contacts to forces against which they press the unknowns
     press = -problem.make_losses().T
     size = float(np.max(np.abs(problem.force), initial=0.0)) or 1.0
     right = problem.force / size
     least = -assembly.laws.tension / size
 
     def search(columns: Any, cost: Array) -> Any:
+        """Return the answer for forces of least ``cost`` whose ``columns`` add up to the load; the
+        columns after those of the contacts belong to numbers that are zero or above.
+        """
         bounds = [(bound, None) for bound in least.tolist()]
         bounds += [(0.0, None)] * (columns.shape[1] - len(least))
         return linprog(cost, A_eq=columns, b_eq=right, bounds=bounds, method="highs")
@@ -72,7 +79,7 @@ def _find_bearing(problem: Problem) -> tuple[bool, str]:
     if answer.status != 0:
         return False, ""
     pressure = answer.x[-1] * size / assembly.measure
-    # or else it only takes the load off
+    # without forces of contacts the pressure only takes the load off, and more of it is needed
     presses = np.max(np.abs(answer.x[:-1])) > 1e-9 * answer.x[-1]
     word = "of" if presses else "above"
     unit = _UNITS[assembly.periods]
@@ -89,12 +96,12 @@ def explain(
 
     It is an InputError if contacts cannot bear the load, if all are open (``opened``), if a law
     does not reach the forces, or if stiffnesses or forces differ too much; else a
-    ConvergenceError. ``residual`` is what force is left, over the mean.
+    ConvergenceError. ``residual`` is the largest force left on a ball, over the mean force.
     """
     assembly = problem.assembly
     laws = assembly.laws
     words = problem.load.words
-    # any contacts bear no force
+    # a load without forces is borne by any contacts; long lists would take too much time
     if assembly.n_contacts <= options.most_explained and np.any(problem.force):
         is_borne, mend = _find_bearing(problem)
         if not is_borne:

@@ -77,9 +77,13 @@ def find_rest(
 
 
 def _find_start(problem: Problem, descent: Descent[Any], options: RestOptions) -> Rest | None:
-    """Return the rest at which the way to another begins; None where it begins at the sites."""
+    """Return the rest at which the way of a ``descent`` begins; None where it begins at the sites.
+
+    In exact directions this is the rest on the lattice, and where a descent needs more load the
+    rest under the largest of the ``detours`` times the load. Either is found here.
+    """
     if problem.turns:
-        # rest in exact directions is farther off than what an array is left with
+        # a rough rest of an array on the lattice serves: that in exact directions is farther off
         numbers = options.loosen() if problem.assembly.grid else options
         return find_rest(problem.assembly, problem.load, "lattice", problem.boundary, None, numbers)
     if not descent.needs_more_load:
@@ -91,8 +95,9 @@ def _find_start(problem: Problem, descent: Descent[Any], options: RestOptions) -
 
 
 def _lead_round(problem: Problem, start: Rest, options: RestOptions) -> Rest | None:
-    """Return the rest in exact directions to which a way from ``start`` leads round, over rest
-    under more load; None if none does. Loose balls at the least loads may bar the straight way.
+    """Return the rest in exact directions that is found from ``start`` by a detour: first to rest
+    under more load, by each factor of ``detours`` in turn, and from there back to the load of the
+    problem. None if no detour leads to rest. Loose balls at low loads may bar the straight way.
     """
     for factor in options.detours:
         heavier = _press_more(problem, start, factor)
@@ -110,8 +115,8 @@ def _lead_round(problem: Problem, start: Rest, options: RestOptions) -> Rest | N
 def _press_more(problem: Problem, rest: Rest, factor: float) -> AppliedLoad | None:
     """Return a load about ``factor`` times that of a problem; None of forces on balls.
 
-    Where a strain is given, it presses more from all sides, by what contacts with the mean force
-    of those at ``rest`` overlap more under so much more.
+    A given strain presses more from all sides: by the strain that raises the force of contacts, as
+    large as their mean at ``rest``, by the factor.
     """
     load = problem.load
     assembly = problem.assembly
@@ -138,7 +143,9 @@ def _choose_descent(problem: Problem, options: RestOptions) -> Descent[Any]:
 
 
 def _rest_without_load(problem: Problem) -> Rest:
-    """Return bonds where they are; raise :class:`InputError` if there are none."""
+    """Return the rest of bonds at their sites, which need no load; raise :class:`InputError` if no
+    contact has a stiffness there.
+    """
     untouched = problem.start_at(np.zeros(problem.size))
     if np.any(untouched.stiffness > 0.0):
         return Rest.of(untouched)
@@ -147,8 +154,8 @@ def _rest_without_load(problem: Problem) -> Rest:
 
 
 def _is_even_grid(problem: Problem) -> bool:
-    """Return whether contacts are a grid with one law, Hertz's, that the load presses evenly, so
-    that none need be spelled out.
+    """Return whether contacts are a grid with one law, Hertz's, that the load presses evenly: then
+    no list of contacts need be made.
     """
     assembly = problem.assembly
     load = problem.load

@@ -20,8 +20,8 @@ Values = NDArray[Any]
 
 
 class GreenFunction:
-    """The inverse of the tangent of contacts of stiffness one on a grid, for the displacements of
-    balls.
+    """The inverse of the tangent of contacts on a ``grid``, all of stiffness one along their
+    normals: from forces on balls to displacements.
 
     ``workers`` threads share each Fourier transform. The inverse is zero for translations of the
     whole array, and for other waves that deform no contact.
@@ -41,12 +41,13 @@ class GreenFunction:
         )
         is_kept = grid.n_cells * grid.n_balls <= numbers.kept_even
         find = _find_table if is_kept else _find_table.__wrapped__
-        #: (f, f, waves); with one ball in the cell it is real
+        #: (f, f, waves) inverse for each wave, f being the motions of the balls of a cell; real if
+        #: the cell has one ball
         self._table = find(numbers.waves, *key)
 
     def apply(self, forces: Values, scale: float) -> Values:
-        """Return ``scale`` times the motions (f, cells) under forces (f, cells), as precise as
-        these.
+        """Return ``scale`` times the motions (f, cells) under ``forces`` (f, cells), in the
+        precision of the forces.
         """
         from scipy import fft  # imported here: media that are not simulated do not need it
 
@@ -67,7 +68,14 @@ def _find_table(
     shifts: tuple[int, ...],
     normals: tuple[float, ...],
 ) -> Values:
-    """Return the table (f, f, waves) of :class:`GreenFunction`, of so many ``waves`` at a time."""
+    """Return the table (f, f, waves) of :class:`GreenFunction`; ``waves`` matrices are inverted at
+    a time.
+
+    ``shape`` are the cells along each axis, and ``n_balls`` the balls of a cell. Of each kind of
+    contact, ``first`` and ``second`` are its balls in the cell, ``shifts`` the steps from the cell
+    of the first to that of the second, and ``normals`` its direction, the last two flattened. All
+    arguments are hashable, as tables are kept.
+    """
     d = len(shape)
     fields = d * n_balls
     normal = np.reshape(normals, (-1, d))

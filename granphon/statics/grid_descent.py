@@ -35,14 +35,15 @@ Values = NDArray[Any]
 
 
 class GridPlace:
-    """Balls on the way to rest: what their place tells of the contacts.
+    """Balls on the way to rest, and their contacts, in the units of :class:`GridProblem`.
 
     Attributes
     ----------
     balls, strains : displacements (f, cells), and strains (s,).
-    common : (kinds,) overlaps by the strains.
-    excess : (kinds, cells) forces of contacts less those with the common overlap.
-    root : (kinds, cells) h_+^(1/2), in single precision.
+    common : (kinds,) overlaps that the strains make, common to all contacts of a kind.
+    excess : (kinds, cells) forces of contacts less the force at the common overlap.
+    root : (kinds, cells) h_+^(1/2) of the overlaps h, in single precision; zero of open contacts.
+    square : sum of the squares of ``excess``.
     """
 
     def __init__(
@@ -57,9 +58,10 @@ class GridPlace:
         differences = problem.measure_losses(balls)
         root: Values = np.empty(differences.shape, np.float32)
         kinds, cells = differences.shape
-        #: (kinds, 2) sums of excess forces and of roots; the sum of the squares of the former
+        # (kinds, 2) sums of excess forces, and of roots
         sums = np.zeros((kinds, 2))
         self.square = 0.0
+        # as many contacts at a time as stay in the cache; kinds together if they have one overlap
         step = max(1, cached // cells) if problem.is_even else 1
         for low in range(0, kinds, step):
             rows = slice(low, low + step)
@@ -68,6 +70,7 @@ class GridPlace:
                 columns = slice(first, first + cached)
                 values = differences[rows, columns]
                 np.subtract(problem.offset[rows, columns], values, out=values)
+                # values: overlaps beyond the common one before, excess forces after
                 _, contact = hertz.press_further(overlap, values, values)
                 root[rows, columns] = contact
                 sums[rows, 0] += np.sum(values, axis=1)
@@ -92,12 +95,12 @@ class GridPlace:
 
     @cached_property
     def level(self) -> float:
-        """Mean stiffness of the contacts."""
+        """Mean stiffness of all contacts, open ones included."""
         return float(hertz.stiffness_of(np.sum(self._sums[:, 1]))) / self.excess.size
 
     @cached_property
     def push(self) -> Array:
-        """(s,) forces on the strains, zero where they are rounding."""
+        """(s,) forces left on the strains; zero where they are rounding."""
         problem = self.problem
         if not problem.is_free:
             return np.zeros(0)
@@ -121,7 +124,7 @@ class GridPlace:
 
     @cached_property
     def pull(self) -> Array:
-        """(f, cells) forces left on balls."""
+        """(f, cells) forces left on the balls along each axis."""
         pull = self.problem.collect(self.excess)
         if self.uniform is not None:
             pull += self.uniform[:, None]
@@ -129,13 +132,15 @@ class GridPlace:
 
     @cached_property
     def left(self) -> float:
-        """Largest force left on a ball."""
+        """Size of the largest force left on a ball."""
         return self.problem.find_largest(self.pull)
 
     @cached_property
     def residual(self) -> float:
-        """Force left over the scale that tolerances are of: the mean force, or the rms difference
-        of the forces if that is less.
+        """The largest force left on a ball, over the scale to which tolerances refer: the mean
+        force of contacts, or the standard deviation of their forces if that is less. If the force
+        left on the strains, over the mean force and the tolerance of the cell, is larger, the
+        residual is this force.
         """
         problem = self.problem
         options = self.options
@@ -153,15 +158,18 @@ class GridPlace:
 
     @property
     def carries_nothing(self) -> bool:
-        """Whether contacts hardly touch under a given strain."""
+        """Whether a given strain leaves contacts open, and so little force that they carry no
+        load.
+        """
         if self.problem.is_free or self.force >= self.options.threshold:
             return False
         return not np.all(self.root)
 
     def find_overlaps(self, at_rest: bool) -> Array:
-        """Return the overlaps (kinds, cells); ``at_rest`` those of light contacts of balls that
-        differ are not above zero: their force may be a residual only, and their stiffness would
-        hold a ball.
+        """Return the overlaps (kinds, cells).
+
+        ``at_rest`` contacts of balls that differ count as just open if their force may be nothing
+        but a residual: their stiffness would hold a ball that nothing holds.
         """
         overlap = self.problem.measure_losses(self.balls)
         np.subtract(self.problem.offset, overlap, out=overlap)
@@ -173,7 +181,9 @@ class GridPlace:
 
 
 class GridWay:
-    """The places along a step on a grid."""
+    """The places along a step on a grid, a :class:`~granphon.statics.line_search.Way`; the energy
+    falls by ``fall`` per length at the start.
+    """
 
     longest = math.inf
 
@@ -182,19 +192,19 @@ class GridWay:
         self._start = start
         self._step = step
         self._loss = problem.add_losses(problem.measure_losses(step.balls), step.strains)
-        self.fall = _multiply(start.pull, step.balls) + float(start.push @ step.strains)
+        self.fall = _sum_products(start.pull, step.balls) + float(start.push @ step.strains)
 
     def go(self, length: float) -> GridPlace:
-        """Return the place at a length."""
+        """Return the place at a ``length``, 1 for a whole step."""
         start = self._start
         balls = start.balls + length * self._step.balls
         strains = start.strains + length * self._step.strains
         return GridPlace(start.problem, balls, strains, start.options)
 
     def find_slope(self, place: GridPlace) -> float:
-        """Return the slope of the energy."""
+        """Return the derivative of the energy by the length at a ``place`` of the way."""
         problem = place.problem
-        slope = -_multiply(place.excess, self._loss)
+        slope = -_sum_products(place.excess, self._loss)
         if place.uniform is not None:
             slope -= float(place.uniform @ np.sum(self._step.balls, axis=1))
         if problem.is_free:
@@ -204,7 +214,7 @@ class GridWay:
         return slope
 
     def find_rise(self, place: GridPlace) -> float:
-        """Return the derivative of the slope."""
+        """Return the derivative of the slope by the length at a ``place`` of the way."""
         loss = self._loss.reshape(-1)
         sum_of_roots = float(np.einsum("i,i,i", place.root.reshape(-1), loss, loss))
         return float(hertz.stiffness_of(sum_of_roots))
@@ -217,11 +227,11 @@ class GridDescent(Descent[GridPlace]):
         tolerance = options.grid_tolerance
         super().__init__(options, tolerance, max(tolerance, options.required))
         # places are large, and the last one is the nearest in the end
-        self.trail = Trail(keeps=False)
+        self.trail = Trail(keeps_nearest=False)
         self.problem = problem
         self.equations = LatticeEquations(problem, options)
         self.inverses = Preconditioners(problem, self.equations, options)
-        #: whether the interior-point method has gone before
+        #: whether the interior-point method has led near rest before Newton's method
         self._is_inside = False
         #: whether equations are solved in single precision: they need few digits, and it takes half
         #: of the time
@@ -235,8 +245,9 @@ class GridDescent(Descent[GridPlace]):
         return self.problem.needs_more_load(self.options)
 
     def begin(self, start: Rest | None) -> GridPlace:
-        """Return the place at which the way begins: after the interior-point method where that
-        serves, else that of ``start`` or of springs.
+        """Return the place at which the way begins: near rest, to where the interior-point method
+        leads, if that method serves and finds rest; otherwise that of ``start``; without a start
+        that of :meth:`_find_first_displacements`.
         """
         problem = self.problem
         balls = np.zeros((problem.n_fields, problem.grid.n_cells))
@@ -246,22 +257,26 @@ class GridDescent(Descent[GridPlace]):
             unknowns = find_unknowns(problem.problem, start)
             strains = unknowns[problem.problem.n_ball_unknowns :] / problem.unit
             balls = problem.lay(start.displacement)
-        if self._is_near(strains):
+        if self._uses_interior(strains):
             nearby = approach(self.equations, self.inverses, balls, strains, is_fresh)
             if nearby is not None:
                 balls, strains, self.steps, self.iterations = nearby
                 self._is_inside = self.steps > 0
                 self._single = not self._is_inside
         elif is_fresh:
-            balls = self._begin(balls, strains)
+            balls = self._find_first_displacements(balls, strains)
         return GridPlace(problem, balls, strains, self.options)
 
     def _is_stuck(self, place: GridPlace) -> bool:
-        """Return whether hardly a contact is closed."""
+        """Return whether contacts carry nothing, so that there is no rest under load."""
         return place.carries_nothing
 
     def _advance(self, place: GridPlace) -> GridPlace:
-        """Return the place after a step."""
+        """Return the place after a step of Newton's method, of a length at which the slope of the
+        energy is small.
+
+        The linear equations are solved the more accurately the faster the residual falls.
+        """
         options = self.options
         residual = place.residual
         reduction = options.loosest
@@ -282,7 +297,9 @@ class GridDescent(Descent[GridPlace]):
         return self._make_state(place, True)
 
     def _make_state(self, place: GridPlace, at_rest: bool) -> Rest:
-        """Return the state of a place."""
+        """Return the state of a place, in SI units; see :meth:`GridPlace.find_overlaps` for
+        ``at_rest``.
+        """
         on_grid = self.problem
         problem = on_grid.problem
         assembly = problem.assembly
@@ -303,7 +320,9 @@ class GridDescent(Descent[GridPlace]):
         )
 
     def _explain_failure(self, place: GridPlace) -> GranphonError:
-        """Return the error of a way that has not led to rest."""
+        """Return the error of a way that has not led to rest; a ConvergenceError has the state at
+        its end as ``reached``.
+        """
         rest = self._make_state(place, False)
         problem = self.problem.problem
         error = explain(problem, self.options, opened=place.carries_nothing, residual=rest.residual)
@@ -311,12 +330,12 @@ class GridDescent(Descent[GridPlace]):
             error.reached = rest
         return error
 
-    def _begin(self, balls: Array, strains: Array) -> Array:
-        """Return the displacements at which a way from the sites begins: where all contacts are
-        closed there, those that springs which are alike would bring about.
+    def _find_first_displacements(self, balls: Array, strains: Array) -> Array:
+        """Return the displacements (f, cells) at which a way without a start begins.
 
-        Where some are open, balls that nothing holds stay nearer to their sites if they begin
-        there.
+        Where all contacts are closed on the sites, these are the displacements at rest of equal
+        springs in place of the contacts. Where some are open, these are ``balls``, which are zero:
+        balls that nothing holds stay nearer to their sites if they begin there.
         """
         problem = self.problem
         common = problem.find_common(strains)
@@ -326,8 +345,11 @@ class GridDescent(Descent[GridPlace]):
         return self.equations.green.apply(problem.collect(problem.offset), 1.0)
 
     def _find_step(self, here: GridPlace, reduction: float) -> tuple[Unknowns, int]:
-        """Return a step of Newton's method, and the number of iterations; the roots of the place
-        become stiffnesses.
+        """Return a step of Newton's method from a place, and the number of iterations; these end
+        where the part ``reduction`` is left of the right side of the equations.
+
+        In single precision the stiffnesses are made where the roots of the place are stored, which
+        are lost: a large array is not kept twice.
         """
         precision: type[Any] = np.float32 if self._single else np.float64
         prepare = self.inverses.choose if self._is_inside else self.equations.precondition
@@ -344,8 +366,10 @@ class GridDescent(Descent[GridPlace]):
         balls *= scale
         return Unknowns(balls, step.strains.astype(float) * scale), taken
 
-    def _is_near(self, strains: Array) -> bool:
-        """Return whether the interior-point method comes before Newton's."""
+    def _uses_interior(self, strains: Array) -> bool:
+        """Return whether the interior-point method is to come before Newton's: where balls differ,
+        and many contacts are open under a load or a strain like this one, with ``strains`` (s,).
+        """
         problem = self.problem
         options = self.options
         # in space that takes too many iterations without factors
@@ -360,6 +384,6 @@ class GridDescent(Descent[GridPlace]):
         return bool(least <= force <= most)
 
 
-def _multiply(first: Values, second: Values) -> float:
-    """Return the sum of products of numbers."""
+def _sum_products(first: Values, second: Values) -> float:
+    """Return the sum of the products of the entries of two arrays of one shape."""
     return grid_loops.multiply(first.reshape(-1), second.reshape(-1))

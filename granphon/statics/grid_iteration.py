@@ -58,7 +58,8 @@ class GridSolution(NamedTuple):
 
 
 class GridIteration:
-    """Small motions of the balls of a list that is a grid, under forces.
+    """Conjugate gradients for the small motions of the n balls of a list that is a grid, with m
+    motions each, under forces.
 
     Parameters
     ----------
@@ -97,7 +98,7 @@ class GridIteration:
         invert_blocks(self._product.diagonal, holding, numbers.damped, self._alone)
 
     def solve(self, forces: Array, reduction: float, most: int, noise: float) -> GridSolution:
-        """Return the motions under ``forces`` (n, m, k), by conjugate gradients.
+        """Return the motions under ``forces`` (n, m, k), of k right sides.
 
         The error of motions in the norm of the energy is to fall by ``reduction`` within ``most``
         iterations. Forces below ``noise``, over the mean stiffness, are rounding. Right sides of a
@@ -122,8 +123,11 @@ class GridIteration:
     ) -> GridSolution:
         """Return the motions under ``forces`` (n, m, k), whose k right sides share each transform;
         the arguments are those of :meth:`solve`.
+
+        Iterations end early where they meet a motion along which the curvature of the energy is
+        below zero: of a single ball, or a direction of the search.
         """
-        remaining = self._lay(forces)
+        remaining = self._order_by_motion(forces)
         motions = np.zeros_like(remaining)
         way = np.zeros_like(remaining)
         products = np.zeros(remaining.shape[1])
@@ -133,7 +137,7 @@ class GridIteration:
         arrived = False
         way_down = None
         for count in range(most + 1):
-            better = self._approach(remaining)
+            better = self._precondition(remaining)
             last = products
             products, least_product, total = _multiply_columns(remaining, better)
             if least_product < 0.0:
@@ -145,18 +149,25 @@ class GridIteration:
             if arrived or count == most:
                 break
             change = np.empty_like(way)
-            ends = _turn(self._product, products, last, better, way, change, curvatures)
-            if ends:
+            falls = _set_direction(self._product, products, last, better, way, change, curvatures)
+            if falls:
                 lowest = int(np.argmin(curvatures))
-                way_down = self._list(way)[..., lowest]
+                way_down = self._order_by_ball(way)[..., lowest]
                 break
-            _go_on(products, curvatures, way, change, motions, remaining)
+            _step_along(products, curvatures, way, change, motions, remaining)
             del change  # the preconditioner needs the memory
-        solution = (self._list(motions), self._list(remaining), arrived)
-        return GridSolution(*solution, way_down, count)
+        return GridSolution(
+            motions=self._order_by_ball(motions),
+            remaining=self._order_by_ball(remaining),
+            has_arrived=arrived,
+            way_down=way_down,
+            iterations=count,
+        )
 
     def _find_falling_ball(self) -> Array:
-        """Return the motion (n, m) of the ball alone along which the curvature is lowest."""
+        """Return the motion (n, m) of a single ball, the others held, along which the curvature of
+        the energy is lowest of all such motions.
+        """
         values, vectors = np.linalg.eigh(np.moveaxis(self._product.diagonal, -1, 0))
         ball = int(np.argmin(values[:, 0]))
         motion = np.zeros(values.shape)
@@ -164,12 +175,16 @@ class GridIteration:
         return motion
 
     def precondition(self, forces: Array) -> Array:
-        """Return about the motions (n, m, k) under ``forces`` (n, m, k), in single precision."""
-        return self._list(self._approach(self._lay(forces)).astype(float))
+        """Return about the motions (n, m, k) under ``forces`` (n, m, k), with the digits of single
+        precision.
+        """
+        motions = self._precondition(self._order_by_motion(forces))
+        return self._order_by_ball(motions.astype(float))
 
-    def _approach(self, forces: Array) -> Values:
-        """Return about the motions under forces: each ball moves as if its neighbours were held,
-        then all by Green's function under what that leaves, then each ball again.
+    def _precondition(self, forces: Array) -> Values:
+        """Return about the motions (f, k, cells) under ``forces`` (f, k, cells), in single
+        precision: each ball moves as if its neighbours were held, then all by Green's function
+        under the forces that are left, then each ball again under those left by then.
         """
         single = forces.astype(np.float32)
         motions = np.zeros(single.shape, np.float32)
@@ -191,14 +206,14 @@ class GridIteration:
         motions = fft.irfftn(moved, self._shape, axes=axes, overwrite_x=True)
         return np.asarray(motions.reshape(forces.shape))
 
-    def _lay(self, values: Array) -> Array:
-        """Return arrays (f, k, cells) of those (n, m, k) of balls."""
+    def _order_by_motion(self, values: Array) -> Array:
+        """Return an array (n, m, k) of balls in the order (f, k, cells)."""
         by_cell = values.reshape(-1, self._cells, *values.shape[1:])
         fields = by_cell.transpose(0, 2, 3, 1).reshape(-1, values.shape[-1], self._cells)
         return np.ascontiguousarray(fields)
 
-    def _list(self, fields: Array) -> Array:
-        """Return arrays (n, m, k) of balls, of those (f, k, cells)."""
+    def _order_by_ball(self, fields: Array) -> Array:
+        """Return an array (f, k, cells) in the order (n, m, k) of balls."""
         by_ball = fields.reshape(-1, self._n_motions, *fields.shape[1:])
         return by_ball.transpose(0, 3, 1, 2).reshape(-1, self._n_motions, fields.shape[1])
 
@@ -206,19 +221,20 @@ class GridIteration:
 def _find_green(
     contacts: ContactList, level: float, even: bool, options: GridOptions
 ) -> NDArray[Any]:
-    """Return (f, f, waves) inverses in Fourier space for equal contacts of each kind, of stiffness
-    over ``level``; f are the motions of the balls of a cell.
+    """Return the inverses (f, f, waves) in Fourier space of the tangent of contacts that are equal
+    within each kind, with the mean stiffnesses of the kind over ``level``; f are the motions of the
+    balls of a cell.
 
-    If ``even`` is true all kinds have the same stiffness along the directions of their first
-    contacts, and no other.
+    If ``even`` is true, all contacts have the normal stiffness one and no other, along the
+    directions of the first contact of each kind. Inverses of small grids are kept.
     """
     shape = contacts.grid
     cells = math.prod(shape)
     kinds = contacts.n_contacts // cells
 
     def average(values: Array, scale: float = 1.0) -> tuple[Any, ...]:
-        """Return the mean of each kind, to few digits, so that samples of a packing have the
-        same.
+        """Return the means of ``values`` over ``scale``, for each kind of contact, flattened; they
+        are rounded to few digits, so that those of all samples of a packing are equal.
         """
         means = np.mean(values.reshape(kinds, cells, -1), axis=1) / scale
         return tuple(np.round(means, options.digits).ravel().tolist())
@@ -260,10 +276,13 @@ def _find_equal_green(
     normal: tuple[float, ...],
     *each: tuple[float, ...],
 ) -> NDArray[Any]:
-    """Return (f, f, waves) inverses in Fourier space of the tangent of contacts of these kinds.
+    """Return the inverses (f, f, waves) in Fourier space of the tangent of contacts of these kinds
+    on a grid of the ``shape``, in single precision.
 
-    ``ends_i`` and ``ends_j`` are the ball of the cell, and the cell, of either end of each kind;
-    ``each`` are arms and stiffnesses; ``holding`` is that of :class:`GridOptions`.
+    ``ends_i`` and ``ends_j`` are the ball of the cell, and the cell, of either end of a contact of
+    each kind; ``normal`` are its directions, flattened; ``each`` are, for each kind, the two arms
+    and the stiffnesses along the normal, by shear, torsion and bending; ``holding`` is that of
+    :class:`GridOptions`. All arguments are hashable, as inverses are kept.
     """
     kinds = len(ends_i)
     m = motions.count
@@ -322,8 +341,8 @@ def _find_equal_green(
 
 @compiled
 def _multiply_columns(one: Array, another: Values) -> tuple[Array, float, float]:
-    """Return the sums (k,) of products of the entries of each right side, the least of these sums,
-    and their sum.
+    """Return, for two arrays (f, k, cells), the sum (k,) of the products of their entries for each
+    right side, the least of these sums, and their sum.
     """
     sums = np.zeros(one.shape[1])
     for field in range(len(one)):
@@ -343,7 +362,7 @@ def _multiply_columns(one: Array, another: Values) -> tuple[Array, float, float]
 
 
 @compiled
-def _turn(
+def _set_direction(
     product: GridProduct,
     products: Array,
     last: Array,
@@ -352,11 +371,12 @@ def _turn(
     change: Array,
     curvatures: Array,
 ) -> bool:
-    """Set the search ``direction`` (f, k, cells) to ``products`` (k,) over the ``last`` ones times
-    itself and the ``preconditioned`` residual, ``change`` to the forces against the direction, and
-    ``curvatures`` (k,) to their work on it; return whether there is one below zero.
+    """Set the search ``direction`` (f, k, cells) of conjugate gradients to the ``preconditioned``
+    residual plus the direction before, times ``products`` (k,) over ``last`` (k,), the products of
+    the step before; set ``change`` to the forces against the direction, and ``curvatures`` (k,) to
+    the work of these. Return whether one of the curvatures is below zero.
 
-    Where a last product is zero the search begins.
+    Where a last product is zero, as at first, the direction before does not count.
     """
     for field in range(len(direction)):
         for k in range(direction.shape[1]):
@@ -375,11 +395,12 @@ def _turn(
 
 
 @compiled
-def _go_on(
+def _step_along(
     products: Array, curvatures: Array, way: Array, change: Array, motions: Array, remaining: Array
 ) -> None:
-    """Go along the ``way`` (f, k, cells) as far as the energy falls, ``products`` over
-    ``curvatures`` (k,); not at all where there is no curvature.
+    """Add to ``motions`` the search direction ``way``, and take from ``remaining`` the forces
+    ``change`` against it, all (f, k, cells), both times the length at which the energy is least:
+    ``products`` over ``curvatures`` (k,), or zero where there is no curvature.
     """
     for field in range(len(way)):
         for k in range(way.shape[1]):

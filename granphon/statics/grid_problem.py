@@ -40,14 +40,18 @@ class Unknowns(NamedTuple):
 class GridProblem:
     """A problem on a grid whose contacts have Hertz's law, in units of its own.
 
+    Arrays of contacts are (kinds, cells), and arrays of balls (f, cells), f being the displacements
+    of the balls of a cell. Lengths are in the unit ``unit``, forces in the unit ``force_unit``.
+
     Attributes
     ----------
     offset : (kinds, cells) overlaps on the sites.
     given : (kinds,) overlaps that a given strain makes.
     strained : (kinds, s) what contacts lose of their overlaps by unit strains.
     work : (s,) forces of the load on strains.
-    spread : rms of the overlaps on the sites.
-    unit : of lengths, m.
+    spread : standard deviation of the overlaps on the sites.
+    unit, force_unit : units of lengths, m, and of forces, N.
+    is_free : whether the cell has unknown strains.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -107,13 +111,15 @@ class GridProblem:
 
     @cached_property
     def weight(self) -> float:
-        """What makes the force on a strain one on each contact."""
+        """Factor from a force on a strain to a force on each contact; zero without free strains."""
         if not self.is_free:
             return 0.0
         return 1.0 / (self.grid.n_cells * float(np.max(np.sum(np.abs(self.strained), axis=0))))
 
     def needs_more_load(self, options: RestOptions) -> bool:
-        """Return whether the search is to begin at rest under a larger load."""
+        """Return whether the search is to begin at rest under a larger load: where balls differ and
+        the mean force of the load is below ``options.direct_force``.
+        """
         return self.is_free and self.spread > 0.0 and self.load_force < options.direct_force
 
     def find_strains(self) -> Array:
@@ -135,13 +141,15 @@ class GridProblem:
         return loss
 
     def add_losses(self, loss: Values, strains: Array) -> Values:
-        """Add to losses (kinds, cells) those by strains (s,)."""
+        """Add to losses of overlap (kinds, cells), in place, those by strains (s,), and return
+        them.
+        """
         if len(strains):
             loss += (self.strained @ strains)[:, None]
         return loss
 
     def collect(self, force: Values) -> Values:
-        """Return the forces on balls (f, cells) by those of contacts (kinds, cells)."""
+        """Return the forces on balls (f, cells) that forces of contacts (kinds, cells) make."""
         on_balls = np.zeros((self.n_fields, self.grid.n_cells), force.dtype)
         grid_loops.add_forces(self.grid.runs, force, on_balls)
         return on_balls
@@ -153,13 +161,17 @@ class GridProblem:
         return math.sqrt(float(np.max(squares)))
 
     def lay(self, displacement: Array) -> Array:
-        """Return displacements (f, cells) of those (n, d) of balls, m."""
+        """Return displacements of balls (n, d), m, in the form of this problem: (f, cells), in its
+        unit.
+        """
         by_cell = displacement.reshape(self.grid.n_balls, self.grid.n_cells, -1)
         fields = by_cell.swapaxes(1, 2).reshape(self.n_fields, -1)
         return np.ascontiguousarray(fields / self.unit)
 
     def list_displacements(self, balls: Array) -> Array:
-        """Return displacements (n, d) of balls, m, less their mean, of those (f, cells)."""
+        """Return displacements (f, cells) of this problem as those of a list of balls, (n, d), m,
+        less their mean.
+        """
         fields = balls.reshape(self.grid.n_balls, -1, self.grid.n_cells)
         by_ball = fields.swapaxes(1, 2).reshape(-1, fields.shape[1])
         return np.asarray(self.unit * (by_ball - np.mean(by_ball, axis=0)))

@@ -37,11 +37,12 @@ def approach(
     is_fresh: bool,
 ) -> tuple[Array, Array, int, int] | None:
     """Return displacements (f, cells) and strains (s,) near rest, and the numbers of steps and
-    iterations, from others.
+    iterations that led there; the way begins at the displacements ``balls`` and at ``strains``.
 
-    The result is None if no rest is near after 100 steps: it may be at the threshold itself, or
-    there may be none. ``is_fresh`` says whether the balls begin on their sites, rather than at rest
-    under another load.
+    The result is None if no rest is near after ``steps`` of the options, or if the mean force falls
+    to nothing: rest may be at the threshold itself, or there may be none. ``is_fresh`` says whether
+    the balls begin on their sites, rather than at rest under another load. The iterations are
+    counted by ``inverses``.
     """
     problem = equations.problem
     numbers = equations.options.interior
@@ -55,10 +56,12 @@ def approach(
         mean = float(np.mean(f))
         if mean < numbers.least_force:  # too few balls touch to hold each other
             return None
+        # mean of f s over the mean force to the power 5/3, and largest force left on a ball
         relative = product / (mean * float(hertz.overlap_of(mean)))
         left = problem.find_largest(problem.collect(f)) / mean
         if relative <= numbers.close:
             return (balls, strains, step, taken) if left <= numbers.balanced else None
+        # mu falls the faster, the more it fell in the step before; forces must keep up with it
         factor = numbers.largest_factor
         if step:
             factor = max(numbers.least_factor, (product / before) ** numbers.speed)
@@ -67,7 +70,8 @@ def approach(
             factor = 1.0
         mu = factor * product
         before = product
-        closed = hertz.overlap_of(f)
+        # Newton's equations without f and s: stiffness K, and tensions that drive the motion
+        closed = hertz.overlap_of(f)  # f^(2/3)
         stiffness = f / (closed / hertz.EXPONENT + s)
         change = h - closed + mu / f
         tension = f + stiffness * change
@@ -88,6 +92,7 @@ def approach(
             accuracy,
         )
         inverses.count(count)
+        # back from the motion to the changes of f and of s, from the equation f s = mu
         change -= problem.add_losses(problem.measure_losses(motion.balls), motion.strains)
         change *= stiffness
         widening = (mu - s * change) / f - s
@@ -108,7 +113,7 @@ def approach(
 
 
 def _find_overlaps(problem: GridProblem, balls: Array, strains: Array) -> Array:
-    """Return the overlaps (kinds, cells)."""
+    """Return the overlaps (kinds, cells) at displacements (f, cells) and strains (s,)."""
     overlaps = problem.measure_losses(balls)
     np.subtract(problem.offset, overlaps, out=overlaps)
     overlaps += problem.find_common(strains)[:, None]
@@ -116,7 +121,9 @@ def _find_overlaps(problem: GridProblem, balls: Array, strains: Array) -> Array:
 
 
 def split(h: Array, width: float) -> tuple[Array, Array]:
-    """Return f and s above zero, with h = f^(2/3) - s; where h is zero both roots are ``width``."""
+    """Return forces f and gaps s above zero, of the shape of the overlaps ``h``, such that
+    h = f^(2/3) - s and that f^(2/3) s is the square of ``width``.
+    """
     root = np.hypot(0.5 * h, width)
     half = 0.5 * np.abs(h)
     larger = root + half

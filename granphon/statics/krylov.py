@@ -16,9 +16,10 @@ def conjugate_gradients(
     apply: Map, precondition: Map, right: Array, reduction: float, floor: float, most: int
 ) -> tuple[Array, bool]:
     """Return x with |A x - right| <= ``reduction`` |right|, and whether ``most`` iterations reach
-    it.
+    it; otherwise x is that of the last iteration.
 
-    A and its preconditioner are symmetric and positive definite. The residual is not lowered below
+    ``apply`` multiplies by A, and ``precondition`` by an approximate inverse of A; both are
+    symmetric and positive definite. The residual is not lowered below
     ``floor``, which is rounding. Where A has no curvature above zero along a direction of the
     search, what is left is rounding or costs nothing, and counts as reached.
     """

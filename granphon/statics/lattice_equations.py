@@ -91,10 +91,12 @@ class LatticeEquations:
         inverse: Inverse,
         reduction: float,
     ) -> tuple[Unknowns, int]:
-        """Return the motion under a ``force``, of which the ``reduction`` is left, and the number
-        of iterations; vectors have the precision of the ``stiffness``.
+        """Return the motion of balls and strains under a ``force``, and the number of iterations.
 
-        Where iterations end at their largest number, Newton's method goes on from there.
+        Iterations, preconditioned by ``inverse`` for balls, end where the force that is left has a
+        norm of at most ``reduction`` times that of ``force``, at ``options.most_on_grid``, or where
+        a direction has no curvature above zero. The motion is then what has been found: Newton's
+        method goes on from there. Vectors have the precision of the ``stiffness`` (kinds, cells).
         """
         precision = stiffness.dtype
         runs = self._runs[precision]
@@ -105,7 +107,7 @@ class LatticeEquations:
         if len(force.strains):
             sums = np.sum(stiffness, axis=1, dtype=float)
             of_strains = (self.problem.strained.T * sums) @ self.problem.strained
-            # a lattice may resist some strains with contacts that it does not have
+            # a pseudoinverse: contacts along few directions may not resist every strain
             of_strains = np.linalg.pinv(of_strains) if len(of_strains) > 1 else 1.0 / of_strains
         remaining = np.empty(n + len(force.strains), precision)
         remaining[:n] = force.balls.reshape(-1)
@@ -142,9 +144,10 @@ class LatticeEquations:
 class Preconditioners:
     """Preconditioners for the equations that a search poses one after the other.
 
-    They count iterations: the matrix is factorised, or factorised anew, when those since the last
-    factorisation cost more than it would. Numbers of iterations alone decide, never times, so that
-    results are the same on any machine. It is not factorised where most contacts are stiff.
+    A matrix is factorised, or factorised anew, when the iterations since the last factorisation
+    have cost more than another would. The caller reports iterations by :meth:`count`. Their numbers
+    alone decide, never times, so that results are the same on any machine. Nothing is factorised
+    where most contacts are stiff, as Green's function serves there.
     """
 
     def __init__(
@@ -158,6 +161,7 @@ class Preconditioners:
         self.are_small = problem.grid.n_cells * problem.grid.n_balls <= options.most_factorised[d]
         self._most_stiff = options.most_stiff[d]
         self._factors: Inverse | None = None
+        #: cost of the iterations since the last factorisation, in iterations with Green's function
         self._spent = 0
         #: iterations of the first equations with the factors
         self._first: int | None = None
@@ -165,7 +169,9 @@ class Preconditioners:
         self._changing = False
 
     def choose(self, stiffness: Values) -> Inverse:
-        """Return a preconditioner for a ``stiffness`` (kinds, cells)."""
+        """Return a preconditioner for a ``stiffness`` (kinds, cells): by factors, which are made
+        now if they are due, or by Green's function if there are none.
+        """
         options = self._options
         is_due = self._changing or self._spent >= options.patience_of_green
         if is_due and self.are_small:
@@ -196,7 +202,9 @@ class Preconditioners:
 
 
 def _factorise(problem: GridProblem, stiffness: Values, options: RestOptions) -> Inverse:
-    """Return an approximate inverse by factors of the stiff contacts."""
+    """Return an approximate inverse for the balls of a grid with a ``stiffness`` (kinds, cells), by
+    factors of its stiff contacts.
+    """
     grid = problem.grid
     d = len(grid.shape)
     cells = grid.n_cells
@@ -221,6 +229,7 @@ def _factorise(problem: GridProblem, stiffness: Values, options: RestOptions) ->
     solve = factorise_stiff(columns, np.arange(d), grid.n_balls * cells, options)
 
     def apply(force: Values) -> Values:
+        """Return the motion under a ``force``, both (f, cells) and of one precision."""
         by_ball = force.reshape(grid.n_balls, d, cells).swapaxes(1, 2)
         motion = solve(by_ball.reshape(-1)).reshape(grid.n_balls, cells, d)
         return np.ascontiguousarray(motion.swapaxes(1, 2), force.dtype).reshape(force.shape)

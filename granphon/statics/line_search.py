@@ -40,6 +40,7 @@ def follow(way: Way[P], part: float, most: int) -> tuple[P, float]:
     tried: list[P] = []
 
     def measure(length: float) -> tuple[float, Callable[[], float]]:
+        """Return the slope at a ``length`` and what finds its derivative, and keep the place."""
         tried.clear()  # a large place is not kept beside the next one
         place = way.go(length)
         tried.append(place)
@@ -62,6 +63,7 @@ def find_length(
     ``measure`` returns the slope at a length, below zero at first, and what finds its derivative.
     Lengths up to the ``longest`` are tried by Newton's method in one dimension, within brackets.
     """
+    # the slope is below zero at low, and above zero at high, if there is such a length
     low = 0.0
     high = math.inf
     length = tried = min(1.0, longest)
@@ -73,6 +75,7 @@ def find_length(
         low, high = (length, high) if slope < 0.0 else (low, length)
         rise = find_rise() if math.isfinite(slope) else 0.0
         length = length - slope / rise if rise > 0.0 else math.inf
+        # outside the bracket: halve it, or, while it has no upper end, double the length
         if not low < length < high:
             length = 0.5 * (low + high) if high < math.inf else 2.0 * low
         if high == math.inf:

@@ -26,9 +26,14 @@ from granphon.statics.rest import Rest, find_unknowns
 
 
 class ListDescent(Descent[Configuration]):
-    """What the ways of lists to rest have in common.
+    """What the ways of lists to rest have in common: the equations of steps, and the state at rest.
 
     ``iterates`` says whether iterations find steps even where matrices can be factorised.
+
+    Attributes
+    ----------
+    is_factored : whether there are so few balls that matrices can be factorised.
+    iterates : whether iterations find the steps.
     """
 
     def __init__(self, problem: Problem, options: RestOptions, iterates: bool) -> None:
@@ -68,18 +73,21 @@ class ListDescent(Descent[Configuration]):
 
 
 class LatticeWay:
-    """The configurations along a step of contacts that keep their directions."""
+    """The configurations along a step of contacts that keep their directions, a
+    :class:`~granphon.statics.line_search.Way`.
+    """
 
     def __init__(self, start: Configuration, step: Array) -> None:
         self._start = start
         self._step = step
         #: (n_c,) what contacts lose of their overlaps along the whole step, m
         self._loss = start.problem.measure_losses(step)
-        #: J per step
+        #: fall of the energy per length at the start, J
         self.fall = float(start.pull @ step)
         self.longest = math.inf
         laws = start.problem.assembly.laws
-        if laws.adhere:  # no contact may be torn: nine tenths of the way to the first that would
+        if laws.adhere:
+            # no contact may be torn: at most nine tenths of the length at which the first is
             parting = self._loss > 0.0
             room = (start.overlap - laws.least)[parting] / self._loss[parting]
             self.longest = max(0.9 * float(np.min(room, initial=math.inf)), 1e-9)
@@ -90,8 +98,10 @@ class LatticeWay:
         return start.move(start.x + length * self._step, start.overlap - length * self._loss)
 
     def find_slope(self, place: Configuration) -> float:
-        """Return the slope of the energy; infinite where all contacts have opened, under a load
-        that is small against the forces before.
+        """Return the derivative of the energy by the length at a ``place`` of the way, J.
+
+        The slope is infinite where all contacts have opened, so that no step goes there: a load
+        that is small against the forces at the start would let it.
         """
         before = self._start.force
         if not np.any(place.force) and np.any(before):
@@ -99,7 +109,7 @@ class LatticeWay:
         return float((before - place.force) @ self._loss) - self.fall
 
     def find_rise(self, place: Configuration) -> float:
-        """Return the derivative of the slope."""
+        """Return the derivative of the slope by the length at a ``place`` of the way, J."""
         return float((place.stiffness * self._loss) @ self._loss)
 
 
@@ -110,13 +120,16 @@ class LatticeDescent(ListDescent):
         assembly = problem.assembly
         fewest = options.fewest_iterated[assembly.dimension]
         super().__init__(problem, options, assembly.n_balls >= fewest)
-        #: the inverse of the equations of an earlier step, once single balls do not suffice
+        #: the inverse of the equations of an earlier step, once iterations that are preconditioned
+        #: by single balls have not ended
         self.kept_inverse: Map | None = None
+        #: largest mean force of the way, N
         self.largest_mean = 0.0
 
     def begin(self, start: Rest | None) -> Configuration:
-        """Return the configuration from which the search begins: that of ``start``, of a given
-        strain, of balls that press each other on their sites, or of linear springs.
+        """Return the configuration from which the way begins: that of ``start``, if there is one;
+        that of balls on their sites, if a strain is given or the balls press each other there
+        without a load; otherwise that of linear springs at rest.
         """
         problem = self.problem
         if start is not None:
@@ -128,8 +141,9 @@ class LatticeDescent(ListDescent):
         return self._relax_springs(untouched)
 
     def _relax_springs(self, untouched: Configuration) -> Configuration:
-        """Return where linear springs are at rest that have the force and the stiffness of the
-        contacts at a typical force; ``untouched`` is the configuration on the sites.
+        """Return the configuration at rest of linear springs in place of the contacts, with the
+        overlap and the stiffness that contacts have at a typical force; ``untouched`` is the
+        configuration on the sites. Raises the error of a load that gives no typical force.
         """
         problem = self.problem
         laws = problem.assembly.laws
@@ -153,7 +167,9 @@ class LatticeDescent(ListDescent):
         return self.trail.stalled > self.options.stalled
 
     def _prepare(self, place: Configuration) -> Configuration:
-        """Return the configuration; raise :class:`InputError` if all contacts are open."""
+        """Return the configuration as it is; raise the error of a load under which all contacts
+        have opened, or, where a strain alone presses, have lost nearly all of their force.
+        """
         problem = self.problem
         mean = place.mean
         self.largest_mean = max(self.largest_mean, mean)
@@ -167,10 +183,10 @@ class LatticeDescent(ListDescent):
         self, configuration: Configuration, stiffness: Array, pull: Array, reduction: float
     ) -> Array:
         """Return the step (size,) of springs of a ``stiffness`` (n_c,), N/m, under forces ``pull``
-        (size,); iterations end where these are left to a part, the ``reduction``.
+        (size,), N; iterations end where the part ``reduction`` of the forces is left.
 
-        Iterations are preconditioned by single balls, until these do not suffice, and then by the
-        factors of an earlier step.
+        Iterations are preconditioned by single balls. Where they do not end in time, factors solve
+        the equations and are kept, and precondition the iterations of later steps.
         """
         equations = self.equations
         options = self.options
@@ -200,7 +216,7 @@ class LatticeDescent(ListDescent):
         residual = place.residual
         stiffness = place.stiffness
         closed = stiffness[stiffness > 0.0]
-        # contacts that carry a force and have no stiffness, as where they break, get some
+        # if no contact has a stiffness, though some carry a force, as where they break, an estimate
         added = place.mean / problem.length
         if closed.size:
             added = options.added * min(1.0, residual) * float(np.mean(closed))
@@ -227,7 +243,9 @@ class LatticeDescent(ListDescent):
         return replace(rest, overlap=np.where(is_rounding, 0.0, rest.overlap))
 
     def _explain_failure(self, place: Configuration) -> GranphonError:
-        """Return the error of a search that has not come to rest."""
+        """Return the error of a way that has not led to rest: where contacts adhere, that of the
+        contact that is nearest to its largest tension.
+        """
         laws = self.problem.assembly.laws
         error = explain(self.problem, self.options, residual=self.trail.best)
         if laws.adhere and isinstance(error, ConvergenceError):

@@ -32,8 +32,8 @@ from granphon.statics.options import RestOptions
 def lead_loose_balls(
     configuration: Configuration, loose: Flags, least: float, options: RestOptions
 ) -> Configuration:
-    """Bring ``loose`` balls (n,) to rest, while the others are held, until no more force than
-    ``least`` of the mean is left on any.
+    """Return the configuration after the balls ``loose`` (n,) have come to rest while the others
+    are held: no more force is left on a loose ball than ``least`` times the mean force of contacts.
 
     Clusters that do not come to rest are left where the last step has taken them.
     """
@@ -48,11 +48,13 @@ def lead_loose_balls(
 def _lead_clusters(
     configuration: Configuration, loose: Flags, least: float, options: RestOptions
 ) -> tuple[Configuration, Flags]:
-    """Return the configuration in which three quarters of the ``loose`` balls have come to rest, or
-    in which the steps have ended, and the balls (n,) that have not.
+    """Return the configuration in which more than three quarters of the ``loose`` balls have come
+    to rest, and the balls (n,) that have not; none count as such once ``options.loose_steps`` have
+    been taken.
 
-    The other balls are held. A ball is at rest if no more force than ``least`` of the mean is left
-    on any ball of its cluster. Springs to the ground, weaker as forces fall, shorten the steps.
+    The other balls are held. A ball is at rest if no more force than ``least`` times the mean is
+    left on any ball of its cluster. Springs to the ground, weaker as forces fall, shorten the
+    steps. The caller goes on with the balls that are not at rest, in smaller clusters.
     """
     from granphon.contacts.clusters import join_balls  # averages need no Numba
 
@@ -61,7 +63,7 @@ def _lead_clusters(
     d = assembly.dimension
     flat = assembly.is_flat[:, None]
     vector = np.where(flat, assembly.vector, configuration.current)
-    held = assembly.cut_out(loose, vector, configuration.overlap)
+    held = assembly.cut_out(loose, vector, configuration.overlap)  # of the loose balls alone
     unknowns = np.repeat(loose, d)
     of_loose = np.concatenate([unknowns, np.zeros(problem.size - len(unknowns), bool)])
     cluster = np.empty(held.n_balls, np.int64)
@@ -89,9 +91,10 @@ def _lead_clusters(
 
 
 class _Cages:
-    """Loose balls between others, which are held, at displacements (bodies, 3).
+    """The n loose balls of an ``assembly`` between others, which are held, at displacements
+    (bodies, 3), m; zeros if ``displacement`` is empty.
 
-    ``load`` (n, d) are forces on the balls that do not change.
+    ``load`` (n, d) are forces on the balls, N, that do not change.
     """
 
     def __init__(self, assembly: Assembly, load: Array, displacement: Array) -> None:
@@ -113,12 +116,12 @@ class _Cages:
 
     @cached_property
     def normal(self) -> Array:
-        """(n_c, 3) unit vectors."""
+        """(n_c, 3) unit vectors of the contacts."""
         return np.asarray(self.current / self.distance[:, None])
 
     @cached_property
     def pull(self) -> Array:
-        """(n, d) the forces left on the balls."""
+        """(n, d) the forces left on the balls, N."""
         from granphon.contacts.deformation import add_forces  # averages need no Numba
 
         assembly = self.assembly
@@ -129,15 +132,16 @@ class _Cages:
 
     @property
     def size_of_pull(self) -> Array:
-        """(n,) the force left on each ball."""
+        """(n,) size of the force left on each ball, N."""
         return np.asarray(np.sqrt(np.einsum("na,na->n", self.pull, self.pull)))
 
     def advance(self, springs: Array, moves: Flags, most: float, options: RestOptions) -> _Cages:
-        """Return the cages after a step of the balls that ``moves`` (n,) names.
+        """Return the cages after a step of Newton's method of the balls ``moves`` (n,).
 
-        Balls that touch, or would at the end of the step, go the same part of it, to where their
-        energy is least; where the energy still falls at the end they go all of it. Groups with no
-        more force than ``most`` on any ball stay. ``springs`` (n,) hold the balls to the ground.
+        Balls that touch now, or would after the whole step, are a group, and go the same part of
+        the step: to where the energy of the group is about least, or all of it if the energy still
+        falls there. Groups with no more force than ``most``, N, on any ball stay. ``springs`` (n,),
+        N/m, hold the balls to the ground.
         """
         from granphon.contacts.clusters import (
             choose_lengths,
@@ -190,10 +194,12 @@ class _Cages:
 
 
 def find_way_down(configuration: Configuration, equations: Equations) -> Configuration | None:
-    """Return where to go on from a saddle of the energy; None at a minimum.
+    """Return a configuration of less energy than ``configuration``, which is at rest, if that is a
+    saddle of the energy; None at a minimum.
 
-    No curvature of the energy is below minus the strongest push. So the lowest curvature is that
-    nearest to this bound, and is found by factors with the bound as a shift.
+    No curvature of the energy is below minus the strongest push (:func:`find_strongest_push`). So
+    the lowest curvature is that nearest to this bound, and is found by factors with the bound as a
+    shift. The way down begins along its motion. A curvature that may be rounding counts as zero.
     """
     options = equations.options
     problem = configuration.problem
@@ -206,7 +212,7 @@ def find_way_down(configuration: Configuration, equations: Equations) -> Configu
     factors = linear.factorise(strongest)
 
     def solve(right: Array) -> Array:
-        """Return the solution with the shifted matrix, over its level."""
+        """Return the solution of the equations of the shifted matrix over its level."""
         return np.asarray(factors.solve(right) * linear.level)
 
     start = np.cos(np.arange(n) ** 2.0)  # the same at each call, and with a part of every motion
@@ -220,13 +226,15 @@ def find_way_down(configuration: Configuration, equations: Equations) -> Configu
 
 def go_down(configuration: Configuration, way: Array, options: RestOptions) -> Configuration:
     """Return a configuration along a ``way`` (size,) on which the energy has a curvature below
-    zero.
+    zero, in the direction in which the forces left push.
+
+    Lengths are doubled from the part ``options.descent`` of the largest difference of radii, as
+    long as the energy falls and the displacement is less than this difference.
     """
     largest = float(np.max(np.abs(configuration.problem.assembly.offset)))
     way = way * (options.descent * largest / float(np.max(np.abs(way))))
     way *= math.copysign(1.0, float(configuration.pull @ way))
     below = configuration
-    # as far as the energy falls, but not much farther than radii differ
     length = 1.0
     while length * options.descent < 1.0:
         ahead = configuration.move(configuration.x + length * way)
@@ -238,10 +246,11 @@ def go_down(configuration: Configuration, way: Array, options: RestOptions) -> C
 
 
 def has_soft_motions(equations: Equations) -> bool:
-    """Return whether motions cost no energy while all contacts touch alike, beside those of the
-    whole.
+    """Return whether there are motions, other than those of the whole, that cost no energy while
+    all contacts have the same stiffness.
 
-    Balls with no more contacts than dimensions are loose, and are left out.
+    Balls with no more contacts than dimensions are loose anyway, and are held. Motions of the free
+    strains of the cell count too.
     """
     options = equations.options
     problem = equations.problem

@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 
 
 class Equations:
-    """Newton's equations of a problem, by factors: where their entries stand, and the order of
-    elimination.
+    """Newton's equations of a problem, by factors: what does not change from step to step, which is
+    where the entries stand, and the order of elimination.
     """
 
     def __init__(self, problem: Problem, options: RestOptions) -> None:
@@ -61,11 +61,12 @@ class Equations:
     def linearise(
         self, configuration: Configuration, stiffness: Array, turning: float = 1.0
     ) -> Linearisation:
-        """Return the equations at a configuration, with a ``stiffness`` of its contacts (n_c,),
+        """Return the equations at a ``configuration`` whose contacts have a ``stiffness`` (n_c,),
         N/m.
 
-        Forces of contacts that turn push balls aside, ``turning`` = 1, not at all, 0, or hold them
-        there, -1.
+        The force f of a contact of length r that turns has a stiffness -f/r across the contact,
+        which pushes balls aside. It is multiplied by ``turning``: 1 for the tangent, 0 to leave it
+        out, and -1 to hold balls where the forces would push them aside.
         """
         problem = self.problem
         assembly = problem.assembly
@@ -85,8 +86,9 @@ class Equations:
         turning: float = 1.0,
         load_slope: Array | None = None,
     ) -> Array:
-        """Return the step (size,) that takes the forces ``pull`` (size,) away; see
-        :meth:`linearise` and :meth:`Linearisation.invert`.
+        """Return the step (size,), m, that takes the forces ``pull`` (size,), N, away, without a
+        drift of the whole; see :meth:`linearise` and :meth:`Linearisation.invert` for the other
+        arguments.
         """
         linear = self.linearise(configuration, stiffness, turning)
         row = find_mean_row(configuration, stiffness)
@@ -94,12 +96,12 @@ class Equations:
 
 
 class Linearisation:
-    """Newton's equations at one configuration.
+    """Newton's equations at one configuration, made of the ``blocks`` of its tangent.
 
     Attributes
     ----------
     level : mean stiffness of contacts, N/m.
-    entries : those of A.
+    entries : entries of A that are stored, N/m.
     border : (n d, m) B, forces on balls against unit motions of the m walls and strains.
     corner : (m, m) C, forces on walls and strains against each other.
     """
@@ -134,7 +136,7 @@ class Linearisation:
 
     @property
     def matrix(self) -> Any:
-        """A, a sparse matrix in columns."""
+        """The sparse matrix A (n d, n d), N/m, stored by columns, without springs to the ground."""
         return self.equations.leading.make_matrix(self.entries)
 
     def factorise(self, springs: Array | float = 0.0) -> Factors:
@@ -156,10 +158,13 @@ class Linearisation:
             raise ConvergenceError(what) from None
 
     def invert(self, load_slope: Array | None = None, mean_row: Array | None = None) -> Map:
-        """Return the inverse: the step (size,) that takes forces (size,) away.
+        """Return the inverse, a function from forces (size,), N, to the step (size,), m, that takes
+        them away. A is factorised here.
 
-        ``load_slope`` (size, m) are the forces of the load that grow with walls and strains, and
-        ``mean_row`` (size,) is that of :func:`find_mean_row`.
+        ``load_slope`` (size, m) are the derivatives of the load's forces by the unknowns of walls
+        and strains, None where these forces do not change. ``mean_row`` (size,) is that of
+        :func:`find_mean_row`: it takes the place of the row of the strain in a cell without walls
+        that has one strain.
         """
         n = len(self.border)
         solve_balls = self._invert_balls()
@@ -175,11 +180,13 @@ class Linearisation:
             rows = mean_row[None, :n]
             corner = mean_row[None, n:]
         motions = solve_balls(columns)
-        remaining = np.linalg.inv(corner - rows @ motions)
+        # of C - B' A^-1 B, which is left for walls and strains once balls are eliminated
+        inverse_of_few = np.linalg.inv(corner - rows @ motions)
 
         def solve(pull: Array) -> Array:
+            """Return the step (size,) that takes forces ``pull`` (size,) away."""
             of_balls = solve_balls(pull[:n])
-            of_few = remaining @ (pull[n:] - rows @ of_balls)
+            of_few = inverse_of_few @ (pull[n:] - rows @ of_balls)
             return np.concatenate([of_balls - motions @ of_few, of_few])
 
         return solve
@@ -193,7 +200,8 @@ class Linearisation:
         if self.equations.leading.band == 1:
             from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
-            with suppress(LinAlgError):  # not a minimum
+            # a band without Cholesky factors is no minimum: it has the factors of any matrix
+            with suppress(LinAlgError):
                 factor = cholesky_banded(self._make_band(), lower=True)
                 return lambda forces: np.asarray(cho_solve_banded((factor, True), forces))
         return self.factorise().solve
@@ -209,8 +217,11 @@ class Linearisation:
 
 
 def find_mean_row(configuration: Configuration, stiffness: Array) -> Array | None:
-    """Return the row (size,) of the equations of a cell whose contacts are given a mean force: how
-    what they have more than it falls with the unknowns; None of other cells.
+    """Return the row (size,), N/m, of the equations of a cell whose contacts are given a mean
+    force; None of other cells.
+
+    The row takes a step of the unknowns to the fall of the mean force, times the root of the number
+    of contacts as in :attr:`~granphon.statics.configuration.Configuration.pull`.
     """
     problem = configuration.problem
     if problem.load.mean_force is None:
@@ -263,8 +274,11 @@ class GridEquations:
         most: int,
         load_slope: Array | None = None,
     ) -> GridStep:
-        """Return the step that takes the forces ``pull`` (size,) away but for ``reduction``, as far
-        as ``most`` iterations do; see :meth:`Equations.solve`.
+        """Return the step that takes the forces ``pull`` (size,), N, away, with an error that has
+        fallen by ``reduction``, or that ``most`` iterations leave; see :meth:`Equations.solve` for
+        the other arguments.
+
+        The iteration of a step near rest is kept for :meth:`probe`.
         """
         problem = self.problem
         n = problem.n_ball_unknowns
@@ -273,6 +287,7 @@ class GridEquations:
         is_near = turning == 1.0 and configuration.residual <= self.options.last
         self._last = (configuration.stiffness, iteration) if is_near else None
         border = blocks.ahead.reshape(n, -1)
+        # motions under the forces of unit strains are found together with those under the pull
         columns_of_cell = border if load_slope is None else border - load_slope[:n]
         right = np.column_stack([pull[:n], columns_of_cell])
         right = right.reshape(problem.assembly.n_balls, len(self.motions.translations), -1)
@@ -294,11 +309,13 @@ class GridEquations:
         )
 
     def probe(self, configuration: Configuration, most: int) -> GridStep:
-        """Return the response to random forces, whose search meets ways along which the curvature
-        of the energy is below zero, if there are such ways.
+        """Look for a motion along which the curvature of the energy is below zero, and return what
+        was found: ``way_down`` is such a motion, or None, and ``step`` (n d,) are the random forces
+        whose response was computed. Conjugate gradients meet such a motion if there is one.
 
-        The tangent of the last step serves if stiffnesses have hardly changed. Where it has such a
-        way, and else, weak springs hold each ball against what may be rounding.
+        The tangent of the last step serves if the stiffnesses have hardly changed since. If it does
+        not, or if such a motion was met with it, the tangent is made anew, with weak springs at
+        each ball, so that a curvature that is rounding does not count.
         """
         options = self.options
         assembly = self.problem.assembly
@@ -322,7 +339,9 @@ class GridEquations:
         return GridStep(forces, solution.has_arrived, self._extend(solution.way_down), count)
 
     def _extend(self, way_down: Array | None) -> Array | None:
-        """Return the unknowns (size,) of a motion of balls (n, d)."""
+        """Return the unknowns (size,) of a motion of balls (n, d), with zeros for the strains; None
+        for None.
+        """
         if way_down is None:
             return None
         rest = self.problem.size - self.problem.n_ball_unknowns
@@ -331,7 +350,9 @@ class GridEquations:
     def _fill_blocks(
         self, configuration: Configuration, stiffness: Array, turning: float
     ) -> Blocks:
-        """Return the tangent, with the ``turning`` of :meth:`Equations.linearise`."""
+        """Return the blocks of the tangent of contacts of a ``stiffness`` (n_c,), N/m, with
+        ``turning`` as in :meth:`Equations.linearise`.
+        """
         problem = self.problem
         assembly = problem.assembly
         side = -turning * configuration.force / configuration.distance
@@ -342,7 +363,9 @@ class GridEquations:
     def _iterate(
         self, configuration: Configuration, stiffness: Array, blocks: Blocks
     ) -> GridIteration:
-        """Return the iteration with a tangent."""
+        """Return the iteration with the tangent ``blocks``, which is kept: the next one on the grid
+        takes its Green's function.
+        """
         from granphon.statics.grid_iteration import GridIteration  # averages need no Numba
 
         assembly = self.problem.assembly
@@ -373,9 +396,12 @@ class GridEquations:
 
 
 def find_strongest_push(configuration: Configuration) -> float:
-    """Return a stiffness, N/m, with which forces push no ball aside more: four times the largest
-    sum, over the contacts of a ball, of |n_a| f/r, f/r being the stiffness by which the force of a
-    contact pushes its balls aside, and n_a its direction along any axis.
+    """Return a bound, N/m, of the stiffness with which the forces of contacts push balls aside: no
+    curvature of the energy is below minus this bound.
+
+    A force f of a contact of length r and direction n pushes its balls aside with the stiffness
+    f/r. The bound is four times the largest sum of |n_a| f/r over the contacts of a ball, for any
+    ball and any axis a.
     """
     assembly = configuration.problem.assembly
     aside = np.where(assembly.is_flat, 0.0, configuration.force / configuration.distance)
@@ -386,8 +412,9 @@ def find_strongest_push(configuration: Configuration) -> float:
 
 
 def _shake_contacts(configuration: Configuration) -> Array:
-    """Return random forces (n d,) on balls, of which each contact bears as much energy along its
-    direction as across.
+    """Return random forces (n d,) on balls, the same at each call for the same contacts: each
+    contact pushes its balls along its direction by the root of its stiffness, and in a random
+    direction by the root of f/r, each times a random number.
     """
     problem = configuration.problem
     assembly = problem.assembly
@@ -403,7 +430,7 @@ def _shake_contacts(configuration: Configuration) -> Array:
 class IteratedEquations:
     """Newton's equations of a problem, by conjugate gradients.
 
-    Static forces that push balls aside are left out: they are a small part.
+    The stiffness -f/r by which forces push balls aside is left out: it is a small part.
     """
 
     def __init__(self, problem: Problem, options: RestOptions) -> None:
@@ -419,23 +446,26 @@ class IteratedEquations:
         most: int,
         precondition: Map | None = None,
     ) -> tuple[Array, bool]:
-        """Return the step (size,) that takes the forces ``pull`` (size,) away but for
-        ``reduction``, and whether ``most`` iterations find it.
+        """Return the step (size,), m, that takes the forces ``pull`` (size,), N, away but for the
+        part ``reduction``, and whether ``most`` iterations find it.
 
         Parameters
         ----------
         stiffness : (n_c,) of the contacts, N/m.
-        precondition : an approximate inverse; by default that of single balls.
+        precondition : an approximate inverse, from forces (size,) to unknowns (size,); by default
+            that in which each ball moves while the others are held.
         """
         problem = self.problem
         normal = configuration.normal
         inverse = precondition or self._invert_alone(normal, stiffness)
 
         def apply(motion: Array) -> Array:
+            """Return the forces (size,) against a ``motion`` (size,)."""
             loss = problem.measure_losses(motion, normal)
             return problem.collect_forces(normal, stiffness * loss)
 
         def find_motion(force: Array) -> Array:
+            """Return about the motion (size,) under a ``force`` (size,), without a drift."""
             return problem.remove_drift(inverse(force))
 
         rounding = 2.0 * float(np.finfo(np.float64).eps)
@@ -444,8 +474,8 @@ class IteratedEquations:
         return conjugate_gradients(apply, find_motion, aim, reduction, floor, most)
 
     def _invert_alone(self, normal: Array, stiffness: Array) -> Map:
-        """Return the inverse of the motions of each ball, wall or strain while the others are
-        held.
+        """Return a function from forces (size,) to the motions (size,) of each ball, wall or strain
+        while all others are held.
         """
         from granphon.contacts.deformation import (  # averages need no Numba
             add_blocks,
@@ -475,6 +505,7 @@ class IteratedEquations:
         invert_blocks(alone)
 
         def solve(force: Array) -> Array:
+            """Return the motion (size,) under a ``force`` (size,), each unknown alone."""
             motion = np.empty_like(force)
             multiply_blocks(alone, force[:n].reshape(-1, d), motion[:n].reshape(-1, d))
             motion[n:] = force[n:] / diagonal

@@ -11,7 +11,9 @@ from typing import Any
 
 
 def _by_axes(line: float, plane: float, space: float) -> Mapping[int, Any]:
-    """Return a field with a number for balls that move along 1, 2 or 3 axes."""
+    """Return a field of a dataclass whose default is a mapping from the number of axes along which
+    balls move, 1, 2 or 3, to the number ``line``, ``plane`` or ``space``.
+    """
     numbers = MappingProxyType({1: line, 2: plane, 3: space})
     field_of_numbers: Mapping[int, Any] = field(default_factory=lambda: numbers)
     return field_of_numbers
@@ -34,8 +36,8 @@ class GridOptions:
         kind of contact: Green's function need not be exact, and samples of a packing share one.
     kept : balls, at most, whose Green's function of mean stiffnesses is kept, and whose right sides
         share transforms: beyond, memory counts.
-    kept_even : the same of equal contacts, which is that of all samples and loads, and takes some
-        2 MB for 10^5 balls of a plane.
+    kept_even : balls, at most, whose Green's function of equal contacts is kept: it serves all
+        samples and loads, and takes some 2 MB for 10^5 balls of a plane.
     waves : number of waves at which matrices are inverted at a time.
     well_held : deformations that contacts resist over motions of balls, from which conjugate
         gradients take less time than factors, in a plane and in space, with slips and without.
@@ -75,7 +77,7 @@ class InteriorOptions:
         least where mu is held.
     width : f^(2/3) and s of a contact with h = 0, over the standard deviation of h, where the start
         is the sites of the lattice.
-    width_nearby : the same where the start is at rest.
+    width_nearby : the same ratio where the start is at rest under another load.
     """
 
     steps: int = 100
@@ -106,10 +108,10 @@ class RestOptions:
     Attributes
     ----------
     tolerance : residual at which balls are at rest: the rounding of a sum of forces.
-    iterated_tolerance : the same where equations are solved by iteration.
-    grid_tolerance : the same on a grid in the directions of the lattice, over the mean force or the
-        rms difference of forces if that is less: at high loads the effect of disorder is itself
-        only a small part of the force.
+    iterated_tolerance : residual at rest where equations are solved by iteration.
+    grid_tolerance : residual at rest on a grid in the directions of the lattice, where residuals
+        are over the mean force or the standard deviation of forces if that is less: at high loads
+        the effect of disorder is itself only a small part of the force.
     required : residual that must be reached, and that a search that comes no nearer may end with.
     steps : steps of Newton's method, at most: 160 bring 12^3 balls to rest at f* = 1e-4.
     slopes : slopes in a line search, at most.
@@ -118,7 +120,8 @@ class RestOptions:
     added : stiffness that is added to all contacts, over their mean, at a residual of 1: open
         contacts have none.
     hold : stiffness of the springs that hold what nothing else holds, over the mean of contacts.
-    hold_alone : the same of single balls in a preconditioner, whose inverse enlarges rounding.
+    hold_alone : stiffness of the springs, over the mean of contacts, that hold single balls in a
+        preconditioner, whose inverse enlarges rounding.
     reduction : relative residual at which iterations end near rest.
     most_factorised : balls, at most, whose matrices are factorised: factors then take about 1 GB.
     fewest_iterated : balls from which iterations are tried before factors in the directions of the
@@ -157,20 +160,21 @@ class RestOptions:
         loose balls.
     failed : force left on a ball after a step, over the most before it, from which the ball counts
         as loose too.
-    worst : the same over the most after the step: a step that throws a few balls shakes many, and
-        all those would make clusters as large as the array.
+    worst : force left on a ball, over the largest after the step, from which the ball may count as
+        loose: a step that throws a few balls shakes many others, and all of them would make
+        clusters as large as the array.
     most_shaken : part of the balls, at most, that become loose by a step: one that shakes more was
         too long, and they are not loose.
-    loose_steps : steps of Newton's method for loose balls while the others are held, at most; they
-        go on after the others have moved.
-    loose_slopes : slopes in a line search of these steps, at most.
+    loose_steps : steps of Newton's method for loose balls while the others are held, at most; loose
+        balls go on after the others have moved.
+    loose_slopes : slopes in a line search of a step of loose balls, at most.
     loose_slope : slope of the energy of a group of loose balls along a step, over that at its
         start, at which its line search ends: loose balls are many, and each need not be exact.
     hold_loose : stiffness of the springs that hold loose balls which nothing else holds, over the
         mean of contacts: far less than light forces resist with.
     finer : force that may be left on loose balls, over the tolerance, so that they do not keep the
         others from rest.
-    rounding : the same over the mean force, at least.
+    rounding : force that may be left on loose balls, over the mean force, at least.
     descent : displacement with which the way down from a saddle begins, over the largest difference
         of radii.
     curvature : curvature of the energy below zero, over what forces could make, that is rounding.
@@ -178,31 +182,34 @@ class RestOptions:
     workers : threads that share each Fourier transform on a grid in the directions of the lattice.
     cached : contacts of a grid that are worked on at a time, so that they stay in the processor's
         cache.
-    most_on_grid : iterations in such a step, at most: the search goes on from there.
-    loosest : relative residual of such a step, at most.
-    progress : below that, the relative residual is the ratio by which the last step reduced the
-        distance from rest, to this power: where balls that nothing holds come to rest, progress is
-        slow, however accurate the steps (S. C. Eisenstat and H. F. Walker, SIAM J. Sci. Comput. 17,
-        16 (1996), choose tolerances in this way).
-    accuracy : part of the tolerance that the last step is to leave.
+    most_on_grid : iterations in a step on a grid in the directions of the lattice, at most: the
+        search goes on from what they have found.
+    loosest : relative residual of the linear equations of a step on such a grid, at most.
+    progress : exponent: the relative residual of the equations of a step is the ratio by which the
+        step before reduced the residual of rest, to this power, up to ``loosest``. Where balls that
+        nothing holds come to rest, progress is slow, however accurate the steps (S. C. Eisenstat
+        and H. F. Walker, SIAM J. Sci. Comput. 17, 16 (1996), choose tolerances in this way).
+    accuracy : part of the ``grid_tolerance`` that the last step on a grid is to leave.
     spoilt : length of a step below which later ones are solved in double precision.
     even : standard deviation of stiffnesses, over their mean, up to which Green's function alone
         preconditions.
     least_difference : least scale of forces, over those that the spread of overlaps on the sites
         makes: in a chain all contacts carry the same force, but for rounding.
-    move_rounding : force left on a ball of a line that the rounding of displacements explains, in
-        units of it times the stiffness.
+    move_rounding : force left on a ball of a line that the rounding of displacements explains, over
+        this rounding times the mean stiffness.
     load_rounding : part of a load by which rounding may miss it.
     closed_on_sites : part of contacts closed on the sites, below which interior points come before
         Newton's method where the strain is given.
-    interior_forces : least and largest mean force for which they do where a load is given, in units
-        of the spread.
-    direct_force : mean force, in these units, below which the search begins at rest under the last
-        of the ``detours``.
-    start_tolerance : tolerance of that rest, and of that of an array in the directions of the
-        lattice from which a search in exact directions begins.
+    interior_forces : least and largest mean force, in the unit of
+        :class:`~granphon.statics.grid_problem.GridProblem`, for which interior points come before
+        Newton's method where a load is given.
+    direct_force : mean force, in that unit of a grid, below which the search begins at rest under
+        the last of the ``detours`` times the load.
+    start_tolerance : ``grid_tolerance`` of a rest that is only the start of another search: that
+        under more load, and that of an array in the directions of the lattice before a search in
+        exact directions.
     interior : numbers of the interior-point method.
-    threshold : mean force, in these units, below which contacts that do not all touch carry
+    threshold : mean force, in the unit of a grid, below which contacts that do not all touch carry
         nothing.
     stiff : stiffness, over the mean, from which contacts enter factors; softer ones enter by their
         part of the diagonal only.
@@ -295,7 +302,9 @@ class RestOptions:
     grid: GridOptions = GridOptions()
 
     def loosen(self) -> RestOptions:
-        """Return the options of a search for the state from which another search begins."""
+        """Return the options of a search for a state that is only the start of another search, with
+        ``start_tolerance`` as tolerance on a grid.
+        """
         return replace(self, grid_tolerance=self.start_tolerance)
 
 
@@ -308,22 +317,23 @@ class ResponseOptions:
     least_spring : stiffness of the springs to the ground over the mean one of contacts, where
         factors allow it: far above rounding, so that motions that cost nothing do not count as
         unstable, and far below what holds a ball that is pushed aside, W/d of the others.
-    strongest_spring, raised : the same, at most, and by how much it is raised where the factors are
-        singular all the same.
+    strongest_spring, raised : relative stiffness of these springs, at most, and the factor by which
+        it is raised where the matrix is singular all the same.
     borne : part of the energy of the response that springs may bear, of which the error of an
         elastic tensor is about the square.
-    borne_of_motions : the same, where motions are asked for.
+    borne_of_motions : part of the energy that springs may bear where motions are asked for.
     rounds : rounds of refinement, at most.
     stalled : part of the forces that a round of refinement has left, from which it comes no nearer.
     reduction : error of an iteration in the norm of the energy; that of an elastic tensor is its
         square.
-    reduction_of_motions : the same, where motions are asked for, or no factors can be.
-    patience : iterations after which a grid that can be factorised is.
-    most_iterations : iterations of a grid that cannot, at most.
+    reduction_of_motions : error of an iteration where motions are asked for, or where a grid is too
+        large for factors.
+    patience : iterations after which a grid that is small enough is factorised.
+    most_iterations : iterations, at most, of a grid that is too large for factors.
     most_balls : balls on a line, in a plane, in space, at most, whose matrix is factorised: the
         memory of factors grows faster than it, to about 1 GB.
     residual : relative residual of equations that are not symmetric.
-    residual_of_round : the same after a round by GMRES.
+    residual_of_round : relative residual after a round by GMRES.
     noise : rounding of a unit strain's forces, over the mean stiffness.
     kept, cycles : vectors that GMRES keeps, and cycles of it, at most.
     grid : numbers of iterations on a grid.
@@ -357,8 +367,8 @@ class CourseOptions:
     ----------
     step : relative step of a parameter: the error of differences is about its fourth power, and
         rounding over it.
-    least_step : the same, at least: below, rounding is larger than what contacts near their opening
-        contribute.
+    least_step : relative step of a parameter, at least: below, rounding is larger than what
+        contacts near their opening contribute.
     part : change of the overlap of a contact in a step, over the overlap, at most.
     rounds : rounds of refinement, at most.
     left : part of the derivative of the forces that rounds leave.

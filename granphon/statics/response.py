@@ -41,16 +41,17 @@ if TYPE_CHECKING:
 
 
 class LinearResponse:
-    """Small motions of balls at rest.
+    """Small motions of n balls at rest, with m motions each.
 
     Parameters
     ----------
-    contacts : the list.
+    contacts : the list of their contacts.
     strains : (s, 3, 3) unit strains of the cell, by default those in Voigt order.
     options : the numbers of the response.
 
-    What is asked of it raises :class:`~granphon.base.errors.ConvergenceError` if the balls are not
-    at a minimum of the energy.
+    Motions and stiffnesses are found when they are asked for, and raise
+    :class:`~granphon.base.errors.ConvergenceError` if the balls are not at a minimum of the energy,
+    or if the equations are not solved.
     """
 
     def __init__(
@@ -69,28 +70,36 @@ class LinearResponse:
         """Return the motions (n, m, k) of balls under small forces (n, m, k), which are in balance
         but for rounding.
         """
-        return self._follow(forces, True)[0]
+        motions, _remaining = self._solve(forces, for_motions=True)
+        return motions
 
     @property
     def motions(self) -> Array:
         """(n, m, s) motions of balls under the unit strains, beside those of the strain itself;
         computed anew at each call.
         """
-        return self._follow(-self._tangent.blocks.ahead, True)[0]
+        motions, _remaining = self._solve(-self._tangent.blocks.ahead, for_motions=True)
+        return motions
 
     @property
     def stiffness(self) -> Array:
-        """(s, s) second derivatives of the energy by the strains, once the balls have moved."""
+        """(s, s) second derivatives of the energy by the strains, where balls move until they are
+        in balance again; computed anew at each call.
+        """
         tangent = self._tangent
-        motions, forces = self._follow(-tangent.blocks.ahead, False)
+        motions, forces = self._solve(-tangent.blocks.ahead, for_motions=False)
         found = tangent.blocks.corner + np.einsum("nmt,nms->ts", tangent.blocks.back, motions)
         # the error of the motions then enters squared, if the tangent is symmetric
         found -= np.einsum("nmt,nms->ts", motions, forces)
         return np.asarray(0.5 * (found + found.T))
 
-    def _follow(self, forces: Array, for_motions: bool) -> tuple[Array, Array]:
-        """Return the motions under ``forces``, and the forces that these leave, both of the same
-        shape; with the smaller error that is due ``for_motions``, or that of an energy.
+    def _solve(self, forces: Array, *, for_motions: bool) -> tuple[Array, Array]:
+        """Return the motions under ``forces`` (n, m, k), and the forces that these leave, both of
+        this shape. The error is that which ``options`` allow for motions, or, without
+        ``for_motions``, the larger one that an energy allows, where factors can be had.
+
+        Conjugate gradients come first for a symmetric tangent of a grid; otherwise, and where they
+        do not arrive, the motions are refined in rounds.
         """
         fine = for_motions or not self._may_factorise
         right = forces.reshape(-1, forces.shape[-1])
@@ -109,10 +118,11 @@ class LinearResponse:
     # -- refinement --------------------------------------------------------------------------------
 
     def _refine(self, right: Array, borne: float) -> tuple[Array, Array]:
-        """Return the motions (n m, k) under forces ``right``, and the forces that these leave: what
-        is left by the motions of one round is solved for in the next.
+        """Return the motions (n m, k) under forces ``right`` (n m, k), and the forces that these
+        leave. The forces that the motions of one round leave are solved for in the next.
 
-        Springs may bear the part ``borne`` of the energy.
+        Rounds end where :meth:`_suffices` holds with ``borne``, where they come no nearer with any
+        of the :meth:`_list_solvers`, or at their largest number.
         """
         matrix = self._tangent.matrix
         for solve in self._list_solvers(math.sqrt(borne)):
@@ -136,7 +146,10 @@ class LinearResponse:
         return motions, remaining
 
     def _suffices(self, motions: Array, remaining: Array, right: Array, borne: float) -> bool:
-        """Return whether the motions under forces ``right`` leave little enough of them."""
+        """Return whether the motions (n m, k) under forces ``right`` leave little enough of these,
+        the forces ``remaining``: for a symmetric tangent, forces that bear at most the part
+        ``borne`` of the energy; for others, a small part of their norm.
+        """
         if self._symmetric:
             energy = abs(float(np.sum(motions * right)))
             return abs(float(np.sum(motions * remaining))) <= borne * energy
@@ -146,19 +159,24 @@ class LinearResponse:
         return float(np.linalg.norm(remaining)) <= aim
 
     def _list_solvers(self, reduction: float) -> Iterator[Callable[[Array], Array | None]]:
-        """Yield functions that find about the motions (n m, k) under forces; each serves where what
-        is left by the one before does not become less. Conjugate gradients find no motions, None,
-        where they do not lower the error by ``reduction``.
+        """Yield functions that find about the motions (n m, k) under forces (n m, k), the fastest
+        first: each is for cases in which the rounds with those before come no nearer.
+
+        They are conjugate gradients on a grid, factors, and GMRES for a tangent that is not
+        symmetric. Conjugate gradients return None where they do not lower the error by
+        ``reduction``.
         """
         if self._may_iterate:
 
             def iterate(right: Array) -> Array | None:
+                """Return the motions under forces ``right`` by conjugate gradients, or None."""
                 found = self._iterate(right, reduction)
                 return None if found is None else found[0]
 
             yield iterate
         if self._may_factorise:
-            yield self._held[1].solve
+            _spring, factors = self._factors_with_springs
+            yield factors.solve
         if not self._symmetric:
             yield self._solve_by_gmres
 
@@ -166,7 +184,9 @@ class LinearResponse:
 
     @property
     def _may_factorise(self) -> bool:
-        """Whether there may be factors: of a list that is no grid they are the only way."""
+        """Whether the matrix may be factorised: always where the list is no grid, as there is no
+        other way, and up to a number of balls where it is one.
+        """
         contacts = self._contacts
         return not contacts.grid or contacts.n_balls <= self._options.most_balls[contacts.dimension]
 
@@ -185,20 +205,23 @@ class LinearResponse:
         return resisted >= self._options.grid.well_held * motions or not self._may_factorise
 
     @cached_property
-    def _even(self) -> Tangent:
-        """The tangent with the symmetric part of A alone."""
+    def _symmetric_tangent(self) -> Tangent:
+        """The tangent with the symmetric part of A in place of A."""
         return self._tangent if self._symmetric else self._tangent.symmetrise()
 
     @cached_property
     def _iteration(self) -> GridIteration:
+        """Conjugate gradients with the symmetric part of A."""
         from granphon.statics.grid_iteration import GridIteration  # averages need no Numba
 
-        return GridIteration(self._even, options=self._options.grid)
+        return GridIteration(self._symmetric_tangent, options=self._options.grid)
 
     def _iterate(self, right: Array, reduction: float) -> tuple[Array, Array] | None:
-        """Return the motions under forces ``right`` that conjugate gradients find with the
-        symmetric part of A, and the forces that they leave of it; None if they come to no end, and
-        another way is to be tried. ConvergenceError if there is none.
+        """Return the motions (n m, k) that conjugate gradients find with the symmetric part of A
+        under forces ``right`` (n m, k), and the forces that this part leaves; the error is lowered
+        by ``reduction``.
+
+        None if they do not arrive and another way is left; ConvergenceError if there is none.
         """
         most = self._options.patience if self._may_factorise else self._options.most_iterations
         forces = right.reshape(self._contacts.n_balls, -1, right.shape[-1])
@@ -213,14 +236,18 @@ class LinearResponse:
 
     @cached_property
     def _level(self) -> float:
-        """Mean normal stiffness of contacts; one if there is none."""
+        """Mean normal stiffness of contacts, N/m; one if there is none."""
         stiffness = self._contacts.normal_stiffness
         mean = float(np.mean(stiffness)) if stiffness.size else 0.0
         return mean if 0.0 < mean < math.inf else 1.0
 
-    def _hold(self, entries: Array, spring: float) -> Any:
-        """Return the matrix with these ``entries`` and springs to the ground, of ``spring`` times
-        the mean stiffness, and of the mean stiffness itself at motions that no contact resists.
+    def _make_held_matrix(self, entries: Array, spring: float) -> Any:
+        """Return the sparse matrix (n m, n m) with these ``entries`` and springs to the ground at
+        all motions.
+
+        The stiffness of a spring is ``spring`` times the mean stiffness of contacts, and the mean
+        stiffness itself at motions that no contact resists. One ball is held with the mean
+        stiffness too, against a drift of the whole.
         """
         contacts = self._contacts
         pattern = self._tangent.pattern
@@ -236,14 +263,16 @@ class LinearResponse:
         return pattern.make_matrix(data)
 
     @cached_property
-    def _held(self) -> tuple[float, Factors]:
-        """Springs to the ground, and the factors of the symmetric part of A with them;
-        ConvergenceError if these are singular, or, of an A that is symmetric, show that the balls
-        are at no minimum.
+    def _factors_with_springs(self) -> tuple[float, Factors]:
+        """The stiffness of springs to the ground, over the mean of contacts, and the factors of the
+        symmetric part of A with these springs, which are raised as long as the matrix is singular.
+
+        ConvergenceError if it is singular with the strongest springs, or if the factors of an A
+        that is symmetric show that the balls are at no minimum.
         """
         spring = self._options.least_spring
         while True:
-            matrix = self._hold(self._even.data, spring)
+            matrix = self._make_held_matrix(self._symmetric_tangent.data, spring)
             try:
                 factors = self._tangent.pattern.elimination.factorise(matrix)
             except RuntimeError:  # singular to the last digit
@@ -262,16 +291,17 @@ class LinearResponse:
         from scipy.sparse.linalg import LinearOperator, gmres
 
         if self._may_factorise:
-            spring, factors = self._held
+            spring, factors = self._factors_with_springs
             invert = factors.solve
         else:
             spring = self._options.least_spring
             shape = (self._contacts.n_balls, -1, 1)
 
             def invert(vector: Array) -> Array:
+                """Return about the motions (n m,) under forces (n m,)."""
                 return np.ravel(self._iteration.precondition(vector.reshape(shape)))
 
-        matrix = self._hold(self._tangent.data, spring)
+        matrix = self._make_held_matrix(self._tangent.data, spring)
         size = len(right)
         inverse = LinearOperator((size, size), matvec=invert, dtype=np.float64)
         motions = np.empty_like(right)
@@ -290,8 +320,9 @@ class LinearResponse:
         return motions
 
     def _find_rounding(self, size: int) -> float:
-        """Return the norm of ``size`` forces that are nothing but rounding: where balls hardly
-        differ, what a strain leaves is rounding of the forces that it makes.
+        """Return the norm, N/m, of ``size`` forces under a unit strain that are nothing but
+        rounding: where balls hardly differ, the forces of the contacts of a ball cancel to
+        rounding.
         """
         return self._options.noise * self._level * math.sqrt(size)
 
@@ -312,8 +343,8 @@ def find_elastic_tensor(contacts: ContactList) -> Array:
 
 
 def explain_failure(stable: bool) -> ConvergenceError:
-    """Return the error of a response that is not found, of balls that may be at a minimum of the
-    energy (``stable``) or are not.
+    """Return the error of a response that is not found; ``stable`` says whether the balls may be at
+    a minimum of the energy, and the error says so if they are not.
     """
     why = (
         ""

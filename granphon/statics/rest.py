@@ -48,7 +48,7 @@ class Rest:
 
     @classmethod
     def of(cls, configuration: Configuration) -> Self:
-        """Return a configuration that is at rest."""
+        """Return the state of a ``configuration`` that is at rest."""
         problem = configuration.problem
         assembly = problem.assembly
         x = configuration.x
@@ -75,7 +75,9 @@ class Rest:
 
 
 def find_unknowns(problem: Problem, rest: Rest) -> Array:
-    """Return the unknowns (size,) of a state."""
+    """Return the unknowns (size,) of a state of ``rest``; its strain, less the given strain of the
+    load, is projected on the strains that are unknowns of the problem.
+    """
     p = problem.assembly.periods
     units = problem.unit_strains[:, :p, :p]
     free = rest.strain - problem.load.strain

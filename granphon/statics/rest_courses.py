@@ -43,8 +43,8 @@ class RestCourse:
     Attributes
     ----------
     follower : of the rest.
-    change : the problem at each step of the parameter.
-    slope : (size,) derivative of the unknowns by the step.
+    change : function that returns the problem at a relative step of the parameter.
+    slope : (size,) derivative of the unknowns by the step, m.
     """
 
     follower: RestFollower
@@ -52,12 +52,14 @@ class RestCourse:
     slope: Array
 
     def place(self, step: float) -> Configuration:
-        """Return the configuration at a step."""
+        """Return the configuration at a relative ``step`` of the parameter."""
         return self.follower.place(self.change(step), step * self.slope)
 
     @cached_property
     def step(self) -> float:
-        """The step of differences along the course."""
+        """The step of differences along the course: so short that the overlap of no closed contact
+        changes by more than the part ``numbers.part`` of itself, within the bounds of the options.
+        """
         numbers = self.follower.numbers
         trial = numbers.least_step
         change = (self.place(trial).overlap - self.place(-trial).overlap) / (2.0 * trial)
@@ -70,11 +72,12 @@ class RestCourse:
 
 
 class RestFollower:
-    """What finds how a rest follows parameters.
+    """Finds how a rest follows parameters.
 
     Parameters
     ----------
-    problem, rest : the balls under their load, and their rest.
+    problem : the balls under their load.
+    rest : their rest.
     """
 
     def __init__(self, problem: Problem, rest: Rest) -> None:
@@ -100,13 +103,15 @@ class RestFollower:
         return problem.start_at(unknowns, np.where(stays_open, np.minimum(overlap, least), overlap))
 
     def follow(self, change: Change, slope: Array | None = None) -> RestCourse:
-        """Return the course of the rest with a parameter, from a ``slope`` (size,) that is nearly
-        right; ConvergenceError if the derivative is not found.
+        """Return the course of the rest with the parameter of ``change``; ConvergenceError if the
+        derivative is not found. A ``slope`` (size,) that is nearly right is where the rounds of
+        refinement begin.
         """
         problem = self.problem
         numbers = self.numbers
         course = RestCourse(self, change, np.zeros(problem.size))
         left = self._find_left(course)
+        # dR/dp at unknowns that stay, of which rounds leave a small part
         size = float(np.linalg.norm(left * problem.weights))
         if slope is not None:
             course = replace(course, slope=slope)
@@ -130,7 +135,9 @@ class RestFollower:
         )
 
     def _find_left(self, course: RestCourse) -> Array:
-        """Return the derivative (size,) of the forces that a course leaves."""
+        """Return the derivative (size,), by the step, of the forces left along a course, N: zero
+        along the true course.
+        """
         return np.asarray(differentiate(lambda step: course.place(step).pull, course.step))
 
     @cached_property
@@ -154,6 +161,7 @@ class RestFollower:
             turning = 1.0 if problem.turns else 0.0
 
             def iterate(pull: Array) -> Array:
+                """Return the unknowns (size,) that take forces ``pull`` (size,) away."""
                 given = (configuration, stiffness, pull, turning, reduction, most, load_slope)
                 return on_grid.solve(*given).step
 
@@ -163,14 +171,14 @@ class RestFollower:
 
 
 class PressureFollower:
-    """What finds how a rest follows parameters whose pressure is one more unknown: that with which
-    a measure of the rest, as the mean force of its contacts, is a given number.
+    """Finds how a rest follows parameters where the pressure is one more unknown: the pressure is
+    such that a measure of the rest, as the mean force of its contacts, is a given number.
 
     Parameters
     ----------
     follower : of the rest at its pressure.
-    pose : the problem at a relative step of the pressure.
-    measure : function of a configuration.
+    pose : function that returns the problem at a relative step of the pressure.
+    measure : function that returns the measure of a configuration.
     """
 
     def __init__(
@@ -184,8 +192,12 @@ class PressureFollower:
         self._measure = measure
 
     def follow(self, change: Callable[[float, float], Problem], growth: float) -> RestCourse:
-        """Return the course of the rest with a parameter, with which the given number grows by
-        ``growth``; ``change`` is the problem at a step of the parameter and one of the pressure.
+        """Return the course of the rest with a parameter, along which the derivative of the measure
+        by the step is ``growth``. The function ``change`` returns the problem at a step of the
+        parameter and a relative step of the pressure.
+
+        The pressure follows linearly: the course is that with the parameter alone plus the course
+        with the pressure, in the ratio that gives the measure its growth.
         """
         at_pressure = self._follower.follow(lambda step: change(step, 0.0))
         under_pressure, gain = self._under_pressure
@@ -200,12 +212,14 @@ class PressureFollower:
         return course, self._find_slope(course)
 
     def _find_slope(self, course: RestCourse) -> float:
+        """Return the derivative of the measure by the step along a course."""
         return float(differentiate(lambda step: self._measure(course.place(step)), course.step))
 
 
 def find_pressure(pose: Callable[[float], Problem], rest: Rest) -> float:
-    """Return the pressure under which a rest is in balance; ``pose`` is the problem at a pressure,
-    with which the forces of the load grow evenly.
+    """Return the pressure under which ``rest`` is in balance, in the sense of least squares. The
+    function ``pose`` returns the problem at a pressure, of which the forces of the load are a
+    linear function.
     """
     pulls = []
     for pressure in (0.0, 1.0):

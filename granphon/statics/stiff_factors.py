@@ -17,8 +17,9 @@ from granphon.statics.options import RestOptions
 def factorise_stiff(
     columns: Columns, axes: NDArray[np.int64], n_balls: int, options: RestOptions
 ) -> Callable[[Array], Array]:
-    """Return an approximate inverse of the tangent of a list, from forces (n m,) to motions, motion
-    by motion of each ball; ``axes`` (m,) are those of the motions.
+    """Return an approximate inverse of the tangent of the contacts ``columns``, a function from
+    forces (n m,) to motions (n m,), in which the m motions of a ball follow each other; ``axes``
+    (m,) are those of the motions.
 
     Contacts that are softer than a part of the mean enter by their part of the diagonal only. The
     inverse is symmetric but for rounding, and positive definite.
@@ -27,12 +28,12 @@ def factorise_stiff(
     mean = float(np.mean(stiffness))
     is_stiff = stiffness > options.stiff * mean
     strains = np.zeros((0, 3, 3))
-    stiff = _choose(columns, is_stiff)
+    stiff = _select(columns, is_stiff)
     tangent = fill_blocks(stiff, axes, strains, n_balls)
-    soft = fill_blocks(_choose(columns, ~is_stiff), axes, strains, n_balls)
+    soft = fill_blocks(_select(columns, ~is_stiff), axes, strains, n_balls)
     lines = np.arange(len(axes))
     tangent.diagonal[lines, lines] += soft.diagonal[lines, lines] + options.hold_diagonal * mean
-    # of no use to others: which contacts are stiff changes from step to step
+    # made anew, and not kept: which contacts are stiff changes from step to step
     pattern = Pattern(stiff.i, stiff.j, n_balls, len(axes))
     data = tangent.list_entries(pattern)
     scale = 1.0 / np.sqrt(data[pattern.diagonal])
@@ -52,8 +53,8 @@ def factorise_stiff(
     return solve
 
 
-def _choose(columns: Columns, chosen: Flags) -> Columns:
-    """Return the columns, as loops read them, of the ``chosen`` contacts (n_c,)."""
+def _select(columns: Columns, chosen: Flags) -> Columns:
+    """Return the ``columns`` of the ``chosen`` contacts (n_c,); columns without entries stay so."""
     return columns._replace(
         **{name: values[chosen] for name, values in columns._asdict().items() if len(values)}
     )

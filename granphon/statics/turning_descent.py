@@ -38,9 +38,11 @@ _STAY = "Leave finite_overlap out: contacts then keep the directions of the site
 
 
 class TurningWay:
-    """The configurations along a step of contacts that turn, at most a whole one.
+    """The configurations along a step of contacts that turn, at most a whole step; a
+    :class:`~granphon.statics.line_search.Way` along which the energy falls by ``fall``, J per
+    length, at the start.
 
-    A length at which balls are not sound is too long.
+    A length at which the configuration is not possible is too long.
     """
 
     longest = 1.0
@@ -55,11 +57,15 @@ class TurningWay:
         return self._start.move(self._start.x + length * self._step)
 
     def find_slope(self, place: Configuration) -> float:
-        """Return the slope of the energy, less the work of the load that follows the cell."""
+        """Return the derivative, J, by the length of the energy less the work of the load;
+        infinite where the configuration ``place`` is not possible.
+        """
         return -float(place.pull @ self._step) if place.is_sound else math.inf
 
     def find_rise(self, place: Configuration) -> float:
-        """Return zero: what turns has no derivative that would be worth its time."""
+        """Return zero, not known: with contacts that turn the derivative of the slope takes more
+        time than it saves.
+        """
         return 0.0
 
 
@@ -71,10 +77,10 @@ class TurningDescent(ListDescent):
         super().__init__(problem, options, bool(assembly.grid))
         #: (n,) the balls that are led to rest before all others
         self.loose: Flags = np.zeros(assembly.n_balls, bool)
-        #: whether loose balls and all others move in turn, and the residual below which they do so
-        #: again
+        #: whether loose balls and all balls together move in turn
         self._in_turn = True
-        self._near = options.last
+        #: residual below which they do so again, once they do not
+        self._residual_of_turns = options.last
 
     @cached_property
     def grid_equations(self) -> GridEquations:
@@ -82,9 +88,11 @@ class TurningDescent(ListDescent):
         return GridEquations(self.problem, self.options)
 
     def begin(self, start: Rest | None) -> Configuration:
-        """Return the configuration from which the way begins, that of ``start``. Of balls that
-        differ, those with no more contacts that carry load than axes are loose.
+        """Return the configuration from which the way begins, that of ``start``, and name the balls
+        that are loose: of balls that differ, those with no more contacts of a force above
+        ``options.light`` of the mean than axes.
 
+        That the crystal stands without friction is tested once, and remembered by the assembly.
         Raises :class:`~granphon.base.errors.MechanismError` if motions of balls that differ cost
         nothing.
         """
@@ -110,14 +118,17 @@ class TurningDescent(ListDescent):
         return configuration
 
     def _is_stuck(self, place: Configuration) -> bool:
-        """Return whether the residual no longer falls, or the configuration is not sound."""
+        """Return whether the residual no longer falls, or the configuration is not possible."""
         options = self.options
         patience = options.stalled if self.problem.assembly.differs else options.patience
         return self.trail.stalled > patience or not place.is_sound
 
     def _prepare(self, place: Configuration) -> Configuration:
-        """Return the configuration in which loose balls are at rest between the others: to a part
-        of the force that is left on these, or of the spread of radii if that is less.
+        """Return the configuration in which loose balls have come to rest between the others; that
+        of ``place`` if loose balls do not move in turn, see :meth:`_take_turns`, or there are none.
+
+        The force that may be left on loose balls is a part of that left on the others, over the
+        mean, or of the spread of radii if that is less.
         """
         options = self.options
         loose = self.loose
@@ -134,24 +145,31 @@ class TurningDescent(ListDescent):
         return lead_loose_balls(place, loose, least, options)
 
     def _take_turns(self, place: Configuration) -> None:
-        """Decide whether loose balls and all others move in turn: not where they throw each other
-        about, but again near rest, where loose balls have a long way from a saddle.
+        """Decide anew whether loose balls and all balls together move in turn, and set
+        ``_in_turn``: no longer where they throw each other about, so that the residual does not
+        fall, but again near rest, where loose balls may have a long way from a saddle.
 
-        What little force is left for a moment on the way round is no nearer to rest, and forgotten.
+        A change begins a new trail: a small residual of the moves before may have been met far from
+        rest, and is not to be compared with.
         """
         if self._in_turn:
             changes = self.trail.stalled > self.options.patience
-            # the next turn begins nearer to rest than this one has come
-            self._near = min(self._near, 0.5 * self.trail.best) if changes else self._near
+            if changes:
+                # they move in turn again only nearer to rest than they have come by now
+                nearer = 0.5 * self.trail.best
+                self._residual_of_turns = min(self._residual_of_turns, nearer)
         else:
-            changes = place.residual <= self._near
+            changes = place.residual <= self._residual_of_turns
         if changes:
             self._in_turn = not self._in_turn
             self.trail = Trail()
 
     def _leave_saddle(self, place: Configuration) -> Configuration | None:
-        """Return where to go on from a saddle of the energy of balls that differ; None at a
-        minimum.
+        """Return a configuration of less energy if ``place``, which is at rest, is a saddle; None
+        at a minimum, and for balls that do not differ.
+
+        Of a grid that is well held iterations probe the curvature; elsewhere factors tell. Balls
+        that are too many for factors and no grid are not tested.
         """
         if not self.problem.assembly.differs:
             return None
@@ -167,8 +185,8 @@ class TurningDescent(ListDescent):
         return find_way_down(place, self.equations)
 
     def _advance(self, place: Configuration) -> Configuration:
-        """Return the configuration after a step; of balls that differ, those that are far from rest
-        then become loose.
+        """Return the configuration after a step of all balls. Of balls that differ, those on which
+        the step leaves much force then become loose as well, unless they are many.
         """
         # whole steps that push loose balls into others may go round in circles
         if self.problem.assembly.grid and self._in_turn:
@@ -185,8 +203,9 @@ class TurningDescent(ListDescent):
         return ahead
 
     def _advance_by_energy(self, configuration: Configuration) -> Configuration:
-        """Return the configuration after a step along which the energy of balls that differ
-        falls.
+        """Return the configuration after a whole step of Newton's method; if the energy of balls
+        that differ does not fall along that step, after a shorter one of
+        :meth:`_find_leaning_step`.
         """
         pull = configuration.pull
         step = self._find_step(configuration)
@@ -201,13 +220,17 @@ class TurningDescent(ListDescent):
         return ahead
 
     def _go_along(self, configuration: Configuration, step: Array) -> Configuration:
-        """Return the configuration along a step at which the energy hardly falls any more."""
+        """Return the configuration along a ``step`` (size,), at most its end, at which the energy
+        hardly falls any more.
+        """
         ahead, _ = self._follow(TurningWay(configuration, step))
         return ahead
 
     def _advance_on_grid(self, configuration: Configuration) -> Configuration:
-        """Return the configuration after a step of an array, which may push loose balls into
-        others: these come to rest sooner by themselves than by shorter steps.
+        """Return the configuration after a step of an array, which need not lower the energy.
+
+        A step may push loose balls into others, as they come to rest sooner by themselves than by
+        shorter steps. One that leads too far from rest is replaced by a step down the energy.
         """
         options = self.options
         step = self._find_grid_step(configuration, (1.0, -1.0))
@@ -230,8 +253,8 @@ class TurningDescent(ListDescent):
         return self._go_along(configuration, self._find_grid_step(configuration, (-1.0,)))
 
     def _is_well_held(self, configuration: Configuration) -> bool:
-        """Return whether so many contacts are closed that iterations take less time than factors,
-        or factors take too much.
+        """Return whether iterations are to be preferred to factors: so many contacts are closed
+        that they take less time, or there are too many balls for factors.
         """
         assembly = self.problem.assembly
         closed = int(np.count_nonzero(configuration.stiffness))
@@ -240,15 +263,18 @@ class TurningDescent(ListDescent):
 
     @property
     def _patience_of_grid(self) -> int:
-        """Iterations after which a grid that can be factorised is."""
+        """Number of iterations, at most, for a step of a grid: after them a grid is factorised, if
+        it can be.
+        """
         options = self.options
         if not self.is_factored:
             return options.most_iterations
         return options.patience_of_grid
 
     def _find_grid_step(self, configuration: Configuration, turnings: tuple[float, ...]) -> Array:
-        """Return a step (size,) of an array, by the first of the signs ``turnings`` of -f/r with
-        which the energy has no curvature below zero.
+        """Return a step (size,) of an array by iterations, with -f/r times the first of
+        ``turnings`` with which these meet no curvature below zero; by factors, with -f/r times -1,
+        if that is true of none, or if iterations do not arrive.
         """
         options = self.options
         residual = configuration.residual
@@ -256,9 +282,10 @@ class TurningDescent(ListDescent):
         added = options.added * min(1.0, residual) * float(np.mean(stiffness))
         load_slope = configuration.load_slope
         least = options.margin * self.tolerance / residual
-        # where hardly a contact opens or closes, two accurate steps take less time than three
-        shy = residual if self._is_well_held(configuration) else math.sqrt(residual)
-        reduction = min(options.inexact, max(shy, least))
+        # where hardly a contact opens or closes, two accurate steps take less time than three rough
+        # ones
+        error = residual if self._is_well_held(configuration) else math.sqrt(residual)
+        reduction = min(options.inexact, max(error, least))
         for turning in turnings:
             solution = self.grid_equations.solve(
                 configuration,
@@ -280,25 +307,31 @@ class TurningDescent(ListDescent):
         )
 
     def _find_step(self, configuration: Configuration) -> Array:
-        """Return the step (size,) of Newton's method."""
+        """Return the step (size,) of Newton's method, by factors, or by iterations for too many
+        balls.
+        """
         stiffness = configuration.stiffness
         if not self.is_factored:
-            return self._iterate(configuration, stiffness)
+            return self._find_iterated_step(configuration, stiffness)
         slope = configuration.load_slope
         return self.equations.solve(configuration, stiffness, configuration.pull, load_slope=slope)
 
     def _find_leaning_step(self, configuration: Configuration) -> Array:
-        """Return a step (size,) of a tangent in which forces push balls back instead of aside: a
-        step is then about as long as a ball is far from the line between two others.
+        """Return a step (size,) of a tangent in which forces push balls back instead of aside, with
+        f/r in place of -f/r, and with a small stiffness added to all contacts: a step is then about
+        as long as a ball is far from the line between two others. Iterations, for too many balls
+        for factors, leave f/r out.
         """
         stiffness = configuration.stiffness
         added = self.options.added * min(1.0, configuration.residual) * float(np.mean(stiffness))
         if not self.is_factored:
-            return self._iterate(configuration, stiffness + added)
+            return self._find_iterated_step(configuration, stiffness + added)
         return self.equations.solve(configuration, stiffness + added, configuration.pull, -1.0)
 
-    def _iterate(self, configuration: Configuration, stiffness: Array) -> Array:
-        """Return a step (size,) that iteration finds."""
+    def _find_iterated_step(self, configuration: Configuration, stiffness: Array) -> Array:
+        """Return a step (size,) for contacts of a ``stiffness`` (n_c,), N/m, without -f/r, by
+        iterations, as far as ``options.most_iterations`` lead.
+        """
         options = self.options
         equations = self.iterated_equations
         pull = configuration.pull
@@ -308,7 +341,9 @@ class TurningDescent(ListDescent):
         return step
 
     def _explain_failure(self, place: Configuration) -> GranphonError:
-        """Return the error of a way that has not led to rest."""
+        """Return the error of a way that has not led to rest: a ConvergenceError of balls that
+        differ, with the nearest state as ``reached``, and an InstabilityError of others.
+        """
         words = self.problem.load.words
         if self.problem.assembly.differs:
             what = f"balls that differ have not come to rest in the true geometry under {words}"

@@ -1277,13 +1277,13 @@ def test_a_start_may_be_a_pressure_in_the_exact_geometry():
 def respond_densely(monkeypatch):
     """Let least squares find the responses that factors and GMRES find."""
 
-    def follow(self, forces, for_motions):
+    def solve(self, forces, *, for_motions):
         right = forces.reshape(-1, forces.shape[-1])
         dense = self._tangent.matrix.toarray()
         motions = np.linalg.lstsq(dense, right, rcond=1e-12)[0]
         return motions.reshape(forces.shape), np.zeros_like(forces)
 
-    monkeypatch.setattr(response.LinearResponse, "_follow", follow)
+    monkeypatch.setattr(response.LinearResponse, "_solve", solve)
 
 
 @pytest.mark.parametrize(

@@ -76,7 +76,7 @@ SEALED = ["phonopy file", "bands", "density of states"]
 @pytest.fixture
 def opened_here(monkeypatch):
     """Sound files without a digest, which this process opens without a trial in another one."""
-    monkeypatch.setattr(dataset, "_try_elsewhere", lambda *_: None)
+    monkeypatch.setattr(dataset, "_require_openable", lambda *_: None)
 
 
 @pytest.fixture(scope="module")
@@ -583,10 +583,10 @@ def test_numbers_and_attributes_of_a_sweep_make_sense(written):
     for name, value, told in SENSELESS:
         spoiled = spoil_sweep(sweep, name, value)
         if told is None:
-            dataset._require_sense("x.nc", spoiled)
+            dataset._require_plausible("x.nc", spoiled)
         else:
             with pytest.raises(InputError, match=rf"x\.nc .*damaged: .*{told}"):
-                dataset._require_sense("x.nc", spoiled)
+                dataset._require_plausible("x.nc", spoiled)
 
 
 def test_a_sweep_without_a_digest_runs_nothing_that_stands_where_we_are(

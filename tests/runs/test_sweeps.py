@@ -967,7 +967,7 @@ def _numbered(path, schema=99):
     ],
 )
 def test_what_is_no_sweep_is_not_loaded(tmp_path, monkeypatch, make, words):
-    monkeypatch.setattr("granphon.runs.dataset._try_elsewhere", lambda *_: None)
+    monkeypatch.setattr("granphon.runs.dataset._require_openable", lambda *_: None)
     make(tmp_path / "sweep.nc")
     with pytest.raises(InputError, match=words):
         load_sweep(tmp_path / "sweep.nc")
