@@ -839,7 +839,7 @@ class Plan:
             for case in self.checked_cases
             for serving in case.serving_media
         ]
-        total = self._add_costs(works)
+        total = self._add_over_cases(works)
         mend = "Observe less, or take fewer wave vectors or a coarser resolution (spectrum)"
         return [(("observe",), mend, replace(total, parts=total.parts[:1]))]
 
