@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.packing import SWEPT, Packing
+from granphon.base.arrays import pad_alike
 from granphon.base.errors import (
     InputError,
     InstabilityError,
@@ -63,7 +64,6 @@ from granphon.runs.tasks import (
     drop_marks,
     explain_end,
     find_reached,
-    pad_alike,
     read_notes,
     to_json,
 )
@@ -522,6 +522,7 @@ def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
     packing = grid.cases[0].packing
     notes = [read_notes(result) for result in results]
     _fill_errors(grid, results)
+    edge_waves = _join_edge_waves(grid, results)
     _pad_uneven(results)  # before gaps, which have the shape of the values of others
     results, sentences = _fill_gaps(results, packing.structure.periods)
     notes = [
@@ -542,7 +543,7 @@ def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
         voigt = list(voigt_names(packing.structure.periods))
         frame = frame.assign_coords(dict.fromkeys(CATALOGUE["tensor"].dims, voigt))
     if "sensitivities" in grid.request.observe:
-        frame = _label_sensitivities(frame, grid, variables)
+        frame = _label_sensitivities(frame, grid, variables, edge_waves)
     along_path = dict(frame.data_vars)  # assigned last, to stand after the variables along it
     return (
         frame.drop_vars(list(along_path))
@@ -552,16 +553,30 @@ def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
     )
 
 
-def _label_sensitivities(frame: Dataset, grid: Grid, variables: dict[str, Any]) -> Dataset:
-    """Return the frame with the names of the quantities and parameters of the derivatives among the
-    ``variables``, from which those that no state has are taken.
+def _join_edge_waves(grid: Grid, results: Sequence[TaskResult]) -> list[str]:
+    """Join, in place, the derivatives of the waves of an edge to those of the other quantities, and
+    return the names of these waves; empty of a run without derivatives.
+    """
+    if "sensitivities" not in grid.request.observe:
+        return []
+    from granphon.runs.sensitivities import join_edge_waves
+
+    return join_edge_waves(results)
+
+
+def _label_sensitivities(
+    frame: Dataset, grid: Grid, variables: dict[str, Any], edge_waves: list[str]
+) -> Dataset:
+    """Return the frame with the names of the quantities, among which are those of ``edge_waves``,
+    and parameters of the derivatives among the ``variables``, from which those that no state has
+    are taken.
     """
     from granphon.runs.sensitivities import NAME, list_axes
 
     has_cutoffs = "cutoffs" in grid.request.observe
-    names = list_axes(grid.cases[0].packing, grid.load, has_cutoffs=has_cutoffs)
+    quantities, parameters = list_axes(grid.cases[0].packing, grid.load, has_cutoffs=has_cutoffs)
     dims, values, attributes = variables[NAME]
-    for axis, labels in zip((-2, -1), names, strict=True):
+    for axis, labels in ((-2, [*quantities, *edge_waves]), (-1, parameters)):
         other_axes = tuple(number for number in range(values.ndim) if number != values.ndim + axis)
         is_known = np.any(np.isfinite(values), axis=other_axes)
         values = np.compress(is_known, values, axis=axis)

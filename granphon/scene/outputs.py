@@ -986,8 +986,9 @@ for _row in (
         write=partial(_write_table, "sensitivities.csv", ("sensitivity_of", "sensitivity_to")),
         draw=_draw_sensitivities,
         words="logarithmic derivatives of velocities, moduli and, if observed, cut-off frequencies"
-        " by the parameters of the balls and the load; in `summary.yaml`, `matters_most`, the"
-        " parameter on which each depends most",
+        " and the waves of an edge (`surface_frequency X 0` is the lowest at the corner X of the"
+        " path along the edge) by the parameters of the balls and the load; in `summary.yaml`,"
+        " `matters_most`, the parameter on which each depends most",
         caption="Logarithmic derivatives by the parameters",
     ),
     Export(
