@@ -806,6 +806,20 @@ def _find_energy_errors(motion: Any, data: Any) -> dict[str, Any]:
     return {name: error.values.ravel() for name, error in errors.items() if error is not None}
 
 
+def _draw_surface(results: Any) -> Any:
+    """Return the figure of the spectrum at an edge, with the standard errors of its waves."""
+    from granphon.figures.plot import plot
+
+    spectrum = results["surface"]
+    data = results["states"]
+    table = None if data is None else data.get("surface_frequency_error")
+    if table is None or spectrum is None:
+        return plot(spectrum)
+    # the table has an empty place where a wave vector has fewer waves than another
+    errors = table.values[np.isfinite(data["surface_frequency"].values)]
+    return plot(spectrum, errors=errors)
+
+
 def _draw_bands(results: Any, asymptotes: Any = None) -> Any:
     """Return the figure of bands and densities of states, with the long waves of the lattice
     ``asymptotes`` beside them if it is given.
@@ -1032,7 +1046,7 @@ for _row in (
         find=_find_surface,
         write=partial(_write_with_table, "surface"),
         read=partial(_read_json, "SurfaceSpectrum"),
-        draw=partial(_plot, "surface"),
+        draw=_draw_surface,
         rank=4,
         words="spectrum of the outer layer: `gp.SurfaceSpectrum.from_dict`; waves of the edge; map",
         caption="Waves of the edge",
