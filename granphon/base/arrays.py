@@ -1,6 +1,10 @@
-"""Types of arrays, by the short names that signatures have, and the rounding of their entries."""
+"""Types of arrays, by the short names that signatures have, the rounding of their entries, and
+arrays of one shape.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,3 +17,19 @@ Complex = NDArray[np.complex128]
 #: relative change of a number in double precision that is no larger than rounding: two neighbouring
 #: numbers are up to 2.2e-16 apart
 ROUNDED = 4e-16
+
+
+def pad_columns(arrays: Sequence[Array]) -> list[Array]:
+    """Return ``arrays`` (..., c) with as many columns c each as the widest of them has; columns
+    that are added are nan. Arrays of one axis have no columns, and stay as they are.
+    """
+    n_columns = max(array.shape[-1] if array.ndim > 1 else 0 for array in arrays)
+    padded = list[Array]()
+    for array in arrays:
+        if array.ndim > 1 and array.shape[-1] < n_columns:
+            # numbers of values that are added before and after, for each axis
+            widths = [(0, 0)] * (array.ndim - 1) + [(0, n_columns - array.shape[-1])]
+            padded.append(np.pad(array, widths, constant_values=np.nan))
+        else:
+            padded.append(array)
+    return padded

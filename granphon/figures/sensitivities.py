@@ -1,5 +1,5 @@
-"""Figures of what velocities, moduli and cut-off frequencies depend on: a panel for each, in which
-each parameter has a bar.
+"""Figures of what velocities, moduli, cut-off frequencies and waves of an edge depend on: a panel
+for each, in which each parameter has a bar.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from granphon.base.text import counted
 from granphon.figures.style import BLUE, STYLE, VERMILION
 from granphon.observables.catalogue import CATALOGUE, axis_label
 from granphon.runs.dataset import Dataset
+from granphon.runs.sensitivities import EDGE_WAVE
 
 #: greatest number of panels, and of columns of panels
 _MOST_PANELS = 12
@@ -38,9 +39,10 @@ def sensitivities_figure(dataset: Dataset, tell: Callable[[str], object] | None 
     quantity, in which each parameter has a bar, blue above zero and red below. Of many states a bar
     is the mean, and a line reaches from the least to the greatest.
 
-    Of more than twelve quantities, twelve are drawn: velocities and moduli, then the ends of the
-    lowest branches. The title says so, and ``tell`` is told what is left out. Raises
-    :class:`~granphon.base.errors.InputError` if the data set has no derivatives.
+    Of more than twelve quantities, twelve are drawn: velocities and moduli, then the lowest waves
+    of an edge, then the ends of the lowest branches. The title says so, and ``tell`` is told what
+    is left out. Raises :class:`~granphon.base.errors.InputError` if the data set has no
+    derivatives.
     """
     if "sensitivity" not in dataset:
         mend = "Observe them: observe: [sensitivities]"
@@ -76,11 +78,13 @@ def sensitivities_figure(dataset: Dataset, tell: Callable[[str], object] | None 
 
 
 def _find_rank(name: str) -> tuple[int, int]:
-    """Return the place of a quantity among all: velocities and moduli come first, then branches
-    from the lowest on.
+    """Return the place of a quantity among all: velocities and moduli come first, then waves of an
+    edge and then branches, both from the lowest on.
     """
-    _, _, branch = name.partition(" ")
-    return (1, int(branch)) if branch else (0, 0)
+    if " " not in name:
+        return 0, 0
+    entry, *_, number = name.split(" ")
+    return (1 if entry == EDGE_WAVE else 2), int(number)
 
 
 def _draw_bars(ax: Axes, derivatives: Array) -> None:
@@ -99,8 +103,11 @@ def _draw_bars(ax: Axes, derivatives: Array) -> None:
 
 def _name_quantity(name: str) -> str:
     """Return the name of a quantity in words."""
-    entry, _, branch = name.partition(" ")
-    if not branch:
-        return CATALOGUE[entry].label
+    if " " not in name:
+        return CATALOGUE[name].label
+    entry, *place, branch = name.split(" ")
     # a title never breaks before the number
+    if entry == EDGE_WAVE:
+        at_corner = f" at\N{NO-BREAK SPACE}{place[0]}" if place else ""
+        return f"Edge wave\N{NO-BREAK SPACE}{branch}{at_corner}"
     return f"{'Bottom' if entry == 'cutoff_lower' else 'Top'} of branch\N{NO-BREAK SPACE}{branch}"

@@ -31,11 +31,12 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.scales import HertzPrefix, prefixed, write_quantity
+from granphon.base.validation import real_array
 from granphon.figures.bands import name_corners
 from granphon.figures.choices import choose_held, describe_value, list_parameters
 from granphon.figures.curves import describe_lines
@@ -253,7 +254,11 @@ def _draw_map(
 
 
 def plot_surface(
-    spectrum: SurfaceSpectrum, ax: Axes, *, branches: SurfaceBranches | None = None
+    spectrum: SurfaceSpectrum,
+    ax: Axes,
+    *,
+    branches: SurfaceBranches | None = None,
+    errors: ArrayLike | None = None,
 ) -> Axes:
     """Draw the spectrum of the outer layer of a half space as a map, on a logarithmic scale, over
     the wave vectors in turn.
@@ -262,19 +267,27 @@ def plot_surface(
     by default the waves of the spectrum: undamped waves are full dots, leaky waves hollow ones. The
     x axis is that of the path; without a path it is the first coordinate that changes, in fractions
     of the reciprocal cell. At one wave vector, as at the end of a chain, the spectrum of each
-    motion is drawn over the frequency instead, with bands in grey and waves dotted.
+    motion is drawn over the frequency instead, with bands in grey and waves dotted. The standard
+    ``errors`` (n,), Hz, of the frequencies of the waves, nan where unknown, are bars about the
+    dots, and fields about dotted waves.
 
-    Raises :class:`~granphon.base.errors.InputError` for one frequency, or for several wave vectors
-    that are all the same.
+    Raises :class:`~granphon.base.errors.InputError` for one frequency, for several wave vectors
+    that are all the same, and for errors of another number than that of the waves.
     """
     unit = HertzPrefix.for_top(float(spectrum.edges.max()))
     q = spectrum.qpoints
     drawn_branches = branches or spectrum.waves
+    n_waves = 0 if drawn_branches is None else len(drawn_branches.frequencies)
+    wave_errors = np.zeros(n_waves) if errors is None else real_array("errors", errors)
+    if wave_errors.shape != (n_waves,):
+        problem = f"errors have the shape {wave_errors.shape}, and there are {n_waves} waves"
+        raise InputError(problem, mend="Give one of each wave")
+    wave_errors = np.nan_to_num(wave_errors) / unit.hertz
     y = spectrum.frequencies / unit.hertz
     if len(y) < 2:
         raise InputError("a map needs several frequencies", mend="Give more of them")
     if len(q) == 1:
-        _draw_surface_curves(ax, spectrum, drawn_branches, unit)
+        _draw_surface_curves(ax, spectrum, drawn_branches, unit, wave_errors)
         return ax
     changing = np.flatnonzero(np.ptp(q, axis=0) > 0.0)
     if not changing.size:
@@ -287,7 +300,7 @@ def plot_surface(
         label = "_" if number else "edges of bands"  # the legend has one entry for all
         ax.plot(x, edge, color="0.35", linewidth=0.5, dashes=(3, 2), label=label)
     if drawn_branches is not None:
-        _draw_surface_branches(ax, x, drawn_branches, unit)
+        _draw_surface_branches(ax, x, drawn_branches, unit, wave_errors)
     if spectrum.labels:
         name_corners(ax, spectrum.corners, spectrum.labels)
     else:
@@ -298,10 +311,15 @@ def plot_surface(
 
 
 def _draw_surface_curves(
-    ax: Axes, spectrum: SurfaceSpectrum, branches: SurfaceBranches | None, unit: HertzPrefix
+    ax: Axes,
+    spectrum: SurfaceSpectrum,
+    branches: SurfaceBranches | None,
+    unit: HertzPrefix,
+    errors: Array,
 ) -> None:
     """Draw the spectrum of each motion of the outer layer over the frequency, in this ``unit``, at
-    the only wave vector. Bands are grey, and the waves of ``branches`` are dotted.
+    the only wave vector. Bands are grey, and the waves of ``branches`` are dotted, with fields of
+    their standard ``errors`` (n,) in this unit.
     """
     frequencies = spectrum.frequencies / unit.hertz
     curves = spectrum.by_motion[0].T  # (motions, n_f), 1/Hz
@@ -313,6 +331,9 @@ def _draw_surface_curves(
     for number, frequency in enumerate(wave_frequencies):
         label = "_" if number else "wave of the edge"
         ax.axvline(frequency, color="0.2", linewidth=0.8, dashes=(1, 2), label=label)
+        if errors[number] > 0.0:
+            ends = frequency - errors[number], frequency + errors[number]
+            ax.axvspan(*ends, color=ORANGE, alpha=0.3, linewidth=0.0, gid=f"error {number}")
     ax.set(
         xlim=(frequencies[0], frequencies[-1]),
         ylim=(0.0, None),
@@ -323,12 +344,18 @@ def _draw_surface_curves(
 
 
 def _draw_surface_branches(
-    ax: Axes, x: Array, branches: SurfaceBranches, unit: HertzPrefix
+    ax: Axes, x: Array, branches: SurfaceBranches, unit: HertzPrefix, errors: Array
 ) -> None:
-    """Draw the waves of an edge as dots: undamped waves are full dots, leaky waves hollow ones.
+    """Draw the waves of an edge as dots: undamped waves are full dots, leaky waves hollow ones,
+    with bars of their standard ``errors``.
 
-    ``x`` (n,) are the places of the wave vectors on the axis; frequencies are in this ``unit``.
+    ``x`` (n,) are the places of the wave vectors on the axis; frequencies and errors are in this
+    ``unit``.
     """
+    if np.any(errors > 0.0):
+        centres = branches.frequencies / unit.hertz
+        ends = centres - errors, centres + errors
+        ax.vlines(x[branches.place], *ends, color=ORANGE, linewidth=0.8, gid="errors")
     hollow = {"markerfacecolor": "none", "markeredgewidth": 0.4}
     is_leaky = branches.widths > 0.0
     for is_drawn, label, look in (

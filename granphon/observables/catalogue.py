@@ -810,7 +810,8 @@ _OBSERVABLES = (
     Observable(
         "sensitivity",
         "1",
-        "logarithmic derivatives of velocities, moduli and cut-off frequencies by the parameters",
+        "logarithmic derivatives of velocities, moduli, cut-off frequencies and waves of an edge by"
+        " the parameters",
         cost="sensitivities",
         dims=("sensitivity_of", "sensitivity_to"),
     ),

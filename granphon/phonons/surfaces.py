@@ -271,6 +271,14 @@ class Surface:
         corner_distances = np.concatenate([starts, after_step[-1:, -1]])
         return segments[kept], distances[kept], corner_distances, labels
 
+    def corners(self) -> dict[str, Array]:
+        """Return the corners of :meth:`path`, each once: the wave vectors (3,), fractions of the
+        reciprocal cell, by their letters. At the end of a chain there is one, with an empty name.
+        """
+        q, _, _, labels = self.path(2)  # whose points are the corners, two where the path jumps
+        letters = [letter for label in labels for letter in label.split("|")] or [""]
+        return dict(zip(letters, q, strict=True))
+
     def continuum(self, q: ArrayLike | None = None) -> Array:
         """Return the lowest and the highest frequency (n_q, b, 2) of each branch of the crystal,
         Hz, at each q.
@@ -410,7 +418,7 @@ class Surface:
         """
         require_memory(
             f"spectra at {points:,} wave vectors and {frequencies:,} frequencies",
-            _SPECTRUM_BYTES * self.half_space.size**2 * points * float(frequencies),
+            _estimate_memory(self.half_space.size, points, frequencies),
             "Take fewer wave vectors (npoints), or frequencies",
         )
 
@@ -512,6 +520,18 @@ class Surface:
             along = turned[:n_along]
         unit = self.half_space.units.velocity
         return float(unit * self.half_space.rayleigh_velocity(along))
+
+
+def estimate_waves_memory(size: int, points: int) -> float:
+    """Return the memory of the waves of an edge at a number of wave vectors, ``points``, of a half
+    space whose blocks have ``size`` motions, bytes.
+    """
+    return _estimate_memory(size, points, _POLES)
+
+
+def _estimate_memory(size: int, points: int, frequencies: int) -> float:
+    """Return the memory of spectra at so many wave vectors and frequencies, bytes."""
+    return _SPECTRUM_BYTES * size**2 * points * float(frequencies)
 
 
 def _find_in_gap(waves: Array, bands: Array, expected: float) -> float | None:

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.packing import SWEPT, Packing
+from granphon.base.arrays import pad_columns
 from granphon.base.errors import (
     InputError,
     InstabilityError,
@@ -63,7 +64,6 @@ from granphon.runs.tasks import (
     drop_marks,
     explain_end,
     find_reached,
-    pad_columns,
     read_notes,
     to_json,
 )
@@ -541,6 +541,7 @@ def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
     packing = grid.cases[0].packing
     notes = [read_notes(result) for result in results]
     _fill_errors(grid, results)
+    edge_waves = _join_edge_waves(grid, results)
     # first, as values that are filled in have the shape of those of other results
     _pad_uneven(results)
     results, sentences = _fill_missing(results, packing.structure.periods)
@@ -562,7 +563,7 @@ def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
         voigt = list(voigt_names(packing.structure.periods))
         frame = frame.assign_coords(dict.fromkeys(CATALOGUE["tensor"].dims, voigt))
     if "sensitivities" in grid.request.observe:
-        frame = _label_sensitivities(frame, grid, variables)
+        frame = _label_sensitivities(frame, grid, variables, edge_waves)
     along_path = dict(frame.data_vars)  # assigned last, to stand after the variables along it
     return (
         frame.drop_vars(list(along_path))
@@ -572,9 +573,23 @@ def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
     )
 
 
-def _label_sensitivities(frame: Dataset, grid: Grid, variables: dict[str, Any]) -> Dataset:
-    """Return the ``frame`` with the names of the quantities and of the parameters as coordinates of
-    the derivatives, the last two axes of the variable ``sensitivity``.
+def _join_edge_waves(grid: Grid, results: Sequence[TaskResult]) -> list[str]:
+    """Join, in place, the derivatives of the waves of an edge to those of the other quantities, and
+    return the names of these waves; empty of a run without derivatives.
+    """
+    if "sensitivities" not in grid.request.observe:
+        return []
+    from granphon.runs.sensitivities import join_edge_waves
+
+    return join_edge_waves(results)
+
+
+def _label_sensitivities(
+    frame: Dataset, grid: Grid, variables: dict[str, Any], edge_waves: list[str]
+) -> Dataset:
+    """Return the ``frame`` with the names of the quantities, among which are those of
+    ``edge_waves``, and of the parameters as coordinates of the derivatives, the last two axes of
+    the variable ``sensitivity``.
 
     Quantities and parameters of which no state has a derivative are taken out of the names, and, in
     place, of the ``variables``.
@@ -582,9 +597,9 @@ def _label_sensitivities(frame: Dataset, grid: Grid, variables: dict[str, Any]) 
     from granphon.runs.sensitivities import NAME, list_axes
 
     has_cutoffs = "cutoffs" in grid.request.observe
-    names = list_axes(grid.cases[0].packing, grid.load, has_cutoffs=has_cutoffs)
+    quantities, parameters = list_axes(grid.cases[0].packing, grid.load, has_cutoffs=has_cutoffs)
     dims, values, attributes = variables[NAME]
-    for axis, labels in zip((-2, -1), names, strict=True):
+    for axis, labels in ((-2, [*quantities, *edge_waves]), (-1, parameters)):
         other_axes = tuple(number for number in range(values.ndim) if number != values.ndim + axis)
         is_known = np.any(np.isfinite(values), axis=other_axes)
         values = np.compress(is_known, values, axis=axis)

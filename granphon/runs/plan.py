@@ -799,7 +799,11 @@ class Plan:
         from granphon.runs.sensitivities import estimate_derivatives  # other runs do not need it
 
         works = [
-            estimate_derivatives(serving, has_cutoffs="cutoffs" in self.observe)
+            estimate_derivatives(
+                serving,
+                has_cutoffs="cutoffs" in self.observe,
+                has_edge_waves=self.grid.request.surface is not None,
+            )
             for case in self.checked_cases
             for serving in case.serving_media
             if not serving.arrays

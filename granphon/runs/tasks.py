@@ -38,6 +38,7 @@ from granphon.balls.packing import (
     combine,
     describe_combination,
 )
+from granphon.base.arrays import pad_columns
 from granphon.base.errors import ConvergenceError, GranphonError, InputError, MechanismError
 from granphon.base.registry import list_added
 from granphon.base.results import plain
@@ -144,8 +145,8 @@ class Request:
     sound : whether a lattice without velocities, a mechanism, is an error; otherwise velocities are
         left out.
     observe : the names of the observables, as in a scene; a registered observable among them must
-        be found, and derivatives by parameters are those of cut-off frequencies too if these are
-        among them.
+        be found, and derivatives by parameters are those of cut-off frequencies and of waves of an
+        edge too if these are among them.
     kept : whether states are kept whole, for files and figures of them: with the balls of their
         samples, and the results of the solvers of waves. A :class:`Grid` keeps the state of a sweep
         without axes.
@@ -445,22 +446,6 @@ def require_arrays(
         raise InputError(problem, "Their wave vectors differ", "Make a scene of each shape")
 
 
-def pad_columns(arrays: Sequence[Array]) -> list[Array]:
-    """Return ``arrays`` (..., c) with as many columns c each as the widest of them has; columns
-    that are added are nan. Arrays of one axis have no columns, and stay as they are.
-    """
-    n_columns = max(array.shape[-1] if array.ndim > 1 else 0 for array in arrays)
-    padded = list[Array]()
-    for array in arrays:
-        if array.ndim > 1 and array.shape[-1] < n_columns:
-            # numbers of values that are added before and after, for each axis
-            widths = [(0, 0)] * (array.ndim - 1) + [(0, n_columns - array.shape[-1])]
-            padded.append(np.pad(array, widths, constant_values=np.nan))
-        else:
-            padded.append(array)
-    return padded
-
-
 # -- of a medium -----------------------------------------------------------------------------------
 
 
@@ -588,14 +573,15 @@ class MediumTask(Task):
         request = self.request
         if "sensitivities" in request.observe:
             # imported here: other runs do not need derivatives
-            from granphon.runs.sensitivities import NAME, observe_sensitivities
+            from granphon.runs.sensitivities import observe_sensitivities
 
-            variables[NAME] = observe_sensitivities(
+            variables |= observe_sensitivities(
                 self.serving,
                 load,
                 request.direction,
                 finite_overlap=request.finite_overlap,
                 has_cutoffs="cutoffs" in request.observe,
+                surface=request.surface,
             )
         return self._add_waves(variables, state, load)
 

@@ -875,6 +875,20 @@ def _find_energy_errors(motion: Any, data: Any) -> dict[str, Any]:
     return {name: error.values.ravel() for name, error in errors.items() if error is not None}
 
 
+def _draw_surface(results: Any) -> Any:
+    """Return the figure of the spectrum at an edge, with the standard errors of its waves."""
+    from granphon.figures.plot import plot
+
+    spectrum = results["surface"]
+    data = results["states"]
+    table = None if data is None else data.get("surface_frequency_error")
+    if table is None or spectrum is None:
+        return plot(spectrum)
+    # the table has an empty place where a wave vector has fewer waves than another
+    errors = table.values[np.isfinite(data["surface_frequency"].values)]
+    return plot(spectrum, errors=errors)
+
+
 def _draw_bands(results: Any, asymptotes: Any = None) -> Any:
     """Return the figure of the bands and the density of states in the results, as far as they are
     there; with the long waves of ``asymptotes``, a lattice of contacts, if it is given.
@@ -1056,8 +1070,9 @@ for _row in (
         write=partial(_write_table, "sensitivities.csv", ("sensitivity_of", "sensitivity_to")),
         draw=_draw_sensitivities,
         words="logarithmic derivatives of velocities, moduli and, if observed, cut-off frequencies"
-        " by the parameters of the balls and the load; in `summary.yaml`, `matters_most`, the"
-        " parameter on which each depends most",
+        " and the waves of an edge (`surface_frequency X 0` is the lowest at the corner X of the"
+        " path along the edge) by the parameters of the balls and the load; in `summary.yaml`,"
+        " `matters_most`, the parameter on which each depends most",
         caption="Logarithmic derivatives by the parameters",
     ),
     Export(
@@ -1101,7 +1116,7 @@ for _row in (
         find=_find_surface,
         write=partial(_write_with_table, "surface"),
         read=partial(_read_json, "SurfaceSpectrum"),
-        draw=partial(_plot, "surface"),
+        draw=_draw_surface,
         rank=4,
         words="spectrum of the outer layer: `gp.SurfaceSpectrum.from_dict`; waves of the edge; map",
         caption="Waves of the edge",

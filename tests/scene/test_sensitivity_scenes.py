@@ -196,3 +196,94 @@ def test_the_title_of_a_branch_keeps_its_number(result):
     ends = [title for title in titles if "branch" in title]
     assert ends
     assert all(title.splitlines()[-1][:-1].endswith("branch\N{NO-BREAK SPACE}") for title in ends)
+
+
+EDGE = """\
+balls:
+  A: {material: {young_modulus: 193 GPa, poisson_ratio: 0.30, density: 8 g/cm^3}, diameter: 19 mm}
+  B: {material: {young_modulus: 73.5 GPa, poisson_ratio: 0.33, density: DENSITY}, diameter: 19 mm}
+crystal: {lattice: chain, kinds: [A, B], friction: false}
+load: {force: FORCE}
+observe: [OBSERVE]
+surface: {axis: 0, edge: {wall: B}}
+"""
+
+
+def sweep(text, **words):
+    for name, word in words.items():
+        text = text.replace(name, word)
+    return gp.Scene.from_text(text).sweep()
+
+
+def find_power(text, key, value, unit):
+    """Return d ln f/d ln p of the waves of the edge, a central difference of whole scenes."""
+    step = 1e-4
+    fixed = {"FORCE": "8 N", "DENSITY": "2.7 g/cm^3", "OBSERVE": "surface"}
+    ends = [
+        sweep(text, **(fixed | {key: f"{value * (1.0 + sign * step)!r} {unit}"}))
+        for sign in (-1.0, 1.0)
+    ]
+    lower, upper = (np.log(end["surface_frequency"].values) for end in ends)
+    return (upper - lower) / np.log((1.0 + step) / (1.0 - step))
+
+
+@pytest.mark.claim("sensitivities-edge-scenes")
+def test_waves_of_an_edge_have_the_derivatives_of_whole_scenes():
+    """The wall is of the material of a kind of balls, and changes with that material."""
+    words = {"FORCE": "8 N", "DENSITY": "2.7 g/cm^3"}
+    data = sweep(EDGE, OBSERVE="sensitivities, surface", **words)
+    found = data["sensitivity"].sel(sensitivity_of="surface_frequency 0", medium="crystal")
+    assert_allclose(found.sel(sensitivity_to="force"), 1.0 / 6.0, rtol=1e-8)
+    stiffer = EDGE.replace("73.5 GPa", "MODULUS").replace("DENSITY", "2.7 g/cm^3")
+    by_modulus = find_power(stiffer, "MODULUS", 73.5, "GPa").ravel()
+    assert_allclose(found.sel(sensitivity_to="B.young_modulus"), by_modulus, rtol=1e-7)
+    moduli = found.sel(sensitivity_to=["A.young_modulus", "B.young_modulus"])
+    assert_allclose(moduli.sum("sensitivity_to"), 1.0 / 3.0, rtol=1e-8)
+    # all is of the kinds: a density of both moves no contact
+    densities = found.sel(sensitivity_to=["A.density", "B.density"])
+    assert_allclose(densities.sum("sensitivity_to"), -0.5, rtol=1e-8)
+
+
+@pytest.mark.slow
+def test_waves_of_an_edge_in_the_plane_are_at_the_corners_of_its_path():
+    """On a floor: the contacts with it are those of the balls that touch it."""
+    text = PACKING.replace("[sensitivities]", "[OBSERVE]").replace("18 N", "FORCE")
+    text = text.replace("7840 kg/m^3", "DENSITY")
+    text += "surface: {axis: 1, edge: floor, points: 2}\n"
+    words = {"FORCE": "[2 N, 128 N]", "DENSITY": "2.7 g/cm^3"}
+    data = sweep(text, OBSERVE="sensitivities, surface", **words)
+    names = [name for name in data["sensitivity_of"].values if "surface" in name]
+    assert names == [f"surface_frequency X {number}" for number in range(4)]
+    found = data["sensitivity"].sel(sensitivity_of=names).squeeze("medium")
+    assert_allclose(found.sel(sensitivity_to="density"), -0.5, rtol=1e-8)
+    stiffer = text.replace("poisson_ratio: 0.276", "poisson_ratio: RATIO")
+    powers = find_power(stiffer, "RATIO", 0.276, "")[:, 0, -1]
+    assert_allclose(found.sel(sensitivity_to="poisson_ratio"), powers, rtol=1e-6)
+
+
+def test_waves_of_an_edge_have_a_table_a_panel_and_a_cost(tmp_path):
+    text = EDGE.replace("FORCE", "2 N").replace("DENSITY", "2.7 g/cm^3")
+    scene = gp.Scene.from_text(text.replace("OBSERVE", "sensitivities, surface"))
+    result = scene.run(tmp_path / "out", figures=False)
+    table = (result.folder / "sensitivities.csv").read_text(encoding="utf-8")
+    assert table.count("surface_frequency 0") == result.dataset.sizes["sensitivity_to"]
+    assert result.summary()["matters_most"]["surface_frequency 0"] == "A.diameter"
+    titles = [ax.get_title() for ax in sensitivities_figure(result.dataset).axes]
+    assert sum("wave\N{NO-BREAK SPACE}0" in title for title in titles) == 1
+    again = scene.run(tmp_path / "out", resume=True, figures=False)
+    assert again.dataset.identical(result.dataset)
+    (*_, (_, _, cost)) = scene.plan.parts
+    (*_, (_, _, without)) = gp.Scene.from_text(text.replace("OBSERVE", "sensitivities")).plan.parts
+    assert len(cost.units) == len(without.units) + 1
+    assert cost.seconds > without.seconds
+
+
+def test_states_with_fewer_waves_of_an_edge_have_empty_derivatives():
+    """A lighter ball at the free end has a wave in the gap, a heavier one has none."""
+    text = EDGE.replace("edge: {wall: B}", "edge: free").replace("FORCE", "2 N")
+    text = text.replace("OBSERVE", "sensitivities, surface").replace("DENSITY", "2.7 g/cm^3")
+    text += "sweep: {A.density: [1 g/cm^3, 8 g/cm^3]}\n"
+    found = gp.Scene.from_text(text).sweep()["sensitivity"]
+    waves = found.sel(sensitivity_of="surface_frequency 0", medium="crystal").squeeze("load")
+    assert np.all(np.isfinite(waves[0]))
+    assert np.all(np.isnan(waves[1]))

@@ -164,3 +164,21 @@ def test_scenes_of_each_cut(lattice, axis):
     ribbon = scene(text, FORCE="20 N")
     assert ribbon.packing.structure.periods == len(edge.cell)
     assert gp.Phonons(ribbon.state()).frequencies(np.full((1, len(edge.cell)), 0.2)).max() > 0.0
+
+
+@pytest.mark.parametrize(
+    "text",
+    [pytest.param(PACKING.replace("points: 3", "points: 3, edge: floor"), id="plane"), CRYSTAL],
+)
+def test_errors_of_a_force_are_bars_about_the_waves(text, tmp_path):
+    """Frequencies go as f^(1/6): an error of 6 % of the force is one of 1 % of each wave."""
+    words = {"LATTICE": "square", "AXIS": "1", "FORCE": "18 +- 1.08 N"}
+    result = scene(text, **words).run(tmp_path, figures=False)
+    waves = result.surface.waves
+    ax = result.figure("surface.png").axes[0]
+    if text == CRYSTAL:
+        widths = [patch.get_width() for patch in ax.patches if "error" in (patch.get_gid() or "")]
+    else:
+        (bars,) = [item for item in ax.collections if item.get_gid() == "errors"]
+        widths = [end[1, 1] - end[0, 1] for end in bars.get_segments()]
+    assert_allclose(widths, 2e-2 * waves.frequencies / 1e3, rtol=2e-3)
