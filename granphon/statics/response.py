@@ -115,7 +115,8 @@ class LinearResponse:
         Springs may bear the part ``borne`` of the energy.
         """
         matrix = self._tangent.matrix
-        for solve in self._list_solvers(math.sqrt(borne)):
+        aim = 0.0 if self._symmetric else self._find_aim(right)
+        for solve in self._list_solvers(math.sqrt(borne), aim):
             motions = np.zeros_like(right)
             remaining = right
             for count in range(self._options.rounds):
@@ -140,20 +141,27 @@ class LinearResponse:
         if self._symmetric:
             energy = abs(float(np.sum(motions * right)))
             return abs(float(np.sum(motions * remaining))) <= borne * energy
-        aim = max(
-            self._options.residual * float(np.linalg.norm(right)), self._find_rounding(right.size)
-        )
-        return float(np.linalg.norm(remaining)) <= aim
+        return float(np.linalg.norm(remaining)) <= self._find_aim(right)
 
-    def _list_solvers(self, reduction: float) -> Iterator[Callable[[Array], Array | None]]:
+    def _find_aim(self, right: Array) -> float:
+        """Return the norm of what may be left of forces ``right`` where A is not symmetric."""
+        relative = self._options.residual * float(np.linalg.norm(right))
+        return max(relative, self._find_rounding(right.size))
+
+    def _list_solvers(
+        self, reduction: float, aim: float
+    ) -> Iterator[Callable[[Array], Array | None]]:
         """Yield functions that find about the motions (n m, k) under forces; each serves where what
         is left by the one before does not become less. Conjugate gradients find no motions, None,
-        where they do not lower the error by ``reduction``.
+        where they do not lower the error by ``reduction``, or, where that is less, to forces of the
+        norm ``aim``.
         """
         if self._may_iterate:
 
             def iterate(right: Array) -> Array | None:
-                found = self._iterate(right, reduction)
+                size = float(np.linalg.norm(right))
+                to_aim = self._options.below_aim * aim / size if size > aim else 0.0
+                found = self._iterate(right, max(reduction, to_aim))
                 return None if found is None else found[0]
 
             yield iterate
