@@ -36,6 +36,8 @@ from granphon.base.arrays import Array
 from granphon.base.compiled import compiled
 from granphon.contacts.columns import Columns
 
+Vector = tuple[float, float, float]
+
 
 @compiled
 def _set_turning(normal: Array, turning: Array) -> None:
@@ -157,52 +159,77 @@ def fill_tangent(
 
 
 @compiled
-def _cross(first: Array, second: Array, out: Array) -> None:
-    """Set ``out`` to the vector product of two vectors."""
-    out[0] = first[1] * second[2] - first[2] * second[1]
-    out[1] = first[2] * second[0] - first[0] * second[2]
-    out[2] = first[0] * second[1] - first[1] * second[0]
+def _cross(first: Vector, second: Vector) -> Vector:
+    """Return the vector product of two vectors."""
+    return (
+        first[1] * second[2] - first[2] * second[1],
+        first[2] * second[0] - first[0] * second[2],
+        first[0] * second[1] - first[1] * second[0],
+    )
+
+
+@compiled
+def _multiply(first: Vector, second: Vector) -> float:
+    """Return the scalar product of two vectors."""
+    return first[0] * second[0] + first[1] * second[1] + first[2] * second[2]
+
+
+@compiled
+def _set_row(table: Array, row: int, factor: float, vector: Vector) -> None:
+    """Set a row of a ``table`` (rows, 3) to ``factor`` times a vector."""
+    table[row, 0] = factor * vector[0]
+    table[row, 1] = factor * vector[1]
+    table[row, 2] = factor * vector[2]
+
+
+@compiled
+def _read(vectors: Array, row: int) -> Vector:
+    """Return a row of ``vectors`` (rows, 3)."""
+    return (vectors[row, 0], vectors[row, 1], vectors[row, 2])
 
 
 @compiled
 def _set_static_turn(
-    columns: Columns, contact: int, work: Array, push: Array, torque: Array, lever: Array
+    normal: Vector,
+    force: Vector,
+    origin: Vector,
+    over: float,
+    axes: NDArray[np.int64],
+    moved: Array,
+    push: Array,
+    torque: Array,
+    lever: Array,
 ) -> None:
-    """Set the first six rows of ``push``, ``torque`` and ``lever``, (6 + s, 3) each, to the changes
-    turn x T, turn x (n x T) and (e/2) n x T that small motions of one ``contact`` cause.
+    """Set the rows of ``push``, ``torque`` and ``lever``, (m + s, 3) each, to the changes
+    turn x T, turn x (n x T) and (e/2) n x T of the static ``force`` T across the normal n.
 
-    Rows 0 to 2 belong to a unit motion v of the contact along each axis, rows 3 to 5 to a unit sum
-    phi_i + phi_j of the rotations about each axis. T is taken with its sign turned, as the tangent
-    resists motions. ``work`` (4, 3) is overwritten.
+    The first m rows belong to unit motions of ball j along the ``axes``, 3 to 5 of which are
+    rotations; the last s rows belong to strains. ``moved`` (m + s, 3) are the motions v of the
+    contact, and ``over`` is 1/r with the distance r of the centres. Rotations turn T about n too:
+    T is carried on the shortest way from the unit vector ``origin``, which is zero where T does not
+    turn about n.
     """
-    force, beside, tilt, turn = work
-    normal = columns.normal[contact]
-    over = 1.0 / columns.distance[contact]
-    spins = len(columns.origin) > 0
-    for axis in range(3):
-        force[axis] = -columns.tangential_force[contact, axis]
-    _cross(normal, force, beside)
-    for axis in range(3):
-        for a in range(3):
-            tilt[a] = -over * normal[axis] * normal[a]
-            lever[axis, a] = 0.5 * normal[axis] * beside[a]
-        tilt[axis] += over
-        _cross(normal, tilt, turn)
-        if spins:  # carried on the shortest way from the origin, tangents also turn about n
-            origin = columns.origin[contact]
-            across = turn[0] * origin[0] + turn[1] * origin[1] + turn[2] * origin[2]
-            along = normal[0] * origin[0] + normal[1] * origin[1] + normal[2] * origin[2]
-            for a in range(3):
-                turn[a] -= across / (1.0 + along) * normal[a]
-        _cross(turn, force, push[axis])
-        _cross(turn, beside, torque[axis])
-    if spins:
-        _cross(normal, beside, tilt)
-        for axis in range(3):
-            half = 0.5 * columns.origin[contact, axis]
-            for a in range(3):
-                push[3 + axis, a] = half * beside[a]
-                torque[3 + axis, a] = half * tilt[a]
+    m = len(axes)
+    beside = _cross(normal, force)
+    share = over / (1.0 + _multiply(normal, origin))
+    for column in range(len(push)):
+        if column < m and axes[column] >= 3:
+            half = 0.5 * origin[axes[column] - 3]
+            _set_row(push, column, half, beside)
+            _set_row(torque, column, half, _cross(normal, beside))
+            _set_row(lever, column, 0.0, beside)
+            continue
+        v = _read(moved, column)
+        tilt = _cross(normal, v)
+        across = share * _multiply(tilt, origin)
+        turn = (
+            over * tilt[0] - across * normal[0],
+            over * tilt[1] - across * normal[1],
+            over * tilt[2] - across * normal[2],
+        )
+        _set_row(push, column, 1.0, _cross(turn, force))
+        _set_row(torque, column, 1.0, _cross(turn, beside))
+        _set_row(lever, column, 0.5 * _multiply(normal, v), beside)
 
 
 @compiled
@@ -226,63 +253,64 @@ def add_static_turn(
     """
     m = len(axes)
     s = len(strains)
-    strained = np.zeros((s, 3))
-    push, torque, lever = np.zeros((3, 6 + s, 3))
-    work = np.zeros((4, 3))
+    # v by a unit of each motion of ball j, and of each strain
+    moved = np.zeros((m + s, 3))
+    for motion in range(m):
+        if axes[motion] < 3:
+            moved[motion, axes[motion]] = 1.0
+    push, torque, lever = np.zeros((3, m + s, 3))
+    spins = len(columns.origin) > 0
     for contact in range(len(columns.i)):
-        held = columns.tangential_force[contact]
+        held = _read(columns.tangential_force, contact)
         if held[0] == 0.0 and held[1] == 0.0 and held[2] == 0.0:
             continue
         i = columns.i[contact]
         j = columns.j[contact]
         arm_i = columns.arm_i[contact]
         arm_j = columns.arm_j[contact]
-        _set_static_turn(columns, contact, work, push, torque, lever)
         # a unit strain moves the centres along all axes
         for strain in range(s):
             for axis in range(3):
-                strained[strain, axis] = 0.0
+                v = 0.0
                 for a in range(3):
-                    strained[strain, axis] += strains[strain, axis, a] * columns.vector[contact, a]
-            for table in (push, torque, lever):
-                for a in range(3):
-                    table[6 + strain, a] = (
-                        strained[strain, 0] * table[0, a]
-                        + strained[strain, 1] * table[1, a]
-                        + strained[strain, 2] * table[2, a]
-                    )
+                    v += strains[strain, axis, a] * columns.vector[contact, a]
+                moved[m + strain, axis] = v
+        # numbers alone are passed on: to pass all columns takes longer than all else
+        normal = _read(columns.normal, contact)
+        force = (-held[0], -held[1], -held[2])  # as the tangent resists
+        origin = _read(columns.origin, contact) if spins else (0.0, 0.0, 0.0)
+        over = 1.0 / columns.distance[contact]
+        _set_static_turn(normal, force, origin, over, axes, moved, push, torque, lever)
         for line in range(m):
             row = axes[line]
             for column in range(m + s):
-                axis = axes[column] if column < m else 6 + column - m
                 if row < 3:
-                    on_i = -push[axis, row]
-                    on_j = push[axis, row]
+                    on_i = -push[column, row]
+                    on_j = push[column, row]
                 else:
-                    on_i = -arm_i * torque[axis, row - 3] - lever[axis, row - 3]
-                    on_j = -arm_j * torque[axis, row - 3] - lever[axis, row - 3]
+                    on_i = -arm_i * torque[column, row - 3] - lever[column, row - 3]
+                    on_j = -arm_j * torque[column, row - 3] - lever[column, row - 3]
                 if column >= m:
                     ahead[i, line, column - m] += on_i
                     ahead[j, line, column - m] += on_j
                     continue
                 # ball i moves against v, and turns as ball j does
-                sign = -1.0 if axis < 3 else 1.0
+                sign = -1.0 if axes[column] < 3 else 1.0
                 diagonal[line, column, i] += sign * on_i
                 diagonal[line, column, j] += on_j
                 forward[line, column, contact] += on_i
                 backward[column, line, contact] += sign * on_j
         for strain in range(s):
             for column in range(m + s):
-                axis = axes[column] if column < m else 6 + column - m
                 work_done = (
-                    push[axis, 0] * strained[strain, 0]
-                    + push[axis, 1] * strained[strain, 1]
-                    + push[axis, 2] * strained[strain, 2]
+                    push[column, 0] * moved[m + strain, 0]
+                    + push[column, 1] * moved[m + strain, 1]
+                    + push[column, 2] * moved[m + strain, 2]
                 )
                 if column >= m:
                     corner[strain, column - m] += work_done
                     continue
-                back[i, column, strain] += -work_done if axis < 3 else work_done
+                back[i, column, strain] += -work_done if axes[column] < 3 else work_done
                 back[j, column, strain] += work_done
 
 

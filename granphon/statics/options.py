@@ -333,6 +333,9 @@ class ResponseOptions:
     most_balls : balls on a line, in a plane, in space, at most, whose matrix is factorised: the
         memory of factors grows faster than it, to about 1 GB.
     residual : relative residual of equations that are not symmetric.
+    below_aim : part of the residual that the last round by conjugate gradients aims at. Conjugate
+        gradients lower the error in the norm of the energy, which falls a little otherwise than the
+        residual.
     residual_of_round : relative residual after a round by GMRES.
     noise : rounding of a unit strain's forces, over the mean stiffness.
     kept, cycles : vectors that GMRES keeps, and cycles of it, at most.
@@ -352,6 +355,7 @@ class ResponseOptions:
     most_iterations: int = 60_000
     most_balls: Mapping[int, int] = _by_axes(2**20, 2**16, 2**12)
     residual: float = 1e-10
+    below_aim: float = 0.2
     residual_of_round: float = 1e-8
     noise: float = 1e-14
     kept: int = 60

@@ -125,7 +125,8 @@ class LinearResponse:
         of the :meth:`_list_solvers`, or at their largest number.
         """
         matrix = self._tangent.matrix
-        for solve in self._list_solvers(math.sqrt(borne)):
+        aim = 0.0 if self._symmetric else self._find_aim(right)
+        for solve in self._list_solvers(math.sqrt(borne), aim):
             motions = np.zeros_like(right)
             remaining = right
             for count in range(self._options.rounds):
@@ -153,24 +154,32 @@ class LinearResponse:
         if self._symmetric:
             energy = abs(float(np.sum(motions * right)))
             return abs(float(np.sum(motions * remaining))) <= borne * energy
-        aim = max(
-            self._options.residual * float(np.linalg.norm(right)), self._find_rounding(right.size)
-        )
-        return float(np.linalg.norm(remaining)) <= aim
+        return float(np.linalg.norm(remaining)) <= self._find_aim(right)
 
-    def _list_solvers(self, reduction: float) -> Iterator[Callable[[Array], Array | None]]:
+    def _find_aim(self, right: Array) -> float:
+        """Return the largest norm of the forces that motions under forces ``right`` (n m, k) may
+        leave where A is not symmetric.
+        """
+        relative = self._options.residual * float(np.linalg.norm(right))
+        return max(relative, self._find_rounding(right.size))
+
+    def _list_solvers(
+        self, reduction: float, aim: float
+    ) -> Iterator[Callable[[Array], Array | None]]:
         """Yield functions that find about the motions (n m, k) under forces (n m, k), the fastest
         first: each is for cases in which the rounds with those before come no nearer.
 
         They are conjugate gradients on a grid, factors, and GMRES for a tangent that is not
         symmetric. Conjugate gradients return None where they do not lower the error by
-        ``reduction``.
+        ``reduction``, or, if that is less, do not lower the forces to the norm ``aim``.
         """
         if self._may_iterate:
 
             def iterate(right: Array) -> Array | None:
                 """Return the motions under forces ``right`` by conjugate gradients, or None."""
-                found = self._iterate(right, reduction)
+                size = float(np.linalg.norm(right))
+                to_aim = self._options.below_aim * aim / size if size > aim else 0.0
+                found = self._iterate(right, max(reduction, to_aim))
                 return None if found is None else found[0]
 
             yield iterate
