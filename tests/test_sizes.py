@@ -25,6 +25,11 @@ def network():
     return equal().network.repeat((12, 12))
 
 
+def wide_leads():
+    wide = equal().network.repeat((1, 4500))
+    return wide, None, wide
+
+
 def crystal():
     return gp.Crystal.on("triangular", [gp.Ball(STEEL, 8e-3)])
 
@@ -67,7 +72,7 @@ DOORS = {
     "complex bands with losses": lambda: gp.Phonons(equal()).complex_bands(
         MANY[:800_000], 0, damping=1e-7
     ),
-    "transmission": lambda: gp.transmission(equal().network, None, equal().network, SORTED),
+    "transmission": lambda: gp.transmission(*wide_leads(), 1e3),
     "local_dos": lambda: gp.Waves(network()).local_dos(0, MANY),
     "sweep": lambda: gp.sweep(PACKING, force=MANY),
     "loads": lambda: gp.EffectiveMedium(PACKING).at_force(MANY),

@@ -349,8 +349,9 @@ class JKRLaw(EnergyLaw):
         return radius[()]
 
     def _solve(self, delta: Array) -> tuple[Array, Flags]:
-        """Return u at overlaps ``delta``, m, and whether the contact is not broken; both of the
-        shape of ``delta``.
+        """Return the larger root u of u^4 - u = delta/length at overlaps ``delta``, m, and whether
+        the contact is unbroken; both of the shape of ``delta``. A broken contact has the u of the
+        least overlap.
         """
         with np.errstate(all="ignore"):
             reduced = delta / self.length

@@ -162,8 +162,12 @@ def sum_losses(
     overlaps: Array,
     slips: Array,
 ) -> tuple[float, float]:
-    """Return two energies that all contacts together lose along the straight line of a step: by
-    sliding, and by the law of the tangential force.
+    """Return the two energies that all contacts together lose along the straight line of a step:
+    by sliding, and by the law of the tangential force.
+
+    ``old_overlaps`` and ``overlaps`` (n_c,) are the overlaps before and after the step, ``slips``
+    (s, n_c) the slips, and ``old_shears`` (s, n_c) the tangential forces before the step; ``eta``
+    and ``mu`` are the law's stiffness ratio and friction coefficient.
     """
     slid = 0.0
     loosened = 0.0
@@ -177,19 +181,20 @@ def sum_losses(
         closed_share = 1.0
         if old == 0.0 or new == 0.0:
             closed_share = (new * new - old * old) / (overlaps[c] - old_overlaps[c])
-        bent_square = 0.0
+        elastic_square = 0.0
         product = 0.0
         slip_square = 0.0
         for s in range(len(slips)):
-            bent = old_shears[s, c] / old if old > 0.0 else 0.0
+            # T/r before the step
+            elastic_slip = old_shears[s, c] / old if old > 0.0 else 0.0
             slip = closed_share * (slips[s, c] - old_slips[s, c])
-            bent_square += bent * bent
-            product += bent * slip
+            elastic_square += elastic_slip * elastic_slip
+            product += elastic_slip * slip
             slip_square += slip * slip
         if new > old:
-            losses = _lose_rising(old, new, bent_square, product, slip_square, eta, mu)
+            losses = _lose_rising(old, new, elastic_square, product, slip_square, eta, mu)
         else:
-            losses = _lose_falling(old, new, bent_square, product, slip_square, eta, mu)
+            losses = _lose_falling(old, new, elastic_square, product, slip_square, eta, mu)
         slid += losses[0]
         loosened += losses[1]
     return slid, loosened

@@ -161,8 +161,10 @@ class Losses:
 
     @cached_property
     def times(self) -> Array:
-        """(2, n_c) tau = c/k, s, of all three dashpots together, with the stiffness k at rest: of
-        normal motion, and of slip, twist and rolling.
+        """(2, n_c) tau = c/k, s, with the sum c of all three dashpots and the stiffness k at rest.
+        The first row is of normal motion, the second of slip, twist and rolling.
+
+        The ``damping`` is a time c/k as it is given; the other two dashpots are given as c.
         """
         network = self.network
         stiffness = np.stack([network.normal_stiffness, network.shear_stiffness])

@@ -115,8 +115,9 @@ class _Dissection:
         self._mark = np.zeros(n, bool)  # memory of `_find_touching`, false between its calls
 
     def cut(self, balls: Index) -> int:
-        """Add to ``layers`` those into which ``balls`` (m,) are cut, and return the number of the
-        last of these, which cuts all others.
+        """Cut ``balls`` (m,) into layers by nested dissection, and append the layers to ``layers``:
+        first those of the two halves, and last the layer that separates the halves. Return the
+        index of this last layer. Few balls are one layer.
         """
         layer = balls
         halves: tuple[int, ...] = ()

@@ -285,7 +285,8 @@ class HalfSpace:
         into memory; the message has the number of balls whose matrices would.
         """
         needed = _COPIES * 8.0 * math.prod(shape)
-        # contacts and balls both go as the balls of a layer
+        # rows and columns of a matrix are in proportion to the balls of a layer: memory goes as the
+        # square of the balls
         n_fitting = int(self.per_layer * math.sqrt(available_memory() / needed))
         require_memory(
             f"layers of {counted(self.per_layer, 'ball')}",
@@ -323,7 +324,8 @@ class HalfSpace:
             factor_of_row = [factors.get(kind, other)[:, self._kept] for kind in self._kinds]
             stiffness = stiffness * np.concatenate(factor_of_row, axis=1)
         full = rows.conj().T @ (stiffness[..., None] * rows) + np.diag(self._anchors)
-        # contacts between the two outer blocks alone
+        # what contacts between the two blocks add to the diagonal of each: it is taken away where
+        # the blocks are cut apart
         crossing = rows[self._crossing]
         cross = crossing.conj().T @ (stiffness[..., self._crossing, None] * crossing)
         return Couplings(
@@ -554,12 +556,12 @@ class HalfSpace:
         )
 
     def find_free_motions(self, q: Array) -> EdgeWaves:
-        """Return motions of the outer layers that cost nothing at q (n_q, p - 1), with the part of
-        their energy on top as the weight.
+        """Return the motions at zero frequency that reach the outer layer, at q (n_q, p - 1). The
+        weight of each is the part of its kinetic energy in the outer layer.
 
-        Towards w = 0 from below, w times the Green's function becomes the matrix of the outer parts
-        of all such motions, whose eigenvalues are the parts of the energy on top; eigenvalues of
-        other motions go as w, or as its root where a band reaches zero.
+        As the squared frequency w goes to zero from below, w times the Green's function becomes the
+        matrix of the outer parts of all such motions, whose eigenvalues are these weights. The
+        eigenvalues of other motions go to zero as w, or as its root where a band reaches zero.
         """
         w = np.full(len(q), -_FREE_SHIFT * self.highest, complex)
         green = np.linalg.inv(self.inverse_green(q, np.arange(len(q)), w))

@@ -236,10 +236,10 @@ class LargeCell:
         of the eigenvalues ``squares`` (n,), ascending; None if digits would be lost.
 
         ``block`` (n, n) and ``rows`` (kinds * n_c, n) are the sparse D and C of the part, and
-        ``bound`` is an upper bound of all squares. There are three cases. Under static forces the
-        squares themselves are rounded, and must all be zero. If the low frequencies are few, they
-        are found again as singular values of C. If they are many, they must all be those of motions
-        without contacts.
+        ``bound`` is an upper bound of all squares. There are three cases. Under static forces D is
+        not C^T C, and C has no digits to offer: the low squares must all be zero within rounding.
+        If the low frequencies are few, they are found again as singular values of C. If they are
+        many, they must all be those of motions without contacts.
         """
         limit = _LEAST_SQUARE if self.pressed else WELL_ABOVE
         count = int(np.count_nonzero(squares <= limit * bound))

@@ -274,6 +274,7 @@ class LongWaves(Compatibility):
         largest_shift = np.max(size, where=~is_turn, initial=0.0)
         is_rounding = size <= _SOFT * np.where(is_turn, largest_turn, largest_shift)
         deformations, free, scale = _split_columns(np.where(is_rounding, 0.0, inner), size)
+        # combinations of the scaled columns become motions by the division by the scale
         return deformations, free / scale[:, None]
 
     @cached_property

@@ -90,10 +90,10 @@ def estimate_open_contacts(packing: Packing, load: Load) -> Array:
     """Return the approximate fraction of open contacts (n,) at each value of an applied load,
     rather too large than too small.
 
-    The fraction is known on the triangular lattice, in fcc and in hcp, from f* = 0.003 on. Where it
-    is not known it is taken to be 1: at lower loads, and on other lattices at each load at which
-    contacts are open on the known lattice of as many periods. The fraction is zero for equal balls
-    and on a line.
+    The fraction is known on the triangular lattice, in fcc and in hcp, at reduced forces f* of at
+    least 0.003; at smaller forces it is taken to be 1. Any other lattice is compared with the known
+    lattice of as many periods: the fraction is taken to be 1 at loads at which the known lattice
+    has open contacts, and 0 at higher loads. It is zero for equal balls and on a line.
     """
     structure = packing.structure
     # a load may be beyond the floating range, where no contact is open; a load that no array bears

@@ -59,15 +59,15 @@ def _read_cell(value: Any, context: Any) -> tuple[Any, ...]:
     """Return the periods of a cell in a scene, m: a tuple of lengths, or a tuple of vectors, each a
     tuple of components.
     """
-    length = with_unit(LENGTH).rule(context)
+    read_length = with_unit(LENGTH).rule(context)
     if isinstance(value, list | tuple) and value and isinstance(value[0], list | tuple):
 
         def read_component(component: Any) -> float:
             """Return a component of a vector, m; a zero needs no unit."""
-            return 0.0 if component == 0 else length(component)
+            return 0.0 if component == 0 else read_length(component)
 
         return each(value, lambda row: each(row, read_component, "lengths"), "vectors")
-    return each(value, length, "lengths")
+    return each(value, read_length, "lengths")
 
 
 def _write_cell(cell: tuple[Any, ...], _context: Any) -> list[Any]:

@@ -74,8 +74,9 @@ class VelocitySensitivities(Sensitivities):
 def list_networks(state: State | None, quantity: str) -> list[ContactNetwork]:
     """Return the network at each load of a state, in C order.
 
-    InputError, which names the ``quantity``, without a state, as of a result that was read, and for
-    a state of samples, which are many networks.
+    Raises InputError, whose message names the ``quantity``, if ``state`` is None, as it is for a
+    result that was read from a file, and if the state has samples, each of which has a network of
+    its own.
     """
     if state is None:
         raise InputError(

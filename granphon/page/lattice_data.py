@@ -32,8 +32,8 @@ def describe_lattice(packing: Packing, path: BandPath) -> dict[str, Any]:
     Lengths are in spacings of touching balls. ``rows`` are the rows of
     :mod:`granphon.dynamics.deformation_rows`, for all six motions of each ball and stiffnesses of
     1: a page takes the motions that the page shows, and weights each kind by the root of its
-    stiffness. ``statements`` name, for each set of motions and each choice of the kinds of
-    stiffness, the free branches of the lattice and its mechanism.
+    stiffness. ``motions`` has an entry for each set of motions, whose ``statements`` name the free
+    branches of the lattice and its mechanism for each choice of the kinds of stiffness.
     """
     structure = packing.structure
     lattice = ContactLattice.of(structure, 1.0, torsion=1.0, bending=1.0, motions=ALL)

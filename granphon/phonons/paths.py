@@ -267,7 +267,8 @@ def _name_corner(corner: Array) -> str:
 
 def _check_piece(piece: Array, periods: int) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if a ``piece`` (n, 3) of a path has fewer
-    than two corners, a component across the ``periods``, or the same corner twice in a row.
+    than two corners, a component that is not zero beyond the first ``periods`` components (a wave
+    vector has one for each period of the lattice), or the same corner twice in a row.
     """
     if len(piece) < 2:
         raise InputError("a path needs at least two corners", mend="Name another point")

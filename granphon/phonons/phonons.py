@@ -235,7 +235,8 @@ class Phonons:
 
     def _choose_dim(self) -> tuple[int, ...]:
         """Return the fewest numbers of cells (p,) of a supercell in which two balls touch at most
-        once. The numbers are equal if the cell has one ball and repeats along all periods.
+        once. If the cell has one ball and repeats along all periods, the numbers are equal, so that
+        the supercell keeps the symmetry of the lattice.
         """
         p = self._periods
         cell = self._image_cell

@@ -68,7 +68,9 @@ _LEAST_BALLS = 2500
 
 
 def explain_instability(network: ContactNetwork) -> InstabilityError:
-    """Return the error of a network that static forces make unstable."""
+    """Return the error of a ``network`` that static forces make unstable. The message tells the
+    imbalance of the forces if they enter the stiffness, as ``network.prestress`` says.
+    """
     why = "Its static forces exceed what its springs hold, so that it would buckle"
     fault = message("the network is not stable: a squared frequency is below zero", why)
     mend = "Bring it to rest first, give its tangential_force if it has friction"
@@ -322,7 +324,8 @@ class WaveOperator(LinearOperator):
         return push_rows(network.normal[:, : network.dimension], self.motions)
 
     def row_weights(self, weights: Array | None = None) -> Array:
-        """Return the weights (rows,) of the rows of :attr:`full_root` in D: the diagonal W.
+        """Return the diagonal (rows,) of W in D = R^T W R, where R is :attr:`full_root`: one weight
+        for each row of R.
 
         Rows of springs have the weight 1. Rows of static forces have -1 where contacts are pressed,
         and 1 where they pull, as tension holds contacts straight. If ``weights`` (2, n_c) are

@@ -383,13 +383,13 @@ def _require_alike(runs: Any) -> None:
 
 
 def _fit_logarithms(lengths: Array, logs: Sequence[Array]) -> tuple[Array, Array]:
-    """Return the rates (n_f,) at which the mean of ln(total) falls over the ``lengths`` (n,), m,
-    and their errors (n_f,), both 1/m.
+    """Return the rates (n_f,) at which the mean logarithm of the total transmission falls over the
+    ``lengths`` (n,), m, and their errors (n_f,), both 1/m.
 
-    ``logs`` are ln(total) of the samples of each length, n arrays (samples, n_f).
+    ``logs`` are these logarithms of the samples of each length, n arrays (samples, n_f).
     """
     counts = np.array([len(samples) for samples in logs])
-    # the variance of ln(total) grows as the length
+    # the variance of the logarithm grows as the length
     shares = _find_slope_shares(lengths, counts / lengths)
     means = [samples.mean(axis=0) for samples in logs]
     rates = -np.tensordot(shares, means, 1)
