@@ -342,8 +342,10 @@ def _multiply(text: str, factor: Fraction) -> float:
 
 @lru_cache(maxsize=256)  # all cells of a column have the same unit
 def _find_factor(kind: Quantity, unit: str) -> Fraction:
-    """Return the exact factor from a unit to the SI unit of a ``kind`` of quantity; ValueError says
-    why the unit is not one of that kind.
+    """Return the exact factor from a unit to the SI unit of a ``kind`` of quantity.
+
+    Raises ValueError for a unit that is not one of that kind. Its text is a relative clause, with
+    which the caller ends a sentence about the whole quantity.
     """
     if not _UNIT_PATTERN.fullmatch(unit):
         raise ValueError("which is not one number and one unit")

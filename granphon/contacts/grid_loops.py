@@ -218,8 +218,11 @@ def invert_blocks(blocks: Values, added: float, part: float, inverses: Values) -
 
 @compiled
 def add_alone(alone: Values, forces: Values, motions: Values) -> None:
-    """Add to ``motions`` (f, cells) the products of the blocks ``alone`` (d, d, n) of balls with
-    ``forces`` (f, cells).
+    """Add to ``motions`` (f, cells) what the ``forces`` (f, cells) on each ball make of that ball
+    alone: the product of the block (d, d) of the ball with its forces.
+
+    The blocks ``alone`` (d, d, n) are those of the first ball of all cells, then those of the
+    second, and so on.
     """
     d = len(alone)
     cells = forces.shape[1]

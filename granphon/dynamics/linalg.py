@@ -320,8 +320,9 @@ def jacobi_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
 
 
 def _rotate(first: NDArray[Any], second: NDArray[Any], m: int) -> bool:
-    """Turn pairs of columns, ``first`` and ``second`` (rows, n_matrices), in place, such that their
-    first m rows are orthogonal; return whether any pair was not orthogonal before.
+    """Turn the columns ``first`` and ``second`` (rows, n_matrices) of each matrix, in place, such
+    that the two columns are orthogonal over their first m rows; the rows below turn with them.
+    Return whether any pair was not orthogonal before.
     """
     # the squares of the lengths of both columns, and their product
     adjoint = first[:m].conj()

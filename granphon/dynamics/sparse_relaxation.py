@@ -271,6 +271,8 @@ class SparseRelaxation:
         ``fronts`` are the factors of the sparse ``matrix``, which is the energy form ``block``
         (n_branches, n_branches) in units of the scale of the columns.
         """
+        # each motion that the factors set aside, with all other motions as they follow it; each
+        # correction takes away the forces that rounding has left on the others
         set_aside = fronts.follow()
         for _ in range(_CORRECTIONS):
             set_aside -= fronts.solve(matrix @ set_aside)

@@ -208,9 +208,10 @@ class EdgeSearch(NamedTuple):
         return is_neighbour
 
     def _choose_highest(self, edges: BandEdges, numbers: Index, points: Array, count: int) -> Index:
-        """Return the indices (n, count) of those of the wave vectors ``points`` (n, n_points, p),
-        1/d, at which the heights of the edges of the ``numbers`` (n,) are greatest, the greatest
-        first.
+        """Return for each of the n ``edges`` that ``numbers`` (n,) select the indices (n, count) of
+        the wave vectors among its ``points`` (n, n_points, p), 1/d, at which its height is
+        greatest, the greatest first. The height is the frequency of the branch, times the sign of
+        the edge.
         """
         n_edges, n_points, p = points.shape
         frequencies = self.lattice.frequencies(points.reshape(-1, p))

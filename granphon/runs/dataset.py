@@ -245,7 +245,7 @@ def make_frame(grid: Grid) -> Dataset:
 
     The path, which all packings share, has s segments of p points, and labels of its corners. In
     the data set ``qpoints`` (s, p, 3) are fractions of the reciprocal cell, ``distances`` (s, p)
-    lengths along the path without 2 pi, in units of 1/d, or of 1/a for media with finite overlap,
+    lengths along the path of q/(2 pi), in units of 1/d, or of 1/a for media with finite overlap,
     and ``labels`` (s + 1,) the names of the corners. Data sets get their accessor, see
     :func:`register_accessor`.
 

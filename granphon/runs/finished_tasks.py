@@ -409,8 +409,8 @@ class Store:
 
 @contextmanager
 def open_store(path: Path | None, *, force: bool = False) -> Iterator[Store]:
-    """Open a store at ``path``, and clear it if the block ends well; after a failure its results
-    stay, to go on from.
+    """Open a store, and clear it if the block ends well; after a failure its results stay, so that
+    a later run can go on from them. ``path`` and ``force`` are those of :class:`Store`.
     """
     store = Store(path, force)
     try:

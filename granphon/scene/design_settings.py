@@ -235,8 +235,10 @@ def _list_names(context: Any) -> tuple[list[str], list[str]]:
 
 
 def _choose_kind(name: str, context: Any) -> Kind:
-    """Return the kind of the bounds of the variable ``name``: that of a number of the network, of a
-    load, whose unit depends on the lattice, or of a parameter of a sweep.
+    """Return the kind of value of the bounds of the variable ``name``.
+
+    The variable is a number that each ball or contact of the network has, such as a stiffness; a
+    load, whose unit depends on the lattice of the ``context``; or a parameter of a sweep.
     """
     _, names_of_numbers = _list_names(context)
     if name in names_of_numbers:

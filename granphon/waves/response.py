@@ -819,8 +819,9 @@ class ResponseWork:
 
         With w = omega/top, the least g = eta + omega tau and the least drag gamma over top, a step
         of Lanczos makes the error smaller by exp(-2 Im arccos(((w^2 - i w gamma)/(1 + i g))^1/2)),
-        as Chebyshev's polynomials do. If modes are few, the space tells them apart before, and the
-        error falls faster; in the incomplete process of Arnoldi it does not.
+        as Chebyshev's polynomials do. If modes are few, the space tells the modes apart sooner,
+        and the error falls faster; not so in the incomplete process of Arnoldi, which is taken
+        where losses are strong.
         """
         w = self.omega / self.operator.top
         n = self.operator.size
