@@ -300,8 +300,8 @@ class Sample(Result):
         if self.is_exact:
             exact = self.equilibrium.place
             by_kind = exact.normal.reshape(len(table), -1, 3)
-            # in diameters: the size is the sum of both arms, and arm j is longer than arm i by twice
-            # the unevenness
+            # in diameters: size is the sum of both arms, and arm j is longer than arm i by twice
+            # uneven
             arms = [0.5 * exact.size + sign * exact.uneven for sign in (-1.0, 1.0)]
             arm_i, arm_j = (d * np.moveaxis(arm, 0, -1).reshape(shape) for arm in arms)
             return np.ascontiguousarray(by_kind.swapaxes(0, 1)), arm_i, arm_j

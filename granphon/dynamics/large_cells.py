@@ -232,12 +232,14 @@ class LargeCell:
     def _resolve_low_modes(
         self, block: Any, rows: Any, squares: Array, bound: float
     ) -> _LowModes | None:
-        """Return those frequencies of a part of the cell that are too low to have digits as roots
-        of the eigenvalues ``squares`` (n,), ascending; None if digits would be lost.
+        """Return the low frequencies of a part of the cell, and which of them are zero: those whose
+        eigenvalues, among all ``squares`` (n,) in ascending order, are so small beside the largest
+        that rounding leaves them no digits. None if no other way gives their digits.
 
         ``block`` (n, n) and ``rows`` (kinds * n_c, n) are the sparse D and C of the part, and
         ``bound`` is an upper bound of all squares. There are three cases. Under static forces D is
-        not C^T C, and C has no digits to offer: the low squares must all be zero within rounding.
+        not C^T C, so that singular values of C are no frequencies: the low squares must all be zero
+        within rounding.
         If the low frequencies are few, they are found again as singular values of C. If they are
         many, they must all be those of motions without contacts.
         """

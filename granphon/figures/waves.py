@@ -999,7 +999,7 @@ def _draw_states(
     _draw_lines(above, below, frequencies, name, lines)
     if "peaks_frequency" not in dataset:
         return
-    # a line narrower than the step of frequencies is higher than its drawn curve
+    # a resonance narrower than the step of frequencies is higher than the drawn curve
     for read_variable, receiver, colour in curves:
         peaks = read_variable("peaks_frequency")[receiver]
         heights = read_variable(f"peaks_{name}")[receiver]

@@ -786,7 +786,11 @@ def _read_options(
     name: str, values: Any, lattice: Lattice | None = None, written: bool = False
 ) -> dict[str, Any]:
     """Return the options of the medium ``name``, by their names, from the block ``values``; each is
-    read by its rule. :func:`read_medium` says what the other arguments do.
+    read by its rule.
+
+    With a ``lattice``, the options ``shape`` and ``start`` are read for its periods. ``written``
+    says whether the block stands in a file, where a load in ``start`` has a unit; else it may be a
+    number, SI.
     """
     rules = {option: known.rule for option, known in find_medium(name).options.items()}
     if lattice is not None and "shape" in rules:

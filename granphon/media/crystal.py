@@ -1189,8 +1189,11 @@ class Crystal(Result):
         start: Rest | None = None,
     ) -> Rest:
         """Return the state at rest under a load, found from the state ``start`` if given; see
-        :func:`~granphon.statics.find_rest.find_rest`. A sample on a grid, unless forces act on its
-        balls, is solved in the order of its grid.
+        :func:`~granphon.statics.find_rest.find_rest`.
+
+        A sample on a grid is solved with its balls in the order of the grid, where solvers of grids
+        serve, and its state is put back into the order of the crystal; not so if forces act on
+        single balls.
         """
         on_grid = self._sample_on_grid
         if on_grid is None or np.any(load.force):

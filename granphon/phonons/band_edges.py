@@ -129,7 +129,9 @@ class EdgeSearch(NamedTuple):
     zone: ZoneSample
 
     def find(self, edges: BandEdges, most_starts: int) -> Extremes:
-        """Return the highest extreme found of each of the ``edges``.
+        """Return the outermost extreme found of each of the ``edges``: the highest of a top, the
+        lowest of a bottom. Heights are frequencies, with the opposite sign for bottoms, so that
+        paths climb to both.
 
         Paths start at the points of the mesh where the frequency comes nearest to the edge,
         ``most_starts`` at most for each edge. If a gap is narrow, crossings of its two branches are

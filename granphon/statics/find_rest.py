@@ -131,7 +131,9 @@ def _press_more(problem: Problem, rest: Rest, factor: float) -> AppliedLoad | No
 
 
 def _choose_descent(problem: Problem, options: RestOptions) -> Descent[Any]:
-    """Return the way down that serves a problem."""
+    """Return the descent that finds the rest of a ``problem``: one for contacts that turn; for
+    contacts that do not turn, one for an even grid, and one for all others.
+    """
     if problem.turns:
         return TurningDescent(problem, options)
     if not _is_even_grid(problem):

@@ -267,8 +267,9 @@ def find_path_points(
 def find_packing_points(
     network: ContactNetwork, path: Sequence[ArrayLike], points: int
 ) -> PathPoints:
-    """Return the wave vectors of the cell of a packing, a ``network`` without a lattice, that are
-    nearest to ``points`` points on each leg of a path.
+    """Return the wave vectors of a packing, a ``network`` without a lattice, that are nearest to
+    ``points`` points on each leg of a path. Waves repeat with the cell of the packing, so that each
+    wave vector is a sum of whole numbers of its reciprocal vectors.
 
     The ``path`` has pieces, each the corners (n, p) or (n, 3) of a line without a jump, in
     fractions of the reciprocal vectors of the p periods, in their order; corners may lie in any
