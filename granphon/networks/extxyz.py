@@ -28,8 +28,6 @@ from granphon.base.staging import write_text
 from granphon.base.tables import Heading, Table
 from granphon.base.text import damage_error, decode, digest_lines, read_bytes
 
-#: ends of the names of files that hold a frame
-SUFFIXES = (".extxyz", ".xyz")
 #: the columns of tables that are one vector of a frame, by the name of this
 _VECTORS = {
     "pos": ("x", "y", "z"),
@@ -44,11 +42,6 @@ _SEAL = " granphon_sha256="
 _SHOWN = ("force",)
 #: letters of types of columns, by the kind of an array of NumPy
 _TYPES = {"i": "I", "f": "R", "U": "S"}
-
-
-def is_frame(path: Any) -> bool:
-    """Return whether the file at ``path`` holds a frame, by its name."""
-    return str(path).lower().endswith(SUFFIXES)
 
 
 def find_box(network: Any) -> tuple[Array, Array]:

@@ -42,7 +42,6 @@ from granphon.base.text import (
 )
 from granphon.base.validation import real_array, require, truth
 from granphon.networks.building import Source
-from granphon.networks.extxyz import is_frame, read_frame, write_frame
 from granphon.networks.sources import (
     MOST_BYTES,
     Balls,
@@ -107,6 +106,8 @@ _OF_WALLS = ("radius", "diameter", "mass", "inertia")
 _MOST_NAMES = 1000
 #: rows of a table whose cells are in memory at one time
 _MOST_ROWS = 100_000
+#: ends of the names of files that hold a frame of extended XYZ
+_FRAMES = (".extxyz", ".xyz")
 #: begins the line of a written table that holds the fields of the whole network
 _REMARK = "# granphon network: "
 
@@ -186,7 +187,9 @@ class _Columns:
         ``sealed``; ``known`` are the quantities of columns by name. InputError for a file whose
         digest does not fit; warns if a file without a digest has no line break at its end.
         """
-        if is_frame(path):
+        if _is_frame(path):
+            from granphon.networks.extxyz import read_frame  # tables do without
+
             self.remark, self.sealed, tables = read_frame(path, known, MOST_BYTES, _MOST_ROWS)
             return tables
         raw = read_bytes(path, MOST_BYTES)
@@ -605,6 +608,11 @@ def _read_contacts(columns: _Columns) -> Contacts:
     )
 
 
+def _is_frame(path: Any) -> bool:
+    """Return whether the file at ``path`` holds a frame of extended XYZ, by its name."""
+    return str(path).lower().endswith(_FRAMES)
+
+
 def write_tables(
     network: Any, balls: str | os.PathLike[str], contacts: str | os.PathLike[str]
 ) -> None:
@@ -625,13 +633,17 @@ def write_tables(
     columns_of_contacts = _list_columns_of_contacts(fields)
     for path in (balls, contacts):
         require_path(path)
-    if is_frame(balls):
+    if _is_frame(balls):
+        from granphon.networks.extxyz import write_frame  # tables do without
+
         shown = _show_balls(network)
         write_frame(balls, columns_of_balls | shown, network, fields_of_whole)
     else:
         remark = _REMARK.removeprefix("# ") + json.dumps(fields_of_whole)
         _write_columns(balls, columns_of_balls, BALLS, [remark])
-    if is_frame(contacts):
+    if _is_frame(contacts):
+        from granphon.networks.extxyz import write_frame  # tables do without
+
         write_frame(contacts, _show_contacts(network) | columns_of_contacts, network, {})
     else:
         _write_columns(contacts, columns_of_contacts, CONTACTS, [])

@@ -660,6 +660,8 @@ def _pad_uneven(results: Sequence[TaskResult]) -> None:
     """Pad, in place and with nan, the variables of which some states have fewer values than
     others, so that the values of all cases have the same shape.
     """
+    if len(results) == 1:
+        return
     uneven_names = {
         name
         for result in results

@@ -93,7 +93,7 @@ def test_tables_are_read_as_they_were_written(kind, tmp_path):
 
 # tangential forces made at random are not in balance, which reading tells
 @pytest.mark.filterwarnings("ignore::granphon.base.errors.InconsistencyWarning")
-@pytest.mark.claim("api-network-extxyz")
+@pytest.mark.claim("network-extxyz")
 @pytest.mark.parametrize(
     "kind", ["packing", "sample", "wall", "kinds", "adhesive", "plane", "friction"]
 )

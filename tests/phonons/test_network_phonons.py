@@ -367,7 +367,6 @@ def test_cells_too_large_are_refused_with_an_estimate():
         some.bands([[0], [0.5]], npoints=303)
 
 
-@pytest.mark.claim("cutoffs")
 @pytest.mark.parametrize("crystal", ["chain of two masses", "kagome", "chain that is held"])
 def test_cutoffs_have_the_gaps_among_them(crystal):
     """One search serves both: also the gap below balls that are held, and where the lowest branch
@@ -388,6 +387,7 @@ def test_cutoffs_have_the_gaps_among_them(crystal):
     assert_allclose(between, gaps, rtol=1e-9, atol=1e-12 * gaps.max())
 
 
+@pytest.mark.claim("cutoffs")
 @pytest.mark.parametrize(
     ("lattice", "points"),
     [
