@@ -14,8 +14,8 @@ from granphon.media.left_out import estimate_reduced_force
 from granphon.statics.options import ResponseOptions, RestOptions
 
 #: bytes for each ball while a sample without rotations is solved, with one, two and three periods,
-#: besides those of the lattice's Green's function
-_BALL_BYTES = {1: 230.0, 2: 450.0, 3: 600.0}
+#: besides those of the lattice's Green's function; on a line most is that of factors
+_BALL_BYTES = {1: 550.0, 2: 450.0, 3: 600.0}
 #: bytes for each ball while a linear response with rotations is solved, besides those of the
 #: Green's function
 _ROTATING_BALL_BYTES = {2: 500.0, 3: 900.0}
@@ -36,10 +36,6 @@ _FACTOR_BYTES = 2100.0
 _ROTATING_FACTOR_BYTES = 4900.0
 #: bytes for each ball of a further sample that is kept
 _SAMPLE_BYTES = 8.0
-#: bytes for each ball of the workspace of the operator of a further sample, with one, two and three
-#: periods, and the most bytes of the workspace
-_WORKSPACE_BYTES = {1: 25.0, 2: 65.0, 3: 130.0}
-_MOST_WORKSPACE = 2.3e6
 #: bytes for each ball of a further equilibrium that is kept: a displacement along each period
 _EQUILIBRIUM_BYTES = {1: 9.0, 2: 17.0, 3: 25.0}
 #: least f* of an estimate
@@ -73,7 +69,6 @@ def estimate_memory(
     if exact or balls <= ResponseOptions().most_balls[periods]:
         response_bytes = max(response_bytes, _estimate_list(packing, motions))
     memory = balls * (response_bytes + kept_bytes)
-    memory += (samples - 1) * min(_WORKSPACE_BYTES[periods] * balls, _MOST_WORKSPACE)
     if not packing.width:
         return memory
     force = np.maximum(estimate_reduced_force(packing, load.applied), LEAST_FORCE)
