@@ -58,8 +58,9 @@ def solve_by_slices(matrix: Any, drive: Any, lower: Any, upper: Any) -> tuple[Co
         at_upper = taken
         beyond = rows
     first = slices[0]
-    motions = np.linalg.solve(inner, np.asarray(drive[first], complex))
-    return np.asarray(lower.tocsc()[:, first] @ motions), at_upper @ motions
+    motions = np.asarray(np.linalg.solve(inner, np.asarray(drive[first], complex)), complex)
+    at_lower: Complex = np.asarray(lower.tocsc()[:, first] @ motions)
+    return at_lower, np.asarray(at_upper @ motions, complex)
 
 
 def find_slices(matrix: Any, first: Index) -> list[Index]:
