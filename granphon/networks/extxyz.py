@@ -24,7 +24,6 @@ import numpy as np
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import Quantity
-from granphon.base.staging import write_text
 from granphon.base.tables import Heading, Table
 from granphon.base.text import damage_error, decode, digest_lines, read_bytes
 
@@ -62,14 +61,10 @@ def find_box(network: Any) -> tuple[Array, Array]:
     return vectors, low @ across
 
 
-def write_frame(
-    path: str | os.PathLike[str],
-    columns: Mapping[str, Array],
-    network: Any,
-    remark: Mapping[str, Any],
-) -> None:
-    """Write the ``columns`` (rows,) or (rows, m) by name, in SI units, as a frame in the box of the
-    ``network``, with ``remark``, plain data. The three columns of a vector become one.
+def frame_text(columns: Mapping[str, Array], network: Any, remark: Mapping[str, Any]) -> str:
+    """Return the text of a frame of the ``columns`` (rows,) or (rows, m) by name, in SI units, in
+    the box of the ``network``, with ``remark``, plain data. The three columns of a vector become
+    one.
     """
     grouped: dict[str, Array] = {}
     parts = {part: vector for vector, names in _VECTORS.items() for part in names}
@@ -97,7 +92,7 @@ def write_frame(
     ]
     lines = [str(n_rows), " ".join(keys), *map(" ".join, zip(*cells, strict=True)), ""]
     lines[1] += _SEAL + digest_lines(lines)
-    write_text(path, "\n".join(lines))
+    return "\n".join(lines)
 
 
 def _join(numbers: Array) -> str:
@@ -111,7 +106,7 @@ def read_frame(
     most_bytes: int,
     most_rows: int,
 ) -> tuple[dict[str, Any], bool, Iterator[Table]]:
-    """Return the remark of a frame that :func:`write_frame` has written, whether it has a digest,
+    """Return the remark of a frame that :func:`frame_text` has made, whether it has a digest,
     and its columns of known ``quantities`` as tables of ``most_rows`` rows, one below the other.
 
     Raises :class:`~granphon.base.errors.InputError` for a file that cannot be read, has more than

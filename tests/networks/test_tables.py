@@ -11,7 +11,12 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
-from granphon.base.errors import InconsistencyWarning, InputError, UnverifiedFileWarning
+from granphon.base.errors import (
+    FileExistsInRunError,
+    InconsistencyWarning,
+    InputError,
+    UnverifiedFileWarning,
+)
 from tests import packings
 from tests.dynamics.test_network_lattice import random_network
 from tests.networks.test_lammps import GLASS, NAMES, dumps
@@ -162,6 +167,31 @@ def test_no_change_of_a_written_frame_goes_unnoticed(seed, tmp_path):
         with pytest.raises((InputError, UnverifiedFileWarning)) as caught:
             gp.ContactNetwork.from_table(*paths, keep_rattlers=True)
         assert paths[which].name in str(caught.value)
+
+
+@pytest.mark.filterwarnings("ignore::granphon.base.errors.InconsistencyWarning")
+@pytest.mark.parametrize("end", ["csv", "extxyz", "dump"])
+def test_two_files_are_written_or_none(end, tmp_path):
+    """Of one name, or where a file of somebody else has one of the names, nothing is written."""
+    network = network_of("plane")
+    other = replace(network, tangential_force=None, prestress=False)
+    first, second = tmp_path / f"one.{end}", tmp_path / f"two.{end}"
+
+    def write(made, *files):
+        (made.write_dumps if end == "dump" else made.write_tables)(*files)
+
+    with pytest.raises(InputError, match="two names"):
+        write(network, first, tmp_path / ".." / tmp_path.name / first.name)
+    second.write_text("mine\n")
+    with pytest.raises(FileExistsInRunError):
+        write(network, first, second)
+    assert [path.name for path in tmp_path.iterdir()] == [second.name]
+    assert second.read_text() == "mine\n"
+    second.unlink()
+    write(network, first, second)
+    write(other, first, second)  # with other columns
+    if end != "dump":
+        assert gp.ContactNetwork.from_table(first, second, keep_rattlers=True) == other
 
 
 def test_a_frame_of_another_program_is_refused(tmp_path):
