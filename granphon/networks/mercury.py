@@ -394,6 +394,7 @@ def _read_contacts(frame: Frame, balls: Balls, springs: Springs) -> tuple[Contac
     ``balls`` say. Otherwise a ball is fixed if it lists no contact itself, and another ball lists
     one with it.
     """
+    frame.require_full_rows("Lines may have run together, or the file is of another program")
     columns = frame.read([name for name in _OF_CONTACTS if name not in ("time", "slip")])
     i = read_ids(frame, "i", columns)
     j = read_ids(frame, "j", columns)

@@ -156,6 +156,16 @@ def test_a_file_of_mercury_that_is_cut_between_two_lines_is_told_by_the_restart(
         gp.ContactNetwork.from_mercury(fstat, restart, GLASS, held_by=1)
 
 
+def test_rows_of_contacts_of_mercury_that_have_run_together_are_told(tmp_path):
+    network = written.glass_packing()
+    fstat, data, _restart = written.write_mercury(network, tmp_path)
+    lines = fstat.read_text().splitlines()
+    for joined in (f"{lines[8]} {lines[9]}", f"{lines[8]} 0"):
+        fstat.write_text("\n".join([*lines[:8], joined, *lines[10:], ""]))
+        with pytest.raises(InputError, match=r"run\.fstat:9: found \d+ cells"):
+            gp.ContactNetwork.from_mercury(fstat, data, GLASS, pbc=network.pbc)
+
+
 def test_times_of_mercury_follow_each_other(tmp_path):
     network = written.glass_packing()
     fstat, data, restart = written.write_mercury(network, tmp_path)
