@@ -48,6 +48,7 @@ from granphon.networks.sources import (
     Contacts,
     find_rounding,
     read_whole_numbers,
+    require_balls,
 )
 
 _PLACE = replace(LENGTH, least="any")
@@ -159,6 +160,7 @@ class _Columns:
             names = list(self._arrays)
             self._headings = names
         keys = [Heading.parse(name).key for name in names]
+        require_balls(self.name, keys, known)
         self._require_spelling(names, keys, known, columns)
         self.note = self._note_columns(names, keys, known, columns)
         self._values: dict[str, Array] = {}

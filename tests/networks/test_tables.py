@@ -194,6 +194,40 @@ def test_two_files_are_written_or_none(end, tmp_path):
         assert gp.ContactNetwork.from_table(first, second, keep_rattlers=True) == other
 
 
+@pytest.mark.parametrize("end", ["csv", "extxyz"])
+def test_tables_in_the_other_order_are_told(end, tmp_path):
+    files = tmp_path / f"balls.{end}", tmp_path / f"contacts.{end}"
+    network_of("packing").write_tables(*files)
+    with pytest.raises(InputError, match="these are contacts"):
+        gp.ContactNetwork.from_table(*files[::-1])
+
+
+# without the digest, which would tell the change
+@pytest.mark.filterwarnings("ignore::granphon.base.errors.UnverifiedFileWarning")
+@pytest.mark.parametrize(
+    ("which", "pattern", "into", "told"),
+    [
+        (0, 'Lattice="', 'Lattice="1', "Lattice or pbc"),
+        (0, 'pbc="T', 'pbc="F', "Lattice or pbc"),
+        (0, 'pbc="T', 'pbc="T', ""),
+        (0, r"(?s).*", "", "is empty"),
+        (1, r"\nX \S+", "\nX nan", ":3: x is 'nan'"),
+        (1, r"\nX", "\nX", ""),
+    ],
+)
+def test_changes_of_a_frame_that_contradict_the_rest_are_told(which, pattern, into, told, tmp_path):
+    network = network_of("packing")
+    files = tmp_path / "balls.extxyz", tmp_path / "contacts.extxyz"
+    network.write_tables(*files)
+    text = re.sub(" granphon_sha256.*", "", files[which].read_text())
+    files[which].write_text(re.sub(pattern, into, text, count=1))
+    if told:
+        with pytest.raises(InputError, match=told):
+            gp.ContactNetwork.from_table(*files, keep_rattlers=True)
+    else:
+        assert gp.ContactNetwork.from_table(*files, keep_rattlers=True) == network
+
+
 def test_a_frame_of_another_program_is_refused(tmp_path):
     path = tmp_path / "gold.xyz"
     ase.io.write(path, ase.Atoms("Au2", positions=[[0, 0, 0], [0, 0, 2]]), format="extxyz")
