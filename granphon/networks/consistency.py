@@ -48,9 +48,10 @@ _LEAST_COMPARED = 1e-3
 _LEAST_OVERLAP = 1e-10
 #: most balls, or pairs of balls, that a comparison names
 _NAMED = 3
-#: moment of inertia of a solid sphere over m r^2, and that of a thin hollow one, the greatest
+#: moment of inertia of a solid sphere over m r^2
 _SOLID = 0.4
-_HOLLOW = 2.0 / 3.0
+#: moment of inertia of a thin hollow sphere, the greatest of all, over that of a solid one
+_HOLLOW = 5.0 / 3.0
 #: comparisons of what stands in the file of balls
 _OF_BALLS = ("masses", "single masses", "inertias", "single inertias", "rounding")
 
@@ -588,7 +589,7 @@ def _compare_balls(network: Any) -> Iterator[Comparison]:
             effect=inertia_ratio**-0.5,
         )
         is_odd = _is_far(inertia_ratios / inertia_ratio)
-        is_odd |= inertia_ratios > (1.0 + _ALIKE) * _HOLLOW / _SOLID
+        is_odd |= inertia_ratios > (1.0 + _ALIKE) * _HOLLOW
         yield _compare_single_balls(
             network,
             "single inertias",
