@@ -50,8 +50,9 @@ _LEAST_OVERLAP = 1e-10
 _NAMED = 3
 #: moment of inertia of a solid sphere over m r^2
 _SOLID = 0.4
-#: moment of inertia of a thin hollow sphere, the greatest of all, over that of a solid one
-_HOLLOW = 5.0 / 3.0
+#: moment of inertia of a thin hollow sphere, 2/3 m r^2, the greatest of all, over that of a solid
+#: one
+_HOLLOW = 2.0 / (3.0 * _SOLID)
 #: comparisons of what stands in the file of balls
 _OF_BALLS = ("masses", "single masses", "inertias", "single inertias", "rounding")
 
