@@ -23,14 +23,20 @@ import stat
 import sys
 import tempfile
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import Self
 from uuid import uuid4
 
-from granphon.base.errors import FileExistsInRunError, GranphonError, OutputError, require_installed
-from granphon.base.text import read_bytes
+from granphon.base.errors import (
+    FileExistsInRunError,
+    GranphonError,
+    InputError,
+    OutputError,
+    require_installed,
+)
+from granphon.base.text import SEAL, read_bytes
 
 #: the list of the files that granphon wrote into a folder; a list of another version counts as
 #: empty
@@ -499,37 +505,82 @@ def write_text(path: StrPath, text: str, replace: bool = False) -> None:
     """Write a text in UTF-8, whole or not at all; its folder is made if need be.
 
     An existing file is replaced if it is empty, if ``replace`` is true, or if the text is of its
-    kind: both name granphon in their heads or, if the text does not name granphon, both begin with
-    the same line.
+    kind: both name granphon or have a seal in their heads or, if the text has neither, both begin
+    with the same line.
 
     Raises
     ------
     FileExistsInRunError : another file is there, which is the user's.
     OutputError : for any other failure of the file system.
     """
-    target = Path(path)
-    data = text.encode("utf-8")
-    with explaining(target):
-        if target.is_dir():
-            raise OutputError(f"{target} is a folder", "A file of that name is to be written")
-        if not replace and os.path.lexists(target):
-            with open(target, "rb") as stream:
-                old_head = stream.read(_HEAD_BYTES)
-            if old_head and not _are_of_one_kind(old_head, data[:_HEAD_BYTES]):
-                problem = f"{target} is there, and is no such file of granphon"
-                raise FileExistsInRunError(problem, mend="Give another name")
-        with put_beside(target) as temporary, open(temporary, "xb") as stream:
-            stream.write(data)
-            stream.flush()
-            os.fsync(stream.fileno())
+    write_texts([(path, text)], replace)
+
+
+def write_texts(files: Sequence[tuple[StrPath, str]], replace: bool = False) -> None:
+    """Write several ``files``, each a path and its text, that belong together, as
+    :func:`write_text` writes one. All of them are checked, then written beside their places, and
+    only then moved there: a fault of one of them leaves all places as they were.
+
+    Raises
+    ------
+    InputError : two of the paths are one file.
+    """
+    targets = [Path(path) for path, _text in files]
+    contents = [text.encode("utf-8") for _path, text in files]
+    _require_different(targets)
+    for target, content in zip(targets, contents, strict=True):
+        with explaining(target):
+            _require_replaceable(target, content[:_HEAD_BYTES], replace)
+    with ExitStack() as places:
+        for target, content in zip(targets, contents, strict=True):
+            temporary = places.enter_context(put_beside(target))
+            with explaining(target), open(temporary, "xb") as stream:
+                stream.write(content)
+                stream.flush()
+                os.fsync(stream.fileno())
+
+
+def _require_different(targets: Sequence[Path]) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if two of the ``targets`` are one file."""
+    for place, target in enumerate(targets):
+        for earlier in targets[:place]:
+            is_same = os.path.realpath(earlier) == os.path.realpath(target)
+            with suppress(OSError, ValueError):  # a file that is not there
+                is_same = is_same or os.path.samefile(earlier, target)
+            if is_same:
+                raise InputError(
+                    f"{target} is the name of two files that are to be written",
+                    "The second one would replace the first one",
+                    "Give two names",
+                )
+
+
+def _require_replaceable(target: Path, new_head: bytes, replace: bool) -> None:
+    """Raise :class:`~granphon.base.errors.OutputError` if ``target`` is a folder or, unless it may
+    ``replace`` any file, a file of another kind than the one that begins with ``new_head``.
+    """
+    if target.is_dir():
+        raise OutputError(f"{target} is a folder", "A file of that name is to be written")
+    if replace or not os.path.lexists(target):
+        return
+    with open(target, "rb") as stream:
+        old_head = stream.read(_HEAD_BYTES)
+    if old_head and not _are_of_one_kind(old_head, new_head):
+        problem = f"{target} is there, and is no such file of granphon"
+        raise FileExistsInRunError(problem, mend="Give another name")
+
+
+def _is_own(head: bytes) -> bool:
+    """Whether the first bytes of a file name granphon, or have the line of its digest."""
+    return b"granphon" in head or SEAL.encode() in head
 
 
 def _are_of_one_kind(old_head: bytes, new_head: bytes) -> bool:
-    """Whether two files, of which the first bytes are given, are of one kind. If the new head names
-    granphon, the old one must do so too; otherwise both must begin with the same line.
+    """Whether two files, of which the first bytes are given, are of one kind. If the new head is
+    granphon's own, the old one must be so too; otherwise both must begin with the same line.
     """
-    if b"granphon" in new_head:
-        return b"granphon" in old_head
+    if _is_own(new_head):
+        return _is_own(old_head)
     old_line = old_head.split(b"\n")[0]
     new_line = new_head.split(b"\n")[0]
     return old_line == new_line

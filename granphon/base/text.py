@@ -76,7 +76,7 @@ _CANONICAL: dict[type, Callable[[Any], str]] = {str: json.dumps, float: float.he
 #: byte order marks of UTF-16
 _MARKS_OF_UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 #: the comment line of a file with the digest of the others
-_SEAL = "# sha256 of all other lines: "
+SEAL = "# sha256 of all other lines: "
 
 Path_ = tuple[str | int, ...]
 
@@ -683,7 +683,7 @@ def seal(lines: list[str], place: int = 0) -> str:
     """Return the text of ``lines`` with a comment line that holds their digest, inserted before
     ``lines[place]``.
     """
-    comment = _SEAL + digest_lines([*lines, ""])  # the last line ends with a line feed too
+    comment = SEAL + digest_lines([*lines, ""])  # the last line ends with a line feed too
     return "\n".join([*lines[:place], comment, *lines[place:], ""])
 
 
@@ -710,8 +710,8 @@ def open_seal(path: str | os.PathLike[str], text: str) -> tuple[str, bool]:
         return text, False
     seal_line = lines.pop(seals[0])
     # the pattern first: a line that is no seal needs no digest of millions of lines
-    is_seal = re.fullmatch(_SEAL + "[0-9a-f]{64}", seal_line)
-    if not is_seal or seal_line != _SEAL + digest_lines(lines):
+    is_seal = re.fullmatch(SEAL + "[0-9a-f]{64}", seal_line)
+    if not is_seal or seal_line != SEAL + digest_lines(lines):
         raise damage_error(path, f"sha256 in line {seals[0] + 1}")
     return "\n".join(lines), True
 

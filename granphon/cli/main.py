@@ -18,6 +18,7 @@ import typer
 from granphon.base.errors import (
     CacheWarning,
     GranphonError,
+    InconsistencyWarning,
     InputError,
     MissingPackageError,
     UnverifiedFileWarning,
@@ -31,7 +32,13 @@ from granphon.cli import (  # noqa: F401  importing them adds their commands to 
     velocity,
 )
 from granphon.cli.app import GROUPS, app
-from granphon.cli.terminal import NOTHING_WRITTEN, Interrupted, fail, warn
+from granphon.cli.terminal import (
+    NOTHING_WRITTEN,
+    Interrupted,
+    fail,
+    forget_warnings,
+    warn_of_file,
+)
 
 # by groups, whatever the order in which the modules were imported
 app.registered_commands.sort(key=lambda command: GROUPS.index(command.rich_help_panel))
@@ -48,8 +55,8 @@ def _take_signals_and_warnings() -> Iterator[None]:
     """Within the with-block, treat SIGTERM (a batch system's time limit, ``kill``) as an
     interruption, so that the work is cleaned up.
 
-    A warning about a file that carries no digest, or about what numba keeps, is printed as one
-    line; others are shown as usual.
+    A warning about a file that carries no digest or whose numbers contradict each other, or about
+    what numba keeps, is printed as one line, once; others are shown as usual.
     """
     show_as_usual = warnings.showwarning
 
@@ -62,8 +69,8 @@ def _take_signals_and_warnings() -> Iterator[None]:
         line: Any = None,
     ) -> None:
         """Print a warning; the arguments are those of :func:`warnings.showwarning`."""
-        if issubclass(category, UnverifiedFileWarning | CacheWarning):
-            warn([str(message)])
+        if issubclass(category, UnverifiedFileWarning | InconsistencyWarning | CacheWarning):
+            warn_of_file(str(message))
         else:
             show_as_usual(message, category, filename, lineno, file, line)
 
@@ -74,8 +81,10 @@ def _take_signals_and_warnings() -> Iterator[None]:
         earlier_handler = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("always", UnverifiedFileWarning)
+            for of_files in (UnverifiedFileWarning, InconsistencyWarning):
+                warnings.simplefilter("always", of_files)
             warnings.showwarning = show_warning
+            forget_warnings()
             yield
     finally:
         if is_main:

@@ -33,6 +33,8 @@ _OF_CONTACTS = (
 )
 #: greatest number of chosen media that a line names; the others are counted together
 _MOST_CHOICES = 4
+#: warnings about files that the command has printed already
+_PRINTED: list[str] = []
 #: end of the message of an interruption that comes before a result is written
 NOTHING_WRITTEN = "no result was written."
 #: addition to that message if tasks have been finished
@@ -56,8 +58,32 @@ def say(text: str) -> None:
     print(one_line(text).encode(encoding, "backslashreplace").decode(encoding))
 
 
+def warn_of_file(text: str) -> None:
+    """Print a warning, ``text``, about a file that is read, once in a command; what it says is not
+    repeated by :func:`warn`.
+    """
+    if text not in _PRINTED:
+        warn([text])
+        _PRINTED.append(text)
+
+
+def forget_warnings() -> None:
+    """Forget which warnings about files have been printed: a new command begins."""
+    _PRINTED.clear()
+
+
 def warn(warnings: Sequence[str], most: int = 10) -> None:
-    """Print at most ``most`` warnings on standard error, and then how many more there are."""
+    """Print at most ``most`` warnings on standard error, and then how many more there are. What a
+    warning about a file has said before is left out.
+    """
+    warnings = [
+        warning
+        for warning in warnings
+        # the one about a file begins with its name
+        if not any(
+            printed.endswith(f": {warning[:1].lower()}{warning[1:]}") for printed in _PRINTED
+        )
+    ]
     lines = list(warnings[:most])
     if len(warnings) > most:
         lines.append(f"and {len(warnings) - most} more")

@@ -984,17 +984,24 @@ class LongWaves(Compatibility):
         """
         return read_only(self._find_elasticity(None))
 
+    def require_motions_along(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` unless balls move along all periods, as
+        they do under a strain.
+        """
+        if not set(range(self.periods)) <= set(self.motions.translations):
+            raise InputError(
+                f"the motions {self.motions.name!r} have no elastic moduli",
+                "The balls do not move along the lattice, as a strain moves them",
+                "Give motions along the periods, as 'in_plane'",
+            )
+
     def _find_elasticity(self, prestress: ArrayLike | None) -> Array:
         """Return what :meth:`elastic_tensor` returns, (..., n, n), for a lattice without mechanism;
         with the same errors, except for mechanisms and bodies that do not move.
         """
         p = self.periods
         axes = self.motions.translations
-        if not set(range(p)) <= set(axes):
-            raise InputError(
-                f"the motions {self.motions.name!r} have no elastic moduli",
-                "The balls do not move along the lattice",
-            )
+        self.require_motions_along()
         if not self.has_symmetric_stress:
             raise InputError(
                 "springs to the ground resist rotations",

@@ -220,8 +220,8 @@ class _BallValues:
             contacts = network.normal_force
         elif color == "overlap":
             touch = network.radii[network.i] + network.radii[network.j]
-            at_wall = np.isinf(network.distance)
-            contacts = np.where(at_wall, 0.0, touch - np.where(at_wall, touch, network.distance))
+            at_wall = np.isinf(network.distance)  # of flat walls, whose radii are infinite too
+            contacts = np.where(at_wall, 0.0, touch) - np.where(at_wall, 0.0, network.distance)
         sums, counts = _sum_forces(network.i, network.j, contacts, network.n_balls)
         numbers = sums if color == "contacts" else sums / np.maximum(counts, 1)
         return cls(numbers, name, unit)

@@ -50,8 +50,11 @@ _LEAST_OVERLAP = 1e-10
 _NAMED = 3
 #: moment of inertia of a solid sphere over m r^2
 _SOLID = 0.4
+#: moment of inertia of a thin hollow sphere, 2/3 m r^2, the greatest of all, over that of a solid
+#: one
+_HOLLOW = 2.0 / (3.0 * _SOLID)
 #: comparisons of what stands in the file of balls
-_OF_BALLS = ("masses", "inertias", "rounding")
+_OF_BALLS = ("masses", "single masses", "inertias", "single inertias", "rounding")
 
 
 @dataclass(frozen=True)
@@ -321,7 +324,9 @@ def _compare_law(network: Any) -> Iterator[Comparison]:
     if not power:
         return
     is_linear = power < 0.5 * (1.0 + EXPONENT)
-    stiffness_ratios = _find_stiffness_ratios(network, overlaps.contacts[overlaps.strong])
+    is_told = np.zeros(overlaps.contacts.size, bool)
+    all_ratios = _find_stiffness_ratios(network, overlaps.contacts)
+    stiffness_ratios = all_ratios[overlaps.strong & np.isfinite(all_ratios)]
     if stiffness_ratios.size:
         is_hertzian = float(np.median(np.abs(stiffness_ratios - 1.0))) <= _ALIKE
         is_linear = abs(power - 1.0) <= _ALIKE and not is_hertzian
@@ -335,15 +340,71 @@ def _compare_law(network: Any) -> Iterator[Comparison]:
                 "The stiffnesses count: if the law is right, all frequencies are off by {effect}",
                 effect=stiffness_ratio**0.5,
             )
-    yield from _compare_forces_of_overlaps(network, overlaps, 1.0 if is_linear else EXPONENT)
+            relative = all_ratios / stiffness_ratio
+            is_told = _find_odd_stiffnesses(network, overlaps, relative)
+            yield _compare_single_stiffnesses(
+                network, overlaps.contacts[is_told], relative[is_told]
+            )
+    law = 1.0 if is_linear else EXPONENT
+    yield from _compare_forces_of_overlaps(network, overlaps, law, is_told)
+
+
+def _is_far(ratios: Array) -> Flags:
+    """Whether each of the ``ratios`` is above the greatest factor or below its inverse; nan is
+    not.
+    """
+    return np.asarray((ratios > _MOST_FACTOR) | (ratios < 1.0 / _MOST_FACTOR))
+
+
+def _find_odd_stiffnesses(network: Any, overlaps: _Overlaps, relative: Array) -> Flags:
+    """Return (m,) which contacts have a stiffness far from that of Hertz's law under their force,
+    while this force is near to that of the law at their overlap; so the stiffness is wrong, and
+    not the force.
+
+    ``relative`` (m,) are the stiffnesses over those of the law, over the median of this ratio.
+    """
+    # with the stiffness of the law under the force in place of that of the contact
+    of_forces = overlaps.find_ratios(EXPONENT) / relative**EXPONENT
+    of_forces /= np.nanmedian(of_forces[overlaps.strong])
+    force = network.normal_force[overlaps.contacts]
+    is_odd = _is_far(relative) & ~_is_far(of_forces)
+    return np.asarray(is_odd & (force > _LEAST_COMPARED * np.mean(force)))
+
+
+def _compare_single_stiffnesses(network: Any, outliers: Index, relative: Array) -> Comparison:
+    """Return the comparison of the number of ``outliers`` with zero: (m,) indices of contacts whose
+    stiffness is far from that of the law; ``relative`` (m,) are their stiffnesses over that.
+    """
+    stiffnesses = network.normal_stiffness[outliers]
+    order = np.argsort(-np.abs(np.log(relative)), kind="stable")
+    pairs = _name_pairs(network, outliers[order])
+    shown = [
+        f"balls {i} and {j}, with {stiffnesses[row]:.3g} N/m where the force makes"
+        f" {stiffnesses[row] / relative[row]:.3g} N/m"
+        for row, (i, j) in zip(order.tolist(), pairs, strict=False)
+    ]
+    return Comparison(
+        name="single stiffnesses",
+        meaning="contacts whose normal stiffness is more than ten times that of Hertz's law under"
+        " the force, or less than a tenth, beside the median ratio of all",
+        value=float(outliers.size),
+        limit=0.0,
+        worst=pairs,
+        fault=f"{counted(outliers.size, 'contact has', 'contacts have')} more than ten times the"
+        f" stiffness of the force, or less than a tenth: {'; '.join(shown)}",
+        reason="Frequencies are of such contacts with these stiffnesses. Compare the column, or"
+        " leave it out: stiffnesses then follow from the material",
+    )
 
 
 def _compare_forces_of_overlaps(
-    network: Any, overlaps: _Overlaps, power: float
+    network: Any, overlaps: _Overlaps, power: float, is_told: Flags
 ) -> Iterator[Comparison]:
     """Yield four comparisons of the forces of contacts with those of the law at their overlaps, by
     which forces go as the ``power`` of overlaps: of the median ratio, of the scatter about the
     median, of the number of contacts far from it, and of the error that rounding leaves in forces.
+
+    ``is_told`` (m,) marks contacts of wrong stiffnesses, which are not counted again.
     """
     strong = overlaps.strong
     ratios = overlaps.find_ratios(power)  # of the law over those of the contacts
@@ -381,6 +442,7 @@ def _compare_forces_of_overlaps(
     force = network.normal_force[overlaps.contacts]
     is_odd = (highest_ratios < 1.0 / _MOST_FACTOR) | (lowest_ratios > _MOST_FACTOR)
     is_odd &= np.maximum(1.0, lowest_ratios) * force > _LEAST_COMPARED * np.mean(force)
+    is_odd &= ~is_told
     yield _compare_single_forces(network, overlaps.contacts[is_odd], ratios[is_odd])
     if np.max(deviations) >= _FOLLOWS:
         # the forces were not computed from the overlaps: rounding of the places changes them only
@@ -439,16 +501,17 @@ def _find_of_materials(network: Any, find: Callable[[Material], float]) -> Array
 
 
 def _find_stiffness_ratios(network: Any, contacts: Index) -> Array:
-    """Return the normal stiffnesses over those of Hertz's law under the same forces, (m,), for
-    those of the ``contacts``, indices, whose materials are known.
+    """Return the normal stiffnesses over those of Hertz's law under the same forces, (m,), of the
+    ``contacts``, indices; nan where materials are not known.
     """
+    ratios = np.full(contacts.size, np.nan)
     moduli = _find_of_materials(network, lambda material: material.contact_modulus)
     is_known = np.isfinite(moduli[network.i[contacts]] + moduli[network.j[contacts]])
     known = contacts[is_known]
     i = network.i[known]
     j = network.j[known]
     if not known.size:
-        return np.zeros(0)
+        return ratios
     diameters = harmonic_diameter(2.0 * network.radii[i], 2.0 * network.radii[j])
     compliances = 0.5 / moduli[i] + 0.5 / moduli[j]  # of pairs of materials, 1/Pa
     # Hertz's coefficient is proportional to the modulus of the pair and to the root of the diameter
@@ -457,7 +520,8 @@ def _find_stiffness_ratios(network: Any, contacts: Index) -> Array:
     coefficient /= compliances * material.contact_modulus
     unit = HertzLaw(1.0)  # Hertz's law is proportional to its coefficient
     expected = coefficient * unit.stiffness(unit.overlap(network.normal_force[known] / coefficient))
-    return np.asarray(network.normal_stiffness[known] / expected)
+    ratios[is_known] = network.normal_stiffness[known] / expected
+    return ratios
 
 
 def _compare_rounding(error: float) -> Comparison:
@@ -487,7 +551,8 @@ def _compare_balls(network: Any) -> Iterator[Comparison]:
     masses = network.masses[is_ball]
     densities = _find_of_materials(network, lambda material: material.density)[is_ball]
     if np.all(np.isfinite(densities)):
-        mass_ratio = float(np.median(masses / (densities * (4.0 / 3.0 * np.pi) * radii**3)))
+        mass_ratios = masses / (densities * (4.0 / 3.0 * np.pi) * radii**3)
+        mass_ratio = float(np.median(mass_ratios))
         listed = ", ".join(f"{density:g}" for density in np.unique(densities))
         yield _compare_median(
             "masses",
@@ -499,8 +564,22 @@ def _compare_balls(network: Any) -> Iterator[Comparison]:
             " density of mass over volume",
             effect=mass_ratio**-0.5,
         )
+        relative = mass_ratios / mass_ratio
+        is_odd = _is_far(relative)
+        yield _compare_single_balls(
+            network,
+            "single masses",
+            "balls whose mass is more than ten times that of a solid ball of the material, or less"
+            " than a tenth, beside the median ratio of all",
+            np.flatnonzero(is_ball)[is_odd],
+            relative[is_odd],
+            "{count} more than ten times the mass of the size, or less than a tenth: {listed} times"
+            " the mass",
+            "Frequencies are of balls with these masses. Compare columns and units",
+        )
     inertias = network.inertias[is_ball]
-    inertia_ratio = float(np.median(inertias / (_SOLID * masses * radii**2)))
+    inertia_ratios = inertias / (_SOLID * masses * radii**2)
+    inertia_ratio = float(np.median(inertia_ratios))
     if network.ball_motions.rotate:
         yield _compare_median(
             "inertias",
@@ -510,6 +589,54 @@ def _compare_balls(network: Any) -> Iterator[Comparison]:
             "They count: if balls are solid, frequencies of rotations are off by {effect}",
             effect=inertia_ratio**-0.5,
         )
+        is_odd = _is_far(inertia_ratios / inertia_ratio)
+        is_odd |= inertia_ratios > (1.0 + _ALIKE) * _HOLLOW
+        yield _compare_single_balls(
+            network,
+            "single inertias",
+            "balls whose moment of inertia is above that of a hollow sphere of the mass, 2/3 m r^2,"
+            " or ten times or a tenth of that of a solid sphere, beside the median ratio of all",
+            np.flatnonzero(is_ball)[is_odd],
+            inertia_ratios[is_odd],
+            "{count} a moment of inertia that no sphere of the mass and the radius has, or one far"
+            " from those of others: {listed} times that of a solid sphere",
+            "Frequencies of rotations are of balls with these moments. Compare columns and units,"
+            " or leave the moments out: those of solid spheres are taken",
+        )
+
+
+def _compare_single_balls(
+    network: Any,
+    name: str,
+    meaning: str,
+    outliers: Index,
+    relative: Array,
+    fault: str,
+    reason: str,
+) -> Comparison:
+    """Return the comparison of the number of ``outliers`` with zero: (m,) indices of balls with a
+    wrong number, which is ``relative`` (m,) times the expected one.
+
+    ``fault`` has the places {count} and {listed} of the number of balls, and of the worst of them.
+    The other arguments are fields of :class:`Comparison`.
+    """
+    order = np.argsort(-np.abs(np.log(relative)), kind="stable")[:_NAMED]
+    labels = [network.name_ball(ball) for ball in outliers[order].tolist()]
+    shown = [
+        f"ball {label} has {ratio:.3g}"
+        for label, ratio in zip(labels, relative[order].tolist(), strict=True)
+    ]
+    return Comparison(
+        name=name,
+        meaning=meaning,
+        value=float(outliers.size),
+        limit=0.0,
+        worst=tuple((label,) for label in labels),
+        fault=fault.format(
+            count=counted(outliers.size, "ball has", "balls have"), listed="; ".join(shown)
+        ),
+        reason=reason,
+    )
 
 
 def _compare_median(

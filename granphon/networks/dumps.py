@@ -84,6 +84,16 @@ class Frame:
             words.append(sys.intern(cells[place].decode()))
         return tuple(words)
 
+    def require_full_rows(self, why: str) -> None:
+        """Raise :class:`InputError`, which names the line and says ``why``, for a row that has not
+        as many cells as there are columns.
+        """
+        for row, line in enumerate(self._body.splitlines()):
+            n_cells = len(line.split())
+            if n_cells != len(self.names) + self.offset:
+                fault = f"{self.name}:{self.first + 1 + row}: found {n_cells} cells"
+                raise InputError(f"{fault}, where {len(self.names)} are needed", why)
+
     @property
     def _body(self) -> bytes:
         """The rows, with cells parted by blanks."""

@@ -24,9 +24,9 @@ import numpy as np
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import Quantity
-from granphon.base.staging import write_text
 from granphon.base.tables import Heading, Table
 from granphon.base.text import damage_error, decode, digest_lines, read_bytes
+from granphon.networks.sources import require_balls
 
 #: the columns of tables that are one vector of a frame, by the name of this
 _VECTORS = {
@@ -37,7 +37,11 @@ _VECTORS = {
     "force": ("force_x", "force_y", "force_z"),
 }
 _REMARK = "granphon_network"
+#: greatest difference of two cells that are one, over the largest entry: other programs round
+_SAME = 1e-6
 _SEAL = " granphon_sha256="
+#: words for numbers that are not finite
+_NO_NUMBERS = ("nan", "inf", "infinity")
 #: vectors of contacts that viewers draw; reading takes the parts of which they are made
 _SHOWN = ("force",)
 #: letters of types of columns, by the kind of an array of NumPy
@@ -62,14 +66,10 @@ def find_box(network: Any) -> tuple[Array, Array]:
     return vectors, low @ across
 
 
-def write_frame(
-    path: str | os.PathLike[str],
-    columns: Mapping[str, Array],
-    network: Any,
-    remark: Mapping[str, Any],
-) -> None:
-    """Write the ``columns`` (rows,) or (rows, m) by name, in SI units, as a frame in the box of the
-    ``network``, with ``remark``, plain data. The three columns of a vector become one.
+def frame_text(columns: Mapping[str, Array], network: Any, remark: Mapping[str, Any]) -> str:
+    """Return the text of a frame of the ``columns`` (rows,) or (rows, m) by name, in SI units, in
+    the box of the ``network``, with ``remark``, plain data. The three columns of a vector become
+    one.
     """
     grouped: dict[str, Array] = {}
     parts = {part: vector for vector, names in _VECTORS.items() for part in names}
@@ -97,7 +97,7 @@ def write_frame(
     ]
     lines = [str(n_rows), " ".join(keys), *map(" ".join, zip(*cells, strict=True)), ""]
     lines[1] += _SEAL + digest_lines(lines)
-    write_text(path, "\n".join(lines))
+    return "\n".join(lines)
 
 
 def _join(numbers: Array) -> str:
@@ -111,7 +111,7 @@ def read_frame(
     most_bytes: int,
     most_rows: int,
 ) -> tuple[dict[str, Any], bool, Iterator[Table]]:
-    """Return the remark of a frame that :func:`write_frame` has written, whether it has a digest,
+    """Return the remark of a frame that :func:`frame_text` has made, whether it has a digest,
     and its columns of known ``quantities`` as tables of ``most_rows`` rows, one below the other.
 
     Raises :class:`~granphon.base.errors.InputError` for a file that cannot be read, has more than
@@ -127,6 +127,8 @@ def read_frame(
         if digest_lines([lines[0], head, *lines[2:]]) != seal:
             raise damage_error(path, f"{_SEAL.strip(' =')} in line 2")
     rows = lines[2:-1] if lines[-1] == "" else lines[2:]
+    if not any(lines):
+        raise InputError(f"{name} is empty", mend="Write it again")
     if lines[0].strip() != str(len(rows)):
         fault = f"{name} says that it has {brief(lines[0].strip())} rows, and has {len(rows)}"
         raise InputError(fault, "It may be cut, or hold several frames", "Write it again")
@@ -138,8 +140,36 @@ def read_frame(
         fault = f"{name} is no frame of granphon: its second line has no {_REMARK}"
         why = "The units of other files are not known, and they have no contacts"
         raise InputError(fault, why, "Give a file of network.write_tables, or arrays in SI")
+    _require_box(name, head, remark)
     names = _list_columns(name, keys.get("Properties", ""))
+    require_balls(name, names, quantities)
     return remark, is_sealed, _read_rows(name, rows, names, quantities, most_rows)
+
+
+def _require_box(name: str, head: str, remark: Mapping[str, Any]) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if Lattice or pbc in the ``head`` of the file
+    ``name`` are not those of the network, whose fields are in the ``remark``; a remark without a
+    cell is that of contacts.
+    """
+    if "cell" not in remark or "pbc" not in remark:
+        return
+    lattice = re.search('Lattice="([^"]*)"', head)
+    repeats = re.search('pbc="([^"]*)"', head)
+    pbc = np.array(remark["pbc"], bool)
+    is_same = True
+    with suppress(ValueError, TypeError):  # a remark of other kinds of values is refused later
+        cell = np.array(remark["cell"], float)
+        if repeats:
+            is_same &= repeats[1].split() == ["T" if along else "F" for along in pbc.tolist()]
+        if lattice:
+            try:
+                box = np.array(lattice[1].split(), float).reshape(3, 3)
+            except ValueError:
+                box = np.full((3, 3), np.nan)
+            is_same &= np.allclose(box[pbc], cell[pbc], rtol=0.0, atol=_SAME * np.max(np.abs(cell)))
+    if not is_same:
+        fault = f"{name}: Lattice or pbc in line 2 is not that of the network in {_REMARK}"
+        raise InputError(fault, "The line was changed", "Give cell and pbc of arrays, or mend it")
 
 
 def _list_columns(name: str, properties: str) -> list[str]:
@@ -172,6 +202,8 @@ def _read_rows(
     units = {key: "" if kind is None else kind.unit for key, kind in quantities.items()}
     places = [place for place, column in enumerate(names) if column in units]
     headings = tuple(Heading(names[place], units[names[place]]) for place in places)
+    vectors = (*_VECTORS["pos"], *(f"{vector}.{place}" for vector in _SHOWN for place in range(3)))
+    shown = [place for place, column in enumerate(names) if column in vectors]
     for first in range(0, max(len(rows), 1), most_rows):
         columns: list[list[str]] = [[] for _ in places]
         piece = rows[first : first + most_rows]
@@ -180,6 +212,10 @@ def _read_rows(
             if len(cells) != len(names):
                 fault = f"{name}:{line}: found {len(cells)} cells, and there are {len(names)}"
                 raise InputError(f"{fault} columns", mend="Write it again")
+            for place in shown:  # also where nothing but a viewer reads them
+                if cells[place].lower().lstrip("+-") in _NO_NUMBERS:
+                    fault = f"{name}:{line}: {names[place]} is {brief(cells[place])}"
+                    raise InputError(fault, "It must be finite")
             for place, column in zip(places, columns, strict=True):
                 column.append(cells[place])
         for heading, column in zip(headings, columns, strict=True):

@@ -17,7 +17,7 @@ import numpy as np
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, brief
 from granphon.base.scales import Units
-from granphon.base.staging import write_text
+from granphon.base.staging import write_texts
 from granphon.base.text import list_names, require_path
 from granphon.base.validation import choice, not_negative, positive, require, whole_number
 from granphon.networks.building import Source
@@ -494,7 +494,8 @@ def write_dumps(network: Any, atoms: str | os.PathLike[str], pairs: str | os.Pat
     columns: dict[str, Any] = {"id": ids, "type": types + 1}
     columns |= zip("xyz", network.positions.T, strict=True)
     columns |= {"radius": network.radii, "mass": network.masses, "force": force}
-    _write_frame(atoms, "ATOMS", box, {name: values[is_ball] for name, values in columns.items()})
+    columns = {name: values[is_ball] for name, values in columns.items()}
+    text_of_atoms = _frame_text("ATOMS", box, columns)
     joins_balls = is_ball[network.j]  # a flat wall is always ball j
     normal_force, across = network.static_forces
     columns = {"i": ids[network.i], "j": ids[network.j], "force": normal_force}
@@ -502,7 +503,7 @@ def write_dumps(network: Any, atoms: str | os.PathLike[str], pairs: str | os.Pat
     if network.tangential_force is not None:
         columns |= zip(("tx", "ty", "tz"), -across.T, strict=True)
     columns = {name: values[joins_balls] for name, values in columns.items()}
-    _write_frame(pairs, "ENTRIES", box, columns)
+    write_texts([(atoms, text_of_atoms), (pairs, _frame_text("ENTRIES", box, columns))])
 
 
 def _write_box(network: Any) -> str:
@@ -537,16 +538,14 @@ def _write_box(network: Any) -> str:
     return "\n".join([f"ITEM: BOX BOUNDS {heading}", *map(_join_numbers, rows.tolist())])
 
 
-def _write_frame(
-    path: str | os.PathLike[str], kind: str, box: str, columns: Mapping[str, Array]
-) -> None:
-    """Write the file ``path``, a dump of one time step with the number 0 and the lines ``box``;
+def _frame_text(kind: str, box: str, columns: Mapping[str, Array]) -> str:
+    """Return the text of a dump of one time step with the number 0 and the lines ``box``;
     ``kind`` is "ATOMS" or "ENTRIES", and ``columns`` have the numbers (rows,) by name, in SI units.
     """
     rows = list(zip(*(values.tolist() for values in columns.values()), strict=True))
     head = ["ITEM: UNITS", "si", "ITEM: TIMESTEP", "0", f"ITEM: NUMBER OF {kind}", str(len(rows))]
     head += [box, f"ITEM: {kind} {' '.join(columns)}"]
-    write_text(path, "\n".join([*head, *map(_join_numbers, rows), ""]))
+    return "\n".join([*head, *map(_join_numbers, rows), ""])
 
 
 def _join_numbers(numbers: Sequence[float]) -> str:

@@ -394,6 +394,7 @@ def _read_contacts(frame: Frame, balls: Balls, springs: Springs) -> tuple[Contac
     ``balls`` say. Otherwise a ball is fixed if it lists no contact itself, and another ball lists
     one with it.
     """
+    frame.require_full_rows("Lines may have run together, or the file is of another program")
     columns = frame.read([name for name in _OF_CONTACTS if name not in ("time", "slip")])
     i = read_ids(frame, "i", columns)
     j = read_ids(frame, "j", columns)
@@ -416,7 +417,8 @@ def _read_contacts(frame: Frame, balls: Balls, springs: Springs) -> tuple[Contac
     # In the file normals lead from ball j to ball i, and from a ball to a wall; forces act on ball
     # i, and on a wall. In Contacts normals lead from i to j, and forces act on j.
     sign = np.where(is_wall, 1.0, -1.0)[:, None]
-    across = columns["ft"][:, None] * join_vectors(columns, ("tx", "ty", "tz"))
+    with np.errstate(invalid="ignore"):  # infinite numbers are refused later
+        across = columns["ft"][:, None] * join_vectors(columns, ("tx", "ty", "tz"))
     contacts = Contacts(
         frame.name,
         i,
@@ -463,4 +465,5 @@ def _find_vectors(
     # indices that no ball has are refused later, and walls, below zero, have no radius
     radii_j = np.where(j < 0, 0.0, balls.radii[np.clip(j, 0, last_ball)])
     lengths = balls.radii[np.clip(i, 0, last_ball)] + radii_j - columns["delta"]
-    return np.asarray(lengths[:, None] * normal)
+    with np.errstate(invalid="ignore"):  # infinite numbers are refused later
+        return np.asarray(lengths[:, None] * normal)

@@ -1349,6 +1349,9 @@ class ContactNetwork(Result):
         Contacts stand at their places, with the vector force, the static force with which ball i
         acts on ball j, N. Each file has a digest of the rest. ``lattice`` and ``shape`` are not
         written. Folders are made if need be.
+
+        Raises :class:`~granphon.base.errors.InputError` for two names of one file, and OutputError
+        for files that granphon has not written; then neither file is written.
         """
         from granphon.networks.tables import write_tables
 
@@ -1365,8 +1368,8 @@ class ContactNetwork(Result):
         out, and stiffnesses, which follow from the material. Folders are made if need be.
 
         Raises :class:`~granphon.base.errors.InputError` for a cell whose first vector is not along
-        x or whose second one leaves the xy plane, and OutputError for files of another kind that
-        are there.
+        x or whose second one leaves the xy plane, and for two names of one file, and OutputError
+        for files of another kind that are there; then neither file is written.
         """
         from granphon.networks.lammps import write_dumps
 

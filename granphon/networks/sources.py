@@ -4,7 +4,7 @@ faults, and with the errors that rounding in the files leaves.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import Any, Self, TypedDict
@@ -310,6 +310,16 @@ def read_whole_numbers(name: str, values: Any) -> Index:
             f"{name} of the network has the number {wrong!s} where a whole number is needed"
         )
     return np.asarray(numbers, np.intp)
+
+
+def require_balls(name: str, headings: Collection[str], known: Collection[str]) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if the table ``name`` of these ``headings``
+    holds contacts, where the columns ``known`` are those of balls.
+    """
+    names_ends = {"i", "j"} <= set(headings)
+    if names_ends and "i" not in known and not {"radius", "diameter"} & set(headings):
+        fault = f"{name}: these are contacts, where balls are needed"
+        raise InputError(fault, mend="Give the table of balls first, and then that of contacts")
 
 
 def find_rounding(values: Array) -> Array:

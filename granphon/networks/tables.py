@@ -28,7 +28,7 @@ from granphon.base.errors import (
 )
 from granphon.base.quantities import LENGTH, LOADS, STIFFNESS, TURN_STIFFNESS, Quantity
 from granphon.base.results import plain, restore
-from granphon.base.staging import write_text
+from granphon.base.staging import write_texts
 from granphon.base.tables import Heading, Table, table_text
 from granphon.base.text import (
     closest,
@@ -48,6 +48,7 @@ from granphon.networks.sources import (
     Contacts,
     find_rounding,
     read_whole_numbers,
+    require_balls,
 )
 
 _PLACE = replace(LENGTH, least="any")
@@ -159,6 +160,7 @@ class _Columns:
             names = list(self._arrays)
             self._headings = names
         keys = [Heading.parse(name).key for name in names]
+        require_balls(self.name, keys, known)
         self._require_spelling(names, keys, known, columns)
         self.note = self._note_columns(names, keys, known, columns)
         self._values: dict[str, Array] = {}
@@ -634,19 +636,21 @@ def write_tables(
     for path in (balls, contacts):
         require_path(path)
     if _is_frame(balls):
-        from granphon.networks.extxyz import write_frame  # tables do without
+        from granphon.networks.extxyz import frame_text  # tables do without
 
         shown = _show_balls(network)
-        write_frame(balls, columns_of_balls | shown, network, fields_of_whole)
+        text_of_balls = frame_text(columns_of_balls | shown, network, fields_of_whole)
     else:
         remark = _REMARK.removeprefix("# ") + json.dumps(fields_of_whole)
-        _write_columns(balls, columns_of_balls, BALLS, [remark])
+        text_of_balls = _columns_text(columns_of_balls, BALLS, [remark])
     if _is_frame(contacts):
-        from granphon.networks.extxyz import write_frame  # tables do without
+        from granphon.networks.extxyz import frame_text  # tables do without
 
-        write_frame(contacts, _show_contacts(network) | columns_of_contacts, network, {})
+        shown_contacts = _show_contacts(network)
+        text_of_contacts = frame_text(shown_contacts | columns_of_contacts, network, {})
     else:
-        _write_columns(contacts, columns_of_contacts, CONTACTS, [])
+        text_of_contacts = _columns_text(columns_of_contacts, CONTACTS, [])
+    write_texts([(balls, text_of_balls), (contacts, text_of_contacts)])
 
 
 def _show_balls(network: Any) -> dict[str, Array]:
@@ -705,13 +709,12 @@ def _list_columns_of_contacts(fields: Mapping[str, Any]) -> dict[str, Array]:
     return columns
 
 
-def _write_columns(
-    path: str | os.PathLike[str],
+def _columns_text(
     columns: Mapping[str, Array],
     quantities: Mapping[str, Quantity | None],
     comments: Sequence[str],
-) -> None:
-    """Write the table ``path`` of ``columns`` (rows,), in SI units, by name, with ``comments`` at
+) -> str:
+    """Return the text of a table of ``columns`` (rows,), in SI units, by name, with ``comments`` at
     its head and a digest.
     """
     headings = []
@@ -720,4 +723,4 @@ def _write_columns(
         headings.append(Heading(name, "" if quantity is None else quantity.unit))
     rows = zip(*(column.tolist() for column in columns.values()), strict=True)
     lines = table_text(headings, rows, comments).split("\n")[:-1]
-    write_text(path, seal(lines, 1))
+    return seal(lines, 1)

@@ -63,8 +63,9 @@ def find_nonaffine(
     :func:`~granphon.moduli` raises.
     """
     state = as_state(x)
-    state.relax_inner_motions(progress)
     lattice = state.contact_lattice()
+    lattice.require_motions_along()
+    state.relax_inner_motions(progress)
     network = given_network(x)
     p = lattice.periods
     components = len(voigt_names(p))

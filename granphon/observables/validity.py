@@ -120,9 +120,12 @@ def validity(state: Any) -> Validity:
     - "law", "scatter": of a network that was read, the force over that of the law at the overlap of
       the places, of contacts with the median force or more: the median, less one, and the median
       deviation of the inverse. "single forces": number of contacts for which that ratio is ten, or
-      a tenth, beside the median. "stiffness": the stiffness over that of Hertz's law. "rounding":
-      the part of the forces that the digits of places leave open;
-    - "masses", "inertias": of a network that was read, over those of solid spheres of the material;
+      a tenth, beside the median. "stiffness": the stiffness over that of Hertz's law, and "single
+      stiffnesses" as single forces. "rounding": the part of the forces that the digits of places
+      leave open;
+    - "masses", "inertias": of a network that was read, over those of solid spheres of the material:
+      the median, less one. "single masses", "single inertias": number of balls with ten times the
+      median, or a tenth, or with a moment of inertia above 2/3 m r^2;
     - "rattlers": number of balls that carry no load; "pieces": number of sets of balls that do not
       touch; "contacts": contacts per ball, at least the isostatic number;
     - the mean contact radius over the ball radius, if contacts follow Hertz's law.

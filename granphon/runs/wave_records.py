@@ -134,7 +134,8 @@ def require_waves(
     serving_media: Sequence[ServingMedium], settings: WaveSettings, most: float = np.inf
 ) -> None:
     """Raise GranphonError if the waves of the ``settings`` cannot be found in the arrays of a case,
-    at any of its loads, or if a packing in files lacks the path of the spectra.
+    at any of its loads, or if a packing in files lacks the path of the spectra or their
+    polarisations.
 
     An array of equal balls at the same mean force stands for each array of up to ``most`` balls, so
     that nothing is simulated. Its wave vectors, the motions of its balls, the path of the pulse and
@@ -147,7 +148,10 @@ def require_waves(
         for serving in serving_media:
             state = None if serving.arrays else find_typical_state(serving)
             if isinstance(state, NetworkState):  # a packing in files
-                find_packing_points(state.network, settings.path, settings.spectrum.points)
+                points = find_packing_points(state.network, settings.path, settings.spectrum.points)
+                operator = WaveOperator(state.network)
+                for polarisation in settings.spectrum.polarisation:
+                    find_polarisations(operator, points.q[0], polarisation, None)
     arrays = [
         (medium, serving.load)
         for serving in serving_media

@@ -278,8 +278,11 @@ def find_polarisations(
     held_components = np.abs(np.delete(directions, axes, axis=1))
     may_move = len(directions) > 0 and len(axes) > 0
     if not may_move or np.max(held_components, initial=0.0) > _ACROSS:
+        other = {"longitudinal": "transverse", "transverse": "longitudinal"}.get(name)
         raise InputError(
-            f"no {name} wave of this direction runs here", f"Balls move in {letters} alone"
+            f"no {name} wave of this direction runs here",
+            f"Balls move in {letters} alone",
+            f"Take the polarisation {other}" if other and motions.translations else "",
         )
     lengths = np.linalg.norm(directions, axis=1, keepdims=True)
     if np.any(lengths < _ACROSS):

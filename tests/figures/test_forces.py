@@ -22,6 +22,7 @@ from granphon.figures.forces import (
 from granphon.figures.modes import plot_participation
 from tests import packings
 from tests.figures.conftest import assert_inside_page, with_gid
+from tests.networks import written
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 PACKING = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
@@ -385,6 +386,14 @@ def test_a_state_and_a_sample_are_drawn_by_their_networks():
     assert len({tuple(one) for one in colours.tolist()}) == 2
     with pytest.raises(gp.GranphonError, match="2 loads"):
         gp.plot(gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force([1.0, 2.0]))
+
+
+def test_balls_beside_flat_walls_are_coloured_by_overlaps():
+    """The overlaps with a wall, whose place is not known, are zero."""
+    network = written.layer_on_floor()
+    assert np.any(np.isinf(network.distance))
+    figure = gp.plot(network, color="overlap")
+    assert figure.axes[-1].get_ylabel().startswith("Mean overlap")
 
 
 @pytest.mark.parametrize("color", ["force", "overlap", "contacts", "spin", "numbers"])

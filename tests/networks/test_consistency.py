@@ -235,6 +235,33 @@ def test_a_force_of_another_contact_is_counted():
     assert (check.value, check.worst) == (1.0, (pair,))
 
 
+@pytest.mark.parametrize("factor", [1e-2, 1e2])
+@pytest.mark.parametrize("field", ["masses", "inertias", "normal_stiffness"])
+def test_a_single_number_that_is_off_is_told_by_its_own_check(field, factor):
+    network = read("disks")
+    values = getattr(network, field).copy()
+    values[4] *= factor
+    checks = failing(replace(network, **{field: values}))
+    names = {
+        "masses": {"single masses", "single inertias"},  # the inertia no longer fits to the mass
+        "inertias": {"single inertias"},
+        "normal_stiffness": {"single stiffnesses"},
+    }[field]
+    assert set(checks) == names
+    ends = (network.i[4], network.j[4]) if field == "normal_stiffness" else (4,)
+    for check in checks.values():
+        assert (check.value, check.worst) == (1.0, (tuple(map(network.name_ball, ends)),))
+
+
+@pytest.mark.parametrize(("share", "is_told"), [(0.66, False), (0.75, True)])
+def test_no_sphere_has_more_inertia_than_a_hollow_one(share, is_told):
+    network = read("balls")
+    inertias = network.inertias.copy()
+    inertias[7] = share * network.masses[7] * network.radii[7] ** 2
+    names = {"single inertias"} if is_told else set()
+    assert set(failing(replace(network, inertias=inertias))) == names
+
+
 def test_no_factor_of_forces_makes_hertzian_contacts_linear():
     """Stiffnesses of Hertz under forces that are 1.84 times his: f/k is the overlap, as of linear
     springs.

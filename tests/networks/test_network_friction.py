@@ -264,6 +264,19 @@ def test_the_symmetric_part_has_the_frequencies_of_the_whole(pressed):
     assert gp.Waves(network).modes(3).frequencies[0] > 0.0
 
 
+@pytest.mark.claim("network-friction")
+def test_great_overlaps_leave_the_symmetric_part_farther_from_the_whole():
+    files = (packings.FOLDER / f"pressed_{part}.dump" for part in ("atoms", "pairs"))
+    network = gp.ContactNetwork.from_lammps(
+        *files, packings.MATERIAL, rolling_stiffness=1e5, prestress=True
+    )
+    overlap = 1.0 - network.distance / (network.radii[network.i] + network.radii[network.j])
+    assert (np.mean(overlap), np.max(overlap)) == pytest.approx((0.033, 0.064), abs=5e-4)
+    waves = gp.Waves(network)
+    ratios = waves.modes(80).frequencies / waves.whole_modes(80).frequencies.real
+    assert np.max(np.abs(ratios - 1.0)) == pytest.approx(2.5e-3, rel=0.02)
+
+
 def test_packings_at_rest_are_not_refused_for_their_tangential_forces(pressed):
     """Balls in space with two contacts turn about the line through them: the normal forces alone
     push them aside.

@@ -156,6 +156,31 @@ def test_a_file_of_mercury_that_is_cut_between_two_lines_is_told_by_the_restart(
         gp.ContactNetwork.from_mercury(fstat, restart, GLASS, held_by=1)
 
 
+def test_rows_of_contacts_of_mercury_that_have_run_together_are_told(tmp_path):
+    network = written.glass_packing()
+    fstat, data, _restart = written.write_mercury(network, tmp_path)
+    lines = fstat.read_text().splitlines()
+    for joined in (f"{lines[8]} {lines[9]}", f"{lines[8]} 0"):
+        fstat.write_text("\n".join([*lines[:8], joined, *lines[10:], ""]))
+        with pytest.raises(InputError, match=r"run\.fstat:9: found \d+ cells"):
+            gp.ContactNetwork.from_mercury(fstat, data, GLASS, pbc=network.pbc)
+
+
+@pytest.mark.parametrize("column", [6, 9, 13])
+def test_infinite_numbers_of_mercury_are_told_by_their_line(column, tmp_path):
+    """Beside zeros, with which their product is no number."""
+    network = written.layer_on_floor()
+    fstat, data, _restart = written.write_mercury(network, tmp_path)
+    rows = [line.split() for line in fstat.read_text().splitlines()]
+    for row in rows:
+        if row[0] != "#":
+            row[column] = "inf"
+            row[9 if column == 13 else 11] = "0"
+    fstat.write_text("\n".join([*map(" ".join, rows), ""]))
+    with pytest.raises(InputError, match=r"not finite, or too large: .*line \d+"):
+        gp.ContactNetwork.from_mercury(fstat, data, GLASS, pbc=network.pbc)
+
+
 def test_times_of_mercury_follow_each_other(tmp_path):
     network = written.glass_packing()
     fstat, data, restart = written.write_mercury(network, tmp_path)

@@ -11,7 +11,12 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
-from granphon.base.errors import InconsistencyWarning, InputError, UnverifiedFileWarning
+from granphon.base.errors import (
+    FileExistsInRunError,
+    InconsistencyWarning,
+    InputError,
+    UnverifiedFileWarning,
+)
 from tests import packings
 from tests.dynamics.test_network_lattice import random_network
 from tests.networks.test_lammps import GLASS, NAMES, dumps
@@ -162,6 +167,65 @@ def test_no_change_of_a_written_frame_goes_unnoticed(seed, tmp_path):
         with pytest.raises((InputError, UnverifiedFileWarning)) as caught:
             gp.ContactNetwork.from_table(*paths, keep_rattlers=True)
         assert paths[which].name in str(caught.value)
+
+
+@pytest.mark.filterwarnings("ignore::granphon.base.errors.InconsistencyWarning")
+@pytest.mark.parametrize("end", ["csv", "extxyz", "dump"])
+def test_two_files_are_written_or_none(end, tmp_path):
+    """Of one name, or where a file of somebody else has one of the names, nothing is written."""
+    network = network_of("plane")
+    other = replace(network, tangential_force=None, prestress=False)
+    first, second = tmp_path / f"one.{end}", tmp_path / f"two.{end}"
+
+    def write(made, *files):
+        (made.write_dumps if end == "dump" else made.write_tables)(*files)
+
+    with pytest.raises(InputError, match="two names"):
+        write(network, first, tmp_path / ".." / tmp_path.name / first.name)
+    second.write_text("mine\n")
+    with pytest.raises(FileExistsInRunError):
+        write(network, first, second)
+    assert [path.name for path in tmp_path.iterdir()] == [second.name]
+    assert second.read_text() == "mine\n"
+    second.unlink()
+    write(network, first, second)
+    write(other, first, second)  # with other columns
+    if end != "dump":
+        assert gp.ContactNetwork.from_table(first, second, keep_rattlers=True) == other
+
+
+@pytest.mark.parametrize("end", ["csv", "extxyz"])
+def test_tables_in_the_other_order_are_told(end, tmp_path):
+    files = tmp_path / f"balls.{end}", tmp_path / f"contacts.{end}"
+    network_of("packing").write_tables(*files)
+    with pytest.raises(InputError, match="these are contacts"):
+        gp.ContactNetwork.from_table(*files[::-1])
+
+
+# without the digest, which would tell the change
+@pytest.mark.filterwarnings("ignore::granphon.base.errors.UnverifiedFileWarning")
+@pytest.mark.parametrize(
+    ("which", "pattern", "into", "told"),
+    [
+        (0, 'Lattice="', 'Lattice="1', "Lattice or pbc"),
+        (0, 'pbc="T', 'pbc="F', "Lattice or pbc"),
+        (0, 'pbc="T', 'pbc="T', ""),
+        (0, r"(?s).*", "", "is empty"),
+        (1, r"\nX \S+", "\nX nan", ":3: x is 'nan'"),
+        (1, r"\nX", "\nX", ""),
+    ],
+)
+def test_changes_of_a_frame_that_contradict_the_rest_are_told(which, pattern, into, told, tmp_path):
+    network = network_of("packing")
+    files = tmp_path / "balls.extxyz", tmp_path / "contacts.extxyz"
+    network.write_tables(*files)
+    text = re.sub(" granphon_sha256.*", "", files[which].read_text())
+    files[which].write_text(re.sub(pattern, into, text, count=1))
+    if told:
+        with pytest.raises(InputError, match=told):
+            gp.ContactNetwork.from_table(*files, keep_rattlers=True)
+    else:
+        assert gp.ContactNetwork.from_table(*files, keep_rattlers=True) == network
 
 
 def test_a_frame_of_another_program_is_refused(tmp_path):

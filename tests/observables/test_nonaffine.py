@@ -60,6 +60,14 @@ def test_energy_of_a_strain_is_that_of_the_moduli(name, friction):
     assert np.any(motion.rotations) == friction
 
 
+@pytest.mark.filterwarnings("ignore::granphon.base.errors.InconsistencyWarning")  # modes of zero
+@pytest.mark.parametrize("color", [None, "nonaffine", "spin"])
+def test_balls_that_leave_the_plane_have_no_motions_under_a_strain_in_it(color):
+    network = read("disks", motions="out_of_plane")
+    with pytest.raises(InputError, match="out_of_plane"):
+        gp.find_nonaffine(network) if color is None else gp.plot(network, color=color)
+
+
 def test_a_lattice_moves_as_the_strain_says():
     state = gp.AveragedLattice(gp.Packing(packings.MATERIAL, 2e-3)).at_force(1.0)
     motion = gp.find_nonaffine(state.network.repeat((3, 3)))

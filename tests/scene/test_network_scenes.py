@@ -54,6 +54,22 @@ def test_numbers_of_a_run_are_those_of_the_network(result):
     assert result.dos is None
 
 
+def test_the_command_tells_what_contradicts_once(capsys, tmp_path):
+    """Without rolling, disks that leave the plane have modes without energy; a check says so too."""
+    scene = tmp_path / "scene.yaml"
+    network = NETWORK.partition("observe")[0] + "  motions: out_of_plane\n"
+    scene.write_text(network + "observe: [modes]\n")
+    assert main(["check", str(scene)]) == 0
+    lines = capsys.readouterr().err.splitlines()
+    assert all(line.startswith("granphon: warning: ") for line in lines)
+    assert len([line for line in lines if "isostatic" in line]) == 1
+    scene.write_text(network + "observe: [spectrum]\n")
+    assert main(["check", str(scene)]) == 2
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert f"{scene.name}:" in error
+    assert "transverse" in error
+
+
 def test_pressure_is_that_of_the_forces_on_the_cell(result):
     """Of an ideal lattice it is sqrt(3) f / d."""
     network = gp.AveragedLattice(gp.Packing(packings.MATERIAL, 2e-3)).at_force(5.0).network
