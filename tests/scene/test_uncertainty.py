@@ -386,6 +386,23 @@ def test_receivers_with_more_peaks_at_one_end_have_no_errors_of_peaks():
     assert list(spread.lacking) == ["peaks_frequency"]
 
 
+def test_waves_of_an_edge_have_errors_where_their_number_stays():
+    """An end may have a wave more at one wave vector, and so a longer row at all of them."""
+
+    def make(*rows):
+        dims = ("surface_point", "surface_wave")
+        return xr.Dataset({"surface_frequency": (dims, np.array(rows))})
+
+    spread = Spread(
+        ["p"],
+        [(make([1.0, np.nan], [2.0, np.nan]), make([1.2, np.nan, np.nan], [0.5, 2.2, 4.0]))],
+        np.eye(1),
+    )
+    found = spread.add_to(make([1.1], [2.1]))["surface_frequency_error"]
+    assert_allclose(found.values, [[0.1], [np.nan]])
+    assert list(spread.lacking) == ["surface_frequency"]
+
+
 def test_losses_of_a_fit_have_its_errors_and_correlations(tmp_path):
     """Both of each pair, a number, and a restitution."""
     names = ("drag", "rotational_drag", "dashpot", "tangential_dashpot", "loss_factor")
