@@ -104,7 +104,11 @@ class WidestGap:
     largest = True
 
     def __post_init__(self) -> None:
-        """Check the arguments that are given."""
+        """Check the arguments that are given. InputError for both ``near`` and ``branches``, which
+        each choose the gap.
+        """
+        if self.near is not None and self.branches is not None:
+            raise InputError("near and branches each choose the gap", mend="Give one of the two")
         for name in ("near", "smoothing"):
             if getattr(self, name) is not None:
                 positive(name, getattr(self, name), "Hz")

@@ -255,6 +255,7 @@ def test_mistakes_are_refused_in_one_line(chain, words, options):
         (gp.WidestGap, {"near": -1.0}, "near"),
         (gp.WidestGap, {"smoothing": 0.0}, "smoothing"),
         (gp.WidestGap, {"branches": 0}, "branches"),
+        (gp.WidestGap, {"near": 5e5, "branches": 1}, "near and branches"),
         (gp.MatchFrequencies, {"measured": [2.0, 1.0]}, "ascend"),
         (gp.MatchFrequencies, {"measured": [[1.0], [2.0]]}, "ascend"),
         (gp.MatchFrequencies, {"measured": [0.0, 1.0]}, "measured"),
