@@ -23,6 +23,7 @@ from granphon.balls.ball import Ball
 from granphon.base.arrays import Array
 from granphon.base.errors import GranphonError, Refused
 from granphon.base.quantities import NUMBER, PERCENT, find_factor, find_written_unit
+from granphon.base.settings import space_evenly
 from granphon.base.text import Document, list_names, show
 from granphon.base.validation import require
 from granphon.runs.tasks import to_json
@@ -400,7 +401,7 @@ def _write(scene: Any) -> dict[str, Any]:
 def _write_lists(scene: Any, blocks: dict[str, Any]) -> None:
     """Replace in ``blocks``, in place, each value that has an error at an index in the file by a
     list, so that the path of the error leads into the list. :func:`write_blocks` writes a list of
-    one value as the value itself, and vectors as tuples.
+    one value as the value itself, values that are evenly spaced as a range, and vectors as tuples.
     """
     for (*path_of_list, key), _ in scene.errors:
         if not isinstance(key, int):
@@ -409,8 +410,19 @@ def _write_lists(scene: Any, blocks: dict[str, Any]) -> None:
             entry = _look_up(blocks, path_of_list[:depth])
             if isinstance(entry, tuple):
                 _replace(blocks, path_of_list[:depth], list(entry))
+            elif isinstance(entry, Mapping) and depth == len(path_of_list):
+                _replace(blocks, path_of_list, _list_range(entry))
             elif isinstance(entry, str | float) and depth == len(path_of_list):
                 _replace(blocks, path_of_list, [entry])
+
+
+def _list_range(entry: Mapping[str, Any]) -> list[Any]:
+    """Return the quantities of a range as :func:`write_blocks` writes it, each as plain data."""
+    ends = [str(entry[key]).partition(" ") for key in ("from", "to")]
+    first, last = (float(number) for number, _, _ in ends)
+    unit = ends[0][2]
+    numbers = space_evenly(first, last, entry["points"], entry["scale"])
+    return [f"{number!r} {unit}" if unit else number for number in numbers]
 
 
 def _look_up(blocks: Any, keys: Sequence[str | int]) -> Any:

@@ -403,6 +403,30 @@ def test_waves_of_an_edge_have_errors_where_their_number_stays():
     assert list(spread.lacking) == ["surface_frequency"]
 
 
+def test_a_wall_of_a_kind_without_balls_has_the_error_of_this_kind():
+    text = """
+balls:
+  S: {material: {young_modulus: 211 GPa, poisson_ratio: 0.28, density: 7840 kg/m^3}, diameter: 19 mm}
+  A: {material: {young_modulus: 73 +- 20 GPa, poisson_ratio: 0.33, density: 2700 kg/m^3}, diameter: 19 mm}
+crystal: {lattice: chain, kinds: [S]}
+load: {force: 20 N}
+observe: [surface]
+surface: {axis: 0, edge: {wall: A}}
+"""
+    scene = gp.Scene.from_text(text)
+    pair = [end.observed_settings("surface").edge.material for end in scene.shifted[0]]
+    assert_allclose([material.young_modulus for material in pair], [53e9, 93e9])
+    assert "wall: \"A\"" in scene.to_yaml()
+
+
+def test_evenly_spaced_values_of_a_list_have_their_own_errors():
+    text = SCENE.replace("FORCE", "[10 +- 1 N, 20 +- 2 N, 30 +- 3 N]")
+    scene = gp.Scene.from_text(text)
+    loads = [[end.load.array.tolist() for end in pair] for pair in scene.shifted[-3:]]
+    assert loads[1] == [[10.0, 18.0, 30.0], [10.0, 22.0, 30.0]]
+    assert gp.Scene.from_text(scene.to_yaml()) == scene
+
+
 def test_losses_of_a_fit_have_its_errors_and_correlations(tmp_path):
     """Both of each pair, a number, and a restitution."""
     names = ("drag", "rotational_drag", "dashpot", "tangential_dashpot", "loss_factor")
