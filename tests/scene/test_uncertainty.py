@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -250,6 +251,27 @@ def test_fits_without_a_value_are_refused(tmp_path, old, new, place):
     path = tmp_path / "scene.yaml"
     path.write_text(SPREAD.replace(old, new))
     with pytest.raises(GranphonError, match=place):
+        gp.Scene.from_yaml(path)
+
+
+@pytest.mark.parametrize(
+    ("covariance", "word"),
+    [
+        ([[1e-16, 3e1], [3e1, 1e18]], "eigenvalue"),
+        ([[1e-16, 1e0], [2e0, 1e18]], "not symmetric"),
+        ([[1e-16, 0.0], [0.0, 0.0]], "variance"),
+    ],
+)
+def test_fits_whose_covariance_no_errors_have_are_refused(tmp_path, covariance, word):
+    packing = gp.Packing(gp.Material(205e9, 0.276, 7840.0), 8e-3, spread=gp.Normal(0.6e-6))
+    force = np.geomspace(2.0, 200.0, 4)
+    velocity = gp.sound_velocities(gp.AveragedForce(packing).at_force(force)).longitudinal
+    options = {"medium": "afa", "parameters": ("width", "young_modulus")}
+    fit = gp.fit_width(packing, force, velocity, 1e-3 * velocity, **options)
+    replace(fit, covariance=np.array(covariance)).write(tmp_path)
+    path = tmp_path / "scene.yaml"
+    path.write_text(SPREAD.replace("211 +- 5 GPa", "{fit: fit.yaml}"))
+    with pytest.raises(GranphonError, match=f"young_modulus.*{word}"):
         gp.Scene.from_yaml(path)
 
 
