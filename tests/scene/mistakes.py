@@ -844,6 +844,12 @@ MISTAKES: dict[str, tuple[str, ...]] = {
         "rigid",
         "velocities",
     ),
+    "sensitivities of a mechanism": (
+        pack("lattice: square, friction: false", more="observe: [sensitivities]"),
+        "2: packing.lattice",
+        "'square'",
+        "rigid",
+    ),
     "mechanism in a sweep without friction": (
         pack("lattice: square, friction: false", load="force: [1 N, 2 N]"),
         "2: packing.lattice",
