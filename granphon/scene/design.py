@@ -221,16 +221,20 @@ class PosedDesign:
         return cost
 
     def describe(self) -> list[tuple[str, Any, str]]:
-        """Return rows (name, value, SI unit) on the unknowns and on the goal at the start."""
+        """Return rows (name, value, SI unit) on the unknowns and on the goal at the start. The value
+        of a goal with certificates is the smooth one, which the search begins with.
+        """
         problem = self.problem
         space = problem.space
         labels = space.labels
         names = ", ".join(labels[:_MOST_NAMES])
         more = f" and {len(labels) - _MOST_NAMES} more" if len(labels) > _MOST_NAMES else ""
-        unit = getattr(problem.goals[0], "unit", "")
+        goal = problem.goals[0]
+        unit = getattr(goal, "unit", "")
+        smooth = "smooth " if hasattr(goal, "certify") else ""
         return [
             ("unknowns of the design", f"{len(labels)}: {names}{more}", ""),
-            ("goal at the start", problem.start_value, unit),
+            (f"{smooth}goal at the start", problem.start_value, unit),
         ]
 
     def finish(self, results: Sequence[TaskResult]) -> Design:
