@@ -146,8 +146,8 @@ class WidestGap:
                     f"no gap can be near {self.near:g} Hz",
                     f"Means of branches over the zone lie from {means[0]:.6g} to {means[-1]:.6g}"
                     " Hz, and gaps between branches",
-                    f"Give a frequency between two of them, as {0.5 * (low + high):.4g} Hz, or leave"
-                    " near out",
+                    f"Give a frequency between two of them, as {0.5 * (low + high):.4g} Hz, or"
+                    " leave near out",
                 )
             return [replace(goal, branches=n_below)]
         widths = bottoms[1:] - tops[:-1]  # of the gap above each branch, below zero where none is

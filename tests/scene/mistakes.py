@@ -1545,6 +1545,18 @@ MISTAKES: dict[str, tuple[str, ...]] = {
         "1e+06 Hz",
         "between",
     ),
+    "a design of cells along too few periods": (
+        DESIGN + "  repeat: 4 4\n",
+        "12: design.repeat",
+        "[4, 4]",
+        "one whole number",
+    ),
+    "a misspelt load to vary": (
+        edit("mass: [9 g", "frce: [9 g", DESIGN),
+        "10: design.vary.frce",
+        "'frce'",
+        "'load.force'",
+    ),
     "a sum that bounds exclude": (
         edit("57 g", "1 kg", DESIGN),
         "11: design.constraints.mass",

@@ -438,7 +438,7 @@ surface: {axis: 0, edge: {wall: A}}
     scene = gp.Scene.from_text(text)
     pair = [end.observed_settings("surface").edge.material for end in scene.shifted[0]]
     assert_allclose([material.young_modulus for material in pair], [53e9, 93e9])
-    assert "wall: \"A\"" in scene.to_yaml()
+    assert 'wall: "A"' in scene.to_yaml()
 
 
 def test_evenly_spaced_values_of_a_list_have_their_own_errors():
