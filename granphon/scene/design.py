@@ -227,8 +227,8 @@ class PosedDesign:
         return cost
 
     def describe(self) -> list[tuple[str, Any, str]]:
-        """Return rows (name, value, SI unit) on the unknowns and on the goal at the start; of a goal
-        with certificates it is the smooth value, with which the search begins.
+        """Return rows (name, value, SI unit) on the unknowns and on the goal at the start, of a
+        goal with certificates the smooth value, with which the search begins.
         """
         problem = self.problem
         space = problem.space
