@@ -334,9 +334,9 @@ class Result:
             entries = dict(data)
         subject = f"a {cls.__name__} in plain data"
         if _read_class_name(entries) != cls.__name__:
-            raise InputError(
-                f"these data describe a {show(entries.get('class'))}, not a {cls.__name__!r}"
-            )
+            name = entries.get("class")
+            described = "no class of results" if name is None else f"a {show(name)}"
+            raise InputError(f"these data describe {described}, not a {cls.__name__!r}")
         require_schema(subject, entries.get("schema", cls._schema), cls._schema)
         has_digest = "digest" in entries
         try:

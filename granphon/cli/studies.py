@@ -500,7 +500,7 @@ def _fit_response(
     from granphon.media.arrangement import Arrangement
     from granphon.waves.settings import find_place
 
-    settings = scene.response
+    settings = scene.observed_settings("response") or scene.response
     if settings is None:
         problem = f"{scene_file} has no block response, and {data} has a transfer function"
         why = "It says where the network is driven and heard"

@@ -187,7 +187,7 @@ def choose_best(problem: Problem, found: Sequence[Found], warnings: Sequence[str
         sentences.append(f"the search ended early, and its best is kept: {found[kept].stopped}")
     network = space.make_network(variables)
     if hasattr(goal, "judge_history"):
-        sentences += filter(None, [goal.judge_history(found[kept].history)])
+        sentences += filter(None, [goal.judge_history(found[kept].history, value)])
     if hasattr(goal, "judge"):
         sentences += filter(None, [goal.judge(network, value)])
     return Design(

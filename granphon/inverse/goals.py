@@ -104,7 +104,11 @@ class WidestGap:
     largest = True
 
     def __post_init__(self) -> None:
-        """Check the arguments that are given."""
+        """Check the arguments that are given. InputError for both ``near`` and ``branches``, which
+        each choose the gap.
+        """
+        if self.near is not None and self.branches is not None:
+            raise InputError("near and branches each choose the gap", mend="Give one of the two")
         for name in ("near", "smoothing"):
             if getattr(self, name) is not None:
                 positive(name, getattr(self, name), "Hz")
@@ -142,7 +146,7 @@ class WidestGap:
                     f"no gap can be near {self.near:g} Hz",
                     f"Means of branches over the zone lie from {means[0]:.6g} to {means[-1]:.6g}"
                     " Hz, and gaps between branches",
-                    f"Give a frequency between two of them, as near={0.5 * (low + high):.4g}, or"
+                    f"Give a frequency between two of them, as {0.5 * (low + high):.4g} Hz, or"
                     " leave near out",
                 )
             return [replace(goal, branches=n_below)]
@@ -223,22 +227,24 @@ class WidestGap:
         n_points = math.prod(FINER * number for number in numbers)
         return costs.band_edges(1, n_points, lattice.n_branches, of_all=False, of_network=True)
 
-    def judge_history(self, history: Array) -> str:
-        """Return a sentence if the gap, once open, closes again in the ``history`` (h,) of a
-        search, the smooth width at each evaluation, Hz; "" if it does not.
+    def judge_history(self, history: Array, value: float) -> str:
+        """Return a sentence if the gap that a search has found is closed where it is certified, if
+        none opens, or if the gap, once open, closes again on the way; "" otherwise.
+
+        ``history`` (h,) is the smooth width at each evaluation, Hz, and ``value`` that of the
+        certificate, Hz.
         """
-        was_open = np.maximum.accumulate(history) > 0.0
-        count = int(np.count_nonzero(was_open & (history <= 0.0)))
+        is_open = history > 0.0
+        if value <= 0.0:
+            branches = f"branches {self.branches} and {self.branches + 1}"  # type: ignore[operator]
+            if np.any(is_open):
+                return f"on the mesh {FINER} times finer the gap between {branches} closes"
+            return f"no gap opens between {branches}"
+        count = int(np.count_nonzero(np.maximum.accumulate(is_open) & ~is_open))
         if not count:
             return ""
         times = f"{count} of {history.size} evaluations"
         return f"the gap closes on the way, at {times}; the widest is kept"
-
-    def judge(self, network: ContactNetwork, value: float) -> str:
-        """Return a sentence if the width ``value``, Hz, of the gap is zero; "" if it is above."""
-        if value > 0.0:
-            return ""
-        return f"no gap opens between branches {self.branches} and {self.branches + 1}"  # type: ignore[operator]
 
 
 @dataclass(frozen=True)

@@ -221,13 +221,16 @@ class Surface:
     def _read(self, q: ArrayLike | None) -> tuple[Array, Array]:
         """Return wave vectors as (n_q, p - 1) and as (n_q, 3), in fractions of the reciprocal cell.
 
-        Raises :class:`~granphon.base.errors.InputError` for another shape, numbers that are not
-        finite, and wave vectors that leave the edge.
+        Raises :class:`~granphon.base.errors.InputError` for no wave vector, another shape, numbers
+        that are not finite, and wave vectors that leave the edge.
         """
         n_along = len(self.cell)  # periods along the edge
         at_chain_end = q is None and n_along == 0
         fractions = np.zeros((1, 0)) if at_chain_end else real_array("q", q)
-        are_vectors = fractions.ndim == 2 and len(fractions) and fractions.shape[1] in (n_along, 3)
+        are_vectors = fractions.ndim == 2 and fractions.shape[1] in (n_along, 3)
+        if fractions.ndim and not len(fractions):
+            mend = f"Give (n, {n_along}) fractions"
+            raise InputError("q is empty: there is no wave vector", mend=mend)
         if not are_vectors:
             raise InputError(
                 f"the wave vectors have the shape {fractions.shape}",

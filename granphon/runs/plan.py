@@ -398,8 +398,8 @@ class Plan:
 
     def _require_case(self, planned: PlannedCase, most_balls: float) -> float:
         """Raise GranphonError, placed in the file, if a case cannot be carried out: the packing has
-        no such medium, is not rigid where velocities are observed, cannot carry a load, or a load
-        is below the start of a loading.
+        no such medium, is not rigid where velocities or their sensitivities are observed, cannot
+        carry a load, or a load is below the start of a loading.
 
         At most ``most_balls`` are looked at for a start; the number that remains is returned, see
         :meth:`PlannedCase.require_start`.
@@ -407,7 +407,8 @@ class Plan:
         path = self._path_of_lattice
         case = planned.case
         lattice = case.packing.structure.name
-        has_velocities = "velocities" in self.observe
+        # sensitivities are those of velocities
+        has_velocities = not {"velocities", "sensitivities"}.isdisjoint(self.observe)
         refusal = f"found {lattice!r}; allowed: a lattice that is rigid; "
         if case.where:
             refusal += f"{case.where}: "

@@ -170,12 +170,18 @@ class PosedDesign:
     @classmethod
     def of(cls, scene: Any) -> PosedDesign:
         """Return the design of a scene. Errors of the goal and of the variables are placed at the
-        block "design" of the file, and errors of the state at the load.
+        block "design" of the file, those of its repeat and cut there, and errors of the state at
+        the load.
         """
         settings = scene.design
         case = scene.plan.case.case
         of_parameters = varies_parameters(scene)
         _ = scene.state()  # solved first, so that errors of the state are placed at the load
+        whole = given_network(case.state)
+        with scene.origin.at("design", "repeat"):
+            whole = replace(settings, cut=()).shape(whole)
+        with scene.origin.at("design", "cut"):
+            replace(settings, repeat=()).shape(whole)
         with scene.origin.at("design"):
             problem = _make_problem(case, scene.load, settings, of_parameters)
             warnings = tuple(problem.judge_effects())
@@ -221,16 +227,20 @@ class PosedDesign:
         return cost
 
     def describe(self) -> list[tuple[str, Any, str]]:
-        """Return rows (name, value, SI unit) on the unknowns and on the goal at the start."""
+        """Return rows (name, value, SI unit) on the unknowns and on the goal at the start, of a
+        goal with certificates the smooth value, with which the search begins.
+        """
         problem = self.problem
         space = problem.space
         labels = space.labels
         names = ", ".join(labels[:_MOST_NAMES])
         more = f" and {len(labels) - _MOST_NAMES} more" if len(labels) > _MOST_NAMES else ""
-        unit = getattr(problem.goals[0], "unit", "")
+        goal = problem.goals[0]
+        unit = getattr(goal, "unit", "")
+        smooth = "smooth " if hasattr(goal, "certify") else ""
         return [
             ("unknowns of the design", f"{len(labels)}: {names}{more}", ""),
-            ("goal at the start", problem.start_value, unit),
+            (f"{smooth}goal at the start", problem.start_value, unit),
         ]
 
     def finish(self, results: Sequence[TaskResult]) -> Design:

@@ -267,8 +267,9 @@ def _read_vary(value: Any, context: Any) -> tuple[tuple[str, tuple[float, float]
             names = [*parameters, *numbers]
             if name not in names:
                 guess = closest(name, names)
-                mend = f"Did you mean {guess!r}?" if guess else ""
-                raise Refused(show(written), f"one of {', '.join(names)}", mend, (written,))
+                mend = f"Did you mean {_spell(guess)!r}?" if guess else ""
+                allowed = f"one of {', '.join(map(_spell, names))}"
+                raise Refused(show(written), allowed, mend, (written,))
             rule = _choose_kind(name, context).rule(context)
         if name in varied:
             raise Refused(f"{name} twice", "each variable once", path=(written,))
@@ -279,6 +280,11 @@ def _read_vary(value: Any, context: Any) -> tuple[tuple[str, tuple[float, float]
             raise Refused(show(bounds), allowed, path=(written,))
         varied[name] = pair
     return tuple(varied.items())
+
+
+def _spell(name: str) -> str:
+    """Return the ``name`` of a variable as a file has it: a load behind the name of its block."""
+    return f"load.{name}" if name in LOADS else name
 
 
 def _write_vary(varied: Sequence[tuple[str, Any]], context: Any) -> dict[str, Any]:
@@ -382,7 +388,7 @@ def require_variables(scene: Any) -> None:
     parameters = _list_parameters(scene)
     for name, _ in settings.vary:
         if name not in parameters and name not in VARIED:
-            allowed = f"one of {', '.join((*parameters, *VARIED))}"
+            allowed = f"one of {', '.join(map(_spell, (*parameters, *VARIED)))}"
             raise Refused(show(name), allowed, path=("design", "vary", name))
     if not varies_parameters(scene):
         return

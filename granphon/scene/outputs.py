@@ -327,7 +327,7 @@ def _find_surface(run: Any) -> Any:
     """
     from granphon.phonons.surfaces import Surface
 
-    settings = run.scene.surface
+    settings = run.scene.observed_settings("surface")
     half_space = run.state.cached(Surface, settings.axis, settings.edge)
     return half_space.map(settings.points)
 

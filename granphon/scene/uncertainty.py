@@ -23,6 +23,7 @@ from granphon.balls.ball import Ball
 from granphon.base.arrays import Array
 from granphon.base.errors import GranphonError, Refused
 from granphon.base.quantities import NUMBER, PERCENT, find_factor, find_written_unit
+from granphon.base.settings import space_evenly
 from granphon.base.text import Document, list_names, show
 from granphon.base.validation import require
 from granphon.runs.tasks import to_json
@@ -43,9 +44,9 @@ _ROUNDING = 1e-12
 #: dimensions along which a density has its own frequencies in each state: densities at one index
 #: have no common frequency, so that their difference says nothing
 _OF_DENSITIES = "node"
-#: the dimension of the peaks of a response, and the variable that has a number for each
-_OF_PEAKS = "response_peak"
-_PEAKS = "peaks_frequency"
+#: dimensions along which results stand by rank, the last of their variables, and the variable that
+#: has a number for each: peaks of a response, and waves of an edge
+_RANKED = {"response_peak": "peaks_frequency", "surface_wave": "surface_frequency"}
 
 
 def settle_errors(scene: Any) -> tuple[tuple[Keys, float], ...]:
@@ -246,7 +247,7 @@ class Spread:
             return None
         changes = []  # (p, ...)
         for pair in self.pairs:
-            lower, upper = (_as_numbers(results.get(name)) for results in pair)
+            lower, upper = (_fit_ranks(results.get(name), base.shape) for results in pair)
             if lower is None or upper is None or not lower.shape == upper.shape == base.shape:
                 self.lacking[name] = None
                 return None
@@ -284,7 +285,8 @@ class Spread:
         """Return the ``dataset`` with a variable NAME_error for the standard error of each variable
         that the parameters change; its attribute ``mostly_from`` is the parameter that gives most
         of the error. Densities of states get none. At a receiver whose number of peaks differs
-        between the shifted scenes the errors of its peaks are nan, and ``lacking`` has the name.
+        between the shifted scenes the errors of its peaks are nan, and at a wave vector whose
+        number of waves of an edge differs the errors of these; ``lacking`` then has the name.
         """
         added = {}
         for name, variable in dataset.data_vars.items():
@@ -298,22 +300,23 @@ class Spread:
                 errors, parameter = found
                 attributes = {"units": unit} if unit else {}
                 attributes["mostly_from"] = parameter
-                if _OF_PEAKS in variable.dims:
-                    errors = np.where(self._have_same_peaks(dataset), errors, np.nan)
+                counted = _RANKED.get(str(variable.dims[-1])) if variable.dims else None
+                if counted is not None:
+                    errors = np.where(self._have_same_counts(dataset, counted), errors, np.nan)
                     if np.any(np.isnan(errors) & np.isfinite(variable.values)):
                         self.lacking[str(name)] = None
                 added[f"{name}{_ERROR}"] = (variable.dims, errors, attributes)
         return dataset.assign(added)
 
-    def _have_same_peaks(self, dataset: Dataset) -> Array:
-        """Return, (..., receivers, 1), whether each receiver has as many peaks in all shifted
-        scenes as in the ``dataset``. If it has not, the peak of one number is another peak in
-        another scene.
+    def _have_same_counts(self, dataset: Dataset, counted: str) -> Array:
+        """Return, (..., 1), where the variable ``counted`` has as many numbers along its last
+        dimension in all shifted scenes as in the ``dataset``. Where it has not, the number of one
+        rank is another peak, or another wave, in another scene.
         """
         shifted_results = [results for pair in self.pairs for results in pair]
-        # peaks beyond the number of a receiver are nan
+        # numbers beyond the count are nan
         counts = [
-            np.sum(np.isfinite(results[_PEAKS].values), axis=-1, keepdims=True)
+            np.sum(np.isfinite(results[counted].values), axis=-1, keepdims=True)
             for results in (dataset, *shifted_results)
         ]
         return np.asarray(np.ptp(counts, axis=0) == 0)
@@ -328,7 +331,7 @@ def warn_of_lacking(dataset: Dataset, spreads: Sequence[Spread]) -> Dataset:
     if not names:
         return dataset
     why = "their number differs within the errors of the parameters"
-    warning = f"no standard errors of {list_names(names)}: {why}"
+    warning = f"no standard errors of {list_names(names)}, or not of all: {why}"
     warnings = [*json.loads(dataset.attrs["warnings"]), warning]
     return dataset.assign_attrs(warnings=to_json(warnings))
 
@@ -346,6 +349,21 @@ def _find_change(lower: Array, upper: Array, base: Array, unit: str) -> Array:
         difference = np.angle(np.exp(1j * difference))
     is_rounding = np.abs(difference) <= 2.0 * _ROUNDING * np.abs(base)
     return np.where(is_rounding, 0.0, 0.5 * difference)
+
+
+def _fit_ranks(value: Any, shape: tuple[int, ...]) -> Array | None:
+    """Return a value as :func:`_as_numbers` does; one whose last dimension is of numbers by rank
+    has the last length of ``shape``: it is cut there, or goes on with nan. Only the counts of the
+    whole value tell which ranks can be compared.
+    """
+    numbers = _as_numbers(value)
+    dims = getattr(value, "dims", ())
+    if numbers is None or not dims or dims[-1] not in _RANKED:
+        return numbers
+    length = shape[-1]
+    missing = max(0, length - numbers.shape[-1])
+    widths = [(0, 0)] * (numbers.ndim - 1) + [(0, missing)]
+    return np.pad(numbers, widths, constant_values=np.nan)[..., :length]
 
 
 def _as_numbers(value: Any) -> Array | None:
@@ -383,7 +401,7 @@ def _write(scene: Any) -> dict[str, Any]:
 def _write_lists(scene: Any, blocks: dict[str, Any]) -> None:
     """Replace in ``blocks``, in place, each value that has an error at an index in the file by a
     list, so that the path of the error leads into the list. :func:`write_blocks` writes a list of
-    one value as the value itself, and vectors as tuples.
+    one value as the value itself, values that are evenly spaced as a range, and vectors as tuples.
     """
     for (*path_of_list, key), _ in scene.errors:
         if not isinstance(key, int):
@@ -392,8 +410,19 @@ def _write_lists(scene: Any, blocks: dict[str, Any]) -> None:
             entry = _look_up(blocks, path_of_list[:depth])
             if isinstance(entry, tuple):
                 _replace(blocks, path_of_list[:depth], list(entry))
+            elif isinstance(entry, Mapping) and depth == len(path_of_list):
+                _replace(blocks, path_of_list, _list_range(entry))
             elif isinstance(entry, str | float) and depth == len(path_of_list):
                 _replace(blocks, path_of_list, [entry])
+
+
+def _list_range(entry: Mapping[str, Any]) -> list[Any]:
+    """Return the quantities of a range as :func:`write_blocks` writes it, each as plain data."""
+    ends = [str(entry[key]).partition(" ") for key in ("from", "to")]
+    first, last = (float(number) for number, _, _ in ends)
+    unit = ends[0][2]
+    numbers = space_evenly(first, last, entry["points"], entry["scale"])
+    return [f"{number!r} {unit}" if unit else number for number in numbers]
 
 
 def _look_up(blocks: Any, keys: Sequence[str | int]) -> Any:

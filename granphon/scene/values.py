@@ -164,9 +164,8 @@ class SceneValues:
         if self.load.array.ndim > 1:
             problem = f"the load has the shape {self.load.shape}"
             raise InputError(problem, mend="Give one number, or a list of them")
-        for settings in map(self.observed_settings, SETTINGS):
-            if isinstance(settings, EdgeSettings) and settings.kinds_of_walls:
-                assign(settings.block, self._find_materials(settings))
+        for block in SETTINGS:
+            self.observed_settings(block)  # which refuses a wall of a kind that there is not
         self._require_consistency(given_path)
         if self.errors or self.correlations:
             # imported here: few scenes have errors
@@ -195,10 +194,14 @@ class SceneValues:
         return self.packing.width > 0.0 or not {"width", "spread"}.isdisjoint(dict(self.parameters))
 
     def observed_settings(self, block: str) -> Any:
-        """Return the settings of a ``block`` such as "response"; None if the scene does not observe
-        what the block is about.
+        """Return the settings of a ``block`` such as "response", in which walls of kinds that the
+        crystal lacks have their materials; None if the scene does not observe what the block is
+        about.
         """
-        return getattr(self, block) if block in self.observe else None
+        settings = getattr(self, block) if block in self.observe else None
+        if isinstance(settings, EdgeSettings) and settings.kinds_of_walls:
+            return self._find_materials(settings)
+        return settings
 
     @cached_property
     def waves(self) -> WaveSettings | None:

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from granphon.balls.packing import SECOND_LOSSES
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import NUMBER, split_error
 from granphon.base.text import list_names, read_yaml, show
@@ -27,6 +28,9 @@ from granphon.scene.file_keys import FIT
 Keys = tuple[str | int, ...]
 #: what may be written for a quantity with its standard error
 _ALLOWED = "a quantity with its standard error, such as '8 mm +- 4 um' or '211 GPa +- 1 %'"
+#: magnitude of a correlation that rounding leaves of zero, in a covariance that is found from
+#: derivatives or goes through a file
+_ROUNDING = 1e-9
 #: the number of a spread of each kind that a fit of the width gives
 _NUMBERS_OF_SPREADS = {"uniform": "width", "normal": "std"}
 
@@ -141,14 +145,38 @@ def _read_name(keys: Keys, entry: Mapping[str, Any]) -> str:
 
 def _read_fit(keys: Keys, file: Path) -> Any:
     """Return the fit in a ``file``, which a scene names at the path ``keys``; Refused if the file
-    cannot be read or holds no fit.
+    cannot be read or holds no fit, and for a covariance that no errors have.
     """
     from granphon.fits.transfer import read_fit
 
     try:
-        return read_fit(read_yaml(file))
+        fit = read_fit(read_yaml(file))
     except InputError as error:
         raise Refused(str(file), "a fit.yaml of 'granphon fit'", f"{error}", keys) from None
+    fault = _find_fault(fit.covariance)
+    if fault:
+        found = f"{file.name}, whose covariance {fault}"
+        raise Refused(found, "a symmetric, positive semidefinite covariance", path=keys)
+    return fit
+
+
+def _find_fault(covariance: Array) -> str:
+    """Return what is wrong with a ``covariance`` (p, p) that no errors have; an empty text if
+    nothing is, and of one that is not known.
+    """
+    if not np.all(np.isfinite(covariance)):
+        return ""
+    variances = np.diag(covariance)
+    if np.any(variances <= 0.0):
+        return f"has the variance {np.min(variances):.3g}"
+    scale = np.sqrt(variances)
+    correlation = covariance / np.outer(scale, scale)
+    if np.max(np.abs(correlation - correlation.T)) > _ROUNDING:
+        return "is not symmetric"
+    smallest = float(np.linalg.eigvalsh(correlation)[0])
+    if smallest < -_ROUNDING * len(scale):
+        return f"gives correlations whose matrix has the eigenvalue {smallest:.2g}"
+    return ""
 
 
 def _find_parameter(keys: Keys, fit: Any) -> tuple[str, float]:

@@ -255,6 +255,7 @@ def test_mistakes_are_refused_in_one_line(chain, words, options):
         (gp.WidestGap, {"near": -1.0}, "near"),
         (gp.WidestGap, {"smoothing": 0.0}, "smoothing"),
         (gp.WidestGap, {"branches": 0}, "branches"),
+        (gp.WidestGap, {"near": 5e5, "branches": 1}, "near and branches"),
         (gp.MatchFrequencies, {"measured": [2.0, 1.0]}, "ascend"),
         (gp.MatchFrequencies, {"measured": [[1.0], [2.0]]}, "ascend"),
         (gp.MatchFrequencies, {"measured": [0.0, 1.0]}, "measured"),
@@ -346,7 +347,10 @@ def test_a_gap_that_is_closed_on_the_finer_mesh_is_passed_over(chain):
     assert best.network.masses.tolist() == unlike.masses.tolist()
     closed = gp.design(chain, goal, bounds=(0.5 * mass, 2.0 * mass), restarts=0)
     assert closed.value == 0.0
-    assert "no gap opens" in closed.warnings[-1]
+    (warning,) = closed.warnings
+    assert "finer" in warning
+    assert closed.history.max() > 0.0
+    assert "no gap opens" in goal.judge_history(np.array([-1.0]), 0.0)
 
 
 def test_variables_without_effect_are_named(chain):

@@ -844,6 +844,12 @@ MISTAKES: dict[str, tuple[str, ...]] = {
         "rigid",
         "velocities",
     ),
+    "sensitivities of a mechanism": (
+        pack("lattice: square, friction: false", more="observe: [sensitivities]"),
+        "2: packing.lattice",
+        "'square'",
+        "rigid",
+    ),
     "mechanism in a sweep without friction": (
         pack("lattice: square, friction: false", load="force: [1 N, 2 N]"),
         "2: packing.lattice",
@@ -1538,6 +1544,18 @@ MISTAKES: dict[str, tuple[str, ...]] = {
         "9: design.goal",
         "1e+06 Hz",
         "between",
+    ),
+    "a design of cells along too few periods": (
+        DESIGN + "  repeat: 4 4\n",
+        "12: design.repeat",
+        "[4, 4]",
+        "one whole number",
+    ),
+    "a misspelt load to vary": (
+        edit("mass: [9 g", "frce: [9 g", DESIGN),
+        "10: design.vary.frce",
+        "'frce'",
+        "'load.force'",
     ),
     "a sum that bounds exclude": (
         edit("57 g", "1 kg", DESIGN),

@@ -225,7 +225,7 @@ def test_echo_in_a_scene_is_a_warning(tmp_path):
 def test_damaged_results_are_named_with_their_file(done, tmp_path):
     _, _, folder = done
     for text, said in (
-        ("{}", "describe a"),
+        ("{}", "describe no class"),
         ("[1", "not JSON"),
         ((folder / "pulse.json").read_text().replace("9000.0", "9001.0"), "pulse.json"),
     ):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -253,6 +254,27 @@ def test_fits_without_a_value_are_refused(tmp_path, old, new, place):
         gp.Scene.from_yaml(path)
 
 
+@pytest.mark.parametrize(
+    ("covariance", "word"),
+    [
+        ([[1e-16, 3e1], [3e1, 1e18]], "eigenvalue"),
+        ([[1e-16, 1e0], [2e0, 1e18]], "not symmetric"),
+        ([[1e-16, 0.0], [0.0, 0.0]], "variance"),
+    ],
+)
+def test_fits_whose_covariance_no_errors_have_are_refused(tmp_path, covariance, word):
+    packing = gp.Packing(gp.Material(205e9, 0.276, 7840.0), 8e-3, spread=gp.Normal(0.6e-6))
+    force = np.geomspace(2.0, 200.0, 4)
+    velocity = gp.sound_velocities(gp.AveragedForce(packing).at_force(force)).longitudinal
+    options = {"medium": "afa", "parameters": ("width", "young_modulus")}
+    fit = gp.fit_width(packing, force, velocity, 1e-3 * velocity, **options)
+    replace(fit, covariance=np.array(covariance)).write(tmp_path)
+    path = tmp_path / "scene.yaml"
+    path.write_text(SPREAD.replace("211 +- 5 GPa", "{fit: fit.yaml}"))
+    with pytest.raises(GranphonError, match=f"young_modulus.*{word}"):
+        gp.Scene.from_yaml(path)
+
+
 def test_check_and_run_tell_errors_and_where_they_come_from(work, capsys):
     """Values of the command line stand in place of those of the file."""
     plain = SCENE.replace("FORCE", "5 N").replace(" +- 2 GPa", " GPa").replace(" +- 4 um", "")
@@ -384,6 +406,47 @@ def test_receivers_with_more_peaks_at_one_end_have_no_errors_of_peaks():
     found = spread.add_to(make([1.1, 3.1], [2.05, np.nan]))["peaks_frequency_error"]
     assert_allclose(found.values, [[0.1, 0.1], [np.nan, np.nan]])
     assert list(spread.lacking) == ["peaks_frequency"]
+
+
+def test_waves_of_an_edge_have_errors_where_their_number_stays():
+    """An end may have a wave more at one wave vector, and so a longer row at all of them."""
+
+    def make(*rows):
+        dims = ("surface_point", "surface_wave")
+        return xr.Dataset({"surface_frequency": (dims, np.array(rows))})
+
+    spread = Spread(
+        ["p"],
+        [(make([1.0, np.nan], [2.0, np.nan]), make([1.2, np.nan, np.nan], [0.5, 2.2, 4.0]))],
+        np.eye(1),
+    )
+    found = spread.add_to(make([1.1], [2.1]))["surface_frequency_error"]
+    assert_allclose(found.values, [[0.1], [np.nan]])
+    assert list(spread.lacking) == ["surface_frequency"]
+
+
+def test_a_wall_of_a_kind_without_balls_has_the_error_of_this_kind():
+    text = """
+balls:
+  S: {material: {young_modulus: 211 GPa, poisson_ratio: 0.28, density: 7840 kg/m^3}, diameter: 19 mm}
+  A: {material: {young_modulus: 73 +- 20 GPa, poisson_ratio: 0.33, density: 2700 kg/m^3}, diameter: 19 mm}
+crystal: {lattice: chain, kinds: [S]}
+load: {force: 20 N}
+observe: [surface]
+surface: {axis: 0, edge: {wall: A}}
+"""
+    scene = gp.Scene.from_text(text)
+    pair = [end.observed_settings("surface").edge.material for end in scene.shifted[0]]
+    assert_allclose([material.young_modulus for material in pair], [53e9, 93e9])
+    assert 'wall: "A"' in scene.to_yaml()
+
+
+def test_evenly_spaced_values_of_a_list_have_their_own_errors():
+    text = SCENE.replace("FORCE", "[10 +- 1 N, 20 +- 2 N, 30 +- 3 N]")
+    scene = gp.Scene.from_text(text)
+    loads = [[end.load.array.tolist() for end in pair] for pair in scene.shifted[-3:]]
+    assert loads[1] == [[10.0, 18.0, 30.0], [10.0, 22.0, 30.0]]
+    assert gp.Scene.from_text(scene.to_yaml()) == scene
 
 
 def test_losses_of_a_fit_have_its_errors_and_correlations(tmp_path):
