@@ -211,7 +211,8 @@ def name_axis(
     name_of_unit = unit
     if takes_prefix and (short or not is_handy):
         size_of_unit, name_of_unit = prefixed(most, unit)
-    ending = "" if name_of_unit in ("", "1") else f" ({name_of_unit.replace('u', 'µ')})"
+    printed = name_of_unit.replace("u", "µ").replace("^2", "²").replace("^3", "³")
+    ending = "" if name_of_unit in ("", "1") else f" ({printed})"
     axis.set_label_text(f"{label}{ending}{more}")
     if size_of_unit == 1.0 and not short:
         return
@@ -487,9 +488,7 @@ class _PlainTicks(Locator):
     ticks.
     """
 
-    def __init__(
-        self, minor: bool = False, least: int = _LEAST_TICKS, letter: float = 0.0
-    ) -> None:
+    def __init__(self, minor: bool = False, least: int = _LEAST_TICKS, letter: float = 0.0) -> None:
         """Give the ticks, or the ``minor`` ones, of an axis with ``least`` ticks or more; fewer if
         their texts, whose letters are ``letter`` points wide, would overlap. Zero stands for texts
         above each other, which do not.
