@@ -20,6 +20,7 @@ from granphon.base.errors import InputError
 from granphon.base.registry import Registry
 from granphon.cli.main import main
 from granphon.observables.catalogue import CATALOGUE
+from granphon.scene.outputs import Export
 from granphon.scene.scene import Scene, is_complete
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
@@ -339,6 +340,12 @@ def test_an_output_of_thirty_lines_is_in_every_place_that_has_those_of_granphon(
     assert main(["plot", "out", "-o", "slowness.pdf"]) == 2
     assert "holds no slowness" in capsys.readouterr().err
     assert not is_complete(Scene.from_yaml("scene.yaml"), "out")
+
+
+def test_a_draw_that_returns_no_figure_is_named():
+    row = Export("nothing", ("nothing.csv", "nothing.png"), draw=lambda results: None)
+    with pytest.raises(InputError, match=r"draw of .*nothing.* returns a NoneType"):
+        row.make_figure({})
 
 
 @pytest.mark.slow

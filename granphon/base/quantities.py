@@ -138,9 +138,12 @@ class Quantity:
     def allowed(self) -> str:
         """What may be written for such a quantity, in words for a message."""
         sign = _SIGN_WORDS[self.least]
-        article = "an" if self.name[0] in "aeiou" else "a"
+        # the parameter of a kind or a wall, "A.density"
+        owner, _, noun = self.name.rpartition(".")
+        article = "an" if noun[0] in "aeiou" else "a"
+        words = f"{article} {noun} of {owner}" if owner else f"{article} {noun}"
         unit = f"with its unit, such as '{self.example}' ({self.common})"
-        return f"{article} {self.name}{sign} {unit}"
+        return f"{words}{sign} {unit}"
 
     def read(self, value: Any) -> float:
         """Return the SI value of a text such as "8 mm": the float nearest to the exact number.

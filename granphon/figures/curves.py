@@ -1430,10 +1430,27 @@ def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str,
         closest_name = closest(name, common)
         if name not in CATALOGUE and closest_name:
             raise InputError(f"there is no variable {y!r}", mend=f"Did you mean {closest_name}?")
-        problem = f"{_join_names(without, 'holds', 'hold')} no {name}"
-        why = f"All runs hold {', '.join(common)}" if common else "No quantity is in all runs"
-        raise InputError(problem, why, "Draw another quantity, or leave these runs out")
+        raise _explain_without(runs, without, name)
     return load, name
+
+
+def _explain_without(runs: Sequence[Run], without: Sequence[Run], name: str) -> InputError:
+    """Return the error that of the ``runs`` some, those ``without``, do not hold the quantity
+    ``name``, or hold it with more than one number at each load.
+    """
+    drawable = [
+        quantity
+        for quantity in runs[0].quantities
+        if quantity in CATALOGUE and all(quantity in run.quantities for run in runs)
+    ]
+    if all(run.dataset is not None and name in run.dataset for run in without):
+        problem = f"{name} of {_join_names(without)} is no curve over the load"
+    else:
+        problem = f"{_join_names(without, 'holds', 'hold')} no {name}"
+    holder = "All runs hold" if len(runs) > 1 else "It has"
+    why = f"{holder} {', '.join(drawable)}" if drawable else "No quantity is in all runs"
+    mend = "Draw another quantity"
+    return InputError(problem, why, f"{mend}, or leave these runs out" if len(runs) > 1 else mend)
 
 
 def _choose_load(runs: Sequence[Run], common: Sequence[str], x: str | None) -> str:

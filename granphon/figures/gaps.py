@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from granphon.base.arrays import Array
+from granphon.base.arrays import Array, Flags
 from granphon.base.errors import InputError
 from granphon.base.scales import HertzPrefix
 from granphon.figures.choices import arrange, turn_over
@@ -27,15 +27,18 @@ from granphon.figures.style import BLUE, ORANGE, print_hertz
 from granphon.observables.catalogue import axis_label
 from granphon.runs.dataset import Dataset
 
-#: look of the top frequency
-_TOP: dict[str, Any] = {"color": "black", "linewidth": 1.0}
+#: look of the top frequency, whose markers stand where no line would be seen
+_TOP: dict[str, Any] = {"color": "black", "linewidth": 1.0, "marker": "o", "markersize": 2.0}
 _FIELD: dict[str, Any] = {"facecolor": BLUE, "alpha": 0.3, "linewidth": 0.0}
 #: width of the field of a single state, points
 _BAR = 6.0
 _EDGE: dict[str, Any] = {
     "color": BLUE, "linewidth": 0.8, "marker": "_", "markersize": _BAR, "markeredgewidth": 0.4,
 }  # fmt: skip
-_DOTS: dict[str, Any] = {"color": ORANGE, "marker": "o", "markersize": 2.0, "linewidth": 0.8}
+#: look of lines of frequencies; a point at 0 Hz stands whole on the axis
+_DOTS: dict[str, Any] = {
+    "color": ORANGE, "marker": "o", "markersize": 2.0, "linewidth": 0.8, "clip_on": False,
+}  # fmt: skip
 
 #: what draws a panel: from the states of a curve, the numbers on the axis of x (n,) and the unit
 _DrawPanel = Callable[[Dataset, Axes, Array, HertzPrefix], None]
@@ -59,9 +62,11 @@ def sweep_gaps_figure(dataset: Dataset, **options: Any) -> Figure:
         top = states["top_frequency"].values / unit.hertz
         errors = _read_errors(states, "top_frequency") / unit.hertz
         draw_error_band(ax, x_values, top, errors, _TOP["color"], "top-errors")
-        ax.plot(x_values, top, gid="top", **_TOP)
+        alone = np.flatnonzero(_find_alone(np.isfinite(top))).tolist()
+        ax.plot(x_values, top, gid="top", markevery=alone, **_TOP)
 
-    handles: list[Any] = [Line2D([], [], label="top frequency", **_TOP)]
+    top_of_legend = {**_TOP, "marker": "o" if dataset.sizes["load"] == 1 else ""}
+    handles: list[Any] = [Line2D([], [], label="top frequency", **top_of_legend)]
     if np.any(np.isfinite(dataset["gap_lower"].values)):
         handles.insert(0, Patch(label="gap", **_FIELD))
     return _draw_panels(dataset, "top_frequency", draw, handles, **options)
@@ -114,6 +119,16 @@ def _read_errors(states: Dataset, name: str, *dims: str) -> Array:
     return np.asarray(errors.transpose(*dims) if dims else errors, float)
 
 
+def _find_alone(is_known: Flags) -> Flags:
+    """Return (n,) whether each of n points of a curve is known while its neighbours are not: no
+    line leads to it.
+    """
+    has_neighbour = np.zeros(is_known.size, bool)
+    has_neighbour[1:] |= is_known[:-1]
+    has_neighbour[:-1] |= is_known[1:]
+    return np.asarray(is_known & ~has_neighbour)
+
+
 def _draw_field(ax: Axes, x: Array, lower: Array, upper: Array, gid: str) -> None:
     """Draw a field over ``x`` (n,) between its edges ``lower`` and ``upper`` (n,), nan where there
     is no field.
@@ -122,12 +137,7 @@ def _draw_field(ax: Axes, x: Array, lower: Array, upper: Array, gid: str) -> Non
     its ends, so that a short bar is seen.
     """
     ax.fill_between(x, lower, upper, gid=gid, **_FIELD)
-    is_known = np.isfinite(lower)
-    has_neighbour = np.zeros(is_known.size, bool)
-    has_neighbour[1:] |= is_known[:-1]
-    has_neighbour[:-1] |= is_known[1:]
-    alone = is_known & ~has_neighbour
-    ends = np.flatnonzero(alone).tolist()
+    ends = np.flatnonzero(_find_alone(np.isfinite(lower))).tolist()
     if ends:
         ax.vlines(x[ends], lower[ends], upper[ends], color=BLUE, alpha=0.3, linewidth=_BAR)
     for edge in (lower, upper):

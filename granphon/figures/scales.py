@@ -93,7 +93,7 @@ with _guard_import():
     from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
-    from matplotlib.ticker import Locator, MaxNLocator, NullFormatter
+    from matplotlib.ticker import AutoLocator, Locator, MaxNLocator, NullFormatter
 
 
 #: colours from translation (0) to rotation (1): the uniform map "plasma" without its light end
@@ -125,6 +125,8 @@ _PIXELS_PER_INCH = 120
 _LEAST_TICKS = 4
 #: least number of plain ticks of a logarithmic axis in a small panel
 _FEW_TICKS = 3
+#: mean width of a digit, as a part of the size of its font
+_LETTER_WIDTH = 0.6
 #: height of a row of a legend, in inches
 ROW_HEIGHT = 0.16
 _MM_PER_M = 1e3
@@ -163,13 +165,17 @@ def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
 
 
 def thin_ticks(ax: Axes) -> None:
-    """Replace the ticks of an Axes that stands in a small panel, as far as its axes are logarithmic
-    with plain numbers, by fewer ticks.
+    """Replace the ticks of an Axes that stands in a small panel: a logarithmic axis with plain
+    numbers has fewer, whose texts do not overlap, and a linear axis has ``_FEW_TICKS`` at least.
     """
     for axis in (ax.xaxis, ax.yaxis):
         if isinstance(axis.get_major_locator(), _PlainTicks):
-            axis.set_major_locator(_PlainTicks(least=_FEW_TICKS))
+            letter = _LETTER_WIDTH * STYLE["xtick.labelsize"] if axis is ax.xaxis else 0.0
+            axis.set_major_locator(_PlainTicks(least=_FEW_TICKS, letter=letter))
             axis.set_minor_locator(_PlainTicks(minor=True, least=_FEW_TICKS))
+        elif isinstance(axis.get_major_locator(), AutoLocator):
+            steps = [1, 2, 2.5, 5, 10]
+            axis.set_major_locator(MaxNLocator("auto", steps=steps, min_n_ticks=_FEW_TICKS))
 
 
 def widen_axis(ax: Axes, which: str, values: Array) -> None:
@@ -205,7 +211,8 @@ def name_axis(
     name_of_unit = unit
     if takes_prefix and (short or not is_handy):
         size_of_unit, name_of_unit = prefixed(most, unit)
-    ending = "" if name_of_unit in ("", "1") else f" ({name_of_unit.replace('u', 'µ')})"
+    printed = name_of_unit.replace("u", "µ").replace("^2", "²").replace("^3", "³")
+    ending = "" if name_of_unit in ("", "1") else f" ({printed})"
     axis.set_label_text(f"{label}{ending}{more}")
     if size_of_unit == 1.0 and not short:
         return
@@ -460,19 +467,43 @@ def _keep_inside(ticks: Array, low: float, high: float) -> Array:
     return ticks[is_inside]
 
 
+def _keep_apart(ticks: Array, axis: Any, letter: float) -> Array:
+    """Return every tick, or every second, third and so on of the ``ticks`` (n,), so that the texts
+    beside an ``axis`` x, as wide as it is drawn, do not overlap; letters are ``letter`` points
+    wide.
+    """
+    format_tick = axis.get_major_formatter()
+    longest = max((len(format_tick(tick, None)) for tick in ticks), default=0)
+    pixels_per_point = axis.axes.get_figure().dpi / 72.0
+    width = (longest + 1) * letter * pixels_per_point
+    pixels = axis.axes.transData.transform(np.stack([ticks, ticks], axis=-1))[:, 0]
+    stride = 1
+    while stride < ticks.size and np.any(np.diff(pixels[::stride]) < width):
+        stride += 1
+    return ticks[::stride]
+
+
 class _PlainTicks(Locator):
     """Ticks at round numbers on a logarithmic axis, few but at least ``least``; or its minor
     ticks.
     """
 
-    def __init__(self, minor: bool = False, least: int = _LEAST_TICKS) -> None:
-        """Give the ticks, or the ``minor`` ones, of an axis with ``least`` ticks or more."""
+    def __init__(self, minor: bool = False, least: int = _LEAST_TICKS, letter: float = 0.0) -> None:
+        """Give the ticks, or the ``minor`` ones, of an axis with ``least`` ticks or more; fewer if
+        their texts, whose letters are ``letter`` points wide, would overlap. Zero stands for texts
+        above each other, which do not.
+        """
         self._minor = minor
         self._least = least
+        self._letter = letter
 
     def __call__(self) -> Any:
-        """Return the ticks of the axis as far as it is shown."""
-        return self.tick_values(*self.axis.get_view_interval())  # type: ignore[union-attr]
+        """Return the ticks of the axis as far as it is shown; if the width of a letter is known,
+        those alone whose texts do not overlap.
+        """
+        axis: Any = self.axis
+        ticks = self.tick_values(*axis.get_view_interval())
+        return _keep_apart(ticks, axis, self._letter) if self._letter > 0.0 else ticks
 
     def tick_values(self, vmin: float, vmax: float) -> Any:
         """Return the ticks of an axis between ``vmin`` and ``vmax``: the first set of round numbers

@@ -66,7 +66,10 @@ def sensitivities_figure(dataset: Dataset, tell: Callable[[str], object] | None 
             ax.set_axis_off()
         for ax in axes.flat[max(0, len(chosen) - n_columns) : len(chosen)]:
             ax.tick_params(labelbottom=True)
-        figure.supxlabel("Logarithmic derivative", fontsize=STYLE["axes.labelsize"])
+        words = "Logarithmic derivative"
+        if len(by_state) > 1:
+            words += "\nbars: mean of the states; lines: least to greatest"
+        figure.supxlabel(words, fontsize=STYLE["axes.labelsize"])
         if len(chosen) < len(quantities):
             remark = f"The first {len(chosen)} of {len(quantities)} quantities"
             figure.suptitle(remark, fontsize=STYLE["axes.titlesize"])

@@ -655,8 +655,8 @@ def _read_observables(value: Any) -> tuple[str, ...]:
         try:
             choice(name, observables)
         except Refused as refused:
-            # a plugin that failed to load may be why a name is not known
-            mend = refused.mend or CATALOGUE.failures
+            # a plugin that is missing, or failed to load, may be why a name is not known
+            mend = refused.mend or CATALOGUE.failures or "Install the plug-in that adds the name"
             raise Refused(refused.found, refused.allowed, mend) from None
     names = list(value)
     for name in names:
@@ -669,7 +669,8 @@ def _read_observables(value: Any) -> tuple[str, ...]:
 
 OBSERVE = Setting(
     Kind.plain(_read_observables),
-    "what to compute; nothing else is computed. `spectrum` and `pulse` are of simulations and of"
+    "what to compute. Velocities and moduli are in `sweep.nc` and `sweep.csv` of any run whose long"
+    " waves move all balls. `spectrum` and `pulse` are of simulations and of"
     " packings in files, `dos` of simulations where there are several states",
 )
 

@@ -227,14 +227,19 @@ class Export:
 
     def make_figure(self, results: Any, tell: Tell | None = None, **options: Any) -> Any:
         """Return the matplotlib figure of the ``results``, drawn with the ``options``; InputError
-        if the output has no figure. ``tell`` is called with a sentence that says which panels the
+        if the output has no figure, or its function returns none. ``tell`` is called with a
+        sentence that says which panels the
         figure has chosen, if it chooses any.
         """
         if self.draw is None:
             raise InputError(f"{OUTPUTS.describe(self.name)} has no figure")
         if tell is not None and "tell" in self.options:
             options["tell"] = tell
-        return self._call(self.draw, results, **options)
+        figure = self._call(self.draw, results, **options)
+        if not hasattr(figure, "savefig"):
+            problem = f"draw of {OUTPUTS.describe(self.name)} returns a {type(figure).__name__}"
+            raise InputError(problem, "It has to return a matplotlib Figure", "Mend its draw")
+        return figure
 
     def _call(self, function: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
         """Call a ``function`` of the output and return its result.
@@ -1071,8 +1076,8 @@ for _row in (
         draw=_draw_sensitivities,
         words="logarithmic derivatives of velocities, moduli and, if observed, cut-off frequencies"
         " and the waves of an edge (`surface_frequency X 0` is the lowest at the corner X of the"
-        " path along the edge) by the parameters of the balls and the load; in `summary.yaml`,"
-        " `matters_most`, the parameter on which each depends most",
+        " path along the edge) by the parameters of the balls and the load; in `summary.yaml`"
+        " of one state, `matters_most`, the parameter on which each depends most",
         caption="Logarithmic derivatives by the parameters",
     ),
     Export(

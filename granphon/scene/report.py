@@ -158,8 +158,9 @@ def _write_value(value: Any, unit: str, error: Any = None) -> str:
     """Return the text of a value of a summary in the SI ``unit``, with its standard ``error`` if
     that is not None; empty for a number that is not finite, and for a value of another type.
 
-    The value is a word, a number, a mapping of numbers, a list of numbers (two numbers are the
-    least and the greatest), or a list of lists: a tensor (n, n) for n above two, or else intervals
+    The value is a word, a number, a mapping of numbers, a list of numbers (two in ascending order
+    are the least and the greatest), or a list of lists: a tensor (n, n) for n above two, or else
+    intervals
     (n, 2). The error has the shape of the value.
     """
     if isinstance(value, bool):
@@ -186,7 +187,9 @@ def _write_value(value: Any, unit: str, error: Any = None) -> str:
         errors = [f" +/- {_write_range(entry, unit, _DIGITS)}" for entry in error or ()]
         # without an error no interval has one
         return ", ".join(map("".join, zip_longest(intervals, errors, fillvalue="")))
-    text = _write_range(value, unit) if len(value) == 2 else _list_numbers(value, unit)
+    # two numbers of branches, such as curvatures, may be in no order
+    is_range = len(value) == 2 and value[0] <= value[1]
+    text = _write_range(value, unit) if is_range else _list_numbers(value, unit)
     return f"{text} +/- {_write_range(error, unit, _DIGITS)}" if isinstance(error, list) else text
 
 

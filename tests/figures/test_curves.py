@@ -321,6 +321,7 @@ def test_what_cannot_share_an_axis_is_named(steel, fcc, fit, ax):
             "^the bands of a and b .*paths.*G-K.*G-X",
         ),
         ({"a": steel, "b": fit}, {"y": "bulk"}, "^b holds no bulk"),
+        ({"a": steel}, {"y": "receptance"}, "^a holds no receptance. It has (?!.*receptance)"),
         ({"a": steel}, {"y": "longitudnal"}, "Did you mean longitudinal"),
         ({"a": steel}, {"x": "presure"}, "Did you mean pressure"),
         (

@@ -89,3 +89,24 @@ def test_a_unit_with_a_prefix_divides_what_is_written_at_the_ticks(ax, values, u
 def test_an_axis_that_would_reach_beyond_floating_point_is_refused(ax, values):
     with pytest.raises(InputError, match=r"x axis .*units"):
         scales.scale_axis(ax, "x", np.array(values))
+
+
+@pytest.mark.parametrize("width", [0.5, 1.0, 2.0])
+def test_texts_of_a_small_panel_do_not_overlap_along_x(ax, width):
+    ax.set_position((0.2, 0.2, width / ax.figure.get_figwidth(), 0.5))
+    values = np.array([2900.0, 6300.0])
+    ax.plot(values, [1.0, 2.0])
+    scales.scale_axis(ax, "x", values)
+    scales.thin_ticks(ax)
+    ax.figure.draw_without_rendering()
+    boxes = [label.get_window_extent() for label in ax.get_xticklabels()]
+    assert boxes
+    assert all(left.x1 < right.x0 for left, right in itertools.pairwise(boxes))
+
+
+def test_a_linear_axis_of_a_small_panel_has_three_ticks_or_more(ax):
+    ax.set_position((0.2, 0.2, 0.5, 0.6 / ax.figure.get_figheight()))
+    ax.set_ylim(0.0, 93.0)
+    scales.thin_ticks(ax)
+    ticks = ax.get_yticks()
+    assert np.sum((ticks >= 0.0) & (ticks <= 93.0)) >= 3

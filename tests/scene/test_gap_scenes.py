@@ -136,6 +136,11 @@ def test_at_one_load_the_figure_is_over_the_parameter(result):
     edges = [line for line in ax.lines if line.get_gid() == "gap-1-edge"]
     ends = [line.get_xydata()[line.get_markevery()][0] for line in edges]
     assert_allclose(ends, segment)
+    # the top frequency of a single state is a point
+    (ax,) = sweep_gaps_figure(alone.isel({"A.density": [2]})).axes
+    (top,) = [line for line in ax.lines if line.get_gid() == "top"]
+    assert top.get_marker() == "o"
+    assert top.get_markevery() == [0]
 
 
 def test_waves_of_an_edge_are_drawn_over_the_load(result):
