@@ -637,8 +637,8 @@ class MediumTask(Task):
 
         The numbers are the attributes of the state; velocities and moduli if these are requested,
         or if long waves move all balls; and exponents if these are requested. Raises MechanismError
-        for a lattice without velocities if ``sound`` is requested; otherwise they are left out,
-        and a note says so if velocities are observed.
+        for a lattice without velocities if velocities are requested; otherwise a note says that
+        they are left out.
         """
         request = self.request
         packing = self.serving.packing
@@ -654,8 +654,7 @@ class MediumTask(Task):
         except MechanismError as error:
             if request.sound:
                 raise
-            if "velocities" in request.observe:
-                notes.append(f"velocities and moduli are left out: {error}")
+            notes.append(f"velocities and moduli are left out: {error}")
         if request.exponents:
             numbers |= find_numbers(("exponent",))
         notes += warn_of_missing_error(numbers)
