@@ -377,23 +377,51 @@ def _compare_single_stiffnesses(network: Any, outliers: Index, relative: Array) 
     """
     stiffnesses = network.normal_stiffness[outliers]
     order = np.argsort(-np.abs(np.log(relative)), kind="stable")
-    pairs = _name_pairs(network, outliers[order])
-    shown = [
-        f"balls {i} and {j}, with {stiffnesses[row]:.3g} N/m where the force makes"
-        f" {stiffnesses[row] / relative[row]:.3g} N/m"
-        for row, (i, j) in zip(order.tolist(), pairs, strict=False)
-    ]
-    return Comparison(
+    return _compare_outliers(
+        network,
+        outliers[order],
+        (stiffnesses[order], stiffnesses[order] / relative[order]),
         name="single stiffnesses",
         meaning="contacts whose normal stiffness is more than ten times that of Hertz's law under"
         " the force, or less than a tenth, beside the median ratio of all",
+        words=("stiffness", "N/m", "force"),
+        reason="Frequencies are of such contacts with these stiffnesses. Compare the column, or"
+        " leave it out: stiffnesses then follow from the material",
+    )
+
+
+def _compare_outliers(
+    network: Any,
+    outliers: Index,
+    numbers: tuple[Array, Array],
+    *,
+    name: str,
+    meaning: str,
+    words: tuple[str, str, str],
+    reason: str,
+) -> Comparison:
+    """Return the comparison of the number of ``outliers`` with zero: (m,) indices of contacts with
+    a number that is far from that of the law, the worst first.
+
+    ``numbers`` are those of the contacts and those of the law, each (m,); ``words`` are what they
+    are, their unit, and what makes that of the law. The other arguments are fields of the
+    comparison.
+    """
+    quantity, unit, cause = words
+    pairs = _name_pairs(network, outliers)
+    shown = [
+        f"balls {i} and {j}, with {own:.3g} {unit} where the {cause} makes {of_law:.3g} {unit}"
+        for (i, j), own, of_law in zip(pairs, *numbers, strict=False)
+    ]
+    return Comparison(
+        name=name,
+        meaning=meaning,
         value=float(outliers.size),
         limit=0.0,
         worst=pairs,
         fault=f"{counted(outliers.size, 'contact has', 'contacts have')} more than ten times the"
-        f" stiffness of the force, or less than a tenth: {'; '.join(shown)}",
-        reason="Frequencies are of such contacts with these stiffnesses. Compare the column, or"
-        " leave it out: stiffnesses then follow from the material",
+        f" {quantity} of the {cause}, or less than a tenth: {'; '.join(shown)}",
+        reason=reason,
     )
 
 
@@ -460,21 +488,14 @@ def _compare_single_forces(network: Any, outliers: Index, ratios: Array) -> Comp
     forces = network.normal_force[outliers]
     # the contacts with the largest force, of the file or by the law, come first
     order = np.argsort(-np.maximum(ratios * forces, forces), kind="stable")
-    pairs = _name_pairs(network, outliers[order])
-    shown = [
-        f"balls {i} and {j}, with {forces[row]:.3g} N where the overlap makes"
-        f" {ratios[row] * forces[row]:.3g} N"
-        for row, (i, j) in zip(order.tolist(), pairs, strict=False)
-    ]
-    return Comparison(
+    return _compare_outliers(
+        network,
+        outliers[order],
+        (forces[order], (ratios * forces)[order]),
         name="single forces",
         meaning="contacts whose force is more than ten times that of the law at the overlap, or"
         " less than a tenth, beside the median ratio of all",
-        value=float(outliers.size),
-        limit=0.0,
-        worst=pairs,
-        fault=f"{counted(outliers.size, 'contact has', 'contacts have')} more than ten times the"
-        f" force of the overlap, or less than a tenth: {'; '.join(shown)}",
+        words=("force", "N", "overlap"),
         reason="Frequencies are of such contacts as if they were pressed by these forces. Compare"
         " units and columns",
     )
