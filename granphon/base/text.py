@@ -152,6 +152,11 @@ def read_utf8(path: str | os.PathLike[str]) -> str:
     return decode(str(path), read_bytes(path)).replace("\r\n", "\n")
 
 
+def join_numbers(numbers: Iterable[float]) -> str:
+    """Return the ``numbers`` as text on one line, with all of their digits."""
+    return " ".join(map(repr, numbers))
+
+
 def decode(name: str, raw: bytes) -> str:
     """Return the text of the bytes ``raw`` of a file called ``name`` that is in UTF-8, with or
     without a byte order mark.

@@ -25,7 +25,7 @@ from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import Quantity
 from granphon.base.tables import Heading, Table
-from granphon.base.text import damage_error, decode, digest_lines, read_bytes
+from granphon.base.text import damage_error, decode, digest_lines, join_numbers, read_bytes
 from granphon.networks.sources import require_balls
 
 #: the columns of tables that are one vector of a frame, by the name of this
@@ -89,8 +89,8 @@ def frame_text(columns: Mapping[str, Array], network: Any, remark: Mapping[str, 
         cells += [list(map(encode, column.tolist())) for column in flat.T]
     vectors, corner = find_box(network)
     keys = [
-        f'Lattice="{_join(vectors)}"',
-        f'Origin="{_join(corner)}"',
+        f'Lattice="{join_numbers(vectors.ravel().tolist())}"',
+        f'Origin="{join_numbers(corner.tolist())}"',
         f"Properties={':'.join(properties)}",
         f'pbc="{" ".join("T" if repeats else "F" for repeats in network.pbc)}"',
         f"{_REMARK}={quote(json.dumps(remark), safe='')}",
@@ -98,11 +98,6 @@ def frame_text(columns: Mapping[str, Array], network: Any, remark: Mapping[str, 
     lines = [str(n_rows), " ".join(keys), *map(" ".join, zip(*cells, strict=True)), ""]
     lines[1] += _SEAL + digest_lines(lines)
     return "\n".join(lines)
-
-
-def _join(numbers: Array) -> str:
-    """Return numbers side by side, with all of their digits."""
-    return " ".join(map(repr, numbers.ravel().tolist()))
 
 
 def read_frame(

@@ -18,7 +18,7 @@ from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, brief
 from granphon.base.scales import Units
 from granphon.base.staging import write_texts
-from granphon.base.text import list_names, require_path
+from granphon.base.text import join_numbers, list_names, require_path
 from granphon.base.validation import choice, not_negative, positive, require, whole_number
 from granphon.networks.building import Source
 from granphon.networks.dumps import Dump, Frame
@@ -535,7 +535,7 @@ def _write_box(network: Any) -> str:
     if xy or xz or yz:
         heading = f"xy xz yz {heading}"
         rows = np.hstack([rows, [[xy], [xz], [yz]]])
-    return "\n".join([f"ITEM: BOX BOUNDS {heading}", *map(_join_numbers, rows.tolist())])
+    return "\n".join([f"ITEM: BOX BOUNDS {heading}", *map(join_numbers, rows.tolist())])
 
 
 def _frame_text(kind: str, box: str, columns: Mapping[str, Array]) -> str:
@@ -545,9 +545,4 @@ def _frame_text(kind: str, box: str, columns: Mapping[str, Array]) -> str:
     rows = list(zip(*(values.tolist() for values in columns.values()), strict=True))
     head = ["ITEM: UNITS", "si", "ITEM: TIMESTEP", "0", f"ITEM: NUMBER OF {kind}", str(len(rows))]
     head += [box, f"ITEM: {kind} {' '.join(columns)}"]
-    return "\n".join([*head, *map(_join_numbers, rows), ""])
-
-
-def _join_numbers(numbers: Sequence[float]) -> str:
-    """Return the ``numbers`` as text on one line, with all of their digits."""
-    return " ".join(map(repr, numbers))
+    return "\n".join([*head, *map(join_numbers, rows), ""])
