@@ -33,6 +33,7 @@ from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.base.arrays import Array, Flags
 from granphon.base.errors import InputError
 from granphon.base.results import Result, held, result_class
+from granphon.contacts import grid_loops
 from granphon.contacts.contact_list import ContactList
 from granphon.contacts.grid import find_lattice_grid
 from granphon.statics.options import ResponseOptions
@@ -157,8 +158,6 @@ class Equilibrium(Result):
         """Return the overlap that each contact loses along its direction on the lattice by the
         displacements of its balls, (n_c, L1, ..., Lp).
         """
-        from granphon.contacts import grid_loops  # averages need no Numba
-
         stencils = self.stencils
         p = stencils.lattice.periods
         grid = find_lattice_grid(stencils.shape, stencils.lattice)

@@ -38,6 +38,7 @@ from granphon.array.options import LARGEST_RATIO, ReducedLoad
 from granphon.array.stencils import Stencils
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
+from granphon.contacts.deformation import measure_along, measure_bends, measure_turned
 from granphon.contacts.grid import find_lattice_grid
 
 #: stiffness added to each contact in a step of Newton's method, as a fraction of the mean stiffness
@@ -99,8 +100,6 @@ class ExactPlace:
         overlap: float,
         strain: Array | None = None,
     ) -> None:
-        from granphon.contacts.deformation import measure_turned  # averages need no Numba
-
         require_small(ratio)
         self.stencils = stencils
         self.ratio = ratio
@@ -164,8 +163,6 @@ class ExactPlace:
         """Return the losses (n_c, L1, ..., Lp) of overlap by small displacements (contacts, 3) of
         balls j against balls i.
         """
-        from granphon.contacts.deformation import measure_along  # averages need no Numba
-
         loss = np.empty(len(moved))
         measure_along(moved, np.zeros(len(moved)), self.normal, loss)
         return loss.reshape(self.size.shape)
@@ -179,8 +176,6 @@ class ExactPlace:
         ``moved`` (contacts, 3) is the rate of the motion of balls j against balls i, in W;
         ``forces`` f, ``stiffness`` df/dh and ``slope`` d^2f/dh^2 are (n_c, L1, ..., Lp).
         """
-        from granphon.contacts.deformation import measure_bends  # averages need no Numba
-
         bend = np.empty(len(moved))
         push = np.empty_like(moved)
         over_distance = self.ratio / self.size.ravel()  # in 1/W, as displacements are in W

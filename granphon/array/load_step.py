@@ -24,13 +24,16 @@ import numpy as np
 
 from granphon.array.geometry import ADDED_STIFFNESS, LOAD_TOLERANCE, find_lack
 from granphon.array.krylov import Single
+from granphon.array.minimal_residuals import solve_by_minimal_residuals
 from granphon.array.options import ReducedLoad
 from granphon.array.preconditioners import Patches, Put
 from granphon.array.pressed_array import PressedArray
 from granphon.array.pressed_place import PressedGeometry, PressedPlace, PressedTangent
 from granphon.array.stencils import HOLDING, Motion, dot
 from granphon.base.arrays import Array, Flags, Index
+from granphon.contacts import grid_product
 from granphon.contacts.friction import Contacts, FrictionLaw, Tangent
+from granphon.contacts.slips import find_largest
 
 #: largest force, or torque over the diameter, left on a ball, over the mean normal force
 BALANCE_TOLERANCE = 1e-9
@@ -367,8 +370,6 @@ class LoadStep:
         With a ``guess`` of the overlaps, (n_c, L1, ..., Lp), the stiffness against slip and
         Coulomb's limit are fixed there.
         """
-        from granphon.contacts.slips import find_largest  # averages need no Numba
-
         place = self._geometry.place(balls, overlap)
         start = self._here.contacts
         slips = place.find_slips(self._place, start.slips)
@@ -563,8 +564,6 @@ class LinearSteps:
         ``product`` multiplies motions by the tangent of the whole. Weakly held balls that the
         iteration finds are added to the patch.
         """
-        from granphon.array.minimal_residuals import solve_by_minimal_residuals  # compiled
-
         size = pull.size
         inverse = self.invert(tangent, product)
         held = np.float32(1.0 / tangent.stiffness.size)
@@ -620,8 +619,6 @@ class LinearSteps:
         inverse of the patch may be that of an earlier tangent: :meth:`solve` finds it anew when
         many iterations are needed.
         """
-        from granphon.contacts import grid_product  # imported here: averages need no Numba
-
         level = float(np.mean(tangent.stiffness))
         alone = product.invert_alone(HOLDING * level)
         green = self._stencils.green_preconditioner(np.float32, level)

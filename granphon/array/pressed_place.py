@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -20,10 +20,11 @@ from granphon.array.geometry import require_small, shrink_boundary
 from granphon.array.stencils import Stencils
 from granphon.balls.neighbours import contact_frames
 from granphon.base.arrays import Array
+from granphon.contacts import slips
 from granphon.contacts.friction import Configuration, RollingContacts, Tangent, by_contact
-
-if TYPE_CHECKING:
-    from granphon.contacts.grid_product import GridProduct
+from granphon.contacts.grid_product import GridProduct, invert_blocks, multiply_pressed
+from granphon.contacts.rolling_tangent import fill_tangent
+from granphon.contacts.slips import measure_slips
 
 
 class PressedGeometry:
@@ -70,8 +71,6 @@ class PressedGeometry:
     @cached_property
     def product(self) -> GridProduct:
         """The contacts as loops that multiply tangents read them; its blocks are empty."""
-        from granphon.contacts.grid_product import GridProduct  # averages need no Numba
-
         return GridProduct.of(self.contacts.i, self.contacts.j, math.prod(self.stencils.shape))
 
     def place(self, balls: Array, overlap: float) -> PressedPlace:
@@ -100,8 +99,6 @@ class PressedGeometry:
         """Return the displacements and the rotations (n, 3) of balls along the axes of space, from
         their motions ``balls`` (fields, L1, ..., Lp).
         """
-        from granphon.contacts import slips  # imported here: averages need no Numba
-
         fields = balls.reshape(self.stencils.n_balls, self.stencils.motions.count, -1)
         displacement, rotation = np.zeros((2, fields.shape[0] * fields.shape[2], 3))
         slips.list_motions(fields, self.axes, displacement, rotation)
@@ -111,8 +108,6 @@ class PressedGeometry:
         """Return the forces (fields, L1, ..., Lp) that do work on the motions of balls, from
         ``force`` and ``torque`` (n, 3) along the axes of space.
         """
-        from granphon.contacts import slips  # imported here: averages need no Numba
-
         stencils = self.stencils
         fields = np.empty((stencils.n_balls, stencils.motions.count, *stencils.shape))
         by_ball = fields.reshape(*fields.shape[:2], -1)
@@ -126,8 +121,6 @@ class PressedGeometry:
         Slips are None where contacts turn: they then depend on the way to the motions ``balls``
         (fields, L1, ..., Lp) and the ``overlap`` y.
         """
-        from granphon.contacts import slips  # imported here: averages need no Numba
-
         contacts = self.contacts
         displacement, rotation = self.list_motions(balls)
         overlaps = np.empty(contacts.offset.size)
@@ -172,22 +165,18 @@ class PressedPlace:
         Where contacts keep their directions, slips follow from the motions alone, and neither
         argument matters.
         """
-        from granphon.contacts import slips as loops  # imported here: averages need no Numba
-
         if self._slips is not None:
             return self._slips
         slid = slips.copy(order="C")
         contacts = self.geometry.contacts
         by_contact = slid.reshape(len(slid), -1)
-        loops.measure_slips(contacts, before.configuration, self.configuration, by_contact)
+        measure_slips(contacts, before.configuration, self.configuration, by_contact)
         return slid
 
     def push(self, forces: Array, shears: Array) -> tuple[Array, Array]:
         """Return forces and torques (n, 3) on balls by normal forces f (n_c, L1, ..., Lp) and
         tangential forces T (n_s, n_c, L1, ..., Lp).
         """
-        from granphon.contacts import slips  # imported here: averages need no Numba
-
         configuration = self.configuration
         force, torque = np.zeros((2, *configuration.displacement.shape))
         tangential = by_contact(shears, len(shears))
@@ -243,8 +232,6 @@ class PressedPlace:
         from the ``forces`` and ``shears`` that act. ``free`` says whether the overlap y is a motion
         too.
         """
-        from granphon.contacts.rolling_tangent import fill_tangent  # averages need no Numba
-
         geometry = self.geometry
         stencils = geometry.stencils
         balls = len(self.configuration.displacement)
@@ -302,8 +289,6 @@ class PressedTangent:
         Return minus the change of the sum of the normal forces. If the overlap is held, ``press``
         is not read, and zero is returned.
         """
-        from granphon.contacts.grid_product import multiply_pressed  # averages need no Numba
-
         fields = (-1, 1, self.product.steps.shape[1])
         return multiply_pressed(
             self.product,
@@ -319,8 +304,6 @@ class PressedTangent:
         """Return the inverses (m, m, n) of the blocks of each ball and its own motions, to whose
         diagonal the stiffness ``added`` is added first.
         """
-        from granphon.contacts.grid_product import invert_blocks  # averages need no Numba
-
         inverses = np.empty_like(self.product.diagonal)
         invert_blocks(self.diagonal, added, 1.0, inverses)
         return inverses

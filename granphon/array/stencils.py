@@ -27,6 +27,7 @@ from granphon.balls.motions import default_motions, select_motions
 from granphon.base.arrays import Array
 from granphon.dynamics.deformation_rows import contact_rows, strain_rows
 from granphon.dynamics.linalg import invert_hermitian
+from granphon.statics.green import multiply_waves
 
 #: number of elements of one array that are worked on at a time, so that they stay in the
 #: processor's cache
@@ -456,8 +457,6 @@ class Stencils:
         ``precision``. The table of each precision is kept for further calls.
         """
         from scipy import fft  # imported here: media that are not simulated do not need it
-
-        from granphon.statics.green import multiply_waves  # averages need no Numba
 
         kind: np.dtype[Any] = np.dtype(precision)
         if kind not in self._found:

@@ -29,6 +29,7 @@ from granphon.array.options import ReducedLoad
 from granphon.base.arrays import Array
 from granphon.base.results import result_class
 from granphon.contacts.contact_list import ContactList
+from granphon.contacts.deformation import measure_resistance
 from granphon.contacts.placed import collect_pulls
 from granphon.contacts.tangent import fill_blocks
 from granphon.statics.response import LinearResponse
@@ -189,8 +190,6 @@ class SmallMotions:
         """Return the forces (contacts, 3) of contacts against small displacements (contacts, 3) of
         balls j against balls i.
         """
-        from granphon.contacts.deformation import measure_resistance  # averages need no Numba
-
         contacts = self._contacts
         push = np.empty_like(moved)
         springs = (contacts.normal_stiffness, contacts.side_stiffness)

@@ -1,6 +1,9 @@
 """Loops over contacts or balls that NumPy could only make in many passes, compiled by Numba when
 they are first called.
 
+Numba takes longer to import than a band structure takes: it is imported with the first call, and
+modules that hold loops are imported like any other.
+
 Numba keeps the compiled loops in a cache: beside the module, as Python keeps its bytecode, or in
 the user's cache folder where the module's folder cannot be written. Nothing depends on the cache:
 where it is damaged or cannot be written, loops are compiled in each process. The first loop that a
@@ -15,12 +18,8 @@ import sys
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cache, cached_property, update_wrapper
 from typing import Any, TypeVar, cast
-
-try:
-    from numba import config, njit
-except ImportError:
-    config = njit = None
 
 from granphon.base.errors import CacheWarning, message
 from granphon.base.threads import hold_back_signals
@@ -30,27 +29,63 @@ _Loop = TypeVar("_Loop", bound=Callable[..., Any])
 #: how Numba compiles: with the arithmetic of NumPy, where x/0 is no error; without the wrapper by
 #: which C would call a loop, which takes some hundredths of the time of compilation
 _HOW: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
-_SLOW = "The same takes hundreds of times longer"
-#: the message that says why loops are not compiled; empty where they are
-UNCOMPILED = ""
-if njit is None:
-    UNCOMPILED = message("numba is not installed", _SLOW, "Install it: pip install numba")
-elif config.DISABLE_JIT:
-    UNCOMPILED = message("numba compiles nothing, as NUMBA_DISABLE_JIT is set", _SLOW, "Unset it")
+
+
+@cache
+def find_why_uncompiled() -> str:
+    """Return the message that says why loops are not compiled; empty where they are."""
+    slow = "The same takes hundreds of times longer"
+    try:
+        from numba import config
+    except ImportError:
+        return message("numba is not installed", slow, "Install it: pip install numba")
+    if config.DISABLE_JIT:
+        return message("numba compiles nothing, as NUMBA_DISABLE_JIT is set", slow, "Unset it")
+    return ""
 
 
 def compiled(loop: _Loop) -> _Loop:
-    """Return the ``loop``, a function of arrays and numbers, compiled with the arithmetic of NumPy:
-    x/0 is no error.
+    """Return the ``loop``, a function of arrays and numbers, compiled at its first call with the
+    arithmetic of NumPy: x/0 is no error.
 
-    The loop is compiled at its first call, which prints a line on stderr, see ``COMPILING``. If a
-    compiled loop cannot be read from the cache, or cannot be kept there, the first such loop of a
-    process issues a :class:`~granphon.base.errors.CacheWarning`. Without Numba the ``loop`` itself
-    is returned.
+    Compilation prints a line on stderr, see ``COMPILING``. If a compiled loop cannot be read from
+    the cache, or cannot be kept there, the first such loop of a process issues a
+    :class:`~granphon.base.errors.CacheWarning`. Without Numba the ``loop`` itself is called.
     """
-    if UNCOMPILED:
-        return loop
-    dispatcher: Any  # Numba's object that compiles the loop for each signature, and calls it
+    return cast("_Loop", CompiledLoop(loop))
+
+
+class CompiledLoop:
+    """A ``loop`` that Numba compiles when it is first called, or when another loop that calls it is
+    compiled.
+    """
+
+    def __init__(self, loop: Callable[..., Any]) -> None:
+        update_wrapper(self, loop)
+        self._loop = loop
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Return what the loop returns for these ``arguments``."""
+        return self.dispatcher(*arguments)
+
+    @property
+    def _numba_type_(self) -> Any:
+        """The type by which Numba compiles the call of this loop in another one."""
+        return self.dispatcher._numba_type_
+
+    @cached_property
+    def dispatcher(self) -> Any:
+        """Numba's object that compiles the loop for each signature, and calls it; the loop itself
+        without Numba.
+        """
+        return self._loop if find_why_uncompiled() else _make_dispatcher(self._loop)
+
+
+def _make_dispatcher(loop: Callable[..., Any]) -> Any:
+    """Return Numba's object that compiles the ``loop``, announces this, and holds back signals."""
+    from numba import njit
+
+    dispatcher: Any
     why_no_cache = ""
     try:
         dispatcher = njit(cache=True, **_HOW)(loop)
@@ -80,12 +115,12 @@ def compiled(loop: _Loop) -> _Loop:
         return compile_anew(arguments, returned)
 
     dispatcher._compiler.compile = announce_and_compile
-    return cast("_Loop", dispatcher)
+    return dispatcher
 
 
-def _survive_cache_errors(cache: Any) -> None:
-    """Replace the two methods by which Numba reads and writes its ``cache``: instead of raising an
-    error they issue a warning and clear the index, so that the loop is compiled anew.
+def _survive_cache_errors(numba_cache: Any) -> None:
+    """Replace the two methods by which Numba reads and writes its ``numba_cache``: instead of
+    raising an error they issue a warning and clear the index, so that the loop is compiled anew.
     """
 
     def survive_errors_of(access: Callable[..., Any]) -> Callable[..., Any]:
@@ -100,15 +135,15 @@ def _survive_cache_errors(cache: Any) -> None:
             except Exception as error:  # reading a file that was cut may raise anything
                 # the index goes: it may name a file that another version of the loop has left
                 with suppress(OSError):
-                    os.unlink(cache._cache_file._index_path)
+                    os.unlink(numba_cache._cache_file._index_path)
                 reason = str(error) or type(error).__name__
-                _warn_of_cache(f"{cache.cache_path}: {reason}")
+                _warn_of_cache(f"{numba_cache.cache_path}: {reason}")
                 return None
 
         return access_or_warn
 
-    cache.load_overload = survive_errors_of(cache.load_overload)
-    cache.save_overload = survive_errors_of(cache.save_overload)
+    numba_cache.load_overload = survive_errors_of(numba_cache.load_overload)
+    numba_cache.save_overload = survive_errors_of(numba_cache.save_overload)
 
 
 #: the line on stderr when a loop is compiled

@@ -43,6 +43,7 @@ from numpy.typing import NDArray
 
 from granphon.balls import hertz
 from granphon.base.arrays import Array
+from granphon.contacts import sliding
 
 #: |T| over mu f, below one by no more than rounding, from which a contact slides
 SLIDES = 1.0 - 1e-9
@@ -257,8 +258,6 @@ class FrictionLaw:
         at the guess. The forces are then derivatives of a convex energy, and the tangent is
         symmetric.
         """
-        from granphon.contacts import sliding  # imported here: averages need no Numba
-
         contacts = Contacts(overlaps, slips, np.empty(slips.shape))
         held = overlaps if guess is None else guess
         start = before.flatten()
@@ -293,8 +292,6 @@ class FrictionLaw:
         contact slid, and the stiffness against slip and Coulomb's limit, as the ``overlaps`` (...)
         give them. ``slips`` are (n_s, ...); other axes are those of the overlaps.
         """
-        from granphon.contacts import sliding  # imported here: averages need no Numba
-
         sticking = FrictionLaw(self.mindlin_ratio)
         springs = np.empty(overlaps.shape)
         eta = float(self.mindlin_ratio)
@@ -350,8 +347,6 @@ class FrictionLaw:
         W^(5/2): by sliding, and by the law of the tangential force. In the step overlaps and slips
         change along a straight line.
         """
-        from granphon.contacts import sliding  # imported here: averages need no Numba
-
         slips = by_contact(after.slips, len(after.slips))
         slid, loosened = sliding.sum_losses(
             float(self.mindlin_ratio),

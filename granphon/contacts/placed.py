@@ -17,6 +17,7 @@ import numpy as np
 
 from granphon.balls.motions import Motions
 from granphon.base.arrays import Array, Index
+from granphon.contacts.deformation import add_forces, add_row, measure_along, measure_distances
 from granphon.dynamics.deformation_rows import Row
 
 
@@ -34,11 +35,6 @@ def find_overlaps(
     normal : (n_c, d) unit vectors along which contacts push, which do not turn with ``vector``; by
         default contacts push along ``vector``.
     """
-    from granphon.contacts.deformation import (  # averages need no Numba
-        measure_along,
-        measure_distances,
-    )
-
     loss = np.empty(len(vector))
     lengths = np.ascontiguousarray(np.broadcast_to(length, loss.shape))
     if normal is not None:
@@ -90,8 +86,6 @@ class ContactForces:
         ``apart`` (n_c, d) are the displacements of balls j less those of balls i, and ``turns``
         (count, r) are the rotations of the balls, in the coordinates of the row.
         """
-        from granphon.contacts.deformation import add_row  # averages need no Numba
-
         i, j = self._ends
         self.energy += add_row(
             i,
@@ -124,8 +118,6 @@ def collect_pulls(
     Ball j of each contact bears the force ``pull``, of any direction, and ball i the opposite one.
     ``ends`` are the numbers (n_c,) of balls i and of balls j.
     """
-    from granphon.contacts.deformation import add_forces  # averages need no Numba
-
     forces = np.zeros((count, 3))
     virial = np.zeros((3, 3))
     unit = np.ones(len(pull))

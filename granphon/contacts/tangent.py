@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.base.arrays import Array
+from granphon.contacts import loops
 from granphon.contacts.columns import Columns
 from granphon.contacts.contact_list import ContactList
 from granphon.dynamics.elasticity import voigt_pairs
@@ -203,11 +204,9 @@ class Blocks:
 
     def list_entries(self, pattern: Pattern) -> Array:
         """Return the entries of A in the order of its ``pattern``."""
-        from granphon.contacts.loops import fill_entries  # imported here: averages need no Numba
-
         data = np.zeros(pattern.n_entries)
         blocks = (self.diagonal, self.forward, self.backward)
-        fill_entries(*blocks, pattern.by_ball, pattern.by_contact, data)
+        loops.fill_entries(*blocks, pattern.by_ball, pattern.by_contact, data)
         return data
 
 
@@ -217,8 +216,6 @@ def fill_blocks(columns: Columns, axes: NDArray[np.int64], strains: Array, n_bal
     ``axes`` (m,) are those of the motions of a ball, 0 to 2 of displacements, 3 to 5 of rotations;
     ``strains`` (s, 3, 3) are unit strains, symmetric.
     """
-    from granphon.contacts import loops  # imported here: averages need no Numba
-
     s = len(strains)
     m = len(axes)
     diagonal = np.zeros((m, m, n_balls))

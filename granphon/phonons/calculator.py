@@ -837,8 +837,10 @@ class HertzMindlin(ContactCalculator):
         distance = np.full(len(normal), self._spacing)
         if not np.any(displacement):
             return normal, overlap, distance
-        # imported here, because lattices without displacements need no Numba
-        from granphon.contacts.deformation import measure_losses, measure_turned
+        from granphon.contacts.deformation import (  # bands move no balls
+            measure_losses,
+            measure_turned,
+        )
 
         m = self._coordinates
         along = np.zeros((len(normal), 3))

@@ -26,6 +26,7 @@ import numpy as np
 from granphon.base.arrays import Array
 from granphon.contacts.assembly import ROUNDING, Assembly
 from granphon.contacts.columns import Columns
+from granphon.contacts.deformation import add_forces, measure_losses, measure_turned
 
 #: whether contacts keep the directions of the sites, or turn with their balls
 Geometry = Literal["lattice", "exact"]
@@ -209,8 +210,6 @@ class Problem:
         """Return what contacts along ``normal`` (n_c, 3) lose of their overlaps by the unit
         strains, (n_c, s).
         """
-        from granphon.contacts.deformation import measure_losses  # averages need no Numba
-
         assembly = self.assembly
         losses = np.empty((len(self.unit_strains), assembly.n_contacts))
         still = np.zeros((assembly.n_bodies, 3))
@@ -226,8 +225,6 @@ class Problem:
         order along ``normal`` (n_c, 3), by default that at touch; ``strain`` (3, 3) is added to
         that of the unknowns.
         """
-        from granphon.contacts.deformation import measure_losses  # averages need no Numba
-
         assembly = self.assembly
         along = assembly.normal if normal is None else normal
         whole = self.find_strain(x)
@@ -257,8 +254,6 @@ class Problem:
         """Return the forces (size,) on the unknowns by forces of contacts, ``force`` (n_c,), N,
         along ``normal`` (n_c, 3).
         """
-        from granphon.contacts.deformation import add_forces  # averages need no Numba
-
         assembly = self.assembly
         n = assembly.n_balls
         d = assembly.dimension
@@ -322,8 +317,6 @@ class Configuration:
         """Set vectors, distances, normals and overlaps of contacts that turn, at the displacements
         of x and a ``strain`` (3, 3) of the cell. Overlaps that are rounding are zero.
         """
-        from granphon.contacts.deformation import measure_turned  # averages need no Numba
-
         assembly = self.problem.assembly
         loss = np.empty(assembly.n_contacts)
         self.current = np.empty((assembly.n_contacts, 3))

@@ -21,6 +21,8 @@ from granphon.contacts.assembly import ROUNDING, Assembly, GridAssembly
 from granphon.statics.configuration import AppliedLoad, Boundary, Geometry, Problem
 from granphon.statics.descent import Descent
 from granphon.statics.explanation import find_typical_force
+from granphon.statics.grid_descent import GridDescent
+from granphon.statics.grid_problem import GridProblem
 from granphon.statics.list_descent import LatticeDescent
 from granphon.statics.options import RestOptions
 from granphon.statics.rest import Rest, find_unknowns
@@ -138,9 +140,6 @@ def _choose_descent(problem: Problem, options: RestOptions) -> Descent[Any]:
         return TurningDescent(problem, options)
     if not _is_even_grid(problem):
         return LatticeDescent(problem, options)
-    from granphon.statics.grid_descent import GridDescent  # averages need no Numba
-    from granphon.statics.grid_problem import GridProblem
-
     return GridDescent(GridProblem(problem), options)
 
 

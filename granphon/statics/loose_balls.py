@@ -22,6 +22,13 @@ import numpy as np
 from granphon.balls import hertz
 from granphon.base.arrays import Array, Flags
 from granphon.contacts.assembly import Assembly
+from granphon.contacts.clusters import (
+    choose_lengths,
+    find_cluster_steps,
+    join_balls,
+    measure_slopes,
+)
+from granphon.contacts.deformation import add_forces, measure_turned
 from granphon.dynamics.factors import factorise
 from granphon.dynamics.linalg import find_nearest
 from granphon.statics.configuration import Configuration
@@ -56,8 +63,6 @@ def _lead_clusters(
     left on any ball of its cluster. Springs to the ground, weaker as forces fall, shorten the
     steps. The caller goes on with the balls that are not at rest, in smaller clusters.
     """
-    from granphon.contacts.clusters import join_balls  # averages need no Numba
-
     problem = configuration.problem
     assembly = problem.assembly
     d = assembly.dimension
@@ -98,8 +103,6 @@ class _Cages:
     """
 
     def __init__(self, assembly: Assembly, load: Array, displacement: Array) -> None:
-        from granphon.contacts.deformation import measure_turned  # averages need no Numba
-
         self.assembly = assembly
         self.load = load
         if not displacement.size:
@@ -122,8 +125,6 @@ class _Cages:
     @cached_property
     def pull(self) -> Array:
         """(n, d) the forces left on the balls, N."""
-        from granphon.contacts.deformation import add_forces  # averages need no Numba
-
         assembly = self.assembly
         on_bodies = np.zeros((assembly.n_bodies, 3))
         ends = (assembly.i, assembly.j, assembly.vector, self.normal)
@@ -143,13 +144,6 @@ class _Cages:
         falls there. Groups with no more force than ``most``, N, on any ball stay. ``springs`` (n,),
         N/m, hold the balls to the ground.
         """
-        from granphon.contacts.clusters import (
-            choose_lengths,
-            find_cluster_steps,
-            join_balls,
-            measure_slopes,
-        )
-
         assembly = self.assembly
         n = assembly.n_balls
         d = assembly.dimension

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,14 +26,13 @@ from granphon.balls.motions import Motions
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
 from granphon.contacts.contact_list import ContactList
+from granphon.contacts.deformation import add_blocks, invert_blocks, multiply_blocks
 from granphon.contacts.tangent import Blocks, Tangent, fill_blocks, find_pattern
 from granphon.dynamics.factors import Factors
 from granphon.statics.configuration import Configuration, Problem
+from granphon.statics.grid_iteration import GridIteration
 from granphon.statics.krylov import Map, conjugate_gradients
 from granphon.statics.options import RestOptions
-
-if TYPE_CHECKING:
-    from granphon.statics.grid_iteration import GridIteration
 
 
 class Equations:
@@ -366,8 +365,6 @@ class GridEquations:
         """Return the iteration with the tangent ``blocks``, which is kept: the next one on the grid
         takes its Green's function.
         """
-        from granphon.statics.grid_iteration import GridIteration  # averages need no Numba
-
         assembly = self.problem.assembly
         assert assembly.grid is not None
         nothing = np.zeros(assembly.n_contacts)
@@ -477,12 +474,6 @@ class IteratedEquations:
         """Return a function from forces (size,) to the motions (size,) of each ball, wall or strain
         while all others are held.
         """
-        from granphon.contacts.deformation import (  # averages need no Numba
-            add_blocks,
-            invert_blocks,
-            multiply_blocks,
-        )
-
         problem = self.problem
         options = self.options
         assembly = problem.assembly

@@ -24,7 +24,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -34,10 +34,8 @@ from granphon.contacts.contact_list import ContactList
 from granphon.contacts.tangent import Tangent, find_tangent, unit_strains
 from granphon.dynamics.elasticity import find_stress_part
 from granphon.dynamics.factors import Factors
+from granphon.statics.grid_iteration import GridIteration
 from granphon.statics.options import ResponseOptions
-
-if TYPE_CHECKING:
-    from granphon.statics.grid_iteration import GridIteration
 
 
 class LinearResponse:
@@ -221,8 +219,6 @@ class LinearResponse:
     @cached_property
     def _iteration(self) -> GridIteration:
         """Conjugate gradients with the symmetric part of A."""
-        from granphon.statics.grid_iteration import GridIteration  # averages need no Numba
-
         return GridIteration(self._symmetric_tangent, options=self._options.grid)
 
     def _iterate(self, right: Array, reduction: float) -> tuple[Array, Array] | None:

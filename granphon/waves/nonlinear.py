@@ -56,7 +56,7 @@ from granphon.balls.contact_laws import (
 from granphon.balls.hertz import HertzLaw
 from granphon.balls.neighbours import find_pairs, select_once
 from granphon.base.arrays import Array, Index
-from granphon.base.compiled import UNCOMPILED
+from granphon.base.compiled import find_why_uncompiled
 from granphon.base.errors import InputError, LimitWarning, StoppedEarlyWarning, brief
 from granphon.base.memory import require_memory
 from granphon.base.progress import Progress, silent
@@ -505,8 +505,9 @@ class NonlinearWaves:
         count = whole_number("frames", frames, 2, _MOST_STEPS)
         one_of("scheme", scheme, SCHEMES)
         self._require_frames_memory(count, to_file=file is not None)
-        if UNCOMPILED:
-            warnings.warn(UNCOMPILED, stacklevel=2)
+        why_uncompiled = find_why_uncompiled()
+        if why_uncompiled:
+            warnings.warn(why_uncompiled, stacklevel=2)
         if positions is not None:
             if displacements is not None:
                 raise InputError("positions and displacements are given", mend="Give one of both")

@@ -40,7 +40,7 @@ def call(*warned):
     assert [one.category for one in told] == [CacheWarning] * len(warned)
     for one, words in zip(told, warned, strict=True):
         assert words in str(one.message)
-    return sum(sum(loop.stats.cache_hits.values()) for loop in loops)
+    return sum(sum(loop.dispatcher.stats.cache_hits.values()) for loop in loops)
 
 
 @pytest.mark.parametrize(
@@ -114,7 +114,7 @@ def test_ctrl_c_while_numba_compiles_comes_when_it_is_done(tmp_path, monkeypatch
     numba = pytest.importorskip("numba")
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
 
-    loop = compiled(halve)
+    loop = compiled(halve).dispatcher
     parts = []
     compile_part = loop._compiler.compile
 
