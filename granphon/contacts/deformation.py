@@ -30,7 +30,12 @@ def measure_losses(
     strain: Array,
     loss: Array,
 ) -> None:
-    """Set ``loss`` (n_c,) to n.w: what contacts lose of their overlaps along their normals."""
+    """Set ``loss`` (n_c,) to n.w, what contacts lose of their overlaps, to first order, along their
+    ``normal`` n (n_c, 3).
+
+    w = u_j - u_i + E v is made of the ``displacement`` u (bodies, 3) of the bodies ``i`` and ``j``
+    (n_c,), the ``strain`` E (3, 3) of the cell, and the ``vector`` v (n_c, 3) of each contact.
+    """
     for contact in range(len(i)):
         first = i[contact]
         second = j[contact]
@@ -56,7 +61,7 @@ def measure_turned(
     distance: Array,
 ) -> None:
     """Set the ``loss`` |v + w| - |v| of overlaps (n_c,), and the ``current`` vectors v + w (n_c, 3)
-    and their ``distance`` (n_c,).
+    and their ``distance`` (n_c,), with w as in :func:`measure_losses`.
 
     Flat contacts keep their vectors, and lose n.w.
     """

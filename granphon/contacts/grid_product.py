@@ -156,7 +156,9 @@ def invert_blocks(blocks: Values, added: float, part: float, inverses: Values) -
     """
     m = len(blocks)
     balls = blocks.shape[2]
-    work = np.ones((m, m, _INVERTED))
+    work = np.zeros((m, m, _INVERTED))
+    for line in range(m):
+        work[line, line] = 1.0  # unused places are inverted too, and must not be singular
     factor = np.empty(_INVERTED)
     for start in range(0, balls, _INVERTED):
         stop = min(start + _INVERTED, balls)

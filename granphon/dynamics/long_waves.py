@@ -906,7 +906,8 @@ class LongWaves(Compatibility):
         without prestress, in the order of :attr:`wave_names`, along unit vectors ``along``
         (..., p).
         """
-        # the squared velocities are those of the deformations of sound, over its mass
+        # the factor F (..., n_rows, n_u) of the acoustic tensor F^T F, whose eigenvalues are the
+        # squared velocities: the deformations by a wave over the root of the mass that sound moves
         rows = self._sound_rows.reshape(-1, len(self.motions.translations), self.periods)
         factor = np.einsum("rij,...j->...ri", rows, along) @ self._per_mass
         factor = factor / np.sqrt(self.masses.sum())

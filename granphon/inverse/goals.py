@@ -401,8 +401,10 @@ class MatchFrequencies:
         return float(residuals @ residuals), doubled
 
     def judge(self, network: ContactNetwork, value: float) -> str:
-        """Return a sentence if some frequency of a ``network`` is not matched, or some measured
-        shape is that of no mode; "" if all are. ``value`` is that of :meth:`evaluate`.
+        """Return a sentence if some measured shape overlaps too little with the mode to which it is
+        assigned, or some frequency of a ``network`` is not matched; "" otherwise.
+
+        ``value``, that of :meth:`evaluate`, stands in the signature of all goals, and is not used.
         """
         residuals, _slopes = self.find_residuals(network)
         if self.shapes is not None:
@@ -410,12 +412,15 @@ class MatchFrequencies:
             _numbers, overlaps = self._assign_modes(modes)
             least_overlap = float(np.min(overlaps))
             if least_overlap < _LEAST_OVERLAP:
-                return f"a measured shape overlaps with no mode by more than {least_overlap:.2g}"
+                return (
+                    "a measured shape and the mode to which it is assigned overlap by"
+                    f" {least_overlap:.2g}"
+                )
         worst = float(np.max(np.abs(residuals)))
         tolerance = _FAR_RELATIVE if self.sigma is None else _FAR
         if worst <= tolerance:
             return ""
-        unit = "of it" if self.sigma is None else "standard errors"
+        unit = "of its value" if self.sigma is None else "standard errors"
         return f"the goal is not reached: a measured frequency is missed by {worst:.3g} {unit}"
 
 

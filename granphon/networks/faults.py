@@ -83,7 +83,7 @@ class Faults:
 
     def note(
         self,
-        is_bad: Flags,
+        has_fault: Flags,
         words: str,
         *,
         values: Array | None = None,
@@ -91,14 +91,15 @@ class Faults:
         why: str = "",
         mend: str = "",
     ) -> None:
-        """Note a fault of those of the present rows that ``is_bad`` (m,) marks; a row that has a
+        """Note a fault of those of the present rows that ``has_fault`` (m,) marks; a row that has a
         fault already is not noted again.
 
         ``words`` say what these rows have, ``why`` and ``mend`` are those of the message. The
-        message shows the ``values`` (m,) or (m, d), in the ``unit``, of the worst rows, which are
-        those with the largest values; without values it names the first rows.
+        message shows the ``values`` (m,) or (m, d), in the ``unit``, of the worst rows, three at
+        most: those whose values, or largest components, are greatest in magnitude, nan first.
+        Without values it names the first rows.
         """
-        places = np.flatnonzero(is_bad & ~self.is_bad[self.rows])
+        places = np.flatnonzero(has_fault & ~self.is_bad[self.rows])
         if not places.size:
             return
         self.is_bad[self.rows[places]] = True

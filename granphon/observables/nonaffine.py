@@ -21,19 +21,19 @@ from granphon.base.results import Result, held, result_class
 from granphon.base.validation import finite_array
 from granphon.dynamics.elasticity import voigt_names
 from granphon.media.state import as_state
-from granphon.networks.network import given_network
+from granphon.networks.network import ContactNetwork, given_network
 
 
 @result_class
 class NonaffineMotion(Result, array="displacements"):
-    """Motions of balls beside a strain of one; ``np.asarray`` of it is ``displacements``.
+    """Motions of balls beside those of a strain; ``np.asarray`` of it is ``displacements``.
 
     Attributes
     ----------
     strain : (n,) the strain in Voigt order, as that of :attr:`Moduli.components`; a shear strain is
         that of the angle.
-    displacements : (n, 3) of each ball for a strain of one, m; zero of bodies that do not move. The
-        mean over the balls that move is zero, unless some are held.
+    displacements : (n, 3) of each ball for this strain, to first order, m; zero of bodies that do
+        not move. The mean over the balls that move is zero, unless some are held.
     rotations : (n, 3) likewise, rad.
     """
 
@@ -51,35 +51,54 @@ def find_nonaffine(
     x: Any, strain: ArrayLike | None = None, *, progress: Progress = silent
 ) -> NonaffineMotion:
     """Return the non-affine motions of the balls of ``x``, a network with periods, a state or a
-    sample, under a strain.
+    sample, under the ``strain``, to first order: they are proportional to it.
 
     Parameters
     ----------
+    x : a :class:`~granphon.ContactNetwork`, a state of a medium or a sample.
     strain : (1,), (3,) or (6,) in Voigt order, along the axes of the moduli; by default a shear of
-        the first two axes, and on a line an extension.
+        the first two axes by an angle of one, and on a line an extension of one.
     progress : is told how far the relaxation of many balls has come.
 
-    Raises :class:`~granphon.base.errors.InputError` for another shape, and what
-    :func:`~granphon.moduli` raises.
+    Raises :class:`~granphon.base.errors.InputError` for a strain of another shape or that is not
+    finite, and what :func:`~granphon.moduli` raises.
     """
     state = as_state(x)
     lattice = state.contact_lattice()
     lattice.require_motions_along()
-    state.relax_inner_motions(progress)
-    network = given_network(x)
     p = lattice.periods
-    components = len(voigt_names(p))
-    unit = np.eye(components)[-1]
-    voigt = unit if strain is None else finite_array("strain", strain)
-    if voigt.shape != (components,):
-        fault = f"the strain has the shape {voigt.shape}"
-        raise InputError(fault, mend=f"Give {components} numbers: {', '.join(voigt_names(p))}")
+    voigt = _read_strain(strain, p)
+    state.relax_inner_motions(progress)
     lattice.require_rigid(state.scales)
-    translations = len(lattice.motions.translations)
-    gradients = np.zeros((translations, p))
+    gradients = np.zeros((len(lattice.motions.translations), p))
     gradients[:p] = _make_strain(voigt, p)
     # (balls, motions), reduced, beside the displacements that the strain itself makes
     motions = np.einsum("bmg,g->bm", lattice.gradient_motions, gradients.ravel())
+    displacements, rotations = _spread_motions(motions, given_network(x), state)
+    return NonaffineMotion(voigt, displacements, rotations)
+
+
+def _read_strain(strain: ArrayLike | None, periods: int) -> Array:
+    """Return the components of a strain of p ``periods`` in Voigt order, by default the last one
+    alone, of one; InputError for another number of components or one that is not finite.
+    """
+    names = voigt_names(periods)
+    if strain is None:
+        return np.asarray(np.eye(len(names))[-1])
+    voigt = finite_array("strain", strain)
+    if voigt.shape != (len(names),):
+        fault = f"the strain has the shape {voigt.shape}"
+        raise InputError(fault, mend=f"Give {len(names)} numbers: {', '.join(names)}")
+    return voigt
+
+
+def _spread_motions(motions: Array, network: ContactNetwork, state: Any) -> tuple[Array, Array]:
+    """Return the displacements, m, and the rotations, rad, (n, 3) each, of all balls of a
+    ``network`` along its axes, from the reduced ``motions`` (balls, motions) of those that move, in
+    the lattice of the ``state``.
+    """
+    lattice = state.contact_lattice()
+    translations = len(lattice.motions.translations)
     # the lattice may be turned, so that its periods lie along x, or in the xy plane
     turn = np.eye(3)
     d = network.dimension
@@ -94,7 +113,7 @@ def find_nonaffine(
     # a rotation phi is stored as the length w = R_g phi
     turns = motions[:, translations:] / lattice.gyration[:, None]
     rotations[moving[:, None], list(lattice.motions.rotations)] = turns
-    return NonaffineMotion(voigt, displacements @ turn, rotations @ turn)
+    return displacements @ turn, rotations @ turn
 
 
 def _make_strain(voigt: Array, periods: int) -> Array:

@@ -95,12 +95,13 @@ def describe_network(lattice: ContactLattice, name: str) -> dict[str, Any]:
 
 
 def _list_weighted_rows(lattice: ContactLattice) -> list[tuple[Row, Array]]:
-    """Return the rows of the contacts, for all six motions of each ball, each with the stiffness
-    (n_c,) of the contacts in units of k.
+    """Return the rows of the contacts and of springs to the ground, for all six motions of each
+    ball, each with its stiffness (n_c,) in units of k, of twist and roll in units of k d^2.
 
-    Under static forces rows of the kind "push" follow, with f/(k a) of each contact: above zero
-    where the force f presses the balls together, below where it pulls. The page subtracts these
-    rows, as a force that presses weakens a lattice.
+    Under static forces rows of the kind "push" follow, with f/(k l) of each contact, where f is the
+    normal force and l the distance between the two centres: above zero where f presses the balls
+    together, below where it pulls. The page subtracts the squares of these rows from D, as a force
+    that presses weakens a lattice.
     """
     table = lattice.contacts
     rows = lattice.make_rows(ALL)

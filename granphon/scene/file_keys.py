@@ -542,7 +542,8 @@ FIT = "fit"
 
 def _load_kind(name: str) -> Kind:
     """Return the kind of the values of a load of the kind ``name``, "force", "pressure", "overlap"
-    or "side_force"; the unit of a pressure depends on the lattice.
+    or "side_force". The unit of the kind is that of the reference of scenes: of a pressure, that of
+    a layer; values of a pressure are read and written in the unit of their lattice.
     """
 
     def read(value: Any, context: Context) -> tuple[float, ...]:
@@ -553,7 +554,8 @@ def _load_kind(name: str) -> Kind:
         """Return the values of a ``load`` with units; None for a load of another kind, and for
         gravity alone, which is a pressure of zero.
         """
-        if load.kind != name or not any(load.values):
+        is_gravity_alone = name != "overlap" and not any(load.values)
+        if load.kind != name or is_gravity_alone:
             return None
         quantity = load_quantities(context.lattice.pressed_axes)[name]
         return write_values(load.values, quantity.write)

@@ -262,7 +262,9 @@ class SceneValues:
         return text
 
     def describe(self) -> list[tuple[str, Any, str]]:
-        """Return names, values and SI units of the settings of the scene; no state is computed."""
+        """Return names, values and SI units of the settings of the scene, of many directions the
+        first and the number of the others; no state is computed.
+        """
         # imported here: a run does not need words for figures
         from granphon.figures.words import describe_medium
 
@@ -280,9 +282,11 @@ class SceneValues:
             ("sweep of " + (name if "." in name else spell(name)), values, find_unit(name) or "")
             for name, values in self.parameters
         ]
-        directions = [
+        directions: list[tuple[str, Any, str]] = [
             ("direction", direction, "") for direction in self.directions[:_MOST_DESCRIBED]
         ]
+        if len(self.directions) > _MOST_DESCRIBED:
+            directions.append(("further directions", len(self.directions) - _MOST_DESCRIBED, ""))
         rows: list[tuple[str, Any, str]] = [
             *self.packing.describe(),
             (load.kind.replace("_", " "), load.array, load_unit),

@@ -199,6 +199,11 @@ class Problem:
         """
         return cls(operator, np.flatnonzero(np.diff(operator.matrix.indptr) > 0))
 
+    @property
+    def has_factors(self) -> bool:
+        """Whether the matrix of the live motions is small enough to be factorised."""
+        return self.live.size <= LARGEST_FACTORS[self.operator.network.dimension]
+
     @cached_property
     def free_motions(self) -> Any:
         """Orthonormal motions (live, m), a sparse array, of single balls that deform no contact,
@@ -764,7 +769,8 @@ class ModesWork(NamedTuple):
     ----------
     is_dense : whether all modes are found by a dense matrix; the other numbers then say nothing.
     factors : number of factorisations of D; 0 if the search takes products.
-    products : number of products of D with a vector.
+    products : time of the products of D with vectors, and of what is done with each, over the time
+        of one product.
     together : number of vectors that share each product.
     memory : of the vectors, bytes.
     """
@@ -778,7 +784,8 @@ class ModesWork(NamedTuple):
 
 def estimate_modes(operator: WaveOperator, count: int, nearest: float | None) -> ModesWork:
     """Return the work of a search for ``count`` modes, the lowest or those nearest to the frequency
-    ``nearest``, Hz, by the method that :func:`find_modes` takes.
+    ``nearest``, Hz, by the method with which :func:`find_modes` begins: a block that meets too many
+    zero modes goes on with filters, which are not counted.
 
     Where modes are filtered, this function computes the density of states, which is a small part of
     the search. Raises :class:`~granphon.base.errors.InputError` for modes that take too much.
@@ -786,17 +793,19 @@ def estimate_modes(operator: WaveOperator, count: int, nearest: float | None) ->
     problem = Problem.of(operator)
     if _is_dense(problem, count):
         return ModesWork(is_dense=True)
-    if _has_factors(operator):
+    if problem.has_factors:
         return ModesWork(factors=_FACTORS_OF_MODES)
-    if _read_target(nearest) <= ZERO * problem.top:
+    target = _read_target(nearest)
+    if target <= ZERO * problem.top:
         together = size_block(count + _count_rigid(operator))
         products, memory = estimate_lowest(operator, together)
         return ModesWork(products=products, together=together, memory=memory)
-    search = _FilterSearch(problem, count, _read_target(nearest))
+    search = _FilterSearch(problem, count, target)
     window, starts = search.choose_window()
     _require_affordable(problem, window, starts, count, InputError)
     n_vectors = starts + _count_fresh(starts)
     return ModesWork(
+        # the sums over filters take as long as the products
         products=float(_SUMS_OF_FILTERS * window.order * n_vectors),
         together=starts,
         memory=_count_bytes(window, operator.size, starts),
@@ -1107,7 +1116,7 @@ def find_modes(operator: WaveOperator, count: int, nearest: float | None) -> Net
     require_motions(count, size)
     if _is_dense(problem, count):
         pairs = _find_dense(problem, count, target)
-    elif size <= LARGEST_FACTORS[operator.network.dimension]:
+    elif problem.has_factors:
         pairs = _find_factored(problem, count, target)
     else:
         pairs = _find_large(problem, count, target)
@@ -1187,7 +1196,7 @@ def _find_unevenly_damped(
     problem = Problem.of(operator)
     top = operator.top
     live = problem.live
-    if live.size > LARGEST_FACTORS[operator.network.dimension]:
+    if not problem.has_factors:
         mend = "Damp all contacts alike, or take a smaller network"
         raise InputError(f"{live.size:,} motions that are damped unevenly are too many", mend=mend)
     # in units of the top frequency: x'' + viscous x' + stiffness x = 0
@@ -1528,7 +1537,7 @@ def find_falling_motions(operator: WaveOperator, fall: float) -> Array:
 
 
 def _has_factors(operator: WaveOperator) -> bool:
-    """Return whether the matrix of the network is small enough to be factorised."""
+    """Return whether the matrix of all motions of the network is small enough to be factorised."""
     return operator.size <= LARGEST_FACTORS[operator.network.dimension]
 
 
@@ -1746,8 +1755,8 @@ def count_modes(operator: WaveOperator, frequencies: Array) -> NDArray[np.intp]:
     """
     problem = Problem.of(operator)
     size = problem.live.size
-    limit = LARGEST_FACTORS[operator.network.dimension]
-    if size > limit:
+    if not problem.has_factors:
+        limit = LARGEST_FACTORS[operator.network.dimension]
         raise InputError(
             f"modes of {size:,} motions are too many to be counted",
             f"Matrices are factorised up to {limit:,}",

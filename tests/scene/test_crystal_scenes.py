@@ -175,6 +175,13 @@ def test_torsion_belongs_to_the_lattices_of_a_sweep():
 WAYS = ((1.0, 1.0, 0.0), (1.0, 0.0, 0.0), (1 / 3, 1.0, -2.0))
 
 
+def test_the_description_of_many_directions_counts_those_it_does_not_name():
+    ways = "[1 0 0, 0 1 0, 0 0 1, 1 1 0, 1 0 1]"
+    rows = describe_scene(read("lattice: fcc", "force: 5 N", f"direction: {ways}"))
+    assert [name for name, _ in rows].count("direction") == 4
+    assert dict(rows)["further directions"] == "1"
+
+
 def test_the_direction_of_a_scene_is_that_of_its_velocities(tmp_path):
     scene = read("lattice: fcc", "force: 5 N", "direction: 1 1 0")
     assert (scene.direction, scene.directions) == (WAYS[0], WAYS[:1])

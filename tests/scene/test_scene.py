@@ -389,7 +389,9 @@ def test_an_overlap_may_be_negative_where_balls_differ():
     ((_, state),) = scene.states()
     np.testing.assert_array_equal(state.overlap, np.linspace(-0.3e-6, 0.3e-6, 7))
     assert np.all(state.force > 0.0)
-    assert with_load("overlap: 0 um").state().force > 0.0
+    at_touch = with_load("overlap: 0 um")
+    assert at_touch.state().force > 0.0
+    assert Scene.from_text(at_touch.to_yaml()).load == at_touch.load
 
 
 def test_a_ladder_of_media_at_every_combination_of_parameters():
