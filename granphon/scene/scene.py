@@ -45,6 +45,7 @@ from granphon.runs.finished_tasks import Store, open_store
 from granphon.runs.plan import CostPart, Plan, keep_incomplete
 from granphon.runs.tasks import Grid, Request, Written
 from granphon.runs.workers import packages
+from granphon.scene import file_keys
 from granphon.scene.file import SceneSource
 from granphon.scene.outputs import (
     OUTPUTS,
@@ -337,6 +338,8 @@ class Scene(SceneValues):
         # what a network that resists no force, a mechanism, has although it has no velocities
         observables_of_mechanisms = {"bands", "gaps", "cutoffs", "onsets", "dos", "surface"}
         observables_of_mechanisms |= {"design", *NETWORK_BLOCKS}
+        if "sensitivities" in self.observe:
+            observables_of_mechanisms &= file_keys.DIFFERENTIATED
         path = None
         if "bands" in self.observe:
             path = (self.path.arrays, self.band_points, self.path.labels)
@@ -346,7 +349,8 @@ class Scene(SceneValues):
             direction=self.direction,
             waves=self.waves,
             exponents=has_velocities,
-            surface=self.observed_settings("surface"),
+            # a wall after a kind of balls keeps the name of the kind: derivatives change the kind
+            surface=self.surface if "surface" in self.observe else None,
             bands=self.observed_settings("bands"),
             observe=self.observe,
             sound=has_velocities or observables_of_mechanisms.isdisjoint(self.observe),
