@@ -159,12 +159,30 @@ def change_springs(
     balls, and to all motions that its name stands for.
     """
     springs = np.zeros((n, motions.count)) if on_site is None else on_site.copy()
-    names = name_springs(motions)
     for parameter, stiffness in changes.items():
-        _, _, changed = parameter.partition(".")
-        group = {"": DISPLACEMENTS, ROTATION: ROTATIONS}.get(changed, (changed,))
-        springs[:, [name in group for name in names]] = stiffness
+        springs[:, _find_motions(parameter, motions)] = stiffness
     return springs
+
+
+def find_stiffness(on_site: Array | None, parameter: str, motions: Motions) -> float | None:
+    """Return the stiffness, N/m or N m, of all springs for which one of :data:`SPRING_PARAMETERS`
+    stands, from the stiffnesses (n, motions) of the springs of n balls; None if these differ, or if
+    balls of these ``motions`` have no such spring.
+    """
+    is_meant = _find_motions(parameter, motions)
+    if on_site is None:
+        return 0.0 if any(is_meant) else None
+    stiffnesses = np.unique(on_site[:, is_meant])
+    return float(stiffnesses[0]) if stiffnesses.size == 1 else None
+
+
+def _find_motions(parameter: str, motions: Motions) -> list[bool]:
+    """Return of each of the ``motions`` whether one of :data:`SPRING_PARAMETERS` stands for its
+    spring.
+    """
+    _, _, meant = parameter.partition(".")
+    group = {"": DISPLACEMENTS, ROTATION: ROTATIONS}.get(meant, (meant,))
+    return [name in group for name in name_springs(motions)]
 
 
 def turn_on_site(on_site: Array | None, turn: Array, motions: Motions) -> Array | None:

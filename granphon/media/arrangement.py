@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar
@@ -23,8 +23,13 @@ from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.motions import Motions
 from granphon.balls.on_site import (
+    DISPLACEMENTS,
+    ON_SITE,
+    ROTATION,
+    ROTATIONS,
     SPRING_PARAMETERS,
     change_springs,
+    find_stiffness,
     find_unit,
     list_spring_parameters,
     name_springs,
@@ -284,13 +289,100 @@ class Arrangement:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """The names of the parameters that :meth:`change` knows: of kinds of balls, "A.density", of
-        walls, "wall.young_modulus", and of springs to the ground, "on_site", "on_site.x".
+        """The names of the parameters that a sweep may vary: of kinds of balls, "A.density", of
+        walls, "wall.young_modulus", and of springs to the ground, "on_site", "on_site.x". A kind
+        without balls, of whose material a wall is, has the elastic constants alone.
         """
+        spare_kinds = sorted(self._kinds_of_walls - {*self.kind_names})
         of_kinds = itertools.product(self.kind_names, KIND_PARAMETERS)
-        of_walls = itertools.product(self._walls, WALL_PARAMETERS)
-        names = [f"{owner}.{parameter}" for owner, parameter in (*of_kinds, *of_walls)]
+        of_walls = itertools.product((*spare_kinds, *self._walls), WALL_PARAMETERS)
+        owners = (*of_kinds, *of_walls)
+        names = [f"{owner}.{parameter}" for owner, parameter in owners]
         return (*names, *list_spring_parameters(self.crystal.named_motions))
+
+    def list_own_parameters(self, kinds_of_walls: Collection[str] = ()) -> tuple[str, ...]:
+        """Return the names of those parameters of which none stands for a part of another.
+
+        A wall of the material of a kind changes with the kind, and has no name of its own here. A
+        ball whose mass was given has its mass, and other balls have their density.
+        ``kinds_of_walls`` are kinds after whose materials further walls are made, such as that of a
+        half space.
+        """
+        names = list[str]()
+        for kind in self.kind_names:
+            ball = self._named_balls[kind]
+            names += [f"{kind}.{name}" for name in (*WALL_PARAMETERS, "density", "diameter")]
+            if not _has_solid_mass(ball):
+                names[names.index(f"{kind}.density")] = f"{kind}.mass"
+        spare_kinds = sorted({*self._kinds_of_walls, *kinds_of_walls} - {*self.kind_names})
+        walls_of_own = [
+            at_face.name
+            for edge, at_face in self._pair_edges()
+            if isinstance(at_face, Wall)
+            and not (isinstance(edge, Wall) and isinstance(edge.material, str))
+        ]
+        owners = (*spare_kinds, *dict.fromkeys(walls_of_own))
+        names += [".".join(pair) for pair in itertools.product(owners, WALL_PARAMETERS)]
+        return (*names, *self._list_own_springs())
+
+    def _list_own_springs(self) -> list[str]:
+        """Return the names of the parameters of springs to the ground: one for all displacements or
+        rotations if all of these have one stiffness, and otherwise one for each motion.
+        """
+        names = list[str]()
+        for group, motions in ((ON_SITE, DISPLACEMENTS), (f"{ON_SITE}.{ROTATION}", ROTATIONS)):
+            if group not in self.parameters:
+                continue
+            of_motions = [f"{ON_SITE}.{name}" for name in motions]
+            is_one = self.read(group) is not None
+            names += [group] if is_one else [name for name in of_motions if name in self.parameters]
+        return names
+
+    def read(self, name: str) -> Any:
+        """Return the value, SI, of one of the :attr:`parameters`, or of an elastic constant of any
+        kind; None for springs of several stiffnesses.
+
+        Raises :class:`~granphon.base.errors.InputError` for a parameter that the crystal does not
+        have.
+        """
+        self._require_parameter(name)
+        if name in SPRING_PARAMETERS:
+            return find_stiffness(self.crystal.on_site, name, self.crystal.named_motions)
+        owner, _, parameter = name.rpartition(".")
+        if owner in self._walls:
+            return getattr(self._walls[owner].solid, parameter)
+        ball = self._named_balls[owner]
+        has_parameter = ball if hasattr(ball, parameter) else ball.material
+        return getattr(has_parameter, parameter)
+
+    def _require_parameter(self, name: str) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` unless ``name`` is one of the
+        :attr:`parameters`, or that of an elastic constant of a kind without balls.
+        """
+        owner, _, parameter = name.rpartition(".")
+        is_elastic = owner in self._named_balls and parameter in WALL_PARAMETERS
+        if name not in self.parameters and not is_elastic:
+            raise InputError(
+                f"the crystal has no parameter {name!r}",
+                f"It has {', '.join(self.parameters)}",
+                "Use one of these",
+            )
+
+    @cached_property
+    def _kinds_of_walls(self) -> set[str]:
+        """Names of the kinds after whose materials walls at the faces are made."""
+        edges = [edge for edge, _ in self._pair_edges() if isinstance(edge, Wall)]
+        return {edge.material for edge in edges if isinstance(edge.material, str)}
+
+    def _pair_edges(self) -> list[tuple[str | Wall, str | Wall]]:
+        """Return each edge of each cut, with the edge at the face of the crystal that it has
+        become: a wall there has a material and a name, which the edge of the cut may lack.
+        """
+        return [
+            pair
+            for (_, _, edges), face in zip(self.cut, self.crystal.faces, strict=True)
+            for pair in zip(edges, face.edges, strict=True)
+        ]
 
     def change(self, values: Mapping[str, Any]) -> Arrangement:
         """Return the arrangement with other ``values`` of :attr:`parameters`, in SI units:
@@ -306,12 +398,7 @@ class Arrangement:
         walls = dict[str, Wall]()
         springs = dict[str, float]()
         for name, value in values.items():
-            if name not in self.parameters:
-                raise InputError(
-                    f"the crystal has no parameter {name!r}",
-                    f"It has {', '.join(self.parameters)}",
-                    "Use one of these",
-                )
+            self._require_parameter(name)
             owner, _, parameter = name.rpartition(".")  # "A.density", of a kind or a wall
             if name in SPRING_PARAMETERS:
                 springs[name] = value
@@ -398,6 +485,14 @@ def _describe_kind(name: str, ball: Ball) -> list[tuple[str, Any, str]]:
     return rows
 
 
+def _has_solid_mass(ball: Ball) -> bool:
+    """Return whether the mass of a ball is that of a solid ball, and not another one, which was
+    given.
+    """
+    solid_mass = ball.material.ball_mass(ball.diameter)
+    return math.isclose(ball.mass, solid_mass, rel_tol=_SAME)
+
+
 def _change_ball(ball: Ball, parameter: str, value: Any) -> Ball:
     """Return the ball with another ``value``, SI, of a ``parameter`` of its own or of its material.
 
@@ -405,10 +500,9 @@ def _change_ball(ball: Ball, parameter: str, value: Any) -> Ball:
     was given, and stays.
     """
     changes: dict[str, Any] = {}
-    solid_mass = ball.material.ball_mass(ball.diameter)
     solid_inertia = 0.1 * ball.mass * ball.diameter**2  # (2/5) m R^2
     # None lets the new ball compute the number of a solid one
-    if math.isclose(ball.mass, solid_mass, rel_tol=_SAME):
+    if _has_solid_mass(ball):
         changes["mass"] = None
     if math.isclose(ball.inertia, solid_inertia, rel_tol=_SAME):
         changes["inertia"] = None

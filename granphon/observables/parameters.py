@@ -11,16 +11,16 @@ difference of the fourth order along the course.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.balls.loads import Load
-from granphon.balls.packing import KIND_PARAMETERS, Packing, change_packing
+from granphon.balls.packing import Packing, change_packing
 from granphon.base.arrays import Array
 from granphon.base.differences import Course
 from granphon.base.errors import InputError, brief
@@ -34,6 +34,9 @@ from granphon.networks.network import given_network
 #: the ratio of shear to normal stiffness, which no state has as a parameter: it is changed in the
 #: network of the state
 MINDLIN_RATIO = "mindlin_ratio"
+#: function of a state and of the relative change of a parameter on which the balls at rest do not
+#: depend; returns what is then examined in place of the state
+StateChange = Callable[[Any, float], Any]
 #: relative step of a parameter on which the statics do not depend
 _STEP = 2e-4
 #: number of changed media that are kept: the steps of a difference are visited more than once
@@ -83,9 +86,11 @@ def parameter_sensitivities(
     find : function of a state, or of a network, that returns a number or an array, such as ``lambda
         s: gp.Phonons(s).frequencies([[0.5, 0]])`` (Hz).
     parameters : names, as a sweep has them, "young_modulus", of a crystal with the kind of ball,
-        "A.young_modulus"; the kind of the load, "force"; and "mindlin_ratio", the ratio of shear to
-        normal stiffness of all contacts. All of them by default; those of simulated samples without
-        the ratio, as each sample has a network of its own.
+        "A.young_modulus", and of walls and springs to the ground, "wall.young_modulus" and
+        "on_site"; the kind of the load, "force"; and "mindlin_ratio", the ratio of shear to normal
+        stiffness of all contacts, which gives ``find`` a network in place of a state. All of them
+        by default; those of simulated samples without the ratio, as each sample has a network of
+        its own.
     medium : name of the medium of a packing; "ema" by default.
     finite_overlap : as for the state.
     load : the load by its kind, as ``force=18.4`` (N).
@@ -116,25 +121,28 @@ def find_parameter_sensitivities(
     find: Callable[[Any], ArrayLike],
     names: Sequence[str] | None,
     finite_overlap: bool | None = None,
+    changes_of_states: Mapping[str, StateChange] | None = None,
 ) -> ParameterSensitivities:
     """Return the logarithmic derivatives of the number or array that ``find`` returns for a state,
     by the parameters called ``names``, or by all parameters if that is None.
 
     The state is that of ``balls`` under a single ``load``, in the medium of this ``choice``, with
-    terms of finite overlap if ``finite_overlap`` is true. Raises what
-    :func:`parameter_sensitivities` raises.
+    terms of finite overlap if ``finite_overlap`` is true. ``changes_of_states`` are further
+    parameters, on which the balls at rest do not depend, by name; ``find`` must take what these
+    return. Raises what :func:`parameter_sensitivities` raises.
     """
     flat = replace(load, array=np.ravel(load.array)[0])
+    change_state = {MINDLIN_RATIO: change_ratio} | dict(changes_of_states or {})
     all_names = list_parameters(balls, flat) if names is None else names
-    of_statics = [name for name in all_names if name != MINDLIN_RATIO]
+    of_statics = [name for name in all_names if name not in change_state]
     changes = [_change_parameter(choice, balls, flat, name) for name in of_statics]
     # the state, and for each change the state as a function of the relative change
     state, courses = choice.of(balls).follow(flat, changes, finite_overlap)
     course_of = dict(zip(of_statics, courses, strict=True))
-    if names is None and balls.friction and not getattr(state, "samples", ()):
+    if names is None and has_ratio(balls) and not getattr(state, "samples", ()):
         all_names = (*all_names, MINDLIN_RATIO)
-    if MINDLIN_RATIO in all_names:
-        course_of[MINDLIN_RATIO] = _follow_ratio(state)
+    for name in change_state.keys() & {*all_names}:
+        course_of[name] = Course(partial(change_state[name], state), _STEP)
     value = real_array("what find returns", find(state))
     divisor = np.where(value == 0.0, np.nan, value)  # what is zero has no logarithm
     slopes = [_find_slope(find, course_of[name], name, value.shape) / divisor for name in all_names]
@@ -160,15 +168,19 @@ def _change_parameter(
     return change
 
 
-def _follow_ratio(state: Any) -> Course[Any]:
-    """Return the network of a state as a function of the relative change of the ratio of shear to
-    normal stiffness: all shear stiffnesses change in proportion, and nothing else does.
+def has_ratio(balls: Packing | Arrangement) -> bool:
+    """Return whether contacts of balls have a ratio of shear to normal stiffness: these resist slip
+    only with friction.
+    """
+    return bool(balls.friction)
+
+
+def change_ratio(state: Any, step: float) -> Any:
+    """Return the network of a state whose ratio of shear to normal stiffness is 1 + ``step`` times
+    the given one: all shear stiffnesses change in proportion, and nothing else does.
     """
     network = given_network(state)
-    return Course(
-        lambda step: replace(network, shear_stiffness=(1.0 + step) * network.shear_stiffness),
-        _STEP,
-    )
+    return replace(network, shear_stiffness=(1.0 + step) * network.shear_stiffness)
 
 
 def _find_slope(
@@ -202,26 +214,32 @@ def read_load(load: Mapping[str, Any]) -> Load:
     return applied
 
 
-def list_parameters(balls: Packing | Arrangement, load: Load) -> tuple[str, ...]:
+def list_parameters(
+    balls: Packing | Arrangement, load: Load, candidates: Sequence[str] | None = None
+) -> tuple[str, ...]:
     """Return the names of the parameters of balls that are numbers other than zero and may change
     while all others stay, and last the kind of the ``load``. The diameter of a kind may not change
-    alone if its balls would then miss others.
+    alone if its balls would then miss others. The parameters are among the ``candidates``, by
+    default all that :func:`name_parameters` names.
     """
     names = [
         name
-        for name in name_parameters(balls)
+        for name in (name_parameters(balls) if candidates is None else candidates)
         if _is_number(_read_value(balls, name)) and _may_change(balls, name)
     ]
     return (*names, load.kind)
 
 
-def name_parameters(balls: Balls) -> tuple[str, ...]:
-    """Return the names of all parameters that balls may have, "A.density" for those of a kind."""
-    if isinstance(balls, Packing):
-        names = ["young_modulus", "poisson_ratio", "density", "diameter", "width"]
-        return (*names, "torsion", "bending")
-    parameters = [name for name in KIND_PARAMETERS if name not in ("yield_strength", "mass")]
-    return tuple(f"{kind}.{name}" for kind in balls.kind_names for name in parameters)
+def name_parameters(balls: Balls, kinds_of_walls: Collection[str] = ()) -> tuple[str, ...]:
+    """Return the names of all parameters that balls may have: "A.density" for those of a kind,
+    "wall.young_modulus" for those of a wall, and "on_site" for springs to the ground.
+    ``kinds_of_walls`` are kinds after whose materials further walls are made, such as that of a
+    half space.
+    """
+    if isinstance(balls, Arrangement):
+        return balls.list_own_parameters(kinds_of_walls)
+    names = ["young_modulus", "poisson_ratio", "density", "diameter", "width"]
+    return (*names, "torsion", "bending")
 
 
 def _may_change(balls: Packing | Arrangement, name: str) -> bool:
@@ -248,12 +266,10 @@ def read_number(balls: Packing | Arrangement, name: str) -> float:
 
 def _read_value(balls: Packing | Arrangement, name: str) -> Any:
     """Return the value of a parameter, SI; InputError for a name that the balls do not have."""
-    kind, _, parameter = name.rpartition(".")
-    owner: Any = balls
-    if kind:
-        owner = None if isinstance(balls, Packing) else dict(balls.kinds).get(kind)
-    for candidate in (owner, getattr(owner, "material", None)):
-        if hasattr(candidate, parameter):
-            return getattr(candidate, parameter)
+    if isinstance(balls, Arrangement):
+        return balls.read(name)
+    for candidate in (balls, balls.material):
+        if hasattr(candidate, name):
+            return getattr(candidate, name)
     mend = "Use a name of a sweep, the kind of the load, or mindlin_ratio"
     raise InputError(f"the balls have no parameter {brief(name)}", mend=mend)

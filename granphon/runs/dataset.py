@@ -594,10 +594,12 @@ def _label_sensitivities(
     Quantities and parameters of which no state has a derivative are taken out of the names, and, in
     place, of the ``variables``.
     """
-    from granphon.runs.sensitivities import NAME, list_axes
+    from granphon.runs.sensitivities import NAME, Parameters, list_quantities
 
-    has_cutoffs = "cutoffs" in grid.request.observe
-    quantities, parameters = list_axes(grid.cases[0].packing, grid.load, has_cutoffs=has_cutoffs)
+    request = grid.request
+    balls = grid.cases[0].packing
+    quantities = list_quantities(balls, has_cutoffs="cutoffs" in request.observe)
+    parameters = Parameters(balls, grid.load, request.surface).names
     dims, values, attributes = variables[NAME]
     for axis, labels in ((-2, [*quantities, *edge_waves]), (-1, parameters)):
         other_axes = tuple(number for number in range(values.ndim) if number != values.ndim + axis)

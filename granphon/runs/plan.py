@@ -407,8 +407,9 @@ class Plan:
         path = self._path_of_lattice
         case = planned.case
         lattice = case.packing.structure.name
-        # sensitivities are those of velocities
-        has_velocities = not {"velocities", "sensitivities"}.isdisjoint(self.observe)
+        # sensitivities are those of velocities, and of the frequencies that are observed with them
+        is_of_sound = not {"velocities", "sensitivities"}.isdisjoint(self.observe)
+        has_velocities = is_of_sound and self.grid.request.sound
         refusal = f"found {lattice!r}; allowed: a lattice that is rigid; "
         if case.where:
             refusal += f"{case.where}: "
@@ -803,7 +804,7 @@ class Plan:
             estimate_derivatives(
                 serving,
                 has_cutoffs="cutoffs" in self.observe,
-                has_edge_waves=self.grid.request.surface is not None,
+                surface=self.grid.request.surface,
             )
             for case in self.checked_cases
             for serving in case.serving_media

@@ -7,25 +7,32 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache, partial
-from typing import Any
+from functools import cache, cached_property, partial
+from itertools import product
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from granphon.balls.ball import Ball
+from granphon.balls.ball import Ball, Wall
 from granphon.balls.loads import Load
 from granphon.balls.material import Material
+from granphon.balls.packing import WALL_PARAMETERS
 from granphon.base.arrays import Array, Index, pad_columns
 from granphon.base.differences import N_VALUES
+from granphon.base.errors import MechanismError
 from granphon.base.text import counted
 from granphon.media import cost as costs
-from granphon.media.arrangement import Balls
+from granphon.media.arrangement import Balls, find_kinds
 from granphon.media.choice import ServingMedium
 from granphon.media.crystal import Crystal
-from granphon.media.state import as_state
+from granphon.media.state import State, as_state
 from granphon.observables.catalogue import CATALOGUE, Analysis, find_all
 from granphon.observables.parameters import (
+    MINDLIN_RATIO,
+    StateChange,
+    change_ratio,
     find_parameter_sensitivities,
+    has_ratio,
     list_parameters,
     name_parameters,
 )
@@ -43,6 +50,11 @@ _CORNERS = "edge_corners"
 EDGE_WAVE = "surface_frequency"
 #: magnitude of a logarithmic derivative that is rounding
 _ROUNDING = 1e-8
+#: cut-off frequency, over the highest, that is rounding of zero: the root of the precision of its
+#: square
+_ZERO = 1e-7
+#: note on balls that are held
+_HELD = "derivatives of velocities and moduli are left out: balls that are held have none"
 #: for each dimension the lattice of a crystal whose velocities and moduli are timed, and the power
 #: of the number of balls with which their time grows, as measured from 200 to 2300 balls
 _TIMED = {1: ("chain", 1.0), 2: ("triangular", 1.0), 3: ("fcc", 1.75)}
@@ -56,12 +68,71 @@ _GROWTH_OF_EDGES = 3.0
 _CORNERS_OF_EDGES = (1, 2, 4)
 
 
-def list_axes(balls: Balls, load: Load, *, has_cutoffs: bool) -> tuple[list[str], list[str]]:
-    """Return the names of the quantities of which derivatives are found, and those of the
-    parameters of the ``balls`` and their ``load``.
+class Parameters:
+    """The parameters by which derivatives of the states of ``balls`` under a ``load`` are found.
 
-    The quantities are velocities and moduli, and with ``has_cutoffs`` the lower cut-off frequencies
-    of all branches and then the upper ones.
+    Attributes
+    ----------
+    names : those of the balls, as :func:`granphon.observables.parameters.name_parameters` has them,
+        the kind of the load, the ratio of shear to normal stiffness, and those of a wall at the
+        edge of the ``surface``, as "surface.wall.young_modulus". A wall of the material of a kind
+        changes with the kind, and has no name of its own.
+    """
+
+    def __init__(self, balls: Any, load: Load, surface: SurfaceSettings | None) -> None:
+        self._balls = balls
+        self._surface = surface
+        kinds_of_walls = set[str]() if surface is None else surface.kinds_of_walls
+        self._walls = dict[str, Wall]()
+        if surface is not None and not kinds_of_walls:
+            self._walls = surface.list_walls({})
+        of_walls = [".".join(pair) for pair in product(self._walls, WALL_PARAMETERS)]
+        self._of_balls = name_parameters(balls, kinds_of_walls)
+        self.names = [*self._of_balls, load.kind, MINDLIN_RATIO, *of_walls]
+
+    def list_known(self, load: Load, *, has_samples: bool) -> list[str]:
+        """Return those of the ``names`` that can change at a ``load`` while all others stay.
+        Simulated arrays have samples, each of which has a network of its own: nothing can be
+        changed in these.
+        """
+        known = [*list_parameters(self._balls, load, self._of_balls)]
+        if not has_samples:
+            known += [MINDLIN_RATIO] if has_ratio(self._balls) else []
+            known += [name for name in self.changes_of_states if name != MINDLIN_RATIO]
+        return known
+
+    @cached_property
+    def changes_of_states(self) -> dict[str, StateChange]:
+        """The functions that change the parameters on which the balls at rest do not depend, by the
+        names of these.
+        """
+        changes: dict[str, StateChange] = {MINDLIN_RATIO: change_ratio}
+        for wall, parameter in product(self._walls, WALL_PARAMETERS):
+            name = f"{wall}.{parameter}"
+            value = getattr(self._walls[wall].solid, parameter)
+            if value:
+                changes[name] = partial(self._change_wall, name, value)
+        return changes
+
+    def _change_wall(self, name: str, value: float, state: Any, step: float) -> _AtWall:
+        """Return a ``state`` at whose edge stands a wall with the ``value``, SI, of the parameter
+        called ``name`` larger by a relative ``step``.
+        """
+        assert self._surface is not None
+        changed = {name: (1.0 + step) * value}
+        return _AtWall(state, self._surface.with_walls(changed, find_kinds(self._balls)))
+
+
+class _AtWall(NamedTuple):
+    """A state, and other settings of its edge than those of the scene."""
+
+    state: Any
+    surface: SurfaceSettings
+
+
+def list_quantities(balls: Balls, *, has_cutoffs: bool) -> list[str]:
+    """Return the names of the quantities of which derivatives are found: velocities and moduli, and
+    with ``has_cutoffs`` the lower cut-off frequencies of all branches and then the upper ones.
     """
     quantities = [
         name
@@ -75,7 +146,7 @@ def list_axes(balls: Balls, load: Load, *, has_cutoffs: bool) -> tuple[list[str]
         quantities += [
             f"cutoff_{end} {number}" for end in ("lower", "upper") for number in range(n_branches)
         ]
-    return quantities, [*name_parameters(balls), load.kind]
+    return quantities
 
 
 def observe_sensitivities(
@@ -86,9 +157,10 @@ def observe_sensitivities(
     finite_overlap: bool,
     has_cutoffs: bool,
     surface: SurfaceSettings | None,
-) -> TaskResult:
-    """Return the logarithmic derivatives (loads, quantities, parameters) of the quantities by the
-    parameters of :func:`list_axes`, in the medium that serves a ``load``.
+) -> tuple[TaskResult, list[str]]:
+    """Return the logarithmic derivatives (loads, quantities, parameters) of the quantities of
+    :func:`list_quantities` by the names of :class:`Parameters`, in the medium that serves a
+    ``load``; and notes on derivatives that are left out.
 
     A derivative is nan if the state does not have the quantity, if the quantity is zero, or if the
     parameter cannot change; it is zero where it is rounding. Of many directions of sound the first
@@ -97,33 +169,41 @@ def observe_sensitivities(
     wave that meets a band as the parameter changes; simulated arrays have no edge waves.
     """
     balls = serving.packing
-    quantities, parameters = list_axes(balls, load, has_cutoffs=has_cutoffs)
+    quantities = list_quantities(balls, has_cutoffs=has_cutoffs)
+    parameters = Parameters(balls, load, surface)
     edge = None if serving.arrays else surface
 
-    derivatives = np.full((load.size, len(quantities), len(parameters)), np.nan)
+    derivatives = np.full((load.size, len(quantities), len(parameters.names)), np.nan)
     of_edges = list[Array]()
     corners = np.zeros(0, "S")
     for index in range(load.size):
         single = load.flat[index]
-        finder = _Quantities(quantities, direction, has_cutoffs, edge)
-        names = list_parameters(balls, single)
+        finder = _Quantities(balls, quantities, direction, has_cutoffs, edge)
+        names = parameters.list_known(single, has_samples=bool(serving.arrays))
         sensitivities = find_parameter_sensitivities(
-            serving.medium, balls, single, finder.find, names, finite_overlap or None
+            serving.medium,
+            balls,
+            single,
+            finder.find,
+            names,
+            finite_overlap or None,
+            parameters.changes_of_states,
         )
         slopes = sensitivities.slopes
         slopes = np.where(np.abs(slopes) <= _ROUNDING, 0.0, slopes)
-        columns = [parameters.index(name) for name in names]
+        columns = [parameters.names.index(name) for name in names]
         derivatives[index][:, columns] = slopes[:, : len(quantities)].T
         if finder.edge_waves is not None:
             corners = np.array(finder.edge_waves.letters, "S")
-            of_edge = np.full((len(parameters), *finder.edge_waves.shape), np.nan)
+            of_edge = np.full((len(parameters.names), *finder.edge_waves.shape), np.nan)
             of_edge[columns] = finder.edge_waves.tabulate(slopes[:, len(quantities) :])
             of_edges.append(of_edge)
     found = {NAME: derivatives}
     if of_edges:
         found[_OF_EDGE] = np.array(pad_columns(of_edges))
         found[_CORNERS] = np.tile(corners, (load.size, 1))
-    return found
+    notes = [_HELD] if balls.is_held else []
+    return found, notes
 
 
 def join_edge_waves(results: Sequence[TaskResult]) -> list[str]:
@@ -154,7 +234,8 @@ def join_edge_waves(results: Sequence[TaskResult]) -> list[str]:
 
 
 class _Quantities:
-    """The quantities of :func:`list_axes`, of states that differ little from each other.
+    """The quantities of :func:`list_quantities`, of states of ``balls`` that differ little from
+    each other.
 
     A cut-off frequency does not change to first order as its wave vector moves: the wave vectors of
     the first state serve for all.
@@ -166,31 +247,66 @@ class _Quantities:
 
     def __init__(
         self,
+        balls: Balls,
         quantities: list[str],
         direction: Any,
         has_cutoffs: bool,
         surface: SurfaceSettings | None,
     ) -> None:
         self._quantities = quantities
-        self._direction = direction
+        self._direction = np.eye(balls.structure.periods)[0] if direction is None else direction
         self._has_cutoffs = has_cutoffs
-        self.edge_waves = None if surface is None else _EdgeWaves(surface)
+        self.edge_waves = None if surface is None else _EdgeWaves(balls, surface)
+        #: whether long waves run in the balls
+        self._has_long_waves = not balls.is_held
+        #: (quantities,) those of the first state, once it is known
+        self._first: list[float] | None = None
         #: (n_branches, 2, p) wave vectors of the cut-off frequencies, once they are known
         self._points: Array | None = None
 
     def find(self, state: Any) -> Array:
-        """Return the values (quantities,) of a state; zero for quantities that the state does not
-        have.
+        """Return the values (quantities,) of a state, a network, or a state at another wall; nan
+        for quantities that it does not have.
         """
-        numbers = find_all(Analysis(state, self._direction), ("velocities",), swept=True)
-        values = [float(np.ravel(numbers.get(name, 0.0))[0]) for name in self._quantities]
+        if isinstance(state, _AtWall):  # the wall of an edge has no effect on the bulk
+            assert self._first is not None
+            assert self.edge_waves is not None
+            return np.array([*self._first, *self.edge_waves.find(state.state, state.surface)])
+        values = self._find_in_bulk(state)
+        if self._first is None:
+            self._first = values
+        if self.edge_waves is not None:
+            values = [*values, *self.edge_waves.find(state)]
+        return np.array(values)
+
+    def _find_in_bulk(self, state: Any) -> list[float]:
+        """Return the values of the quantities of a state or network."""
+        if not isinstance(state, State):  # a network, some of whose numbers were changed
+            state = as_state(state)
+        numbers = self._find_long_waves(state)
+        values = [float(np.ravel(numbers.get(name, np.nan))[0]) for name in self._quantities]
         if self._has_cutoffs:
             cutoffs = self._find_cutoffs(state)
+            # what is zero but for rounding is zero
+            cutoffs = np.where(cutoffs <= _ZERO * np.max(cutoffs), 0.0, cutoffs)
             # the names end with the lower cut-offs of all branches and then the upper ones
             values[-cutoffs.size :] = cutoffs.T.ravel().tolist()
-        if self.edge_waves is not None:
-            values += self.edge_waves.find(state)
-        return np.array(values)
+        return values
+
+    def _find_long_waves(self, state: Any) -> dict[str, Any]:
+        """Return the velocities and moduli of a state by name; empty of balls that are held, and of
+        a mechanism, of which the notes on its state tell. Raises MechanismError if a state is a
+        mechanism and the first one is none.
+        """
+        if not self._has_long_waves:
+            return {}
+        try:
+            return find_all(Analysis(state, self._direction), ("velocities",), swept=True)
+        except MechanismError:
+            if self._first is not None:
+                raise
+            self._has_long_waves = False
+            return {}
 
     def _find_cutoffs(self, state: Any) -> Array:
         """Return the lower and the upper cut-off frequency of each branch, (n_branches, 2), Hz; at
@@ -218,7 +334,8 @@ class _EdgeWaves:
     letters : of the corners, each once; empty texts at the end of a chain.
     """
 
-    def __init__(self, settings: SurfaceSettings) -> None:
+    def __init__(self, balls: Balls, settings: SurfaceSettings) -> None:
+        self._balls = balls
         self._settings = settings
         self.letters: list[str] = []
         #: (corners, periods along the edge) wave vectors
@@ -226,13 +343,17 @@ class _EdgeWaves:
         #: (corners,) number of waves of the first state at each corner
         self._counts: Index = np.zeros(0, np.intp)
 
-    def find(self, state: Any) -> list[float]:
+    def find(self, state: Any, settings: SurfaceSettings | None = None) -> list[float]:
         """Return the frequencies, Hz, of all waves of a state, corner by corner, ascending at each;
-        nan at a corner where the first state has more waves, or fewer.
+        nan at a corner where the first state has more waves, or fewer. ``settings`` stand in place
+        of those of the scene.
         """
         from granphon.phonons.surfaces import Surface  # other runs do not need surfaces
 
-        surface = Surface(state, self._settings.axis, self._settings.edge)
+        # a wall of the material of a kind changes with that kind, also where no ball is of it
+        kinds = find_kinds(getattr(state, "packing", self._balls))
+        at_edge = (settings or self._settings).with_materials(kinds)
+        surface = Surface(state, at_edge.axis, at_edge.edge)
         is_first = not self.letters
         if is_first:
             corners = surface.corners()
@@ -262,18 +383,21 @@ class _EdgeWaves:
 
 
 def estimate_derivatives(
-    serving: ServingMedium, *, has_cutoffs: bool, has_edge_waves: bool
+    serving: ServingMedium, *, has_cutoffs: bool, surface: SurfaceSettings | None
 ) -> costs.Cost:
     """Return the estimated memory and time of the derivatives of the states of a medium that
     simulates no arrays, at all its loads; memory and time of the states are not included.
 
     Each value of a difference takes the velocities and moduli of one network, with ``has_cutoffs``
-    the frequencies at the wave vectors of both ends of all branches, and with ``has_edge_waves``
-    the waves of an edge at the corners of its path.
+    the frequencies at the wave vectors of both ends of all branches, and with a
+    ``surface`` the waves of its edge at the corners of the path along the edge.
     """
     balls = serving.packing
     structure = balls.structure
-    n_parameters = len(list_parameters(balls, serving.load.flat[0]))
+    known = Parameters(balls, serving.load, surface).list_known(
+        serving.load.flat[0], has_samples=False
+    )
+    n_parameters = len(known)
     n_networks = serving.load.size * (1 + N_VALUES * n_parameters)
     measure = partial(_measure_long_waves, structure.dimension, structure.n_balls, balls.friction)
     description = f"derivatives by {counted(n_parameters, 'parameter')}"
@@ -290,7 +414,7 @@ def estimate_derivatives(
         n_branches = balls.ball_motions.count * structure.n_balls
         frequencies = costs.bands(2 * n_branches, n_branches, eigenvectors=False)
         cost += replace(frequencies.times(n_networks), kept=0.0)
-    if has_edge_waves:
+    if surface is not None:
         from granphon.phonons.surfaces import estimate_waves_memory  # others do not need surfaces
 
         measure_edge = partial(

@@ -575,7 +575,7 @@ class MediumTask(Task):
             # imported here: other runs do not need derivatives
             from granphon.runs.sensitivities import observe_sensitivities
 
-            variables |= observe_sensitivities(
+            derivatives, notes = observe_sensitivities(
                 self.serving,
                 load,
                 request.direction,
@@ -583,6 +583,8 @@ class MediumTask(Task):
                 has_cutoffs="cutoffs" in request.observe,
                 surface=request.surface,
             )
+            warnings = np.concatenate([variables["warnings"], _write_notes(notes)])
+            variables |= derivatives | {"warnings": warnings}
         return self._add_waves(variables, state, load)
 
     def _add_waves(self, variables: TaskResult, state: ContactState, load: Load) -> TaskResult:
@@ -618,7 +620,10 @@ class MediumTask(Task):
         if request.surface is not None and state.n_samples:
             notes.append("waves of an edge are left out: those of a simulated array are not known")
         elif request.surface is not None:
-            variables |= _observe_edge(state, request.surface)
+            from granphon.media.arrangement import find_kinds  # other runs have no kinds
+
+            kinds = find_kinds(self.serving.packing)
+            variables |= _observe_edge(state, request.surface.with_materials(kinds))
         if request.of_zone:
             variables |= _observe_zone(state, request)
             if state.n_samples:

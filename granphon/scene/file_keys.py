@@ -120,6 +120,8 @@ OBSERVABLES = (
     *NETWORK_BLOCKS,
     "design",
 )
+#: the observables of which sensitivities are found beside those of velocities and moduli
+DIFFERENTIATED = frozenset({"cutoffs", "surface"})
 
 #: greatest number of measured diameters that a scene file lists itself; more are written to a table
 #: beside it

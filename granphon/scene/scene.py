@@ -45,6 +45,7 @@ from granphon.runs.finished_tasks import Store, open_store
 from granphon.runs.plan import CostPart, Plan, keep_incomplete
 from granphon.runs.tasks import Grid, Request, Written
 from granphon.runs.workers import packages
+from granphon.scene import file_keys
 from granphon.scene.file import SceneSource
 from granphon.scene.outputs import (
     OUTPUTS,
@@ -70,6 +71,7 @@ if TYPE_CHECKING:
     from granphon.phonons.surfaces import SurfaceSpectrum
     from granphon.runs.dataset import Dataset
     from granphon.scene.design import PosedDesign
+    from granphon.scene.uncertainty import Spread
 
 
 #: the file, in the folder of the result, in which finished tasks are kept until the result has been
@@ -291,7 +293,7 @@ class Scene(SceneValues):
         ``result``, in place: to the data set of its states, with a warning that names what has no
         error, and to the output "errors". All shifted scenes are computed for this.
         """
-        from granphon.scene.uncertainty import Spread, warn_of_lacking
+        from granphon.scene.uncertainty import Spread, name_edges, warn_of_lacking
 
         pairs_of_results = []
         with progress.step("standard errors", len(self.errors)) as step:
@@ -305,13 +307,31 @@ class Scene(SceneValues):
         datasets = [(lower.dataset, upper.dataset) for lower, upper in pairs_of_results]
         spread_of_states = Spread.of(self, datasets)
         spreads = [spread_of_states]
-        dataset = spread_of_states.add_to(result.dataset)
+        edges = name_edges(result.dataset)
+        others = [str(name) for name in result.dataset.data_vars if name not in edges]
+        dataset = spread_of_states.add_to(result.dataset, others)
+        if edges:
+            spread_of_edges = self._find_spread_of_edges(executor)
+            spreads.append(spread_of_edges)
+            dataset = spread_of_edges.add_to(dataset, edges)
         if OUTPUTS["errors"] in result.rows:
             summaries = [(lower.summary(), upper.summary()) for lower, upper in pairs_of_results]
             spread_of_summary = Spread.of(self, summaries)
             spreads.append(spread_of_summary)
             result.values["errors"] = spread_of_summary.summarise(result.summary())
         result.values["states"] = warn_of_lacking(dataset, spreads)
+
+    def _find_spread_of_edges(self, executor: Executor | None) -> Spread:
+        """Return the spread of the waves of an edge; scenes with small changes of the parameters
+        are computed for it.
+        """
+        from granphon.scene.uncertainty import Spread, shift_a_little
+
+        pairs = [
+            (lower.plan.sweep(silent, executor), upper.plan.sweep(silent, executor))
+            for lower, upper in shift_a_little(self)
+        ]
+        return Spread.of_edges(self, pairs)
 
     @cached_property
     def shifted(self) -> list[tuple[Self, Self]]:
@@ -337,6 +357,8 @@ class Scene(SceneValues):
         # what a network that resists no force, a mechanism, has although it has no velocities
         observables_of_mechanisms = {"bands", "gaps", "cutoffs", "onsets", "dos", "surface"}
         observables_of_mechanisms |= {"design", *NETWORK_BLOCKS}
+        if "sensitivities" in self.observe:
+            observables_of_mechanisms &= file_keys.DIFFERENTIATED
         path = None
         if "bands" in self.observe:
             path = (self.path.arrays, self.band_points, self.path.labels)
@@ -346,7 +368,8 @@ class Scene(SceneValues):
             direction=self.direction,
             waves=self.waves,
             exponents=has_velocities,
-            surface=self.observed_settings("surface"),
+            # a wall after a kind of balls keeps the name of the kind: derivatives change the kind
+            surface=self.surface if "surface" in self.observe else None,
             bands=self.observed_settings("bands"),
             observe=self.observe,
             sound=has_velocities or observables_of_mechanisms.isdisjoint(self.observe),

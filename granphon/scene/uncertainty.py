@@ -8,19 +8,23 @@ with the correlations rho of the errors, zero unless the scene gives them. dX/dp
 difference of X in two scenes, in one of which p is larger by its standard error, and in the other
 smaller: a central difference, through all that the scene computes. The part of p in the variance is
 its row of the sum. Errors of sampling, which simulations have, add up with these.
+
+Waves of an edge enter the bands and leave them as parameters change: at the two ends of an error
+the first of them may be another wave than at its centre. Their derivative is that of a small
+change, within which a wave stays itself.
 """
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from granphon.balls.ball import Ball
-from granphon.base.arrays import Array
+from granphon.base.arrays import Array, Flags
 from granphon.base.errors import GranphonError, Refused
 from granphon.base.quantities import NUMBER, PERCENT, find_factor, find_written_unit
 from granphon.base.settings import space_evenly
@@ -41,12 +45,25 @@ _VALUE = re.compile(rf"\s*({NUMBER})\s*(.*?)\s*", re.DOTALL)
 _ERROR = "_error"
 #: relative change of a number that is put down to rounding
 _ROUNDING = 1e-12
+#: second difference of a frequency, over the frequency and over its first difference, above which
+#: another peak has taken the place: a jump at one end makes both differences equal
+_JUMP = 1e-3
+_BEND = 0.5
 #: dimensions along which a density has its own frequencies in each state: densities at one index
 #: have no common frequency, so that their difference says nothing
 _OF_DENSITIES = "node"
 #: dimensions along which results stand by rank, the last of their variables, and the variable that
 #: has a number for each: peaks of a response, and waves of an edge
 _RANKED = {"response_peak": "peaks_frequency", "surface_wave": "surface_frequency"}
+#: the observable whose numbers have the derivatives of small changes; their names begin with it
+_NEAR = "surface"
+#: small change of a parameter, over its value: the frequencies of waves, which are known to 1e-10,
+#: change by so much more than that, and by so little that no other wave comes between
+_SMALL = 1e-4
+#: small change of a parameter that is zero, over its error
+_PART = 1e-2
+#: relative change of such a number that is put down to rounding
+_ROUNDING_NEAR = 1e-10
 
 
 def settle_errors(scene: Any) -> tuple[tuple[Keys, float], ...]:
@@ -182,11 +199,14 @@ def write_errors(scene: Any, blocks: dict[str, Any]) -> None:
         _replace(blocks, keys, f"{plain} +- {error!r} {find_written_unit(plain)}".strip())
 
 
-def shift_scene(scene: Any, keys: Keys, change: float) -> Any:
+def shift_scene(scene: Any, keys: Keys, change: float, observed: str = "") -> Any:
     """Return the scene without standard errors whose parameter at the path ``keys`` is larger by
-    ``change``, SI. Refused, at this path, if the scene is not valid with the changed value.
+    ``change``, SI; it observes only what is ``observed``, if that is given. Refused, at this path,
+    if the scene is not valid with the changed value.
     """
     blocks = _write(scene)
+    if observed:
+        blocks["observe"] = [observed]
     number, unit = _split_plain(_look_up(blocks, keys), keys)
     shifted = number + change
     _replace(blocks, keys, f"{shifted!r} {unit}" if unit else shifted)
@@ -202,6 +222,33 @@ def shift_scene(scene: Any, keys: Keys, change: float) -> Any:
     return shifted_scene
 
 
+def name_edges(dataset: Dataset) -> list[str]:
+    """Return the names of the variables of a ``dataset`` that are of waves of an edge."""
+    names = map(str, dataset.data_vars)
+    return [name for name in names if name.startswith(f"{_NEAR}_") and not name.endswith(_ERROR)]
+
+
+def shift_a_little(scene: Any) -> list[tuple[Any, Any]]:
+    """Return for each parameter with a standard error two scenes that observe the waves of an edge
+    alone: the parameter is a little smaller in the first, and larger in the second.
+    """
+    return [
+        (shift_scene(scene, keys, -change, _NEAR), shift_scene(scene, keys, change, _NEAR))
+        for (keys, _), (_, change) in zip(scene.errors, _list_small_changes(scene), strict=True)
+    ]
+
+
+def _list_small_changes(scene: Any) -> list[tuple[float, float]]:
+    """Return a small change of each parameter that has a standard error, the error itself at most:
+    over the error, and in SI.
+    """
+    changes = []
+    for _, value, error, _ in list_parameters(scene):
+        part = min(1.0, _SMALL * abs(value) / error) if value else _PART
+        changes.append((part, part * error))
+    return changes
+
+
 class Spread:
     """The standard errors of results that follow from those of the parameters.
 
@@ -209,18 +256,27 @@ class Spread:
     ----------
     names : names of the p parameters.
     pairs : for each parameter the results, by name, in two scenes, in which the parameter is
-        smaller and larger by its standard error.
+        smaller and larger by its standard error, or by a part of it.
     correlations : (p, p) of the errors of the parameters.
+    parts : (p,) parts of the errors by which the parameters change, all one by default.
+    rounding : relative change of a number that is put down to rounding.
     lacking : names of results without a known error: the scenes have different numbers of their
         values, as of gaps or peaks. :meth:`find` and :meth:`add_to` add to these names.
     """
 
     def __init__(
-        self, names: Sequence[str], pairs: Sequence[tuple[Any, Any]], correlations: Array
+        self,
+        names: Sequence[str],
+        pairs: Sequence[tuple[Any, Any]],
+        correlations: Array,
+        parts: Sequence[float] = (),
+        rounding: float = _ROUNDING,
     ) -> None:
         self.names = names
         self.pairs = pairs
         self.correlations = correlations
+        self.parts = parts or [1.0] * len(names)
+        self.rounding = rounding
         self.lacking: dict[str, None] = {}
 
     @classmethod
@@ -230,6 +286,15 @@ class Spread:
         """
         names = [name_keys(keys) for keys, _ in scene.errors]
         return cls(names, pairs, make_matrix(names, scene.correlations))
+
+    @classmethod
+    def of_edges(cls, scene: Any, pairs: Sequence[tuple[Any, Any]]) -> Spread:
+        """Return the spread of the waves of an edge of a ``scene``. The ``pairs`` are data sets of
+        the two scenes of each parameter that :func:`shift_a_little` returns.
+        """
+        names = [name_keys(keys) for keys, _ in scene.errors]
+        parts = [part for part, _ in _list_small_changes(scene)]
+        return cls(names, pairs, make_matrix(names, scene.correlations), parts, _ROUNDING_NEAR)
 
     def find(
         self, name: str, value: Any, sampling: Any = None, unit: str = ""
@@ -246,12 +311,12 @@ class Spread:
         if base is None:
             return None
         changes = []  # (p, ...)
-        for pair in self.pairs:
+        for part, pair in zip(self.parts, self.pairs, strict=True):
             lower, upper = (_fit_ranks(results.get(name), base.shape) for results in pair)
             if lower is None or upper is None or not lower.shape == upper.shape == base.shape:
                 self.lacking[name] = None
                 return None
-            changes.append(_find_change(lower, upper, base, unit))
+            changes.append(_find_change(lower, upper, base, unit, self.rounding) / part)
         # (p, ...): the part of each parameter in the variance, its row of the double sum
         contributions = np.array(changes) * np.tensordot(self.correlations, changes, axes=1)
         # rounding may leave a sum of zero below zero
@@ -281,16 +346,19 @@ class Spread:
                 sources[name] = parameter
         return errors | {"errors_from": sources}
 
-    def add_to(self, dataset: Dataset) -> Dataset:
-        """Return the ``dataset`` with a variable NAME_error for the standard error of each variable
-        that the parameters change; its attribute ``mostly_from`` is the parameter that gives most
-        of the error. Densities of states get none. At a receiver whose number of peaks differs
+    def add_to(self, dataset: Dataset, names: Collection[str] | None = None) -> Dataset:
+        """Return the ``dataset`` with a variable NAME_error for the standard error of each
+        variable, or of those called ``names``, that the parameters change; its attribute
+        ``mostly_from`` is the parameter that gives most of the error. Densities of states get none.
+        At a receiver whose number of peaks differs
         between the shifted scenes the errors of its peaks are nan, and at a wave vector whose
         number of waves of an edge differs the errors of these; ``lacking`` then has the name.
         """
         added = {}
         for name, variable in dataset.data_vars.items():
             if str(name).endswith(_ERROR) or _OF_DENSITIES in variable.dims:
+                continue
+            if names is not None and name not in names:
                 continue
             sampling = dataset.get(f"{name}{_ERROR}")
             sampling_errors = None if sampling is None else sampling.values
@@ -302,24 +370,32 @@ class Spread:
                 attributes["mostly_from"] = parameter
                 counted = _RANKED.get(str(variable.dims[-1])) if variable.dims else None
                 if counted is not None:
-                    errors = np.where(self._have_same_counts(dataset, counted), errors, np.nan)
+                    errors = np.where(self._stay_the_same(dataset, counted), errors, np.nan)
                     if np.any(np.isnan(errors) & np.isfinite(variable.values)):
                         self.lacking[str(name)] = None
                 added[f"{name}{_ERROR}"] = (variable.dims, errors, attributes)
         return dataset.assign(added)
 
-    def _have_same_counts(self, dataset: Dataset, counted: str) -> Array:
-        """Return, (..., 1), where the variable ``counted`` has as many numbers along its last
-        dimension in all shifted scenes as in the ``dataset``. Where it has not, the number of one
-        rank is another peak, or another wave, in another scene.
+    def _stay_the_same(self, dataset: Dataset, counted: str) -> Flags:
+        """Return, of the shape of the variable ``counted`` in the ``dataset``, whether each of its
+        numbers is that of the same peak, or of the same wave, in all shifted scenes.
+
+        It is not where a shifted scene has more numbers along the last dimension, or fewer; nor
+        where one peak enters and another leaves at one end, so that a frequency jumps there.
         """
-        shifted_results = [results for pair in self.pairs for results in pair]
+        base = dataset[counted].values
         # numbers beyond the count are nan
-        counts = [
-            np.sum(np.isfinite(results[counted].values), axis=-1, keepdims=True)
-            for results in (dataset, *shifted_results)
-        ]
-        return np.asarray(np.ptp(counts, axis=0) == 0)
+        count = np.sum(np.isfinite(base), axis=-1, keepdims=True)
+        is_same = np.ones(base.shape, bool)
+        for pair in self.pairs:
+            for results in pair:
+                is_number = np.isfinite(results[counted].values)
+                is_same &= np.sum(is_number, axis=-1, keepdims=True) == count
+            lower, upper = (_pad_ranks(results[counted].values, base.shape[-1]) for results in pair)
+            second = np.abs(upper + lower - 2.0 * base)
+            first = np.abs(upper - lower)
+            is_same &= ~((second > _BEND * first) & (second > _JUMP * np.abs(base)))
+        return is_same
 
 
 def warn_of_lacking(dataset: Dataset, spreads: Sequence[Spread]) -> Dataset:
@@ -336,18 +412,18 @@ def warn_of_lacking(dataset: Dataset, spreads: Sequence[Spread]) -> Dataset:
     return dataset.assign_attrs(warnings=to_json(warnings))
 
 
-def _find_change(lower: Array, upper: Array, base: Array, unit: str) -> Array:
+def _find_change(lower: Array, upper: Array, base: Array, unit: str, rounding: float) -> Array:
     """Return half the difference of the numbers ``upper`` and ``lower``, which are results of the
     two shifted scenes of a parameter, in the shape of ``base``, the results of the scene itself.
 
-    The difference is zero where it is rounding of ``base``, and nan where one of the two is not
+    The difference is zero where it is ``rounding`` of ``base``, and nan where one of the two is not
     finite. For angles, in the ``unit`` rad, it is taken between -pi and pi.
     """
     is_known = np.isfinite(lower) & np.isfinite(upper)
     difference = np.subtract(upper, lower, out=np.full(base.shape, np.nan), where=is_known)
     if unit == "rad":
         difference = np.angle(np.exp(1j * difference))
-    is_rounding = np.abs(difference) <= 2.0 * _ROUNDING * np.abs(base)
+    is_rounding = np.abs(difference) <= 2.0 * rounding * np.abs(base)
     return np.where(is_rounding, 0.0, 0.5 * difference)
 
 
@@ -360,7 +436,13 @@ def _fit_ranks(value: Any, shape: tuple[int, ...]) -> Array | None:
     dims = getattr(value, "dims", ())
     if numbers is None or not dims or dims[-1] not in _RANKED:
         return numbers
-    length = shape[-1]
+    return _pad_ranks(numbers, shape[-1])
+
+
+def _pad_ranks(numbers: Array, length: int) -> Array:
+    """Return ``numbers`` with a last dimension of this ``length``: it is cut there, or goes on with
+    nan.
+    """
     missing = max(0, length - numbers.shape[-1])
     widths = [(0, 0)] * (numbers.ndim - 1) + [(0, missing)]
     return np.pad(numbers, widths, constant_values=np.nan)[..., :length]

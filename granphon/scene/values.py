@@ -352,10 +352,13 @@ class SceneValues:
             "Long waves move all balls together, which a floor, a clamp or springs to the ground"
             " hold: write observe: [onsets], the cut-off frequencies from which waves begin.",
         )
+        has_frequencies = not file_keys.DIFFERENTIATED.isdisjoint(self.observe)
         sensitivities_of_held = held._replace(
             name="sensitivities",
-            mend="Derivatives are those of long waves, which these lack:"
-            " gp.parameter_sensitivities has others.",
+            holds=held.holds and not has_frequencies,
+            allowed="cutoffs beside sensitivities of these",
+            mend="Derivatives are those of long waves, which these lack, and of what is observed"
+            " beside them: write observe: [sensitivities, cutoffs].",
         )
         sensitivities_of_files = Conflict(
             "sensitivities",

@@ -60,6 +60,21 @@ def test_kinds_of_a_crystal_share_the_power_of_one():
     assert "A.diameter" not in found.names
 
 
+def test_springs_to_the_ground_and_given_masses_are_parameters():
+    """A chain over springs begins at (k_g/m)^1/2, whatever the contacts."""
+    ball = gp.Ball(STEEL, 8e-3, mass=3e-3)
+    chain = gp.Crystal.on("chain", [ball], friction=False, on_site=2e6)
+    found = gp.parameter_sensitivities(
+        chain, lambda state: gp.Phonons(state).frequencies([[0.0]])[0], force=18.0
+    )
+    assert "A.density" not in found.names
+    assert_allclose([found["on_site"], found["A.mass"]], [[0.5], [-0.5]], rtol=1e-9)
+    assert_allclose(found["A.young_modulus"], 0.0, atol=1e-9)
+    several = gp.Crystal.on("chain", [ball], on_site={"x": 2e6}, motions="in_plane", friction=False)
+    names = gp.parameter_sensitivities(several, lambda state: state.force, force=18.0).names
+    assert [name for name in names if "on_site" in name] == ["on_site.x"]
+
+
 def test_all_parameters_of_a_packing_by_default():
     found = gp.parameter_sensitivities(
         PACKING, lambda state: gp.sound_velocities(state).velocities, pressure=4e3

@@ -126,12 +126,72 @@ def test_the_report_says_what_matters_most(tmp_path):
     assert "sensitivities.png" in [picture.name for picture in sections["Figures"]]
 
 
+ROW = """\
+balls:
+  S: {material: {young_modulus: 193 GPa, poisson_ratio: 0.30, density: 8 g/cm^3}, diameter: 19 mm}
+  A: {material: {young_modulus: MODULUS, poisson_ratio: RATIO, density: 8 g/cm^3}, diameter: 19 mm}
+crystal: {lattice: triangular, kinds: [S], friction: false, cut: {axis: 1, layers: 1, edges: EDGES}}
+load: {pressure: 2 kN/m}
+observe: [sensitivities, cutoffs]
+"""
+WALLS = "[{wall: A}, {wall: {young_modulus: 70 GPa, poisson_ratio: 0.2, density: 2 g/cm^3}}]"
+
+
 def test_balls_that_are_held_have_no_velocities_to_differentiate():
-    held = SCENE.replace(
-        "friction: false}", "friction: false, cut: {axis: 0, layers: 3, edges: floor}}"
-    )
-    with pytest.raises(InputError, match="sensitivities"):
-        gp.Scene.from_text(held)
+    held = ROW.replace("EDGES", "floor").replace("MODULUS", "70 GPa").replace("RATIO", "0.3")
+    with pytest.raises(InputError, match="'sensitivities' of balls that are held"):
+        gp.Scene.from_text(held.replace(", cutoffs", ""))
+    data = gp.Scene.from_text(held).sweep()
+    assert all("cutoff" in name for name in data["sensitivity_of"].values)
+    assert "velocities and moduli are left out" in data.attrs["warnings"]
+
+
+@pytest.mark.claim("sensitivities-walls")
+def test_walls_at_rest_have_the_derivatives_of_whole_scenes():
+    """A kind without balls has the elastic constants of its wall; one of its own has its name."""
+
+    def make(modulus=600.0, ratio=0.3, of_own=70.0, observe="cutoffs"):
+        walls = WALLS.replace("70 GPa", f"{of_own!r} GPa")
+        text = ROW.replace("EDGES", walls).replace("sensitivities, cutoffs", observe)
+        return text.replace("MODULUS", f"{modulus!r} GPa").replace("RATIO", repr(ratio))
+
+    data = sweep(make(observe="sensitivities, cutoffs"))
+    found = data["sensitivity"].sel(medium="crystal").squeeze("load")
+    ends = [name for name in found["sensitivity_of"].values if "upper" in name]
+    names = ["A.young_modulus", "A.poisson_ratio", "wall_2.young_modulus", "wall_2.poisson_ratio"]
+    assert [name for name in found["sensitivity_to"].values if name[0] in "Aw"] == names
+    for name, key, value in (
+        ("A.young_modulus", "modulus", 600.0),
+        ("A.poisson_ratio", "ratio", 0.3),
+        ("wall_2.young_modulus", "of_own", 70.0),
+    ):
+        step = 1e-4
+        tops = [
+            np.log(sweep(make(**{key: value * (1.0 + sign * step)}))["cutoff_upper"].values.ravel())
+            for sign in (-1.0, 1.0)
+        ]
+        slopes = (tops[1] - tops[0]) / (2.0 * step)
+        assert_allclose(found.sel(sensitivity_to=name, sensitivity_of=ends), slopes, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("friction", "power"),
+    [("true", 0.5), ("false", None)],
+)
+def test_the_ratio_of_stiffnesses_is_a_parameter_where_there_is_friction(friction, power):
+    """A transverse wave of the square lattice shears contacts alone; without them, a mechanism."""
+    square = PACKING.replace("8 mm", f"8 mm, lattice: square, friction: {friction}")
+    data = gp.Scene.from_text(square.replace("[sens", "[cutoffs, sens")).sweep()
+    names = data["sensitivity_to"].values.tolist()
+    if power is None:
+        assert "mindlin_ratio" not in names
+        assert "longitudinal" not in data["sensitivity_of"]
+        assert_allclose(data["sensitivity"].sel(sensitivity_to="force"), 1.0 / 6.0, rtol=1e-8)
+        assert data.attrs["warnings"].count("left out") == 1
+        return
+    found = data["sensitivity"].sel(sensitivity_to="mindlin_ratio").squeeze()
+    assert_allclose(found.sel(sensitivity_of="transverse"), power, rtol=1e-8)
+    assert_allclose(found.sel(sensitivity_of="longitudinal"), 0.0, atol=1e-8)
 
 
 def test_samples_are_averaged_as_their_states():
@@ -225,6 +285,31 @@ def find_power(text, key, value, unit):
     ]
     lower, upper = (np.log(end["surface_frequency"].values) for end in ends)
     return (upper - lower) / np.log((1.0 + step) / (1.0 - step))
+
+
+@pytest.mark.claim("sensitivities-edge-scenes")
+def test_waves_at_a_wall_of_another_material_have_the_derivatives_of_whole_scenes():
+    """A wall of a kind without balls, and the same of a material of its own, which has its name."""
+    glass = "{young_modulus: MODULUS, poisson_ratio: 0.3, density: 2 g/cm^3}"
+    kind = f"  W: {{material: {glass}, diameter: 1 mm}}\ncrystal:"
+    of_kind = EDGE.replace("wall: B", "wall: W").replace("crystal:", kind)
+    of_own = EDGE.replace("wall: B", f"wall: {glass}")
+    words = {"FORCE": "8 N", "DENSITY": "2.7 g/cm^3", "OBSERVE": "sensitivities, surface"}
+    tables = [
+        sweep(text, MODULUS="600 GPa", **words)["sensitivity"].squeeze()
+        for text in (of_kind, of_own)
+    ]
+    found = tables[0].sel(sensitivity_of="surface_frequency 0")
+    powers = find_power(of_kind, "MODULUS", 600.0, "GPa").ravel()
+    assert_allclose(found.sel(sensitivity_to="W.young_modulus"), powers, rtol=1e-6)
+    moduli = [f"{owner}.young_modulus" for owner in "ABW"]
+    total = found.sel(sensitivity_to=moduli).sum("sensitivity_to")
+    assert_allclose(total, 1.0 / 3.0, rtol=1e-7)
+    for parameter in ("young_modulus", "poisson_ratio"):
+        by_kind = tables[0].sel(sensitivity_to=f"W.{parameter}")
+        by_own = tables[1].sel(sensitivity_to=f"surface.wall.{parameter}")
+        assert_allclose(by_own.values, by_kind.values, rtol=1e-7)
+        assert not np.any(by_own.sel(sensitivity_of="longitudinal"))
 
 
 @pytest.mark.claim("sensitivities-edge-scenes")

@@ -408,6 +408,18 @@ def test_receivers_with_more_peaks_at_one_end_have_no_errors_of_peaks():
     assert list(spread.lacking) == ["peaks_frequency"]
 
 
+def test_peaks_that_another_one_replaces_have_no_errors():
+    """One enters below as another leaves above: their number stays, and the second jumps."""
+
+    def make(*row):
+        return xr.Dataset({"peaks_frequency": (("receiver", "response_peak"), np.array([row]))})
+
+    spread = Spread(["p"], [(make(0.9, 1.9), make(1.1, 3.4))], np.eye(1))
+    found = spread.add_to(make(1.0, 2.0))["peaks_frequency_error"]
+    assert_allclose(found.values, [[0.1, np.nan]])
+    assert list(spread.lacking) == ["peaks_frequency"]
+
+
 def test_waves_of_an_edge_have_errors_where_their_number_stays():
     """An end may have a wave more at one wave vector, and so a longer row at all of them."""
 
@@ -423,6 +435,35 @@ def test_waves_of_an_edge_have_errors_where_their_number_stays():
     found = spread.add_to(make([1.1], [2.1]))["surface_frequency_error"]
     assert_allclose(found.values, [[0.1], [np.nan]])
     assert list(spread.lacking) == ["surface_frequency"]
+
+
+@pytest.mark.claim("errors-edges")
+def test_waves_of_an_edge_have_the_error_of_their_derivative(tmp_path):
+    """The end of the chain has a wave where its ball is the lighter one, here not within the whole
+    error: at one end of the error there is none.
+    """
+    text = """
+balls:
+  A: {material: {young_modulus: 193 GPa, poisson_ratio: 0.3, density: DENSITY}, diameter: 19 mm}
+  B: {material: {young_modulus: 73 GPa, poisson_ratio: 0.3, density: 2.7 g/cm^3}, diameter: 19 mm}
+crystal: {lattice: chain, kinds: [A, B], friction: false}
+load: {force: 8 N}
+observe: [OBSERVED]
+surface: {axis: 0}
+"""
+    plain = text.replace("DENSITY", "2 g/cm^3").replace("OBSERVED", "sensitivities, surface")
+    power = (
+        gp.Scene.from_text(plain)
+        .sweep()["sensitivity"]
+        .sel(sensitivity_of="surface_frequency 0", sensitivity_to="A.density")
+    )
+    heavier = text.replace("DENSITY", "3 g/cm^3").replace("OBSERVED", "surface")
+    assert not np.any(np.isfinite(gp.Scene.from_text(heavier).sweep()["surface_frequency"]))
+    uncertain = text.replace("DENSITY", "2 +- 1 g/cm^3").replace("OBSERVED", "surface")
+    data = gp.Scene.from_text(uncertain).run(tmp_path, figures=False).dataset
+    relative = data["surface_frequency_error"] / data["surface_frequency"]
+    assert_allclose(relative.values.ravel(), 0.5 * np.abs(power.values.ravel()), rtol=1e-5)
+    assert "surface_frequency" not in data.attrs["warnings"]
 
 
 def test_a_wall_of_a_kind_without_balls_has_the_error_of_this_kind():
