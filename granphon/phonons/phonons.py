@@ -61,6 +61,7 @@ from granphon.phonons.dos import DensityOfStates
 from granphon.phonons.paths import (
     LARGEST_COUNT,
     MESHES,
+    BandPath,
     check_inside,
     choose_gap_mesh,
     default_letters,
@@ -1178,6 +1179,13 @@ def find_phonons(state: State, dim: tuple[int, ...] | None = None) -> Phonons:
     The state keeps the object, so that all of its spectra are found from the same one.
     """
     return state.cached(Phonons, None, dim)
+
+
+def find_bands(state: State, path: BandPath, npoints: int) -> Bands:
+    """Return the bands of a ``state`` at one load along a ``path``, with ``npoints`` points in each
+    segment, as :meth:`Phonons.bands` finds them.
+    """
+    return find_phonons(state).bands(path.arrays, npoints, path.labels)
 
 
 def _directions_along(paths: Array) -> Array:

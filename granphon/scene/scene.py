@@ -348,6 +348,7 @@ class Scene(SceneValues):
             exponents=has_velocities,
             surface=self.observed_settings("surface"),
             bands=self.observed_settings("bands"),
+            modes=path is not None,
             observe=self.observe,
             sound=has_velocities or observables_of_mechanisms.isdisjoint(self.observe),
         )
