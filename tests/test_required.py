@@ -362,10 +362,10 @@ def test_a_scene_takes_few_calls_to_its_band_yaml(tmp_path):
     of_python = count_calls(
         lambda: gp.Phonons(gp.AveragedLattice(steel).at_force(18.446)).bands().write(path)
     )
-    assert sum(of_scene.values()) <= 3550
-    assert len(of_scene) <= 50
-    assert sum(of_python.values()) <= 550
-    assert len(of_python) <= 33
+    assert sum(of_scene.values()) <= 3410
+    assert len(of_scene) <= 48
+    assert sum(of_python.values()) <= 510
+    assert len(of_python) <= 29
 
 
 def test_a_plain_scene_loads_no_arrays_no_crystals_and_no_statics(tmp_path):

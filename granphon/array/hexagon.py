@@ -360,7 +360,7 @@ class Hexagon:
         require_shallow(
             packing.material.young_modulus,
             float(packing.law.overlap(between)) / packing.diameter,
-            load,
+            lambda: load,
         )
         depth = 2.0 * float(HertzLaw(self.wall_coefficient).overlap(at_wall)) / packing.diameter
         if not depth < 1.0:

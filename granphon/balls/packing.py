@@ -375,12 +375,12 @@ def given_packing(packing: Any) -> Packing:
     raise InputError(f"packing is {brief(packing)}", why, mend)
 
 
-def require_shallow(modulus: float, overlap: float, load: str) -> None:
+def require_shallow(modulus: float, overlap: float, describe_load: Callable[[], str]) -> None:
     """Raise :class:`InputError` if balls overlap by their diameter or more; ``overlap`` is in
     diameters.
 
-    ``load`` is what the message calls the load, and ``modulus`` the least Young modulus of the
-    balls, Pa.
+    ``describe_load`` returns what the message calls the load, and ``modulus`` is the least Young
+    modulus of the balls, Pa.
     """
     if overlap < 1.0:
         return
@@ -392,7 +392,8 @@ def require_shallow(modulus: float, overlap: float, load: str) -> None:
             f" for Pa"
         )
         mend = "Give the Young modulus in Pa (70 GPa are 70e9), or lower the load"
-    raise InputError(f"{load} presses the balls together by {overlap:.4g} diameters", why, mend)
+    problem = f"{describe_load()} presses the balls together by {overlap:.4g} diameters"
+    raise InputError(problem, why, mend)
 
 
 # -- parameters by name, and packings in which some have other values ------------------------------

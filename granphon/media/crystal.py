@@ -1766,7 +1766,7 @@ class Crystal(Result):
         depth = np.max(overlap / self._distance, axis=1)
         deepest_load = solutions[int(np.argmax(depth))][1]
         modulus = min(ball.material.young_modulus for ball in self.kinds)
-        require_shallow(modulus, float(np.max(depth)), deepest_load.words)
+        require_shallow(modulus, float(np.max(depth)), lambda: deepest_load.words)
         arrays: dict[str, Array] = {
             "normal_force": np.array([laws.force(overlaps) for overlaps in overlap]),
             "overlap": overlap,

@@ -296,7 +296,6 @@ class LawMedium(Medium[ContactState]):
     def __post_init__(self) -> None:
         given_packing(self.packing)
 
-    @in_newtons
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
         """Return the state at a load, with the shape of the load. :meth:`at_force`,
         :meth:`at_pressure` and :meth:`at_overlap` take the values of the load in SI.
@@ -309,7 +308,7 @@ class LawMedium(Medium[ContactState]):
         applied = load.applied
         has_finite_overlap = read_finite_overlap(finite_overlap)
         packing = self.packing
-        load_in_words = applied.describe(packing.structure.periods)
+        describe_load = partial(applied.describe, packing.structure.periods)
         with np.errstate(all="ignore"):  # numbers beyond double precision are refused below
             force, overlap = self._solve(applied, has_finite_overlap)
             stiffness = np.asarray(self.law.stiffness(overlap))
@@ -324,9 +323,9 @@ class LawMedium(Medium[ContactState]):
                 stiffness / packing.diameter,  # of the size of the moduli
             ]
         if not all(np.all((size >= LEAST_NORMAL) & (size < np.inf)) for size in sizes):
-            raise InputError(f"{load_in_words} is too small or too large for double precision")
+            raise InputError(f"{describe_load()} is too small or too large for double precision")
         greatest_overlap = float(np.max(overlap / packing.diameter))
-        require_shallow(packing.material.young_modulus, greatest_overlap, load_in_words)
+        require_shallow(packing.material.young_modulus, greatest_overlap, describe_load)
         return ContactState(
             packing=packing,
             medium=self.name,
@@ -576,6 +575,11 @@ class EffectiveMedium(LawMedium):
 
     def __repr__(self) -> str:
         return f"EffectiveMedium({self.packing!r}, local_field={self.source!r})"
+
+    @in_newtons  # the law knows forces as f*
+    def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
+        """Return the state at a load, see :meth:`LawMedium.at`."""
+        return super().at(load, finite_overlap=finite_overlap)
 
     @property
     def seconds(self) -> float:

@@ -53,7 +53,7 @@ from granphon.dynamics.deformation_rows import Row, contact_rows
 from granphon.media.state import ContactState, Law, NetworkState, as_state, given_state
 from granphon.networks.network import ContactNetwork
 from granphon.phonons.ball_contacts import VOIGT, BallContacts, ContactCalculator
-from granphon.phonons.phonopy_atoms import choose_symbols, name_balls
+from granphon.phonons.phonopy_atoms import choose_symbols, name_balls, place_in_space
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -128,14 +128,8 @@ def _place_balls(vectors: Array, positions: Array) -> Atoms:
     """Return Atoms at ``positions`` (n, d) that repeat along ``vectors`` (p, d), in three
     dimensions; the cell is one diameter thick across the periods.
     """
-    periods, dimension = vectors.shape
-    cell = np.eye(3)
-    cell[:periods] = 0.0
-    cell[:periods, :dimension] = vectors
-    places = np.zeros((len(positions), 3))
-    places[:, :dimension] = positions
-    symbols = [BALL] * len(positions)
-    return Atoms(symbols, positions=places, cell=cell, pbc=np.arange(3) < periods)
+    cell, places = place_in_space(vectors, positions)
+    return Atoms([BALL] * len(places), positions=places, cell=cell, pbc=np.arange(3) < len(vectors))
 
 
 def _make_network_atoms(state: NetworkState) -> Atoms:

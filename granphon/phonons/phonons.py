@@ -9,7 +9,7 @@ import math
 import os
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from ase import Atoms
@@ -61,13 +61,14 @@ from granphon.phonons.dos import DensityOfStates
 from granphon.phonons.paths import (
     LARGEST_COUNT,
     MESHES,
+    BandPath,
     check_inside,
     choose_gap_mesh,
     default_letters,
     interpolate_path,
     special_points,
 )
-from granphon.phonons.phonopy_atoms import OFFSET, name_atoms, place_atoms
+from granphon.phonons.phonopy_atoms import OFFSET, name_atoms, place_atoms, place_in_space
 from granphon.phonons.zone_mesh import ZoneMesh, find_point_group
 
 if TYPE_CHECKING:
@@ -99,6 +100,57 @@ _STARTS = 6
 _MORE_STARTS = 24
 #: relative difference of a cell of Atoms from that of the state up to which it is rounding
 _SAME = 1e-9
+
+
+class _Cell(NamedTuple):
+    """A cell of balls in three dimensions, for phonopy: ``vectors`` (3, 3) and ``positions``
+    (n, 3), in diameters, ``masses`` (n,), and whether the balls repeat along each vector, ``pbc``
+    (3,).
+    """
+
+    vectors: Array
+    positions: Array
+    masses: Array
+    pbc: Flags
+
+    @classmethod
+    def of_lattice(cls, lattice: ContactLattice) -> Self:
+        """Return the cell of a ``lattice``, which repeats along all of its periods."""
+        vectors, positions = place_in_space(lattice.cell, lattice.positions)
+        return cls(vectors, positions, lattice.masses, np.arange(3) < lattice.periods)
+
+    @classmethod
+    def of_atoms(cls, atoms: Atoms, periods: int) -> Self:
+        """Return the cell of given Atoms, of which the first ``periods`` vectors may be periods.
+
+        Vectors along which the balls do not repeat become perpendicular to the others, and are one
+        diameter long where the Atoms have none.
+        """
+        vectors = np.array(atoms.cell)
+        repeats = np.asarray(atoms.pbc[:periods], bool)
+        for axis in range(periods, 3):
+            # phonopy needs three vectors; across its periods the cell is one diameter thick
+            if not vectors[axis].any():
+                vectors[axis, axis] = 1.0
+        if np.any(repeats):
+            # a vector along which nothing repeats only spans the cell. If it is perpendicular to
+            # the periods, wave vectors have no component along it
+            along = vectors[np.flatnonzero(repeats)]
+            open_axes = np.flatnonzero(~repeats)
+            vectors[open_axes] -= vectors[open_axes] @ np.linalg.pinv(along) @ along
+        return cls(vectors, atoms.positions.copy(), atoms.get_masses(), np.asarray(atoms.pbc, bool))
+
+    @property
+    def scaled_positions(self) -> Array:
+        """(n, 3) positions in fractions of the vectors."""
+        return np.asarray(np.linalg.solve(self.vectors.T, self.positions.T).T)
+
+    def put_on(self, atoms: Atoms) -> Atoms:
+        """Give ``atoms`` the vectors of the cell, in place, and return them; balls keep their
+        positions.
+        """
+        atoms.set_cell(self.vectors)
+        return atoms
 
 
 class Phonons:
@@ -137,12 +189,13 @@ class Phonons:
         self.scales: Units = self.state.scales
         if not isinstance(atoms, Atoms | None):
             raise InputError(f"atoms is {atoms!r}", mend="Give an ase.Atoms")
-        self.atoms: Atoms = lattice_atoms(self.state) if atoms is None else atoms.copy()
-        self._span_cell()
         if atoms is None:
             # one cell of the lattice has the contacts of the state, so no search is needed
             self.lattice: ContactLattice = self.state.contact_lattice()
+            self._cell = _Cell.of_lattice(self.lattice)
         else:
+            self._cell = _Cell.of_atoms(atoms, self.state.reference_lattice.periods)
+            self.atoms = self._cell.put_on(atoms.copy())
             self.lattice = self.calculator.contact_lattice(self.atoms)
         if not self.lattice.measure > 0.0:
             raise InputError(
@@ -157,21 +210,12 @@ class Phonons:
             )
         self.dim = self._read_dim(dim)
 
-    def _span_cell(self) -> None:
-        """Change the cell of ``atoms``, in place, such that it has a vector along each axis;
-        vectors along which the balls do not repeat become perpendicular to the others.
+    @cached_property
+    def atoms(self) -> Atoms:
+        """The cell of balls as an ``ase.Atoms``, with a vector along each axis: the Atoms that were
+        given, or those that :func:`~granphon.atoms` makes of the state.
         """
-        for axis in range(self.state.reference_lattice.periods, 3):
-            # phonopy needs three vectors; across its periods the cell is one diameter thick
-            if not self.atoms.cell[axis].any():
-                self.atoms.cell[axis, axis] = 1.0
-        if np.any(self._repeats):
-            # a vector along which nothing repeats only spans the cell. If it is perpendicular to
-            # the periods, wave vectors have no component along it
-            cell = self.atoms.cell.array
-            open_axes = np.flatnonzero(~self._repeats)
-            along = cell[np.flatnonzero(self._repeats)]
-            cell[open_axes] -= cell[open_axes] @ np.linalg.pinv(along) @ along
+        return self._cell.put_on(lattice_atoms(self.state))
 
     def __repr__(self) -> str:
         lattice = self.lattice
@@ -197,7 +241,7 @@ class Phonons:
     @property
     def _repeats(self) -> NDArray[np.bool_]:
         """(p,) whether the cell repeats along each of the periods of the lattice."""
-        return np.asarray(self.atoms.pbc[: self.state.reference_lattice.periods], bool)
+        return self._cell.pbc[: self.state.reference_lattice.periods]
 
     def _read_dim(self, requested: Sequence[int] | None) -> tuple[int, ...]:
         """Return the numbers of cells (p,) in the supercell of phonopy: those ``requested``, or if
@@ -211,7 +255,7 @@ class Phonons:
         p = self._periods
         example = " ".join(map(str, _pad((3,) * p)))
         dim = grid_numbers("dim", requested, 1, LARGEST_COUNT, example, p)
-        is_open = ~np.asarray(self.atoms.pbc)[:p]
+        is_open = ~self._cell.pbc[:p]
         has_several_cells = np.array(dim) > 1
         if np.any(has_several_cells & is_open):
             raise InputError(
@@ -227,7 +271,7 @@ class Phonons:
                 " told apart",
                 f"Use at least {' x '.join(map(str, self._choose_dim()))}",
             )
-        memory = costs.force_constants(dim, len(self.atoms)).working
+        memory = costs.force_constants(dim, self.lattice.n_balls).working
         require_memory(
             f"force constants of a supercell of {shown} cells", memory, "Take a smaller dim"
         )
@@ -246,8 +290,8 @@ class Phonons:
             # lengthen the shortest side, so that the sides stay about equal
             shortest = int(np.argmin(numbers * lengths))
             numbers[shortest] += 1
-        repeats_along_all = np.all(self.atoms.pbc[:p])
-        if len(self.atoms) == 1 and repeats_along_all:
+        repeats_along_all = np.all(self._cell.pbc[:p])
+        if self.lattice.n_balls == 1 and repeats_along_all:
             return (max(numbers),) * p
         return tuple(numbers)
 
@@ -266,7 +310,7 @@ class Phonons:
         Along an axis without period there are no images; its vector is made very long, so that
         images are too far away to matter.
         """
-        periodic = np.asarray(self.atoms.pbc)[: self._periods]
+        periodic = self._cell.pbc[: self._periods]
         return np.where(periodic[:, None], self.lattice.cell, 1e6 * self.lattice.cell)
 
     def _require_mesh(self, numbers: tuple[int, ...]) -> None:
@@ -317,10 +361,10 @@ class Phonons:
 
         motions = self.lattice.motions
         unit_cell = PhonopyAtoms(
-            symbols=name_atoms(self.atoms.get_masses(), motions, self.state.kinds),
+            symbols=name_atoms(self._cell.masses, motions, self.state.kinds),
             cell=self._lengthen_open_axes(),
-            masses=np.repeat(self.atoms.get_masses(), motions.atoms_per_ball),
-            positions=place_atoms(self.atoms.positions, motions),
+            masses=np.repeat(self._cell.masses, motions.atoms_per_ball),
+            positions=place_atoms(self._cell.positions, motions),
         )
         bridge = ContactPhonopy(
             unit_cell,
@@ -335,18 +379,18 @@ class Phonons:
         return bridge
 
     def _lengthen_open_axes(self) -> Array:
-        """Return the cell (3, 3) of the Atoms, in diameters, made so long along axes without period
+        """Return the vectors (3, 3) of the cell, in diameters, so long along axes without period
         that images are farther than the balls of the cell.
 
         Phonopy has no open boundaries, and divides the force constants of a pair among its nearest
         images, which must not include images that do not exist.
         """
-        cell = np.array(self.atoms.cell)
-        spread = np.ptp(self.atoms.positions, axis=0)
+        cell = self._cell.vectors.copy()
+        spread = np.ptp(self._cell.positions, axis=0)
         is_period = np.arange(3) < self._periods
         # across the periods the cell is one diameter thick, which is enough if the balls lie in a
         # line or in a plane
-        is_open = np.where(is_period, ~np.asarray(self.atoms.pbc), spread > 0.5)
+        is_open = np.where(is_period, ~self._cell.pbc, spread > 0.5)
         extent = float(spread[is_period | is_open].sum())
         for axis in np.flatnonzero(is_open):
             length = np.linalg.norm(cell[axis])
@@ -564,7 +608,7 @@ class Phonons:
     @property
     def _lattice_vectors(self) -> Array:
         """(p, p) vectors of the cell along the periods, as rows, in diameters."""
-        return np.asarray(self.atoms.cell)[: self._periods, : self._periods]
+        return self._cell.vectors[: self._periods, : self._periods]
 
     def bands(
         self,
@@ -620,9 +664,9 @@ class Phonons:
             group_velocities=velocities,
             eigenvectors=vectors,
             labels=names,
-            cell=np.asarray(self.atoms.cell),
-            positions=self.atoms.get_scaled_positions(wrap=False),
-            masses=self.atoms.get_masses(),
+            cell=self._cell.vectors,
+            positions=self._cell.scaled_positions,
+            masses=self._cell.masses,
             scales=self.scales,
             warnings=self._find_warnings(q, frequencies),
             motions=self.lattice.motions,
@@ -773,7 +817,7 @@ class Phonons:
             norm = np.prod(numbers) * np.sqrt(2.0 * np.pi) * width
             densities = _smear(omega, frequencies, shares * grid.weights[:, None] / norm, width)
         # densities of modes of a cell per reduced frequency become those of a ball per Hz
-        translational, rotational = densities / (len(self.atoms) * self.scales.frequency)
+        translational, rotational = densities / (self.lattice.n_balls * self.scales.frequency)
         return DensityOfStates(
             frequencies=omega * self.scales.frequency,
             translational=translational,
@@ -1135,6 +1179,13 @@ def find_phonons(state: State, dim: tuple[int, ...] | None = None) -> Phonons:
     The state keeps the object, so that all of its spectra are found from the same one.
     """
     return state.cached(Phonons, None, dim)
+
+
+def find_bands(state: State, path: BandPath, npoints: int) -> Bands:
+    """Return the bands of a ``state`` at one load along a ``path``, with ``npoints`` points in each
+    segment, as :meth:`Phonons.bands` finds them.
+    """
+    return find_phonons(state).bands(path.arrays, npoints, path.labels)
 
 
 def _directions_along(paths: Array) -> Array:

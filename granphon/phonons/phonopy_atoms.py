@@ -135,6 +135,20 @@ def read_kinds(header: Mapping[str, Any], symbols: Sequence[str]) -> tuple[str, 
     return tuple(str(header["kinds"][symbol]) for symbol in symbols)
 
 
+def place_in_space(vectors: Array, positions: Array) -> tuple[Array, Array]:
+    """Return the vectors (3, 3) of a cell and the positions (n, 3) of its balls, in three
+    dimensions, from the ``vectors`` (p, d) of its periods and the ``positions`` (n, d), all in
+    diameters. Across the periods the cell is one diameter thick.
+    """
+    periods, dimension = vectors.shape
+    cell = np.eye(3)
+    cell[:periods] = 0.0
+    cell[:periods, :dimension] = vectors
+    places = np.zeros((len(positions), 3))
+    places[:, :dimension] = positions
+    return cell, places
+
+
 def place_atoms(positions: Array, motions: Motions, offset: Array = OFFSET) -> Array:
     """Return the positions of the one or two atoms of each ball, ball after ball, from the
     ``positions`` (n, 3) of the balls; all in the unit of ``offset`` (3,).

@@ -50,7 +50,7 @@ from granphon.media.newtons import write_newtons
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import Analysis, find_all, warn_of_missing_error
 from granphon.observables.velocities import warn_of_free_branches
-from granphon.phonons.paths import interpolate_path, special_points
+from granphon.phonons.paths import BandPath, interpolate_path, special_points
 from granphon.runs.execution import Task
 from granphon.runs.finished_tasks import TaskResult
 from granphon.runs.workers import packages
@@ -66,6 +66,7 @@ if TYPE_CHECKING:
     from granphon.array.sample import Sample
     from granphon.media.arrangement import Balls
     from granphon.media.simulation import DirectSimulation, SimulatedState
+    from granphon.phonons.bands import Bands
     from granphon.phonons.phonons import Phonons
 
 Array = NDArray[Any]
@@ -150,6 +151,8 @@ class Request:
     kept : whether states are kept whole, for files and figures of them: with the balls of their
         samples, and the results of the solvers of waves. A :class:`Grid` keeps the state of a sweep
         without axes.
+    modes : whether a state that is kept has bands with eigenvectors, for its files; the data set
+        then has the frequencies of these bands. The path of the bands is then a list of arrays.
     """
 
     finite_overlap: bool = False
@@ -161,6 +164,7 @@ class Request:
     exponents: bool = True
     sound: bool = True
     kept: bool = False
+    modes: bool = False
     observe: tuple[str, ...] = ("velocities",)
 
     @property
@@ -180,6 +184,18 @@ class Request:
         waves = self.waves and self.waves.with_walls(values, kinds)
         surface = self.surface and self.surface.with_walls(values, kinds)
         return replace(self, waves=waves, surface=surface)
+
+    def find_bands(self, state: ContactState) -> Bands:
+        """Return the bands of a kept state along the path, with eigenvectors; the state keeps them.
+        Only for a request of ``modes``.
+        """
+        # imported here: other runs do not need phonons
+        from granphon.phonons.phonons import find_bands
+
+        assert self.path is not None
+        pieces, npoints, labels = self.path
+        path = BandPath(pieces, None if labels is None else tuple(labels))
+        return state.cached(find_bands, path, npoints)
 
     def find_path(self, structure: Lattice) -> tuple[Array, tuple[str, ...]] | None:
         """Find the points along the path of the bands, (s, p, 3), and the labels of its corners;
@@ -631,7 +647,9 @@ class MediumTask(Task):
         path = request.find_path(self.serving.packing.structure)
         if path is not None:
             qpoints, _labels = path
-            bands, notes_on_bands = _observe_bands(state, qpoints, request.bands)
+            has_modes = request.modes and self.known_state is not None
+            known_bands = request.find_bands(state) if has_modes else None
+            bands, notes_on_bands = _observe_bands(state, qpoints, request.bands, known_bands)
             variables |= bands
             notes += notes_on_bands
         return variables | {"warnings": _write_notes(notes)}
@@ -821,11 +839,15 @@ def _find_in_zone(phonons: Phonons, request: Request) -> dict[str, Array]:
 
 
 def _observe_bands(
-    state: ContactState, qpoints: Array, losses: BandsSettings | None
+    state: ContactState,
+    qpoints: Array,
+    losses: BandsSettings | None,
+    known_bands: Bands | None = None,
 ) -> tuple[TaskResult, list[str]]:
     """Return the variables of the bands, each (loads, s, p, branches) at ``qpoints`` (s, p, 3),
     fractions of the reciprocal cell, and notes on branches and modes whose frequencies vanish at
-    the first load.
+    the first load. The frequencies of a single state may be known, from its ``known_bands`` at
+    these points.
 
     The variables are the frequencies, Hz, and, where contacts have ``losses``, the frequencies, Hz,
     decay and Q of the damped bands.
@@ -836,11 +858,16 @@ def _observe_bands(
     # the frequencies that phonopy gives, but from C(q), which needs no force constants
     lattices = [distinct.contact_lattice() for distinct in _find_distinct(state, states)]
     paths = [lattice.wavevectors(q) for lattice in lattices]
-    reduced = np.array(
-        [lattice.frequencies(path) for lattice, path in zip(lattices, paths, strict=True)]
-    )  # (lattices, s p, branches), in units of the scale of each state
     scales = np.array([single.scales.frequency for single in states])  # Hz
-    frequencies = scales[:, None, None] * reduced
+    # reduced frequencies are (lattices, s p, branches), in units of the scale of each state
+    if known_bands is None:
+        reduced = np.array(
+            [lattice.frequencies(path) for lattice, path in zip(lattices, paths, strict=True)]
+        )
+        frequencies = scales[:, None, None] * reduced
+    else:
+        frequencies = known_bands.frequencies
+        reduced = frequencies.reshape(1, len(q), -1) / scales[:, None, None]
     variables: TaskResult = {"frequencies": frequencies.reshape(shape)}
     notes = [
         *lattices[0].free_branch_warnings,

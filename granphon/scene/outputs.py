@@ -28,7 +28,7 @@ from granphon.base.text import dump_yaml, parse_yaml, read_yaml, require_schema
 from granphon.media import cost as costs
 from granphon.media.cost import Cost
 from granphon.media.network_file import TABLES
-from granphon.observables.catalogue import CATALOGUE, WAVE_COSTS, find_all, is_free
+from granphon.observables.catalogue import CATALOGUE, WAVE_COSTS, CostClass, is_free
 from granphon.runs.plan import CostPart
 from granphon.runs.workers import packages
 from granphon.waves.settings import RESPONSES
@@ -42,6 +42,8 @@ SUMMARY_SCHEMA = 1
 DIAMETERS_FILE = "diameters.csv"
 #: most variables of a design that the summary lists
 _MOST_VARIABLES = 20
+#: numbers that data sets leave out where moduli say the same
+_LEFT_OUT = ("tensor", "tensor_error")
 #: the packages that make force constants, bands and densities of states
 _OF_PHONONS = ("ase", "phonopy", "spglib")
 #: ending of the files that hold figures
@@ -345,8 +347,9 @@ def _find_force_constants(run: Any) -> Any:
 
 def _find_bands(run: Any) -> Any:
     """Return the bands of the only state along the path of the scene."""
-    path = run.scene.path
-    return run.phonons.bands(path.arrays, npoints=run.scene.band_points, labels=path.labels)
+    from granphon.phonons.phonons import find_bands
+
+    return run.state.cached(find_bands, run.scene.path, run.scene.band_points)
 
 
 def _find_gaps(results: Any) -> Any:
@@ -428,30 +431,47 @@ def _summarise_state(run: Any) -> dict[str, Any]:
     tensors. Numbers of waves that are not finite are left out.
     """
     scene = run.scene
-    analysis = run.analysis
     data = run.dataset
     numbers: dict[str, Any] = {
-        "finite_overlap": bool(analysis.state.finite_overlap),
-        "medium": scene.media[0].label,
+        "finite_overlap": bool(run.state.finite_overlap),
+        "medium": data["medium"].item(),
     }
     if "choice" in data:
         numbers |= {name: data[name].item() for name in ("choice", "expected_error")}
         numbers["truth"] = str(scene.serving.truth)
-    numbers |= find_all(analysis, ("state",))
-    if "exponent" in data:
-        numbers |= find_all(analysis, ("exponent",))
-    numbers |= find_all(analysis, ("packing",))
+    numbers |= _list_numbers(run, ("state", "exponent", "packing"))
     local_field = run.local_field
     if local_field is not None:
         names = ("alpha", "beta", "xi")
         numbers["local_field"] = {name: getattr(local_field, name) for name in names}
     if "velocities" in scene.observe:
-        numbers |= find_all(analysis, ("velocities",))
+        numbers |= _list_numbers(run, ("velocities",))
     for name, entry in CATALOGUE.items():
         if entry.cost in WAVE_COSTS and not entry.dims and name in data:
             value = data[name].item()
             if np.isfinite(value):
                 numbers[name] = value
+    return numbers
+
+
+def _list_numbers(run: Any, costs: Sequence[CostClass]) -> dict[str, Any]:
+    """Return the numbers of the only state that have these ``costs``, by name and in the order of
+    the costs: from the data set, and, of those that no data set holds, from the state itself.
+    """
+    state = run.dataset.isel(load=0, medium=0)
+    numbers: dict[str, Any] = {}
+    for cost in costs:
+        for name, entry in CATALOGUE.items():
+            if entry.cost != cost or entry.find is None:
+                continue
+            number = None
+            if entry.swept and name in state:
+                values = state[name].values
+                number = values if values.ndim else values.item()
+            elif not entry.swept or name in _LEFT_OUT:
+                number = entry.find(run.analysis)
+            if number is not None:
+                numbers[name] = number
     return numbers
 
 

@@ -371,6 +371,7 @@ class Scene(SceneValues):
             # a wall after a kind of balls keeps the name of the kind: derivatives change the kind
             surface=self.surface if "surface" in self.observe else None,
             bands=self.observed_settings("bands"),
+            modes=path is not None,
             observe=self.observe,
             sound=has_velocities or observables_of_mechanisms.isdisjoint(self.observe),
         )

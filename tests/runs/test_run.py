@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from concurrent.futures import BrokenExecutor
 from pathlib import Path
 
@@ -20,20 +21,21 @@ import numpy as np
 import pytest
 import xarray as xr
 import yaml
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
 from granphon.base.errors import FileExistsInRunError, InputError
 from granphon.base.staging import LIST, LOCK, ResultFiles
 from granphon.cli.main import main
 from granphon.cli.terminal import warn, write_uncertain
+from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.runs.dataset import load_sweep
 from granphon.runs.finished_tasks import read_entries
 from granphon.runs.sweep import sweep
 from granphon.runs.workers import Workers
 from granphon.scene.outputs import every_file, expected_files
 from granphon.scene.scene import WORK_FILE, RunResult, Scene, is_complete
-from tests.conftest import one_error
+from tests.conftest import one_error, only
 from tests.runs.calls import end_within_a_result, raise_unpicklable
 from tests.runs.conftest import full_disk
 
@@ -414,6 +416,28 @@ def test_finite_overlap_and_bands_reach_a_sweep(work):
     # the path was given in numbers, and the frequencies are those of C(q)
     assert set(summary("out")["versions"]) == {"granphon", "numpy", "scipy", "xarray", "h5netcdf"}
     assert set(json.loads(result.dataset.attrs["versions"])) == set(summary("out")["versions"])
+
+
+@pytest.mark.parametrize("medium", only(["ala"], ["ala", "{simulation: {shape: [4, 4]}}"]))
+def test_bands_of_one_state_are_found_once_for_both_of_its_files(work, monkeypatch, medium):
+    wave_vectors = Counter()
+    for name in ("modes", "frequencies"):
+        solve = getattr(ContactLattice, name)
+
+        def counted(lattice, q, *rest, _name=name, _solve=solve, **named):
+            wave_vectors[_name] += len(q)
+            return _solve(lattice, q, *rest, **named)
+
+        monkeypatch.setattr(ContactLattice, name, counted)
+    text = SWEEP[: SWEEP.index("medium:")].replace("{from: 2 N, to: 20 N, points: 3}", "3 N")
+    text += f"medium: {medium}\nobserve: [bands]\nphonopy: {{band_points: 101}}\n"
+    result = Scene.from_text(text).run("out", figures=False)
+    assert wave_vectors["modes"] == 3 * 101
+    assert wave_vectors["frequencies"] < 3 * 101  # those of the limits of the model
+    assert_array_equal(result.dataset["frequencies"][0, 0], result.bands.frequencies)
+    assert_allclose(
+        RunResult(work / "out", result.scene).bands.frequencies, result.bands.frequencies, rtol=1e-9
+    )
 
 
 def test_a_sweep_over_two_parameters_has_a_figure_of_both(work):
