@@ -97,7 +97,10 @@ def read_liggghts(
         notes.append(note_columns(at_walls, (*_OF_WALLS, "delta")))
     else:
         notes.append("Contacts with walls are not in a dump of pairs: walls=FILE reads them.")
-    return make_source(atoms, scales, balls, lists, notes)
+    source = make_source(atoms, scales, balls, lists, notes)
+    # the slip of the past is kept, and T grows as the shear stiffness that the program computes
+    # from the material; where the user gives a stiffness, that of Hooke's law does not grow
+    return source if springs.shear is not None else replace(source, tangential_law="liggghts")
 
 
 def _name_columns(frame: Frame, keywords: str | Sequence[str] | None) -> Frame:
