@@ -124,6 +124,8 @@ class Compatibility:
         potential.
     slip_stretch : (n_c,) by how much slip exceeds the displacement across a contact that makes it,
         over that displacement; 0 by default. It acts together with ``lever_excesses``.
+    arm_rates : (n_c,) by how much the arms of a contact grow with its elongation, where tangential
+        forces act; 1/2 by default.
     turns_with_balls : whether tangential forces turn about the normals with the balls; they do not
         by default.
     distance : (n_c,) distance r of the two centres; a tangential force turns with the line between
@@ -158,6 +160,7 @@ class Compatibility:
         tangential_growth: ArrayLike = 0.0,
         lever_excesses: ArrayLike = 0.0,
         slip_stretch: ArrayLike = 0.0,
+        arm_rates: ArrayLike = 0.5,
         turns_with_balls: bool = False,
         distance: ArrayLike | None = None,
         motions: Motions = IN_PLANE,
@@ -193,6 +196,8 @@ class Compatibility:
         self.lever_excesses: Array = read_only(np.broadcast_to(excesses, (2, len(contacts))))
         stretch = real_array("slip_stretch", slip_stretch)
         self.slip_stretch: Array = read_only(np.broadcast_to(stretch, len(contacts)))
+        rates = real_array("arm_rates", arm_rates)
+        self.arm_rates: Array = read_only(np.broadcast_to(rates, len(contacts)))
         self.turns_with_balls = turns_with_balls
         distances = np.linalg.norm(contacts.vector, axis=1)
         if distance is not None:
@@ -586,6 +591,7 @@ class Compatibility:
             gyration_i=gyration[table.i],
             gyration_j=gyration[table.j],
             growth=self.tangential_growth,
+            arm_rates=self.arm_rates,
             turns=self.turns_with_balls,
         )
         return pushes + [(row, sign * size) for row, sign in split_pairs(pairs)]
@@ -754,6 +760,7 @@ class Compatibility:
                 self.prestress,
                 *self.lever_excesses,
                 self.slip_stretch,
+                self.arm_rates,
                 self.tangential_growth,
                 *ratios,
             ]

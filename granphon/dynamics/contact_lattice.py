@@ -285,6 +285,7 @@ class ContactLattice(LongWaves):
             tangential_growth=extend(network.tangential_growth[kept] * units.length),
             lever_excesses=np.array([extend(of_end / units.length) for of_end in excesses]),
             slip_stretch=extend(network.slip_stretch[kept]),
+            arm_rates=extend(network.arm_rates[kept]),
             turns_with_balls=network.turns_with_balls,
             distance=extend(network.distance[kept] / units.length, 1.0),
             motions=motions,

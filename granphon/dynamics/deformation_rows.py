@@ -257,6 +257,7 @@ def carry_rows(
     gyration_i: Array,
     gyration_j: Array,
     growth: Array,
+    arm_rates: Array,
     *,
     turns: bool = False,
 ) -> list[tuple[Row, Row]]:
@@ -265,10 +266,10 @@ def carry_rows(
 
     ``force`` (n_c, 3) is the tangential force T with which ball i acts on ball j. When the balls
     move, T turns with the normal n (n_c, 3), so that it stays perpendicular to n, and each of its
-    two lever arms changes by half of the elongation e. So the forces and moments on the balls
-    change by
+    two lever arms changes by c e, where e is the elongation, and c the ``arm_rates`` (n_c,), 1/2
+    between balls. So the forces and moments on the balls change by
 
-        dF_j = -dF_i = -(T.dn) n,    dM_i = -arm_i dn x T - (e/2) n x T,    dn = v/r
+        dF_j = -dF_i = -(T.dn) n,    dM_i = -arm_i dn x T - c e n x T,    dn = v/r
 
     where v is the displacement across the contact and r the ``distance`` (n_c,) of the centres;
     dM_j is the same with arm_j. Such forces have no potential, so the stiffness is not symmetric.
@@ -303,7 +304,7 @@ def carry_rows(
     pairs = [
         (elongation, push(force)),
         (turn(n, arm_j, arm_i), push(-beside)),  # dn x T is along n, with the length -beside.dn
-        (turn(0.5 * beside, unit, unit), elongation),
+        (turn(arm_rates[:, None] * beside, unit, unit), elongation),
     ]
     if np.any(growth):
         slip = _slip_row(n, force, arm_i, arm_j, motions, gyration_i, gyration_j)

@@ -133,7 +133,8 @@ class ContactNetwork(Result):
         of LAMMPS: the radii, which exceed the arms by half of the overlap; with ``prestress`` slip
         then has no potential. "yade": the radii, and displacements across the contact count
         (R_i + R_j)/r times, with the radii R and the distance r of the centres, so that no slip is
-        left of a rotation of both balls together. The excess is of the order of the terms of static forces: without
+        left of a rotation of both balls together; a flat wall counts as the mirror image of the
+        ball, and the arm at it ends there. The excess is of the order of the terms of static forces: without
         ``prestress`` both are neglected, and the levers are the arms.
 
     Raises
@@ -463,19 +464,28 @@ class ContactNetwork(Result):
     @cached_property
     def slip_stretch(self) -> Array:
         """(n_c,) by how much slip exceeds the displacement across a contact that makes it, over
-        that displacement: (R_i + R_j)/(arm_i + arm_j) - 1 by the ``slip_levers`` of YADE, where a
-        flat wall counts as the mirror image of the ball. It is zero by other levers, of contacts
-        that do not resist slip, and if static forces do not act on displacements (``prestress``).
+        that displacement: (R_i + R_j)/(arm_i + arm_j) - 1 by the ``slip_levers`` of YADE, and
+        2 R_i/(R_i + arm_i) - 1 at flat walls. It is zero by other levers, of contacts that do not
+        resist slip, and if static forces do not act on displacements (``prestress``).
         """
         stretch = np.zeros(self.n_contacts)
         if self.prestress and self.slip_levers == "yade":
+            radii_i = self.radii[self.i]
             radii_j = self.radii[self.j]
             is_ball = np.isfinite(radii_j)
-            surfaces = self.radii[self.i] + np.where(is_ball, radii_j, self.radii[self.i])
-            arms = self.arm_i + np.where(is_ball, self.arm_j, self.arm_i)
-            np.divide(surfaces, arms, out=stretch, where=self.shear_stiffness > 0.0)
-            stretch[self.shear_stiffness > 0.0] -= 1.0
+            surfaces = radii_i + np.where(is_ball, radii_j, radii_i)
+            arms = self.arm_i + np.where(is_ball, self.arm_j, radii_i)
+            resists_slip = self.shear_stiffness > 0.0
+            stretch[resists_slip] = (surfaces / arms)[resists_slip] - 1.0
         return read_only(stretch)
+
+    @cached_property
+    def arm_rates(self) -> Array:
+        """(n_c,) by how much both arms grow with the elongation of a contact: by half of it, and by
+        all of it at flat walls by the ``slip_levers`` of YADE, where the arm ends at the wall.
+        """
+        ends_at_wall = np.isinf(self.radii[self.j]) & (self.slip_levers == "yade")
+        return read_only(np.where(ends_at_wall, 1.0, 0.5))
 
     @property
     def turns_with_balls(self) -> bool:

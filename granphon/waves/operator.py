@@ -529,6 +529,7 @@ class WaveOperator(LinearOperator):
             gyration[network.i],
             gyration[network.j],
             network.tangential_growth,
+            network.arm_rates,
             turns=network.turns_with_balls,
         )
 
