@@ -122,6 +122,12 @@ class Compatibility:
         at balls j; 0 by default. They act on motions as in
         :func:`~granphon.dynamics.deformation_rows.excess_pairs`, without the part that has no
         potential.
+    slip_stretch : (n_c,) by how much slip exceeds the displacement across a contact that makes it,
+        over that displacement; 0 by default. It acts together with ``lever_excesses``.
+    arm_rates : (n_c,) by how much the arms of a contact grow with its elongation, where tangential
+        forces act; 1/2 by default.
+    turns_with_balls : whether tangential forces turn about the normals with the balls; they do not
+        by default.
     distance : (n_c,) distance r of the two centres; a tangential force turns with the line between
         them. By default r is the length of the vector of the contact. So ``distance`` must be given
         if tangential forces act and balls touch bodies that do not move.
@@ -153,6 +159,9 @@ class Compatibility:
         tangential_force: ArrayLike = 0.0,
         tangential_growth: ArrayLike = 0.0,
         lever_excesses: ArrayLike = 0.0,
+        slip_stretch: ArrayLike = 0.0,
+        arm_rates: ArrayLike = 0.5,
+        turns_with_balls: bool = False,
         distance: ArrayLike | None = None,
         motions: Motions = IN_PLANE,
         on_site: Array | None = None,
@@ -185,6 +194,11 @@ class Compatibility:
         self.tangential_growth: Array = read_only(np.broadcast_to(growth, len(contacts)))
         excesses = real_array("lever_excesses", lever_excesses)
         self.lever_excesses: Array = read_only(np.broadcast_to(excesses, (2, len(contacts))))
+        stretch = real_array("slip_stretch", slip_stretch)
+        self.slip_stretch: Array = read_only(np.broadcast_to(stretch, len(contacts)))
+        rates = real_array("arm_rates", arm_rates)
+        self.arm_rates: Array = read_only(np.broadcast_to(rates, len(contacts)))
+        self.turns_with_balls = turns_with_balls
         distances = np.linalg.norm(contacts.vector, axis=1)
         if distance is not None:
             distances = real_array("distance", distance)
@@ -541,15 +555,16 @@ class Compatibility:
         gyration = np.append(self.gyration, 1.0)  # the last of a body that does not move
         at_i, at_j = self.lever_excesses
         radii = (gyration[table.i], gyration[table.j])
-        return table.normal, (table.arm_i, table.arm_j), (at_i, at_j), self.motions, radii
+        arms = (table.arm_i, table.arm_j)
+        return table.normal, arms, (at_i, at_j), self.slip_stretch, self.motions, radii
 
     @cached_property
     def static_rows(self) -> list[tuple[Row, Array]]:
         """Rows on which static forces act, each with its stiffness (n_c,), which may be below zero.
 
         Displacements across a contact with the normal force f and the distance a of its centres
-        have the stiffness -f/a. A tangential force acts by three products of two rows, and by one
-        more if it grows with the overlap; slip by levers that exceed the arms acts by a product for
+        have the stiffness -f/a. A tangential force acts by three products of two rows, by one more
+        if it grows with the overlap, and by one more if it turns about the normal; slip by levers that exceed the arms acts by a product for
         each tangent. Each product is written as a difference of two squares, that is, by two rows.
         """
         table = self.contacts
@@ -576,6 +591,8 @@ class Compatibility:
             gyration_i=gyration[table.i],
             gyration_j=gyration[table.j],
             growth=self.tangential_growth,
+            arm_rates=self.arm_rates,
+            turns=self.turns_with_balls,
         )
         return pushes + [(row, sign * size) for row, sign in split_pairs(pairs)]
 
@@ -742,6 +759,8 @@ class Compatibility:
                 self.stiffness,
                 self.prestress,
                 *self.lever_excesses,
+                self.slip_stretch,
+                self.arm_rates,
                 self.tangential_growth,
                 *ratios,
             ]

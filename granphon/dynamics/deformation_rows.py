@@ -202,6 +202,7 @@ def network_unit_rows(network: ContactNetwork) -> list[Row]:
             network.normal[:, : network.dimension],
             (network.arm_i, network.arm_j),
             excesses,
+            network.slip_stretch,
             network.ball_motions,
             (gyration[network.i], gyration[network.j]),
         )
@@ -256,23 +257,29 @@ def carry_rows(
     gyration_i: Array,
     gyration_j: Array,
     growth: Array,
+    arm_rates: Array,
+    *,
+    turns: bool = False,
 ) -> list[tuple[Row, Row]]:
     """Return the stiffness that static tangential forces contribute, the sum of pull^T move, as
     pairs (pull, move) of rows.
 
     ``force`` (n_c, 3) is the tangential force T with which ball i acts on ball j. When the balls
     move, T turns with the normal n (n_c, 3), so that it stays perpendicular to n, and each of its
-    two lever arms changes by half of the elongation e. So the forces and moments on the balls
-    change by
+    two lever arms changes by c e, where e is the elongation, and c the ``arm_rates`` (n_c,), 1/2
+    between balls. So the forces and moments on the balls change by
 
-        dF_j = -dF_i = -(T.dn) n,    dM_i = -arm_i dn x T - (e/2) n x T,    dn = v/r
+        dF_j = -dF_i = -(T.dn) n,    dM_i = -arm_i dn x T - c e n x T,    dn = v/r
 
     where v is the displacement across the contact and r the ``distance`` (n_c,) of the centres;
-    dM_j is the same with arm_j. T does not turn about n with the balls. Such forces have no
-    potential, so the stiffness is not symmetric.
+    dM_j is the same with arm_j. Such forces have no potential, so the stiffness is not symmetric.
 
-    In some laws T also grows with the overlap, by dT = -g e T with the ``growth`` g (n_c,), and dT
-    acts at the same arms as T. The other arguments are those of :func:`contact_rows`.
+    In some laws T also grows with the overlap, by dT = -g e T with the ``growth`` g (n_c,); and if
+    T ``turns`` about n with the balls, by the mean of their rotations phi there,
+
+        dT = (1/2) n.(phi_i + phi_j) n x T
+
+    dT acts at the same arms as T. The other arguments are those of :func:`contact_rows`.
     """
     n = normal
     beside = np.cross(normal, force)
@@ -297,12 +304,15 @@ def carry_rows(
     pairs = [
         (elongation, push(force)),
         (turn(n, arm_j, arm_i), push(-beside)),  # dn x T is along n, with the length -beside.dn
-        (turn(0.5 * beside, unit, unit), elongation),
+        (turn(arm_rates[:, None] * beside, unit, unit), elongation),
     ]
     if np.any(growth):
         slip = _slip_row(n, force, arm_i, arm_j, motions, gyration_i, gyration_j)
         head, tail = (growth[:, None] * ends for ends in (elongation.head, elongation.tail))
         pairs.append((slip, Row("elongation", 1.0, head, tail)))
+    if turns:
+        slip = _slip_row(n, beside, arm_i, arm_j, motions, gyration_i, gyration_j)
+        pairs.append((slip, turn(-0.5 * n, unit, unit)))
     return pairs
 
 
@@ -331,26 +341,28 @@ def excess_pairs(
     normal: Array,
     arms: tuple[Array, Array],
     excesses: tuple[Array, Array],
+    stretch: Array,
     motions: Motions,
     gyration: tuple[Array, Array],
 ) -> list[tuple[Row, Row]]:
     """Return the stiffness, over that of slip, which levers of slip have that exceed the arms, as
     pairs (pull, move) of rows: the sum of pull^T move.
 
-    Slip has the levers arm + ``excesses``, and its force makes torques with the ``arms``, so that
-    the sum is not symmetric: pull is the slip by the arms, and move what the excesses add to it.
+    Slip has the levers arm + ``excesses``, and counts displacements across the contact 1 +
+    ``stretch`` (n_c,) times. Its force makes torques with the ``arms``, so that the sum is not
+    symmetric: pull is the slip by the arms, and move what excesses and stretch add to it.
     ``arms``, ``excesses`` and ``gyration`` are those of balls i and of balls j, each (n_c,);
     ``normal`` (n_c, d) and ``motions`` are as for :func:`contact_rows`.
     """
     _, t, b = contact_frames(normal)
-    none = [np.zeros(len(normal))] * 3
     levers = [arm / radius for arm, radius in zip(arms, gyration, strict=True)]
     more = [excess / radius for excess, radius in zip(excesses, gyration, strict=True)]
     pairs = []
     # as in contact_rows, (phi x n).t is phi.b, and (phi x n).b is -phi.t
     for moved, turned, sign in ((t, b, 1.0), (b, t, -1.0)):
         pull = _make_row("slip", 1.0, moved, turned, -sign * levers[1], sign * levers[0], motions)
-        move = _make_row("turn", 1.0, none, turned, -sign * more[1], sign * more[0], motions)
+        stretched = [stretch * component for component in moved]
+        move = _make_row("slip", 1.0, stretched, turned, -sign * more[1], sign * more[0], motions)
         if np.any(move.head) or np.any(move.tail):
             pairs.append((pull, move))
     return pairs
@@ -360,13 +372,14 @@ def excess_rows(
     normal: Array,
     arms: tuple[Array, Array],
     excesses: tuple[Array, Array],
+    stretch: Array,
     motions: Motions,
     gyration: tuple[Array, Array],
 ) -> list[Row]:
     """Return the rows on whose squares :func:`excess_pairs` act, over the stiffness of slip; the
     stiffness of a row, 1 or -1, is the sign of its square.
     """
-    pairs = excess_pairs(normal, arms, excesses, motions, gyration)
+    pairs = excess_pairs(normal, arms, excesses, stretch, motions, gyration)
     return [row._replace(kind=EXCESS, stiffness=sign) for row, sign in split_pairs(pairs)]
 
 

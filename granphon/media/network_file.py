@@ -42,7 +42,8 @@ from granphon.media.cells import QUICK_BALLS, CrystalCell
 from granphon.media.medium import NETWORK, Medium
 from granphon.media.state import NetworkState
 from granphon.networks.faults import BAD
-from granphon.networks.network import READERS, SLIP_LEVERS, TANGENTIAL_LAWS, ContactNetwork
+from granphon.networks.network import READERS, ContactNetwork
+from granphon.networks.tangential_laws import SLIP_LEVERS, TANGENTIAL_LAWS
 
 #: names of the tables in which a run keeps the packing that it has read
 TABLES = ("balls.csv", "contacts.csv")
@@ -235,13 +236,13 @@ class NetworkFiles(Block, kw_only=True):
         word_of(*TANGENTIAL_LAWS),
         "how static tangential forces change with the overlap",
         default=None,
-        absent="`mindlin/force`",
+        absent="`liggghts` of LIGGGHTS, else `mindlin/force`",
     )
     slip_levers: str | None = setting(
         word_of(*SLIP_LEVERS),
         "by which rotations make slip, with static forces",
         default=None,
-        absent="`radii` of LAMMPS, else `arms`",
+        absent="`radii` of LAMMPS, `yade` with the law `yade`, else `arms`",
     )
     keep_rattlers: bool | None = setting(
         Kind.plain(truth), "whether balls that carry no load stay", default=None, absent="`false`"

@@ -25,7 +25,7 @@ from granphon.balls.on_site import name_springs
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InconsistencyWarning, InputError, message, warn_caller
 from granphon.base.text import counted
-from granphon.base.validation import whole_number
+from granphon.base.validation import one_of, whole_number
 from granphon.networks.faults import settle
 from granphon.networks.sources import (
     LARGEST,
@@ -39,6 +39,7 @@ from granphon.networks.sources import (
     find_rounding,
     note_pulling,
 )
+from granphon.networks.tangential_laws import TANGENTIAL_LAWS
 
 #: greatest gap or overlap of two balls, over the sum of their radii, at which they may be in
 #: contact
@@ -147,7 +148,7 @@ class Source:
     contact_model: ContactModel | None = None
     notes: tuple[str, ...] = ()
     tangential_law: str = "mindlin/force"
-    slip_levers: str = "arms"
+    slip_levers: str | None = None
 
     def complete(self, completion: Completion) -> tuple[dict[str, Any], tuple[str, ...]]:
         """Return all fields of the network, by name, in SI units, and notes on contacts that are
@@ -181,6 +182,10 @@ class Source:
         motions = source.motions
         if motions is None:
             motions = default_motions(dimension).name
+        levers = source.slip_levers
+        if levers is None:
+            law = one_of("tangential_law", source.tangential_law, TANGENTIAL_LAWS)
+            levers = TANGENTIAL_LAWS[law].levers
         network_fields = {
             "cell": self.cell,
             "pbc": tuple(pbc.tolist()),
@@ -199,7 +204,7 @@ class Source:
             "contact_model": self._find_model(material, resists_slip=resists_slip),
             "on_site": self._list_on_site(motions, dimension),
             "tangential_law": source.tangential_law,
-            "slip_levers": source.slip_levers,
+            "slip_levers": levers,
         }
         return network_fields, notes
 

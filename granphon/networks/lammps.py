@@ -369,7 +369,7 @@ def _read_wall(
         normal=normal,
         force=-scales.force * force,
         overlap=balls.radii[rows] - distance,
-        # LAMMPS and LIGGGHTS let forces of walls act at the radius, without half of the overlap
+        # LAMMPS lets forces of walls act at the radius, without half of the overlap
         arm_i=balls.radii[rows],
         arm_j=np.zeros(len(rows)),
         lines=atoms.first + 1 + rows,

@@ -94,10 +94,13 @@ def read_liggghts(
         for mesh in np.unique(meshes.j).tolist():
             balls = add_wall(balls, mesh, f"mesh {-mesh - 1}")
         lists.append(meshes)
-        notes.append(note_columns(at_walls, _OF_WALLS))
+        notes.append(note_columns(at_walls, (*_OF_WALLS, "delta")))
     else:
         notes.append("Contacts with walls are not in a dump of pairs: walls=FILE reads them.")
-    return make_source(atoms, scales, balls, lists, notes)
+    source = make_source(atoms, scales, balls, lists, notes)
+    # the slip of the past is kept, and T grows as the shear stiffness that the program computes
+    # from the material; where the user gives a stiffness, that of Hooke's law does not grow
+    return source if springs.shear is not None else replace(source, tangential_law="liggghts")
 
 
 def _name_columns(frame: Frame, keywords: str | Sequence[str] | None) -> Frame:
@@ -153,7 +156,7 @@ def _read_walls(frame: Frame, balls: Balls, scales: Scales, springs: Springs) ->
     """
     mend = "Write pos, id and force in compute wall/gran/local"
     require_columns(frame, _OF_WALLS, mend)
-    columns = frame.read(_OF_WALLS)
+    columns = frame.read([name for name in (*_OF_WALLS, "delta") if name in frame.names])
     labels = read_ids(frame, "ball", columns)
     indices = _find_indices(balls, labels)
     # from the centre of the ball to the place of the contact on the wall
@@ -162,15 +165,18 @@ def _read_walls(frame: Frame, balls: Balls, scales: Scales, springs: Springs) ->
     distance = np.linalg.norm(between, axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):  # a normal of nan is told as a fault
         normal = between / distance[:, None]
+    # the column has more digits of an overlap than places with few digits leave
+    has_overlap = "delta" in frame.names
+    overlap = scales.length * columns["delta"] if has_overlap else balls.radii[indices] - distance
     return Contacts(
         frame.name,
         labels,
         -1 - read_ids(frame, "mesh", columns),
         normal=normal,
         force=-scales.force * join_vectors(columns, ("fx", "fy", "fz")),
-        overlap=balls.radii[indices] - distance,
-        # LIGGGHTS lets forces of walls act at the radius, without half of the overlap
-        arm_i=balls.radii[indices],
+        overlap=overlap,
+        # LIGGGHTS lets forces of walls act at half of the overlap, and LAMMPS at the radius
+        arm_i=balls.radii[indices] - 0.5 * overlap,
         arm_j=np.zeros(frame.count),
         lines=frame.first + 1 + np.arange(frame.count),
         **springs.of(frame.count),

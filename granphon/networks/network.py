@@ -60,6 +60,7 @@ from granphon.networks.sources import (
     find_repeated,
     read_whole_numbers,
 )
+from granphon.networks.tangential_laws import SLIP_LEVERS, TANGENTIAL_LAWS
 
 if TYPE_CHECKING:
     from granphon.networks.building import Source
@@ -69,18 +70,6 @@ Found = TypeVar("Found")
 _WHOLE = ("i", "j", "shift", "labels")
 #: least volume of a periodic cell over the product of the lengths of its vectors
 _FLAT = 1e-9
-#: the power p by which a static tangential force grows with the overlap delta, as delta^p, while
-#: the slip stays; by the names of the laws in other programs
-TANGENTIAL_LAWS = {
-    "mindlin/force": 0.0,
-    "mindlin": 0.5,
-    "mindlin_rescale/force": 0.25,
-    "mindlin_rescale": 0.75,
-    "yade": 0.0,
-    "liggghts": 0.5,
-}
-#: levers by which rotations make slip: to the contact, or to the surface of each ball
-SLIP_LEVERS = ("arms", "radii")
 #: memory that is taken to repeat or to cut a network, and to check the result, over the memory of
 #: the arrays of the result
 _COPIES = 4.5
@@ -133,7 +122,8 @@ class ContactNetwork(Result):
     on_site : (n, motions) stiffnesses of springs to the ground against each of the ``motions`` of a
         ball, displacements first, N/m, then rotations, N m; None without such springs.
     tangential_law : how a static tangential force T changes with the overlap delta while the slip
-        stays, by the name of the law in a program. "mindlin/force" and "yade": T keeps its size.
+        stays, by the name of the law in a program. "mindlin/force": T keeps its size. "yade": T
+        keeps its size, and turns about the normal by the mean of the rotations of the two balls.
         "mindlin" and "liggghts" (also ``gran/hertz/history``): the slip of the past is kept, and T
         grows as the shear stiffness, as delta^(1/2). "mindlin_rescale" and "mindlin_rescale/force":
         the same two, but slip or force shrinks where the overlap does; the response is the mean of
@@ -141,7 +131,10 @@ class ContactNetwork(Result):
     slip_levers : the levers by which rotations of balls make slip. "arms": the distances ``arm_i``
         and ``arm_j``, which are also the levers of torques. "radii", as in ``pair_style granular``
         of LAMMPS: the radii, which exceed the arms by half of the overlap; with ``prestress`` slip
-        then has no potential. The excess is of the order of the terms of static forces: without
+        then has no potential. "yade": the radii, and displacements across the contact count
+        (R_i + R_j)/r times, with the radii R and the distance r of the centres, so that no slip is
+        left of a rotation of both balls together; a flat wall counts as the mirror image of the
+        ball, and the arm at it ends there. The excess is of the order of the terms of static forces: without
         ``prestress`` both are neglected, and the levers are the arms.
 
     Raises
@@ -444,7 +437,7 @@ class ContactNetwork(Result):
         By the ``tangential_law`` T goes as a power p of the overlap, so that the growth is p/delta.
         The overlap is that of Hertz's law, 3 f/2 k.
         """
-        power = TANGENTIAL_LAWS[self.tangential_law]
+        power = TANGENTIAL_LAWS[self.tangential_law].power
         overlap = overlap_from(self.normal_force, self.normal_stiffness)
         growth = np.divide(power, overlap, out=np.zeros(self.n_contacts), where=overlap > 0.0)
         return read_only(growth)
@@ -467,6 +460,39 @@ class ContactNetwork(Result):
             excesses.append(read_only(np.where(has_lever, radii, arm) - arm))
         at_i, at_j = excesses
         return (at_i, at_j) if np.any(at_i) or np.any(at_j) else None
+
+    @cached_property
+    def slip_stretch(self) -> Array:
+        """(n_c,) by how much slip exceeds the displacement across a contact that makes it, over
+        that displacement: (R_i + R_j)/(arm_i + arm_j) - 1 by the ``slip_levers`` of YADE, and
+        2 R_i/(R_i + arm_i) - 1 at flat walls. It is zero by other levers, of contacts that do not
+        resist slip, and if static forces do not act on displacements (``prestress``).
+        """
+        stretch = np.zeros(self.n_contacts)
+        if self.prestress and self.slip_levers == "yade":
+            radii_i = self.radii[self.i]
+            radii_j = self.radii[self.j]
+            is_ball = np.isfinite(radii_j)
+            surfaces = radii_i + np.where(is_ball, radii_j, radii_i)
+            arms = self.arm_i + np.where(is_ball, self.arm_j, radii_i)
+            resists_slip = self.shear_stiffness > 0.0
+            stretch[resists_slip] = (surfaces / arms)[resists_slip] - 1.0
+        return read_only(stretch)
+
+    @cached_property
+    def arm_rates(self) -> Array:
+        """(n_c,) by how much both arms grow with the elongation of a contact: by half of it, and by
+        all of it at flat walls by the ``slip_levers`` of YADE, where the arm ends at the wall.
+        """
+        ends_at_wall = np.isinf(self.radii[self.j]) & (self.slip_levers == "yade")
+        return read_only(np.where(ends_at_wall, 1.0, 0.5))
+
+    @property
+    def turns_with_balls(self) -> bool:
+        """Whether static tangential forces turn about the normals with the balls, by the
+        ``tangential_law``.
+        """
+        return TANGENTIAL_LAWS[self.tangential_law].turns
 
     @cached_property
     def unbalanced(self) -> tuple[Array, Array]:

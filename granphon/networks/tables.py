@@ -486,6 +486,8 @@ def read_tables(
         pbc = remark.get("pbc") if pbc is None else pbc
     periods, is_period = _read_cell(cell, pbc)
     options = {name: remark[name] for name in _WHOLE_FIELDS if name in remark}
+    if "tangential_law" in remark:  # levers that are the arms are not written
+        options.setdefault("slip_levers", "arms")
     if "contact_model" in remark:
         model = restore(remark["contact_model"], ContactModel, table_of_balls.name)
         options["contact_model"] = model

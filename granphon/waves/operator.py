@@ -507,6 +507,7 @@ class WaveOperator(LinearOperator):
             network.normal[:, : network.dimension],
             (network.arm_i, network.arm_j),
             network.lever_excesses,
+            network.slip_stretch,
             self.motions,
             (gyration[network.i], gyration[network.j]),
         )
@@ -528,6 +529,8 @@ class WaveOperator(LinearOperator):
             gyration[network.i],
             gyration[network.j],
             network.tangential_growth,
+            network.arm_rates,
+            turns=network.turns_with_balls,
         )
 
     @cached_property
