@@ -544,6 +544,13 @@ def _frame_text(kind: str, box: str, columns: Mapping[str, Array]) -> str:
     The line of the units names granphon, so that a later dump of granphon may replace the file.
     """
     rows = list(zip(*(values.tolist() for values in columns.values()), strict=True))
-    head = ["ITEM: UNITS", f"si{OWN}", "ITEM: TIMESTEP", "0", f"ITEM: NUMBER OF {kind}", str(len(rows))]
+    head = [
+        "ITEM: UNITS",
+        f"si{OWN}",
+        "ITEM: TIMESTEP",
+        "0",
+        f"ITEM: NUMBER OF {kind}",
+        str(len(rows)),
+    ]
     head += [box, f"ITEM: {kind} {' '.join(columns)}"]
     return "\n".join([*head, *map(join_numbers, rows), ""])
