@@ -3,9 +3,15 @@ such cells in space would not fit into memory.
 
 Conjugate gradients find the motions for all strains at once. All strains share each product with
 the sparse matrix, and every strain has a step length of its own. The preconditioner is the inverse
-of the stiffness of each ball with its neighbours at rest. It leaves out motions of single balls
-that deform no contact, such as the rotation about the line through two contacts. Other motions that
-cost nothing take no part, as no strain pushes them.
+of the stiffness of each ball with its neighbours at rest.
+
+Motions that cost nothing take no part in the iteration, as no strain pushes them. But they are
+part of the answer: what is loose stays behind in sound, and a mechanism has no sound. They are
+found in two ways. Motions of a single ball, such as the rotation about the line through two
+contacts, and those of a small cluster that no contact joins to the rest, are the null vectors of
+small dense matrices. All others are found by random motions: what deforms contacts as a random
+motion does differs from it by a motion that costs nothing. Random motions, more than there are
+loose ones, leave a basis of all loose motions.
 
 The energy of a strain is the minimum over the inner motions. So the error of the energy is of
 second order in that of the motions, and never negative.
@@ -15,12 +21,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from copy import copy
+from functools import cached_property
+from typing import Any, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from granphon.base.arrays import Array
-from granphon.base.errors import ConvergenceError, InstabilityError
+from granphon.base.arrays import Array, Index
+from granphon.base.errors import ConvergenceError, InputError, InstabilityError
 from granphon.base.progress import Progress, silent
 from granphon.dynamics.compatibility import Compatibility
 from granphon.dynamics.linalg import NO_ENERGY
@@ -29,13 +38,31 @@ from granphon.dynamics.two_levels import invert_blocks
 #: size of the residual, over that at the start, at which the iteration ends: nine digits are needed
 #: to tell waves of motions that cost nothing from sound
 _REDUCTION = 1e-11
+#: size of the residual, over that of a motion whose deformations are taken off, at which it is only
+#: rounding: what costs nothing has no other residual
+_ROUNDING = 1e-13
 #: largest number of iterations; random packings of 1e5 balls take some hundred
 _MOST_ITERATIONS = 20_000
-#: random motions in which loose ones are looked for. One would hide a loose motion once in 100
-_PROBES = 2
+#: random motions in which loose ones are looked for first. One would hide a loose motion once in
+#: a hundred times
+PROBES = 2
+#: random motions, at a time, by which further loose ones are looked for
+_MORE_PROBES = 12
+#: random motions beyond the loose ones that they leave, from which on none is left to be found
+_SPARE_PROBES = 2
 #: size of what is left of them from which on a motion is loose: a standard normal number is above
 #: it 99 times in 100, and the iteration leaves less than a thousandth of it
 _LOOSE = 1e-2
+#: part of a loose motion that a second iteration leaves if it costs nothing at all; a motion that
+#: costs a little goes
+_LEFT = 0.5
+#: largest number of loose motions of several balls that are found: as many solutions, in all, take
+#: some seven times as long as the moduli
+_MOST_LOOSE = 60
+#: largest number of balls of a cluster whose motions are those of a dense matrix
+_MOST_IN_CLUSTER = 20
+#: vector of a contact of a cluster, over its longest, up to which the cluster is found to close
+_CLOSED = 1e-6
 
 
 class IterativeRelaxation:
@@ -44,7 +71,8 @@ class IterativeRelaxation:
     :class:`~granphon.dynamics.sparse_relaxation.SparseRelaxation`.
 
     ``difference`` (n_rows, n_branches), sparse by rows, takes the mass-weighted motions of all
-    balls to the deformations of contacts.
+    balls to the deformations of contacts. The attribute ``staying`` (n_branches, k) holds
+    orthonormal motions that do not relax (:meth:`keep_back`); there are none at first.
     """
 
     #: error of deformations that have relaxed, over the largest
@@ -58,15 +86,52 @@ class IterativeRelaxation:
         self._rows = difference
         self._columns = difference.T.tocsr()
         self._progress = progress
-        self._held, self._free = invert_blocks(
-            (self._columns @ difference).tocsr(), lattice.motions.count
-        )
+        self.staying = np.zeros((lattice.n_branches, 0))
+        # the root of the largest entry of the diagonal: no deformation that a ball makes is greater
+        self._highest = math.sqrt(float(np.max(difference.power(2).sum(axis=0), initial=0.0)))
+        matrix = (self._columns @ difference).tocsr()
+        self._held, alone = invert_blocks(matrix, lattice.motions.count)
+        self._free = _join_clusters(lattice, matrix, alone)
 
-    @property
+    def keep_back(self, staying: Array) -> Self:
+        """Return the same relaxation, but for orthonormal motions ``staying`` (n_branches, k),
+        which do not relax although they deform contacts. Those that deform none do not matter.
+        """
+        kept = copy(self)
+        kept.staying = staying
+        if staying.size:
+            _, sizes, combinations = np.linalg.svd(self._rows @ staying, full_matrices=False)
+            kept.staying = staying @ combinations[sizes > _ROUNDING * self._highest].T
+        return kept
+
+    @cached_property
     def free(self) -> Array:
         """(n_branches, n_free) orthonormal motions that cost nothing and would mix with sound: the
-        part of the shifts of all balls that single balls can make without deforming a contact, less
-        the shifts themselves.
+        :attr:`loose` motions, and the part of the shifts of all balls that single balls, and small
+        clusters that are joined to no other ball, can make without deforming a contact, less the
+        shifts themselves.
+
+        Raises what :attr:`loose` raises.
+        """
+        return np.concatenate([self._idle_shifts, self.loose], axis=1)
+
+    @property
+    def n_free(self) -> int:
+        """Number of motions that cost nothing, n_free, also if others cost so little that
+        :attr:`free` raises an error.
+        """
+        loose, _costs_little = self._search
+        return int(self._idle_shifts.shape[1] + loose.shape[1])
+
+    @property
+    def finds_gears(self) -> bool:
+        """Whether motions that cost nothing may be those of several balls that turn as gears."""
+        return bool(self.loose.size)
+
+    @cached_property
+    def _idle_shifts(self) -> Array:
+        """(n_branches, k) orthonormal parts of the shifts of all balls that single balls and small
+        clusters can make, less the shifts themselves.
         """
         shifts = self._lattice.shifts
         parts = self._free @ (self._free.T @ shifts)
@@ -75,22 +140,128 @@ class IterativeRelaxation:
         return np.asarray(basis[:, sizes > math.sqrt(NO_ENERGY)])
 
     @property
-    def leaves_loose(self) -> bool:
-        """Whether several balls can move together at no cost, but for shifts of all balls and what
-        each ball can do alone: such motions are missing from :attr:`free`.
+    def keeps_back(self) -> bool:
+        """Whether motions stay behind that may deform contacts."""
+        return bool(self.staying.size)
 
-        What deforms contacts as random motions do, found by iteration, differs from these motions
-        by what costs nothing. One loose motion of many leaves a normal random number there.
+    @property
+    def leaves_loose(self) -> bool:
+        """Whether several balls can move together at no cost, or at too little to be told from
+        none, but for shifts of all balls, what each ball can do alone, and small clusters.
+        """
+        return bool(self._first_loose.size)
+
+    @property
+    def loose(self) -> Array:
+        """(n_branches, k) all orthonormal motions of several balls that cost nothing, but for
+        shifts of all balls, what each ball can do alone, and small clusters.
+
+        Raises :class:`~granphon.base.errors.InputError` if there are more than
+        :data:`_MOST_LOOSE`, or if the iteration cannot tell a motion that costs little from one
+        that costs nothing.
+        """
+        loose, costs_little = self._search
+        count = loose.shape[1] if self._are_few else self._loose_estimate
+        relaxed = f"A cell of {self._lattice.n_balls} balls is relaxed by iteration"
+        mend = "Leave out balls that carry no load: network.without_rattlers()"
+        if costs_little:
+            raise InputError(
+                "balls of the cell can move together at almost no cost",
+                f"{relaxed}, which does not tell such motions from those that cost nothing, and"
+                " stay behind in sound",
+                mend,
+            )
+        if count > _MOST_LOOSE:
+            raise InputError(
+                f"balls of the cell can move together at no cost in some {count:.0f} ways",
+                f"{relaxed}, which finds {_MOST_LOOSE} at most: what stays behind in sound is not"
+                " known",
+                mend,
+            )
+        return loose
+
+    @cached_property
+    def _search(self) -> tuple[Array, bool]:
+        """The :attr:`loose` motions (n_branches, k), or some of them if there are more than
+        :data:`_MOST_LOOSE`, and whether others cost so little that they are not told from these at
+        once.
+        """
+        if not self._are_few:
+            return self._first_loose, False
+        loose, costs_little = self._purify(self._first_loose, self.staying[:, :0])
+        n_found = self._first_loose.shape[1]
+        n_probes = PROBES
+        while n_found > n_probes - _SPARE_PROBES and loose.shape[1] <= _MOST_LOOSE:
+            n_probes = _MORE_PROBES
+            probed = _span(self._probe(n_probes, loose))
+            n_found = probed.shape[1]
+            found, also_costs_little = self._purify(probed, loose)
+            loose = np.concatenate([loose, found], axis=1)
+            costs_little |= also_costs_little
+            if not found.size:
+                break
+        return loose, costs_little
+
+    @cached_property
+    def _first_loose(self) -> Array:
+        """(n_branches, k) orthonormal motions that the first random motions leave: none if there is
+        no loose motion.
+        """
+        return _span(self._first_left)
+
+    @property
+    def _loose_estimate(self) -> float:
+        """Number of loose motions, estimated from what the first random motions leave: the square
+        of its size is the sum of that of as many normal random numbers.
+        """
+        return float(np.mean(np.sum(self._first_left**2, axis=0)))
+
+    @property
+    def _are_few(self) -> bool:
+        """Whether the estimated number of loose motions is so low that all are looked for."""
+        return self._loose_estimate <= 2.0 * _MOST_LOOSE
+
+    @cached_property
+    def _first_left(self) -> Array:
+        """(n_branches, PROBES) what :meth:`_probe` finds first."""
+        return self._probe(PROBES, self.staying[:, :0])
+
+    def _probe(self, count: int, known: Array) -> Array:
+        """Return what ``count`` random motions leave (n_branches, count), once what deforms
+        contacts has been taken off, and orthonormal loose motions ``known`` (n_branches, k).
+
+        A loose motion leaves a normal random number in each random motion.
+        """
+        rng = np.random.default_rng(known.shape[1])
+        given = rng.standard_normal((self._lattice.n_branches, count))
+        return self._find_costless(given, known)
+
+    def _purify(self, found: Array, known: Array) -> tuple[Array, bool]:
+        """Return orthonormal motions that cost nothing from what :meth:`_probe` has ``found``
+        beside those ``known``, by a second iteration, and whether others of them cost something.
+        """
+        if not found.size:
+            return found, False
+        basis, sizes, _ = np.linalg.svd(self._find_costless(found, known), full_matrices=False)
+        left = basis[:, sizes > _LEFT]
+        _, costs, combinations = np.linalg.svd(self._rows @ left, full_matrices=False)
+        free = left @ combinations[costs <= self.accuracy * self._highest].T
+        return np.asarray(free), free.shape[1] < found.shape[1]
+
+    def _find_costless(self, given: Array, known: Array) -> Array:
+        """Return what is left of motions ``given`` (n_branches, m) without those that deform
+        contacts, without shifts of all balls, without what single balls and small clusters can do,
+        and without ``known`` orthonormal loose motions (n_branches, k).
         """
         shifts = self._lattice.shifts
-        given = np.random.default_rng(0).standard_normal((len(shifts), _PROBES))
-        rest = given - self.find_motions(np.asarray(self._rows @ given))
-        alone, _sizes, _ = np.linalg.svd(
+        others, sizes, _ = np.linalg.svd(
             shifts - self._free @ (self._free.T @ shifts), full_matrices=False
         )
-        rest -= self._free @ (self._free.T @ rest)
-        rest -= alone @ (alone.T @ rest)
-        return bool(np.max(np.linalg.norm(rest, axis=0)) > _LOOSE)
+        others = np.concatenate([others[:, sizes > math.sqrt(NO_ENERGY)], known], axis=1)
+        floor = _ROUNDING * self._highest * np.linalg.norm(given, axis=0)
+        left = given - self._follow(np.asarray(self._rows @ given), floor)
+        left -= self._free @ (self._free.T @ left)
+        return np.asarray(left - others @ (others.T @ left))
 
     def relax(self, deformations: Array) -> Array:
         """Return the part of the ``deformations`` (n_rows, ...) that remains once the inner motions
@@ -104,8 +275,14 @@ class IterativeRelaxation:
         """Return the mass-weighted motions (n_branches, m) whose deformations are the part of the
         ``deformations`` (n_rows, m) that does not remain.
         """
+        return self._follow(deformations, 0.0)
+
+    def _follow(self, deformations: Array, floor: Any) -> Array:
+        """Return what :meth:`find_motions` returns, up to a residual of the size ``floor`` (m,)."""
         return self._solve(
-            lambda x: np.asarray(self._columns @ (self._rows @ x)), self._columns @ deformations
+            lambda x: np.asarray(self._columns @ (self._rows @ x)),
+            self._columns @ deformations,
+            floor,
         )
 
     def eliminate(self, form: Array, mixed: Array, block: Any) -> Array:
@@ -128,23 +305,34 @@ class IterativeRelaxation:
         the inner motions that respond to it, both (n_branches, m). The arguments are those of
         :meth:`eliminate`.
         """
-        held = np.asarray(mixed - self._free @ (self._free.T @ mixed))
+        held = self._hold_back(np.asarray(mixed - self._free @ (self._free.T @ mixed)))
         return held, self._solve(lambda x: np.asarray(block @ x), held)
 
-    def _solve(self, apply: Callable[[Array], Array], right: Array) -> Array:
-        """Return the motions (n_branches, m) that ``apply`` takes to ``right`` (n_branches, m), by
-        conjugate gradients for all columns at once.
+    def _hold_back(self, motions: Array) -> Array:
+        """Return ``motions`` (n_branches, m) without those that stay behind."""
+        return np.asarray(motions - self.staying @ (self.staying.T @ motions))
 
-        ``apply`` multiplies by a symmetric matrix. Raises
+    def _precondition(self, residual: Array) -> Array:
+        """Return the motions (n_branches, m) of each ball by itself under forces ``residual``."""
+        return self._hold_back(np.asarray(self._held @ residual))
+
+    def _solve(
+        self, apply: Callable[[Array], Array], right: Array, floor: ArrayLike = 0.0
+    ) -> Array:
+        """Return the motions (n_branches, m) that ``apply`` takes to ``right`` (n_branches, m), by
+        conjugate gradients for all columns at once; without the motions that stay behind.
+
+        ``apply`` multiplies by a symmetric matrix. The iteration ends at residuals of the size
+        ``floor`` (m,), or those of :data:`_REDUCTION` if they are larger. Raises
         :class:`~granphon.base.errors.InstabilityError` for a direction in which the energy falls,
         and :class:`~granphon.base.errors.ConvergenceError` after :data:`_MOST_ITERATIONS`.
         """
         motions = np.zeros_like(right)
-        residual = right.copy()
-        preconditioned = np.asarray(self._held @ residual)
+        residual = self._hold_back(right)
+        preconditioned = self._precondition(residual)
         direction = preconditioned.copy()
         sizes = np.einsum("nm,nm->m", residual, preconditioned)
-        limits = _REDUCTION**2 * sizes
+        limits = np.maximum(_REDUCTION**2 * sizes, np.square(floor))
         digits = -math.log10(_REDUCTION)
         reached = 0.0
         with self._progress.step("relax the balls", digits) as step:
@@ -152,7 +340,7 @@ class IterativeRelaxation:
                 is_open = sizes > limits
                 if not np.any(is_open):
                     return motions
-                forces = apply(direction)
+                forces = self._hold_back(apply(direction))
                 curvature = np.einsum("nm,nm->m", direction, forces)
                 if np.any(curvature[is_open] <= 0.0):
                     raise InstabilityError(
@@ -162,15 +350,86 @@ class IterativeRelaxation:
                 lengths = np.divide(sizes, curvature, out=np.zeros_like(sizes), where=is_open)
                 motions += lengths * direction
                 residual -= lengths * forces
-                preconditioned = np.asarray(self._held @ residual)
+                preconditioned = self._precondition(residual)
                 previous = sizes
                 sizes = np.einsum("nm,nm->m", residual, preconditioned)
                 growth = np.divide(sizes, previous, out=np.zeros_like(sizes), where=is_open)
                 direction = preconditioned + growth * direction
-                worst = float(np.max(np.sqrt(sizes / limits), where=limits > 0.0, initial=1.0))
-                gained = digits - math.log10(max(worst, 1.0)) - reached
+                above = np.divide(sizes, limits, out=np.ones_like(sizes), where=limits > 0.0)
+                gained = digits - 0.5 * math.log10(max(float(np.max(above)), 1.0)) - reached
                 step.advance(max(gained, 0.0))
                 reached += max(gained, 0.0)
         raise ConvergenceError(
             f"the balls of the network do not relax within {_MOST_ITERATIONS} iterations"
         )
+
+
+def _span(left: Array) -> Array:
+    """Return an orthonormal basis (n, k) of what random motions leave (n, m)."""
+    basis, sizes, _ = np.linalg.svd(left, full_matrices=False)
+    return np.asarray(basis[:, sizes > _LOOSE])
+
+
+def _join_clusters(lattice: Compatibility, matrix: Any, alone: Any) -> Any:
+    """Return orthonormal motions (n_branches, k), sparse by rows, that cost nothing: those of
+    single balls, ``alone`` (n_branches, m), and in their place those of small clusters of balls
+    that no contact joins to others, as null vectors of the stiffness ``matrix`` of the cell.
+    """
+    from scipy.sparse import csc_array, hstack
+
+    clusters = _find_clusters(lattice)
+    if not clusters:
+        return alone
+    count = lattice.motions.count
+    highest = float(np.max(matrix.diagonal()))
+    motions = []
+    lines = []
+    for balls in clusters:
+        line = (balls[:, None] * count + np.arange(count)).ravel()
+        energies, vectors = np.linalg.eigh(matrix[line][:, line].toarray())
+        free = vectors[:, energies <= NO_ENERGY * highest]
+        motions.append(free.T.ravel())
+        lines.append(np.tile(line, free.shape[1]))
+    sizes = [
+        np.full(line.size // (balls.size * count), balls.size * count)
+        for line, balls in zip(lines, clusters, strict=True)
+    ]
+    starts = np.concatenate([[0], np.cumsum(np.concatenate(sizes))])
+    shape = (lattice.n_branches, len(starts) - 1)
+    of_clusters = csc_array((np.concatenate(motions), np.concatenate(lines), starts), shape=shape)
+    columns = alone.tocsc()
+    is_single = ~np.isin(columns.indices[columns.indptr[:-1]] // count, np.concatenate(clusters))
+    return hstack([columns[:, is_single], of_clusters], format="csr")
+
+
+def _find_clusters(lattice: Compatibility) -> list[Index]:
+    """Return the balls of each cluster of two and up to :data:`_MOST_IN_CLUSTER` balls that no
+    contact joins to others, and that does not go on from cell to cell.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    table = lattice.contacts
+    n = lattice.n_balls
+    between = np.flatnonzero((table.j < n) & (np.arange(len(table)) < lattice.n_between))
+    i = table.i[between]
+    j = table.j[between]
+    joined = coo_array((np.ones(i.size), (i, j)), shape=(n, n))
+    _, cluster = connected_components(joined, directed=False)
+    sizes = np.bincount(cluster)
+    is_small = (sizes > 1) & (sizes <= _MOST_IN_CLUSTER)
+    clusters = []
+    of_contacts = cluster[i]
+    for number in np.flatnonzero(is_small):
+        balls = np.flatnonzero(cluster == number)
+        contacts = np.flatnonzero(of_contacts == number)
+        # places of the balls from which all vectors of contacts follow, if the cluster closes
+        ends = np.zeros((contacts.size, balls.size))
+        np.add.at(ends, (np.arange(contacts.size), np.searchsorted(balls, j[contacts])), 1.0)
+        np.add.at(ends, (np.arange(contacts.size), np.searchsorted(balls, i[contacts])), -1.0)
+        vectors = table.vector[between[contacts]]
+        places = np.linalg.lstsq(ends, vectors, rcond=None)[0]
+        open_by = np.max(np.abs(ends @ places - vectors), initial=0.0)
+        if open_by <= _CLOSED * np.max(np.abs(vectors)):
+            clusters.append(balls)
+    return clusters

@@ -75,6 +75,9 @@ MOST_RELAXED_BY_FACTORS = 120_000
 #: all that is loose. With 4.3 contacts, little more than the four that hold a ball, iteration takes
 #: 1.6 times as long as factors of 2,240 balls, and as long at 4,375; with 7.1 contacts a quarter
 MOST_FIRM_RELAXED_BY_FACTORS = 27_000
+#: largest number of motions of a cell that are relaxed by dense matrices where gears are to stay
+#: behind: 3,072 motions take 20 s and 1.3 GB, by iteration 0.2 s
+MOST_DENSE_WITH_GEARS = 3_000
 #: number of components of directions up to which their long waves are cached
 _FEW_COMPONENTS = 12
 #: largest number of directions whose long waves a lattice caches
@@ -132,18 +135,30 @@ class LongWaves(Compatibility):
     @cached_property
     def _uses_sparse_matrices(self) -> bool:
         """Whether inner motions are relaxed by sparse matrices: in a cell of many motions, where
-        they are faster, unless they find fewer free motions than the :attr:`_touching` lattice has.
-
-        Sparse matrices relax every motion that deforms contacts, by however little. Gears whose
-        lever arms differ within overlaps deform contacts as they turn, but the same turn is free
-        in the :attr:`_touching` lattice, and is to stay behind; dense matrices leave it behind.
+        they are faster, unless gears are to stay behind (:attr:`_leaves_gears`) in a cell of up to
+        :data:`MOST_DENSE_WITH_GEARS` motions.
         """
         if self.n_branches <= MANY_COLUMNS:
             return False
-        if self._touching is self:
+        if self.n_branches > MOST_DENSE_WITH_GEARS or self._touching is self:
             return True
-        n_free = self._sparse.free.shape[1]
-        return bool(n_free >= self._touching._free.shape[1])
+        return not self._leaves_gears(self._sparse)
+
+    def _leaves_gears(self, relaxation: SparseRelaxation | IterativeRelaxation) -> bool:
+        """Whether motions are to stay behind that a ``relaxation`` by sparse matrices relaxes: it
+        finds fewer free motions than the :attr:`_touching` lattice has.
+
+        Sparse matrices relax every motion that deforms contacts, by however little. Gears whose
+        lever arms differ within overlaps deform contacts as they turn, but the same turn is free
+        in the :attr:`_touching` lattice, and is to stay behind; dense matrices leave it behind, and
+        so does iteration where the motions are given.
+        """
+        touching = self._touching
+        if touching is self or relaxation.keeps_back:
+            return False
+        if touching._relaxation is not None and not touching._relaxation.finds_gears:
+            return False
+        return bool(relaxation.n_free < touching._free.shape[1])
 
     def relax_inner_motions(self, progress: Progress = silent) -> None:
         """Factorise the matrix of the inner motions, and keep the factors. That is the long work
@@ -164,27 +179,37 @@ class LongWaves(Compatibility):
 
     def _make_sparse(self, progress: Progress) -> SparseRelaxation | IterativeRelaxation:
         """Return a new relaxation of all inner motions: by iteration where this takes less time and
-        memory (:meth:`_find_iteration`), else by sparse factors.
+        memory (:meth:`_find_iteration`), or where gears are to stay behind in a cell too large for
+        dense matrices, else by sparse factors.
         """
         head, tail = compose_ends(self, *self._weight_rows())
         difference = (head - tail).tocsr()
         iteration = self._find_iteration(difference, progress)
         if iteration is not None:
             return iteration
-        return SparseRelaxation(self, difference, (head + tail).tocsr(), _SOFT, progress)
+        relaxation = SparseRelaxation(self, difference, (head + tail).tocsr(), _SOFT, progress)
+        if self.n_branches > MOST_DENSE_WITH_GEARS and self._leaves_gears(relaxation):
+            iteration = IterativeRelaxation(self, difference, progress)
+            return iteration.keep_back(self._touching._free)
+        return relaxation
 
     def _find_iteration(self, difference: Any, progress: Progress) -> IterativeRelaxation | None:
         """Return the relaxation by iteration of a large cell in space; None of any other.
 
-        Cells whose factors would not fit into memory are iterated in any case, smaller ones only if
-        no motion of several balls costs nothing, or nearly so, as gears do: such motions are found
-        by factors alone. The arguments are those of :class:`IterativeRelaxation`.
+        Cells whose factors would not fit into memory are iterated in any case: motions that cost
+        nothing in the :attr:`_touching` lattice, as gears, then stay behind. Smaller cells are
+        iterated only if no motion of several balls costs nothing, or nearly so: factors find such
+        motions in less time. The arguments are those of :class:`IterativeRelaxation`.
         """
         if not self.tries_iteration:
             return None
         iteration = IterativeRelaxation(self, difference, progress)
-        is_free_to_choose = self.n_branches <= MOST_RELAXED_BY_FACTORS
-        return None if is_free_to_choose and iteration.leaves_loose else iteration
+        if not self._is_too_large_for_factors:
+            return None if iteration.leaves_loose else iteration
+        if self._touching is not self:
+            self._touching.relax_inner_motions(progress)
+        leaves_gears = self._leaves_gears(iteration)
+        return iteration.keep_back(self._touching._free) if leaves_gears else iteration
 
     @property
     def tries_iteration(self) -> bool:
@@ -192,8 +217,14 @@ class LongWaves(Compatibility):
         several balls turn out to be loose together.
         """
         is_large = self.periods == 3 and self.n_branches > MOST_FIRM_RELAXED_BY_FACTORS
-        is_too_large = self.n_branches > MOST_RELAXED_BY_FACTORS
-        return is_large and (is_too_large or self._holds_rotations)
+        return is_large and (self._is_too_large_for_factors or self._holds_rotations)
+
+    @property
+    def _is_too_large_for_factors(self) -> bool:
+        """Whether the factors of the cell would not fit into the memory of most machines, so that
+        its inner motions are relaxed by iteration alone.
+        """
+        return self.periods == 3 and self.n_branches > MOST_RELAXED_BY_FACTORS
 
     @cached_property
     def _holds_rotations(self) -> bool:
@@ -226,6 +257,15 @@ class LongWaves(Compatibility):
     def _relaxation(self) -> SparseRelaxation | IterativeRelaxation | None:
         """The relaxation of the inner motions by sparse matrices; None if matrices are dense."""
         return self._sparse if self._uses_sparse_matrices else None
+
+    def _relax_under(self, push: Any) -> SparseRelaxation | IterativeRelaxation:
+        """Return the :attr:`_relaxation` of a cell of many balls under static forces, of which the
+        sparse ``push`` (n_branches, n_branches) is the form of their energy: motions on which they
+        act do not stay behind.
+        """
+        if isinstance(self._sparse, IterativeRelaxation) and self._touching is not self:
+            return self._sparse.keep_back(_leave_pushed(self._sparse.staying, push))
+        return self._sparse
 
     @property
     def _n_gradients(self) -> int:
@@ -344,10 +384,8 @@ class LongWaves(Compatibility):
             # first ones, are left out
             in_frame = self._frame.T @ idle.reshape(self.n_balls, -1)
             idle = in_frame.reshape(idle.shape)[n_shifts:]
-        if push is not None and idle.size:
-            energies, vectors = np.linalg.eigh(idle.T @ push @ idle)
-            is_unpushed = np.abs(energies) <= NO_ENERGY * np.linalg.norm(push)
-            idle = idle @ vectors[:, is_unpushed]
+        if push is not None:
+            idle = _leave_pushed(idle, push)
         if not idle.size:
             return np.eye(self.n_branches - n_shifts)
         complete_basis = np.linalg.qr(idle, mode="complete")[0]
@@ -402,6 +440,11 @@ class LongWaves(Compatibility):
         if not self._uses_sparse_matrices:
             return relaxed
         return np.asarray(np.linalg.qr(relaxed, mode="r"))
+
+    @property
+    def _accuracy(self) -> float:
+        """Error of deformations that have relaxed, over the largest."""
+        return _SOFT if self._relaxation is None else self._relaxation.accuracy
 
     @property
     def _is_across(self) -> NDArray[np.bool_]:
@@ -465,8 +508,7 @@ class LongWaves(Compatibility):
         all_waves = np.concatenate([weighted_sound, waves], axis=2)
         # motions, as rows, that deform nothing to second order: first their amplitudes in the
         # shifts of all balls, then those in the inner motions
-        accuracy = _SOFT if self._relaxation is None else self._relaxation.accuracy
-        idle = _find_null(all_waves.reshape(-1, count + free.shape[1]), soft=accuracy)
+        idle = _find_null(all_waves.reshape(-1, count + free.shape[1]), soft=self._accuracy)
         idle_shifts = idle[:, :count]
         idle_inner = idle[:, count:]
         # the waves of inner motions that are perpendicular to those that stay behind
@@ -532,7 +574,7 @@ class LongWaves(Compatibility):
         if not self._strains.size:
             return ""
         singular_values, strains = jacobi_svd(self._sound_rows @ self._strains)
-        is_soft = singular_values <= _SOFT * singular_values[-1]
+        is_soft = singular_values <= self._accuracy * np.max(np.abs(self._strain_rows[0]))
         if not is_soft[0]:
             return ""
         reason = "" if can_turn else "; without friction contacts resist compression only"
@@ -588,7 +630,7 @@ class LongWaves(Compatibility):
         *energy_forms, stress = push_forms
         forms = self._combine_forms(load, energy_forms)
         if self._relaxation is not None:
-            relaxed_form = self._relaxation.eliminate(*forms)
+            relaxed_form = self._relax_under(energy_forms[2]).eliminate(*forms)
         else:
             relaxed_form = self._eliminate(*forms, self._find_relaxing(energy_forms[2]))
         stiffness = np.asarray(relaxed_form.reshape(*relaxed_form.shape[:-2], *shape))
@@ -758,7 +800,7 @@ class LongWaves(Compatibility):
         load, (*push_forms, _) = self._find_load(None)
         forms = self._combine_forms(load, push_forms)
         if self._relaxation is not None:
-            return self._list_in_balls(-self._relaxation.respond(*forms))
+            return self._list_in_balls(-self._relax_under(push_forms[2]).respond(*forms))
         relaxing = self._find_relaxing(push_forms[2])
         motions, pull, inverse = self._find_pulls(*forms, relaxing)
         return self._list_in_balls(-motions @ (inverse[:, None] * pull))
@@ -1076,6 +1118,17 @@ class LongWaves(Compatibility):
         coupling = 0.5 * np.sum(turn * shift * ahead[:, None], axis=(0, 1))
         curvature = (narrowing - float(coupling @ coupling) / squared) / squared
         return squared, curvature
+
+
+def _leave_pushed(idle: Array, push: Any) -> Array:
+    """Return an orthonormal basis (n, m) of those combinations of orthonormal motions ``idle``
+    (n, k) on which static forces do not act; ``push`` (n, n) is the form of their energy.
+    """
+    if not idle.size:
+        return idle
+    energies, vectors = np.linalg.eigh(idle.T @ (push @ idle))
+    size = np.sqrt(push.power(2).sum()) if hasattr(push, "power") else np.linalg.norm(push)
+    return np.asarray(idle @ vectors[:, np.abs(energies) <= NO_ENERGY * size])
 
 
 def _find_null(matrix: Array, size: float = 0.0, soft: float = _SOFT) -> Array:

@@ -81,6 +81,8 @@ class SparseRelaxation:
 
     #: error of deformations that have relaxed, over the largest
     accuracy = 1e-12
+    #: whether motions that deform contacts stay behind: only iteration can leave them
+    keeps_back = False
 
     def __init__(
         self,
@@ -95,6 +97,16 @@ class SparseRelaxation:
         with single_products():
             self._factorise(difference, soft, progress)
             self._find_free(total, soft)
+
+    @property
+    def n_free(self) -> int:
+        """Number of motions that cost nothing, n_free."""
+        return int(self.free.shape[1])
+
+    @property
+    def finds_gears(self) -> bool:
+        """Whether motions that cost nothing may be those of several balls that turn as gears."""
+        return bool(self.n_free)
 
     @cached_property
     def layers(self) -> list[Layer]:

@@ -29,6 +29,8 @@ _NOT_WHOLE = "The file is not whole"
 _NO_BRACKETS = bytes.maketrans(b"[],", b"   ")
 #: a file of frames, of one program
 OneDump = TypeVar("OneDump", bound="Dump")
+#: what follows the units of a dump that granphon has written; other programs pass it over
+OWN = " granphon"
 
 
 @dataclass
@@ -410,7 +412,7 @@ def _split_text(lines: Lines, kind: str) -> Iterator[Frame]:
         title = _read_title(lines)
         word, *names = title.split() or [""]
         if title == "UNITS":
-            units = lines.read()
+            units = lines.read().removesuffix(OWN)
         elif title == "TIMESTEP":
             frame = Frame(lines.name, lines.read_count(), units=units)
             label = ""

@@ -21,7 +21,7 @@ from granphon.base.staging import write_texts
 from granphon.base.text import join_numbers, list_names, require_path
 from granphon.base.validation import choice, not_negative, positive, require, whole_number
 from granphon.networks.building import Source
-from granphon.networks.dumps import Dump, Frame
+from granphon.networks.dumps import OWN, Dump, Frame
 from granphon.networks.sources import Balls, Contacts, find_rounding
 
 #: length (m), mass (kg) and force (N) that are one in LAMMPS' styles of units
@@ -541,8 +541,16 @@ def _write_box(network: Any) -> str:
 def _frame_text(kind: str, box: str, columns: Mapping[str, Array]) -> str:
     """Return the text of a dump of one time step with the number 0 and the lines ``box``;
     ``kind`` is "ATOMS" or "ENTRIES", and ``columns`` have the numbers (rows,) by name, in SI units.
+    The line of the units names granphon, so that a later dump of granphon may replace the file.
     """
     rows = list(zip(*(values.tolist() for values in columns.values()), strict=True))
-    head = ["ITEM: UNITS", "si", "ITEM: TIMESTEP", "0", f"ITEM: NUMBER OF {kind}", str(len(rows))]
+    head = [
+        "ITEM: UNITS",
+        f"si{OWN}",
+        "ITEM: TIMESTEP",
+        "0",
+        f"ITEM: NUMBER OF {kind}",
+        str(len(rows)),
+    ]
     head += [box, f"ITEM: {kind} {' '.join(columns)}"]
     return "\n".join([*head, *map(join_numbers, rows), ""])

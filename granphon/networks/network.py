@@ -1395,7 +1395,8 @@ class ContactNetwork(Result):
 
         Raises :class:`~granphon.base.errors.InputError` for a cell whose first vector is not along
         x or whose second one leaves the xy plane, and for two names of one file, and OutputError
-        for files of another kind that are there; then neither file is written.
+        for files that are there and are not such dumps of granphon's own, as dumps of LAMMPS; then
+        neither file is written.
         """
         from granphon.networks.lammps import write_dumps
 

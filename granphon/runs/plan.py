@@ -65,6 +65,7 @@ if TYPE_CHECKING:
     from granphon.media.arrangement import Balls
     from granphon.media.simulation import DirectSimulation
     from granphon.networks.network import ContactNetwork
+    from granphon.waves.waves import Waves
 
 
 #: a part of the work: the path of the key that asks for it, how the user can make it smaller, and
@@ -834,14 +835,14 @@ class Plan:
         return ("medium",), mend, replace(total, parts=total.parts[:1])
 
     def _cost_packings(self) -> list[CostPart]:
-        """Return the part of the work that finds the waves in packings of files; empty without
-        them.
+        """Return the part of the work that finds the sound and the waves in packings of files;
+        empty without them.
         """
-        settings = self.waves
-        if settings is None or not self.grid.packing.is_network:
+        has_sound = "velocities" in self.observe
+        if not self.grid.packing.is_network or (self.waves is None and not has_sound):
             return []
         works = [
-            _estimate_packing(serving, settings)
+            _estimate_packing(serving, self.waves, has_sound)
             for case in self.checked_cases
             for serving in case.serving_media
         ]
@@ -974,37 +975,50 @@ def _estimate_waves(medium: DirectSimulation, load: Load, settings: WaveSettings
         )
 
 
-def _estimate_packing(serving: ServingMedium, settings: WaveSettings) -> Cost:
-    """Return the estimated memory and time of the density of states, spectral functions and pulse
-    of the packing in files that a medium serves.
+def _estimate_packing(
+    serving: ServingMedium, settings: WaveSettings | None, has_sound: bool
+) -> Cost:
+    """Return the estimated memory and time of the moduli and sound velocities, if the scene
+    ``has_sound``, and of the density of states, spectral functions and pulse of the packing in
+    files that a medium serves.
     """
     # imported here: other scenes do not need it
     from granphon.runs.wave_records import find_typical_state
-    from granphon.waves.path_spectra import find_packing_points
-    from granphon.waves.pulses import PulseSource
     from granphon.waves.waves import Waves
 
     network = find_typical_state(serving).network
     waves = Waves(network)
     works = list[Cost]()
+    if has_sound:
+        works.append(waves.estimate("moduli"))
+    if settings is not None:
+        works += _estimate_packing_waves(waves, settings)
+    return sum(works, Cost())
+
+
+def _estimate_packing_waves(waves: Waves, settings: WaveSettings) -> Iterator[Cost]:
+    """Yield the estimated memory and time of the density of states, spectral functions and pulse of
+    a packing in files.
+    """
+    # imported here: other scenes do not need it
+    from granphon.waves.path_spectra import find_packing_points
+    from granphon.waves.pulses import PulseSource
+
     if settings.dos:
-        works.append(waves.estimate("dos"))
+        yield waves.estimate("dos")
     spectrum = settings.spectrum
     if spectrum is not None:
-        q = find_packing_points(network, settings.path, spectrum.points).q
-        works += [
-            waves.estimate("spectral_function", q, polarisation, spectrum.resolution)
-            for polarisation in spectrum.polarisation
-        ]
+        q = find_packing_points(waves.network, settings.path, spectrum.points).q
+        for polarisation in spectrum.polarisation:
+            yield waves.estimate("spectral_function", q, polarisation, spectrum.resolution)
     pulse = settings.pulse
     if pulse is not None:
         # a pulse that cannot be sent has a note in place of numbers, and takes no time
         with suppress(InputError):
-            sent = PulseSource.of(pulse, network, settings.direction)
+            sent = PulseSource.of(pulse, waves.network, settings.direction)
             way = (sent.direction, sent.distance, sent.cycles, sent.polarisation)
             ends = {"source": sent.source, "ends": sent.ends}
-            works.append(waves.estimate("transmit", sent.frequency, *way, **ends, **pulse.losses))
-    return sum(works, Cost())
+            yield waves.estimate("transmit", sent.frequency, *way, **ends, **pulse.losses)
 
 
 def _count_spectrum_products(

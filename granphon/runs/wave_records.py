@@ -246,10 +246,12 @@ def require_network(
 
 def find_typical_state(serving: ServingMedium) -> Any:
     """Return a state that stands for those of a medium: of a packing that of equal balls at a
-    typical force, of a crystal that at its first load. None for a crystal whose state takes long.
+    typical force, of a crystal that at its first load, and of a packing in files its only state.
+    None for a crystal whose state takes long.
     """
     if serving.packing.kind_names:
-        return serving.at(serving.load[0]) if serving.is_quick else None
+        is_at_hand = serving.is_quick or serving.packing.is_network
+        return serving.at(serving.load[0]) if is_at_hand else None
     force = float(np.ravel(find_typical_force(serving.packing, serving.load))[0])
     return AveragedLattice(serving.packing).at(Load.only(force=force))[0]
 

@@ -21,6 +21,7 @@ from granphon.base.text import counted
 from granphon.base.validation import frequency_array, one_of, whole_number
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.damping import GivenLosses, Losses
+from granphon.dynamics.iterative_relaxation import PROBES
 from granphon.dynamics.linalg import MANY_COLUMNS
 from granphon.dynamics.lowest_modes import size_block
 from granphon.media.cost import Cost, Units, time_once
@@ -267,9 +268,10 @@ class WaveEstimate:
         periods = int(np.count_nonzero(operator.network.pbc))
         if ContactLattice.from_network(operator.network).tries_iteration:
             together = periods**2  # all gradients of a displacement
-            iterations = _RELAXATIONS * _ITERATIONS * operator.balls.size ** (1.0 / periods)
+            iterations = _ITERATIONS * operator.balls.size ** (1.0 / periods)
+            columns = _RELAXATIONS * together + PROBES
             held = 2.0 * 8.0 * _HELD_VECTORS * operator.size * together + self._matrix_bytes
-            return self._cost_products(words, iterations * together, together, held)
+            return self._cost_products(words, iterations * columns, together, held)
         return self._cost_factors(words, _FACTORS_OF_MODULI)
 
     def _find_pulse(

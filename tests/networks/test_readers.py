@@ -17,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import granphon as gp
-from granphon.base.errors import InconsistencyWarning, InputError, StoppedEarlyWarning
+from granphon.base.errors import InconsistencyWarning, InputError, OutputError, StoppedEarlyWarning
 from granphon.networks.sources import Completion
 from tests import packings
 from tests.networks import written
@@ -456,6 +456,24 @@ def test_dumps_that_are_written_are_read_back(name, tmp_path):
     swapped = replace(network, cell=network.cell[[1, 0, 2]], shift=network.shift[:, [1, 0, 2]])
     with pytest.raises(InputError, match="along x"):
         swapped.write_dumps(*files)
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_dumps_of_lammps_are_not_replaced(which, tmp_path):
+    """Those of granphon are, and LAMMPS' own has the same first lines; then neither is written."""
+    network = gp.ContactNetwork.from_lammps(*dumps("disks"), GLASS)
+    files = tmp_path / "atoms.dump", tmp_path / "pairs.dump"
+    network.write_dumps(*files)
+    smaller = network.select(np.arange(12))
+    smaller.write_dumps(*files)
+    texts = [path.read_text() for path in files]
+    assert texts[0].splitlines()[5] == "12"
+    texts[which] = texts[which].replace(" granphon", "")  # as LAMMPS writes it
+    files[which].write_text(texts[which])
+    with pytest.raises(OutputError, match=files[which].name):
+        network.write_dumps(*files)
+    assert [path.read_text() for path in files] == texts
+    assert len(list(tmp_path.iterdir())) == 2
 
 
 def test_dumps_of_layers_lack_their_walls(tmp_path):

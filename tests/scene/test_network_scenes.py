@@ -12,6 +12,7 @@ import granphon as gp
 from granphon.base.errors import InputError, SceneError
 from granphon.cli.main import main
 from granphon.figures.waves import plot_spectrum
+from granphon.media.cells import QUICK_BALLS
 from granphon.media.cost import Cost
 from granphon.scene.scene import is_complete
 from granphon.waves.settings import RESPONSES
@@ -187,6 +188,23 @@ def test_check_counts_the_waves_of_a_packing():
         assert numbers[0] == pytest.approx(numbers[1])
         assert told.memory == pytest.approx(expected.memory)
         assert len(numbers[0]) == len(names) + ("spectrum" in names) - ("modes" in names)
+
+
+def test_check_counts_the_sound_of_a_packing(tmp_path):
+    """Its velocities and moduli are found once; no packing in files is too large to be looked at."""
+    network = read_disks().repeat((5, 4))
+    assert network.n_balls > QUICK_BALLS
+    tables = tmp_path / "balls.csv", tmp_path / "contacts.csv"
+    network.write_tables(*tables)
+    head = f"network:\n  format: tables\n  files: [{tables[0]}, {tables[1]}]\n"
+    material = "  material: {young_modulus: 70 GPa, poisson_ratio: 0.2, density: 2500 kg/m^3}\n"
+    for observed, results in (("velocities", ["moduli"]), ("velocities, dos", ["moduli", "dos"])):
+        parts = make(f"{head}{material}observe: [{observed}]\n").plan.parts
+        told = sum((cost for place, _, cost in parts if place == ("observe",)), Cost())
+        expected = sum((gp.Waves(network).estimate(name) for name in results), Cost())
+        numbers = [[unit.number for unit in cost.units] for cost in (told, expected)]
+        assert numbers[0] == pytest.approx(numbers[1])
+        assert told.memory == pytest.approx(expected.memory)
 
 
 def observe_spectrum(more=""):

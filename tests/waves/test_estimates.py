@@ -131,8 +131,8 @@ def test_iterations_of_moduli_are_estimated(network, monkeypatch):
     applied = []
     solve = IterativeRelaxation._solve
 
-    def count_products(relaxation, apply, right):
-        return solve(relaxation, lambda x: applied.append(x.shape[1]) or apply(x), right)
+    def count_products(relaxation, apply, right, *floor):
+        return solve(relaxation, lambda x: applied.append(x.shape[1]) or apply(x), right, *floor)
 
     monkeypatch.setattr(IterativeRelaxation, "_solve", count_products)
     gp.moduli(balls)
