@@ -124,7 +124,7 @@ class GridProblem:
         """
         if self.is_given or not self.spread:
             return False
-        return self.load_force < options.direct_force
+        return bool(self.load_force < options.direct_force)
 
     def find_strains(self) -> Array:
         """Return the strains (s,) under which equal contacts have the mean force of the load; zeros
