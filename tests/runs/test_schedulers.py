@@ -212,6 +212,29 @@ def test_a_scheduler_that_is_not_there_is_an_error(
     assert [path.name for path in tmp_path.iterdir()] == ["scene.yaml"]
 
 
+@pytest.mark.parametrize(
+    "error",
+    [
+        AssertionError(),
+        TimeoutError("no answer"),
+        ConnectionRefusedError("refused"),
+        RuntimeError("can't start new thread"),
+    ],
+    ids=lambda error: type(error).__name__,
+)
+def test_whatever_keeps_a_client_from_its_scheduler_is_one_error(monkeypatch, error):
+    import distributed
+
+    def refuse(*_, **__):
+        raise error
+
+    monkeypatch.setattr(distributed, "Client", refuse)
+    with pytest.raises(GranphonError) as caught, open_executor(scheduler="tcp://127.0.0.1:9"):
+        pass
+    assert "tcp://127.0.0.1:9 cannot be reached" in str(caught.value)
+    assert (str(error) or "busy") in str(caught.value)
+
+
 # -- what is killed --------------------------------------------------------------------------------
 
 
