@@ -15,7 +15,6 @@ work of the load subtracted. This function is convex. The array is an assembly
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import replace
 from functools import cached_property
@@ -36,6 +35,7 @@ from granphon.base.results import Result, held, result_class
 from granphon.contacts import grid_loops
 from granphon.contacts.contact_list import ContactList
 from granphon.contacts.grid import find_lattice_grid
+from granphon.statics.configuration import list_shears
 from granphon.statics.options import ResponseOptions
 from granphon.statics.response import find_elastic_tensor
 
@@ -362,24 +362,6 @@ class Equilibrium(Result):
         motions = select_resisted(self.lattice, slip, torsion, bending)
         springs = Springs.of(normal, slip, np.asarray(torsion) * normal, bending * normal)
         return list_on_lattice(self.stencils.shape, self.lattice, motions, springs)
-
-
-def list_shears(periods: int) -> Array:
-    """Return (s, p, p) independent symmetric strains that keep the size of a cell with p =
-    ``periods`` to first order; there are s = p (p + 1)/2 - 1.
-    """
-    units = []
-    for axis in range(1, periods):
-        unit = np.zeros((periods, periods))
-        unit[0, 0] = 1.0
-        unit[axis, axis] = -1.0
-        units.append(unit)
-    for a, b in itertools.combinations(range(periods), 2):
-        unit = np.zeros((periods, periods))
-        unit[a, b] = 1.0
-        unit[b, a] = 1.0
-        units.append(unit)
-    return np.array(units).reshape(-1, periods, periods)
 
 
 def _find_uniform_part(stiffness: Array) -> float:

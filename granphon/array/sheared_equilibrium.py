@@ -5,14 +5,16 @@ Elsewhere the cell of an array keeps its shape: the mean of its principal stress
 and a small sample of balls that differ bears some shear stress. Here all strains of the cell are
 free, as those of a crystal are. The balls, as an assembly (:mod:`granphon.contacts.assembly`), come
 to rest under a pressure (:mod:`granphon.statics.find_rest`). In the directions of the lattice the
-mean force follows from the pressure alone, by the virial; in true directions, and for a given
-overlap, the pressure is searched for.
+mean force follows from the pressure alone, by the virial, and of a given overlap the shears alone
+are free: one search is enough for either. In true directions the pressure is searched for under
+which the cell has a given overlap or mean force.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,7 +29,6 @@ from granphon.array.geometry import LOAD_TOLERANCE
 from granphon.array.options import ReducedLoad
 from granphon.array.rest import (
     LEAST_TOLERANCE,
-    START_TOLERANCE,
     apply_load,
     assemble,
     equilibrate,
@@ -45,6 +46,7 @@ from granphon.statics.find_rest import find_rest
 from granphon.statics.options import RestOptions
 from granphon.statics.rest import Rest
 
+_OPTIONS = RestOptions(tolerance=LEAST_TOLERANCE, required=REST_TOLERANCE)
 #: pressures that are tried for a mean force or an overlap, at most
 _PRESSURES = 40
 
@@ -80,9 +82,14 @@ def equilibrate_sheared(
             return float(hertz.overlap_of(state.force))
 
         return search.find(goal, measure, float(hertz.overlap_of(goal)), explain_too_small(goal))
-    near = equilibrate(deviations, load, stencils, tolerance=START_TOLERANCE)
+    # contacts that keep their directions bear no less than those that turn: if they bear nothing at
+    # this overlap, nothing is searched for
+    on_lattice = search.keep_size(load.overlap)
+    if not ratio:
+        return search.make_state(on_lattice)
+    force = float(np.mean(hertz.force_of(np.maximum(on_lattice.overlap, 0.0))))
     no_load = explain_no_load(load.overlap)
-    return search.find(near.force, lambda state: state.overlap, load.overlap, no_load)
+    return search.find(force, lambda state: state.overlap, load.overlap, no_load)
 
 
 class _PressureSearch:
@@ -102,18 +109,31 @@ class _PressureSearch:
         self._steps = 0
         self._iterations = 0
 
+    def keep_size(self, overlap: float) -> Rest:
+        """Return the rest in the directions of the lattice of a cell of the given ``overlap`` y,
+        which keeps its size, and keep it as the start of the next search. A rough rest serves as
+        the start of a search in true directions.
+
+        Raises :class:`~granphon.base.errors.InputError` if the sample carries no load there.
+        """
+        scale = self._ratio or 1.0
+        load = apply_load(self._assembly, ReducedLoad(overlap=overlap), scale, 1.0)
+        load = replace(load, shears=True)
+        options = _OPTIONS.loosen() if self._ratio else _OPTIONS
+        try:
+            rest = find_rest(self._assembly, load, "lattice", "stress", self._last, options)
+        except InputError as error:
+            raise explain_no_load(overlap) from error
+        return self._keep(rest)
+
     def press(self, force: float) -> Equilibrium:
         """Return the equilibrium under the pressure of a mean contact ``force`` f*, and keep it as
         the start of the next search.
         """
         load = apply_load(self._assembly, ReducedLoad(force=force, on_boundary=True), 1.0, 1.0)
         geometry: Geometry = "exact" if self._ratio else "lattice"
-        options = RestOptions(tolerance=LEAST_TOLERANCE, required=REST_TOLERANCE)
-        rest = find_rest(self._assembly, load, geometry, "stress", self._last, options)
-        self._last = rest
-        self._steps += rest.steps
-        self._iterations += rest.iterations
-        return self._make_state(rest)
+        rest = find_rest(self._assembly, load, geometry, "stress", self._last, _OPTIONS)
+        return self.make_state(self._keep(rest))
 
     def find(
         self,
@@ -150,8 +170,15 @@ class _PressureSearch:
         problem = "no pressure is found under which the sample has this load"
         raise ConvergenceError(problem, mend="Raise the load, or give a pressure")
 
-    def _make_state(self, rest: Rest) -> Equilibrium:
-        """Return the equilibrium of balls at rest, with all steps of the search so far."""
+    def _keep(self, rest: Rest) -> Rest:
+        """Return a ``rest``, count its steps, and keep it as the start of the next search."""
+        self._last = rest
+        self._steps += rest.steps
+        self._iterations += rest.iterations
+        return rest
+
+    def make_state(self, rest: Rest) -> Equilibrium:
+        """Return the equilibrium of balls at ``rest``, with all steps of the search so far."""
         stencils = self._stencils
         ratio = self._ratio
         overlap, strain = split_strain(rest.strain, ratio)

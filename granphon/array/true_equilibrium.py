@@ -23,7 +23,7 @@ from granphon.array.contact_lists import (
     list_in_true_directions,
     select_resisted,
 )
-from granphon.array.equilibrium import CARRIED_FORCE, Equilibrium, list_shears
+from granphon.array.equilibrium import CARRIED_FORCE, Equilibrium
 from granphon.array.geometry import list_displacements
 from granphon.array.options import ReducedLoad
 from granphon.base.arrays import Array
@@ -32,6 +32,7 @@ from granphon.contacts.contact_list import ContactList
 from granphon.contacts.deformation import measure_resistance
 from granphon.contacts.placed import collect_pulls
 from granphon.contacts.tangent import fill_blocks
+from granphon.statics.configuration import list_shears
 from granphon.statics.response import LinearResponse
 
 #: least force that holds a ball which another contact pushes aside, over W/d times the force of
@@ -244,8 +245,8 @@ class HydrostaticCourse:
     and shears by strains that keep its size to first order. The displacement of a contact is here
     that of ball j less that of ball i. A stress is here, but for a factor, the sum S over contacts
     of the force on ball j times the direction on the lattice, times F transposed, which is
-    symmetric at rest; hydrostatic, if all shears of :func:`~granphon.array.equilibrium.list_shears`
-    do no work on it.
+    symmetric at rest; hydrostatic, if all shears of
+    :func:`~granphon.statics.configuration.list_shears` do no work on it.
 
     Parameters
     ----------

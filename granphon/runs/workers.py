@@ -236,15 +236,20 @@ def open_executor(
 
 
 def _connect(scheduler: str) -> Any:
-    """Return the client of dask for the scheduler at an address."""
+    """Return the client of dask for the scheduler at an address; raise
+    :class:`~granphon.base.errors.GranphonError` if the scheduler cannot be reached.
+    """
     from distributed import Client
 
     try:
         return Client(scheduler, timeout=_ANSWER_SECONDS, set_as_default=False)
-    except (OSError, ValueError, TypeError) as error:
+    # dask asserts, without words, that its own thread is up in time, which it is not on a machine
+    # that has stalled; a thread that the system refuses is a RuntimeError
+    except (OSError, ValueError, TypeError, AssertionError, RuntimeError) as error:
         problem = f"the scheduler at {scheduler} cannot be reached"
+        why = str(error) or "This machine is too busy: the thread of the client has not started"
         mend = "Is it running, and is the address one such as tcp://10.0.0.1:8786?"
-        raise GranphonError(problem, str(error), mend) from None
+        raise GranphonError(problem, why, mend) from None
 
 
 def count_calls(executor: Executor) -> int:

@@ -35,6 +35,24 @@ Boundary = Literal["isotropic", "stress"]
 BOUNDARIES: tuple[Boundary, ...] = get_args(Boundary)
 
 
+def list_shears(periods: int) -> Array:
+    """Return (s, p, p) symmetric strains that keep the size of a cell with p = ``periods`` to
+    first order, each at a right angle to the others; there are s = p (p + 1)/2 - 1.
+    """
+    units = []
+    for axis in range(1, periods):
+        diagonal = np.zeros(periods)
+        diagonal[:axis] = 1.0
+        diagonal[axis] = -axis
+        units.append(np.diag(diagonal))
+    for a, b in itertools.combinations(range(periods), 2):
+        unit = np.zeros((periods, periods))
+        unit[a, b] = 1.0
+        unit[b, a] = 1.0
+        units.append(unit)
+    return np.array(units).reshape(-1, periods, periods)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class AppliedLoad:
     """What acts on an assembly; SI units.
@@ -45,6 +63,8 @@ class AppliedLoad:
     words : what messages call the load.
     stress : (p, p) stress of the cell, tension above zero; None of a cell whose strain is given.
     strain : (p, p) the given strain; zeros if the strain is free.
+    shears : whether a cell whose strain is given shears beside, until its stress is hydrostatic; in
+        the directions of the lattice alone, where shears keep the size of the cell.
     pressure_force : (n d + k,) the part of ``force`` that grows with the area of the cell.
     lift : why gravity lifts balls off what they stand on, and what mends that; None if it does not.
     mean_force : mean force of all contacts, N, to which a cell that keeps its shape is pressed;
@@ -60,6 +80,7 @@ class AppliedLoad:
     lift: tuple[str, str] | None = None
     mean_force: float | None = None
     cell_tolerance: float = 1.0
+    shears: bool = False
 
     @property
     def acts(self) -> bool:
@@ -89,7 +110,8 @@ class Problem:
     The unknowns x (size,) are lengths, m: the displacements of n balls along d axes, those of k
     walls along their lines, and s strains of the cell times :attr:`length`. ``geometry`` says
     whether contacts turn, and ``boundary`` which strains are unknowns where the load has a stress:
-    all, or the one that changes the size of the cell and not its shape.
+    all, or the one that changes the size of the cell and not its shape. Where a strain is given,
+    they are the shears of a load that ``shears``, and otherwise there are none.
 
     Attributes
     ----------
@@ -118,6 +140,9 @@ class Problem:
             shapes = np.zeros((len(pairs), p, p))
             for shape, (a, b) in zip(shapes, pairs, strict=True):
                 shape[a, b] = shape[b, a] = 1.0
+        elif load.shears:
+            assert not self.turns  # shears keep the size of a cell to first order only
+            shapes = list_shears(p)
         # strains are scaled so that the forces on them, sums over all contacts, are comparable
         # with those on balls
         self.length = assembly.mean_distance * math.sqrt(assembly.n_contacts)

@@ -161,7 +161,7 @@ class GridPlace:
         """Whether a given strain leaves contacts open, and so little force that they carry no
         load.
         """
-        if self.problem.is_free or self.force >= self.options.threshold:
+        if not self.problem.is_given or self.force >= self.options.threshold:
             return False
         return not np.all(self.root)
 
@@ -285,7 +285,10 @@ class GridDescent(Descent[GridPlace]):
         reduction = max(reduction, options.accuracy * self.tolerance / residual)
         step, taken = self._find_step(place, min(options.loosest, reduction))
         self.inverses.count(taken)
-        ahead, length = self._follow(GridWay(place, step))
+        # near rest, where it comes no nearer, slopes are rounding: a line search would stay there
+        is_rounding = residual < options.near and self.trail.stalled > 2
+        part = 1.0 if is_rounding else options.slope
+        ahead, length = self._follow(GridWay(place, step), part)
         self.iterations += taken
         self._before = residual
         # where balls that nothing holds move far, single precision may spoil a step
@@ -376,7 +379,7 @@ class GridDescent(Descent[GridPlace]):
         if not problem.spread or (len(problem.grid.shape) == 3 and not self.inverses.are_small):
             return False
         common = problem.find_common(strains)
-        if not problem.is_free:
+        if problem.is_given:
             closed = np.mean(common[:, None] + problem.offset > 0.0)
             return bool(closed < options.closed_on_sites)
         force = float(np.mean(hertz.force_of(common)))

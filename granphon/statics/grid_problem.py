@@ -51,6 +51,7 @@ class GridProblem:
     work : (s,) forces of the load on strains.
     spread : standard deviation of the overlaps on the sites.
     unit, force_unit : units of lengths, m, and of forces, N.
+    is_given : whether the strain of the cell is given, but for shears.
     is_free : whether the cell has unknown strains.
     """
 
@@ -94,6 +95,7 @@ class GridProblem:
         self.given = given / self.unit
         self.strained = strained
         self.work = work / self.force_unit
+        self.is_given = stress is None and problem.load.mean_force is None
         self.is_free = len(work) > 0
         #: mean force of the contacts under the load, zero where a strain is given
         self.load_force = force / self.force_unit
@@ -120,12 +122,16 @@ class GridProblem:
         """Return whether the search is to begin at rest under a larger load: where balls differ and
         the mean force of the load is below ``options.direct_force``.
         """
-        return self.is_free and self.spread > 0.0 and self.load_force < options.direct_force
+        if self.is_given or not self.spread:
+            return False
+        return bool(self.load_force < options.direct_force)
 
     def find_strains(self) -> Array:
-        """Return the strains (s,) under which equal contacts have the mean force of the load."""
-        if not self.is_free:
-            return np.zeros(0)
+        """Return the strains (s,) under which equal contacts have the mean force of the load; zeros
+        where a strain is given.
+        """
+        if self.is_given:
+            return np.zeros(len(self.work))
         wanted = self.given - float(hertz.overlap_of(self.load_force))
         strains, *_ = np.linalg.lstsq(self.strained, wanted, rcond=None)
         return np.asarray(strains)

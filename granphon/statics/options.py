@@ -153,6 +153,8 @@ class RestOptions:
         which the energy falls; where balls do not differ, as many end the search.
     stalled : steps without half of the residual that end the search of balls that differ, or that
         keep the directions of the lattice in a list.
+    fallen : fall of the energy in a step, over the sum of forces times overlaps, up to which it is
+        rounding: as long as it falls by more, a search of balls that differ does not end so.
     detours : loads, over the given one, ascending, under which balls come to rest first where a
         search in exact directions ends without rest: other contacts are then open on the way.
     light : force of a contact, over the mean, up to which it is light: balls with no more heavy
@@ -258,6 +260,7 @@ class RestOptions:
     carried: float = 10.0
     patience: int = 20
     stalled: int = 80
+    fallen: float = 1e-13
     detours: tuple[float, ...] = (2.0, 10.0)
     light: float = 1e-3
     failed: float = 0.3

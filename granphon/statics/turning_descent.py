@@ -81,6 +81,8 @@ class TurningDescent(ListDescent):
         self._in_turn = True
         #: residual below which they do so again, once they do not
         self._residual_of_turns = options.last
+        #: whether the last step has led down the energy, by more than rounding
+        self._falls = False
 
     @cached_property
     def grid_equations(self) -> GridEquations:
@@ -118,10 +120,16 @@ class TurningDescent(ListDescent):
         return configuration
 
     def _is_stuck(self, place: Configuration) -> bool:
-        """Return whether the residual no longer falls, or the configuration is not possible."""
+        """Return whether neither the residual falls any longer nor the energy, or the configuration
+        is not possible.
+
+        Balls that lean on ever more others go down their energy for long, contact after contact,
+        with forces left that are as large as before.
+        """
         options = self.options
         patience = options.stalled if self.problem.assembly.differs else options.patience
-        return self.trail.stalled > patience or not place.is_sound
+        has_stalled = self.trail.stalled > patience and not self._falls
+        return has_stalled or not place.is_sound
 
     def _prepare(self, place: Configuration) -> Configuration:
         """Return the configuration in which loose balls have come to rest between the others; that
@@ -188,6 +196,7 @@ class TurningDescent(ListDescent):
         """Return the configuration after a step of all balls. Of balls that differ, those on which
         the step leaves much force then become loose as well, unless they are many.
         """
+        self._falls = False
         # whole steps that push loose balls into others may go round in circles
         if self.problem.assembly.grid and self._in_turn:
             ahead = self._advance_on_grid(place)
@@ -217,6 +226,9 @@ class TurningDescent(ListDescent):
         falls = ahead.is_sound and pull @ step > 0.0 and (pull + ahead.pull) @ step >= 0.0
         if not falls:
             ahead = self._go_along(configuration, self._find_leaning_step(configuration))
+        work = 0.5 * float((pull + ahead.pull) @ (ahead.x - configuration.x))
+        stored = float(np.abs(configuration.force) @ np.abs(configuration.overlap))
+        self._falls = work > self.options.fallen * stored
         return ahead
 
     def _go_along(self, configuration: Configuration, step: Array) -> Configuration:

@@ -754,6 +754,33 @@ def test_near_the_threshold_there_is_rest_or_no_load(
         assert state.residual <= 1e-10
 
 
+@pytest.mark.parametrize(("lattice", "shape"), [("triangular", (8, 8)), ("fcc", (3, 3, 3))])
+@pytest.mark.parametrize("overlap", [-0.08, 0.0, 0.3])
+def test_a_cell_of_a_given_size_shears_to_its_rest_under_pressure(lattice, shape, overlap):
+    """A given size and the mean force that it has lead to one state: the one search has the shears
+    of the cell free, the other all strains.
+    """
+    stencils = Stencils(shape, lattice=find_lattice(lattice))
+    x = balls(shape, lattice=find_lattice(lattice))
+    given = equilibrate_sheared(x, ReducedLoad(overlap=overlap), 0.0, stencils)
+    pressed = equilibrate_sheared(x, ReducedLoad(force=given.force), 0.0, stencils)
+    assert pressed.overlap == pytest.approx(overlap, abs=1e-12)
+    close_forces(given.forces, pressed.forces, 1e-10)
+    np.testing.assert_allclose(given.strain, pressed.strain, rtol=0.0, atol=1e-12)
+    assert np.max(np.abs(given.strain)) > 1e-4
+
+
+@pytest.mark.slow
+def test_balls_that_lean_on_ever_more_others_come_to_rest():
+    """The forces left are as large as before for a hundred steps, in which the energy falls."""
+    x = gp.Uniform(1.0).sample((10, 10), 71)
+    load = ReducedLoad(force=2.2597674715857743e-06, on_boundary=True)
+    state = equilibrate_sheared(x - np.mean(x), load, STEEL_WIDTH, Stencils((10, 10)))
+    assert state.residual <= 1e-10
+    assert np.linalg.eigvalsh(hessian(state))[0] > -1e-12
+    assert np.count_nonzero(state.forces) > 170
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "force", "ratio"),

@@ -48,6 +48,7 @@ from granphon.fits.measurements import Measurements
 from granphon.runs import dataset
 from granphon.runs.finished_tasks import Store, _seal, encode
 from tests.conftest import one_error
+from tests.waiting import HANGS
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 PACKING = gp.Packing(STEEL, 8e-3)
@@ -616,7 +617,7 @@ def test_a_sweep_without_a_digest_cannot_stop_us(written, tmp_path, monkeypatch)
         with monkeypatch.context() as patched:
             for name, value in (
                 ("_TRIAL", trial),
-                ("TRIAL_SECONDS", 1.0 if "sleep" in trial else 100.0),
+                ("TRIAL_SECONDS", 1.0 if "sleep" in trial else HANGS),
             ):
                 patched.setattr(dataset, name, value)
             with pytest.raises(InputError, match=words):
@@ -879,7 +880,7 @@ def test_a_crash_inside_hdf5_is_not_ours(written, tmp_path, start, said, seconds
         [sys.executable, "-c", command, "plot", str(tmp_path)],
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=HANGS,
         check=False,
     )
     assert done.returncode == 2

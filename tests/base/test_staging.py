@@ -30,6 +30,7 @@ from granphon.base.staging import (
     write_text,
 )
 from tests.conftest import EXAMPLES, without_rights
+from tests.waiting import HANGS
 from tests.warm import Warm
 
 
@@ -347,7 +348,7 @@ def test_runs_that_contend_leave_the_files_of_one(tmp_path: Path) -> None:
         ]
         for run in runs:
             run.start()
-        claims = {done.get(timeout=60) for _ in runs} - {""}
+        claims = {done.get(timeout=HANGS) for _ in runs} - {""}
         for run in runs:
             run.join()
         found = tree(tmp_path)

@@ -20,6 +20,7 @@ from granphon.scene.outputs import expected_files
 from granphon.scene.scene import Scene
 from tests.conftest import one_error
 from tests.scene.mistakes import MISTAKES, SCENE
+from tests.waiting import HANGS
 
 SPECTRA = SCENE.replace("[velocities]", "[velocities, bands, dos]")
 
@@ -572,7 +573,7 @@ def test_progress_on_a_real_terminal_leaves_stdout_alone(work):
             seen += piece
     except OSError:  # the other side has closed
         pass
-    out, _ = process.communicate(timeout=60)
+    out, _ = process.communicate(timeout=HANGS)
     os.close(ours)
     assert process.returncode == 0
     assert b"density of states" in seen

@@ -19,6 +19,7 @@ from granphon.page.page import make_page
 from granphon.waves.settings import BandsSettings
 from tests.page import browser
 from tests.page.test_page import BALLS, FORCE, SOLVE, check_agreement, draw_settings, lattice_data
+from tests.waiting import HANGS
 
 pytestmark = [
     pytest.mark.exhaustive,
@@ -26,8 +27,13 @@ pytestmark = [
         bool(browser.explain_missing()), reason=browser.explain_missing() or "there is a browser"
     ),
 ]
-#: after the last change the page rests for a moment before it draws what takes longer
-REST = 1500
+#: what the page draws once it has rested for a moment after the last change is drawn: at its begin
+#: the address takes up the link to the settings
+SETTLED = "() => location.hash === `#${writeLink(data, granphon.state())}`"
+#: some frames of a motion have been drawn
+FRAMES = """(count) => new Promise((end) => {
+    const next = () => (count-- > 0 ? requestAnimationFrame(next) : end());
+    next(); })"""
 #: a page is drawn, and its density of states too
 DRAWN = "() => document.getElementById('dos-help').textContent !== ''"
 
@@ -65,6 +71,7 @@ class Visit:
             **{"viewport": {"width": 1280, "height": 900}} | options
         )
         self.page = self.context.new_page()
+        self.page.set_default_timeout(1000.0 * HANGS)
         self.asked: list[str] = []
         self.wrong: list[str] = []
         self.page.on("request", lambda request: self.asked.append(request.url))
@@ -184,7 +191,7 @@ def test_sliders_move_by_the_keyboard_and_redraw(chromium, folder):
             page.keyboard.press("ArrowLeft" if name == "eta" else "ArrowRight")
         page.focus("#overlap")
         page.keyboard.press("Space")
-        page.wait_for_timeout(REST)
+        page.wait_for_function(SETTLED)
         after = state(page)
         changed = {name for name in after if after[name] != before[name]}
         assert changed == {"force", "width", "eta", "bending", "place", "branch", "overlap"}
@@ -206,7 +213,7 @@ def test_the_axis_of_frequencies_shrinks_with_the_load(chromium, folder, lightes
             page.evaluate(
                 "(factor) => granphon.change({ force: factor * data.limits.force[1] })", factor
             )
-            page.wait_for_timeout(REST)
+            page.wait_for_function(SETTLED)
         top, axis, drawn = page.evaluate(
             "() => [current.top * current.unit.scale, bandsView.axisTop,"
             " bandsView.element.layout.yaxis.range[1]]"
@@ -229,7 +236,7 @@ def test_a_colour_means_the_same_in_bands_and_density_of_states(chromium, folder
         assert colours == dict(zip(("moving", "turning", "total"), ends, strict=True))
         assert sums == pytest.approx([2.0 / 3.0 * sums[2], 1.0 / 3.0 * sums[2], sums[2]])
         page.evaluate("() => granphon.change({ eta: 0 })")
-        page.wait_for_timeout(REST)
+        page.wait_for_function(SETTLED)
         page.wait_for_function("() => bandsView.element.data.length > 1")
         left = page.evaluate(
             "() => bandsView.element.data.slice(1).map((one) => [one.name, one.line.color])"
@@ -248,8 +255,7 @@ def test_a_click_on_a_branch_shows_its_mode(chromium, folder):
               box.top + box.height * (1 - value / bandsView.axisTop)]; }"""
         )
         page.mouse.click(*at)
-        page.wait_for_timeout(200)
-        assert state(page)["branch"] == 2
+        page.wait_for_function("() => granphon.state().branch === 2")
         assert state(page)["place"] == pytest.approx(
             page.evaluate(
                 "() => current.path.places[Math.floor(0.2 * current.path.points.length)] /"
@@ -269,11 +275,11 @@ def test_a_mode_tells_the_q_factor_of_its_losses(chromium, tmp_path):
     with Visit(chromium, tmp_path / "losses.html") as page:
         page.wait_for_function(DRAWN)
         page.evaluate("() => granphon.change({ branch: 2 })")
-        page.wait_for_timeout(REST)
+        page.wait_for_function(SETTLED)
         q = page.evaluate("() => current.path.points[current.selected.point].slice(0, 2)")
         told = [page.inner_text("#mode-words")]
         page.evaluate("() => granphon.change({ overlap: true })")
-        page.wait_for_timeout(REST)
+        page.wait_for_function(SETTLED)
         told.append(page.inner_text("#mode-words"))
     for text, overlap in zip(told, (False, True), strict=True):
         medium = gp.AveragedLattice(balls)
@@ -289,12 +295,14 @@ def test_balls_move_until_they_are_stopped(chromium, folder):
         assert page.evaluate("() => modeView.renderer !== null")
         seen = lambda: page.evaluate("() => [...modeView.mesh.instanceMatrix.array]")  # noqa: E731
         first = seen()
-        page.wait_for_timeout(400)
-        assert seen() != first
+        page.wait_for_function(
+            "(first) => modeView.mesh.instanceMatrix.array.some((x, n) => x !== first[n])",
+            arg=first,
+        )
         page.click("#play")
-        page.wait_for_timeout(100)
+        page.evaluate(FRAMES, 2)
         stopped = seen()
-        page.wait_for_timeout(300)
+        page.evaluate(FRAMES, 10)
         assert seen() == stopped
         angles = page.evaluate("() => [...modeView.angles]")
         page.focus("#mode")
@@ -346,7 +354,7 @@ def test_colours_follow_the_system_and_the_switch_and_are_legible(chromium, fold
             assert contrast(colours[text], colours[back]) >= least, (text, back)
         page.click("#theme")
         assert theme() == other
-        page.wait_for_timeout(REST)
+        page.wait_for_function(SETTLED)
         link = page.evaluate("() => location.hash")
     with Visit(chromium, folder / "triangular.html", link, color_scheme=scheme) as page:
         assert page.evaluate("() => document.documentElement.dataset.theme") == other
@@ -405,7 +413,7 @@ def test_it_fits_on_a_telephone(chromium, folder, name):
 )
 def test_a_state_that_cannot_be_is_said(chromium, folder, name, link, said):
     with Visit(chromium, folder / f"{name}.html", link) as page:
-        page.wait_for_timeout(REST)
+        page.wait_for_function(SETTLED)
         assert said in page.inner_text("#problem")
         assert "NaN" not in page.inner_text("body")
         assert "NaN" not in page.inner_html(".curves")

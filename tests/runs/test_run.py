@@ -38,6 +38,7 @@ from granphon.scene.scene import WORK_FILE, RunResult, Scene, is_complete
 from tests.conftest import one_error, only
 from tests.runs.calls import end_within_a_result, raise_unpicklable
 from tests.runs.conftest import full_disk
+from tests.waiting import HANGS, wait_for
 
 SWEEP = """\
 material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
@@ -954,16 +955,16 @@ def test_workers_end_with_the_command_and_what_they_have_finished_is_kept(work, 
             assert [running.stdout.readline() for _ in range(2)] == [
                 "held\n"
             ] * 2  # both have begun what has no end
-            end = time.monotonic() + 60.0
-            while count_parts(work / "out") < 2 and running.poll() is None:
-                assert time.monotonic() < end, f"{count_parts(work / 'out')} results in a minute"
-                time.sleep(0.01)
+            wait_for(
+                lambda: count_parts(work / "out") >= 2 or running.poll() is not None,
+                lambda: f"{count_parts(work / 'out')} results",
+            )
             if kind == "SIGINT":  # as a terminal does, to the workers as well
                 os.killpg(running.pid, signal.SIGINT)
             else:
                 running.send_signal(signal.Signals[kind])
             # that is over when all who hold its ends are gone, the workers too
-            out, err = running.communicate(timeout=60)
+            out, err = running.communicate(timeout=HANGS)
         except BaseException:
             os.killpg(running.pid, signal.SIGKILL)
             raise
@@ -1019,7 +1020,7 @@ sys.exit(main())
 def test_an_interruption_at_the_ends_of_the_process(work, moment, which, code, told):
     (work / "moment.py").write_text(MOMENT.format(moment=moment, which=which))
     command = [sys.executable, "moment.py", "check", "scene.yaml" if told else "not there.yaml"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=HANGS)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (code, "", 1)
     assert told is None or done.stderr.startswith(f"granphon: error: {told}")
 

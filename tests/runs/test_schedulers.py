@@ -34,6 +34,7 @@ from granphon.runs.execution import solve_all
 from granphon.runs.finished_tasks import Store, read_entries
 from granphon.runs.sweep import sweep
 from granphon.runs.workers import Workers, open_executor, packages
+from tests.waiting import HANGS, wait_for
 
 if importlib.util.find_spec("distributed") is None:
     pytest.skip("needs distributed", allow_module_level=True)
@@ -82,6 +83,29 @@ class Nap:
         return {"x": np.array([self.number])}
 
 
+class Clock:
+    """Stands for the module time: what passes is what tasks say they take."""
+
+    def __init__(self):
+        self.now = 0.0
+
+    def perf_counter(self):
+        return self.now
+
+
+class Timed(Nap):
+    """A task that takes its seconds of a clock."""
+
+    def __init__(self, number, seconds, clock):
+        super().__init__(number)
+        self.takes = seconds
+        self.clock = clock
+
+    def solve(self, begun=None):
+        self.clock.now += self.takes
+        return super().solve(begun)
+
+
 @pytest.fixture(scope="module")
 def client():
     """A client of two worker processes; one that is killed is started again."""
@@ -115,8 +139,11 @@ def test_the_numbers_are_those_of_one_process(packing, client):
     )
 
 
-def test_calls_are_bounded_in_time_and_number():
+def test_calls_are_bounded_in_time_and_number(monkeypatch):
+    """By a clock that tasks alone turn on: a machine that stalls does not."""
     sizes = []
+    clock = Clock()
+    monkeypatch.setattr(execution, "time", clock)
 
     class Counted(ThreadPoolExecutor):
         under_way = 0
@@ -131,12 +158,13 @@ def test_calls_are_bounded_in_time_and_number():
             return future
 
     with Counted(2) as executor:
-        solve_all("naps", [Nap(n) for n in range(4000)], executor)
+        solve_all("naps", [Timed(n, 1e-4, clock) for n in range(4000)], executor)
     assert executor.most <= 2
     assert max(sizes) > 100
     assert len(sizes) < 200
     # what takes longer than was thought ends its call
-    slow = [Nap(0), Nap(1, 2.0 * execution.CALL_SECONDS), Nap(2), Nap(3), Nap(4)]
+    long = 2.0 * execution.CALL_SECONDS
+    slow = [Timed(n, long if n == 1 else 0.0, clock) for n in range(5)]
     done = execution.advance([(nap, None) for nap in slow], packages())
     assert [execution.decode(one.entry)["x"].item() for one in done] == [0, 1]
 
@@ -212,21 +240,30 @@ def test_a_scheduler_that_is_not_there_is_an_error(
     assert [path.name for path in tmp_path.iterdir()] == ["scene.yaml"]
 
 
+@pytest.mark.parametrize(
+    "error",
+    [
+        AssertionError(),
+        TimeoutError("no answer"),
+        ConnectionRefusedError("refused"),
+        RuntimeError("can't start new thread"),
+    ],
+    ids=lambda error: type(error).__name__,
+)
+def test_whatever_keeps_a_client_from_its_scheduler_is_one_error(monkeypatch, error):
+    import distributed
+
+    def refuse(*_, **__):
+        raise error
+
+    monkeypatch.setattr(distributed, "Client", refuse)
+    with pytest.raises(GranphonError) as caught, open_executor(scheduler="tcp://127.0.0.1:9"):
+        pass
+    assert "tcp://127.0.0.1:9 cannot be reached" in str(caught.value)
+    assert (str(error) or "busy") in str(caught.value)
+
+
 # -- what is killed --------------------------------------------------------------------------------
-
-
-def wait_for(condition, explain=lambda: "what was waited for did not happen"):
-    """Wait until a condition holds; fail after a minute, which even a busy machine does not
-    take.
-    """
-    end = time.monotonic() + 60.0
-    while not condition():
-        assert time.monotonic() < end, explain()
-        time.sleep(0.01)
-
-
-#: time that a test may take, s: far above what one takes on a busy machine
-MOST_SECONDS = 150
 
 
 @pytest.fixture(autouse=True)
@@ -237,11 +274,11 @@ def deadline(request):
         return
 
     def fail(*_):
-        pytest.fail(f"{request.node.name} has not ended within {MOST_SECONDS} s")
+        pytest.fail(f"{request.node.name} has not ended within {2.0 * HANGS} s")
 
     before = signal.signal(signal.SIGALRM, fail)
     # again, if closing something waits too
-    signal.setitimer(signal.ITIMER_REAL, MOST_SECONDS, 10.0)
+    signal.setitimer(signal.ITIMER_REAL, 2.0 * HANGS, 10.0)
     yield
     signal.setitimer(signal.ITIMER_REAL, 0.0)
     signal.signal(signal.SIGALRM, before)
@@ -387,15 +424,15 @@ def remote(tmp_path):
         # a worker that gave up on a slow machine would never come
         words = (
             f"distributed.cli.dask_worker {address} --nthreads 1 --no-nanny --no-dashboard"
-            f" --death-timeout 100"
+            f" --death-timeout {HANGS:.0f}"
         ).split()
         with started(
             [sys.executable, "-m", *words, "--local-directory", str(tmp_path / "scratch")],
             log,
             environment,
         ):
-            with distributed.Client(address, set_as_default=False, timeout=60) as client:
-                client.wait_for_workers(1, timeout=60)
+            with distributed.Client(address, set_as_default=False, timeout=HANGS) as client:
+                client.wait_for_workers(1, timeout=HANGS)
             yield address, scheduler
 
 

@@ -40,6 +40,7 @@ from granphon.tradeoffs.measure import (
     tradeoff,
 )
 from tests.conftest import only
+from tests.waiting import HANGS
 
 WIDTH = 2.04e-6
 BUDGET = 40.0
@@ -915,7 +916,7 @@ def test_an_interruption_leaves_nothing(work, which):
             # one that falls into a finaliser or a callback of compiled code may be lost
             running.send_signal(which)
             try:
-                out, err = running.communicate(timeout=30)
+                out, err = running.communicate(timeout=HANGS / 6.0)
                 break
             except subprocess.TimeoutExpired:
                 continue
