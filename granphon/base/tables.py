@@ -62,6 +62,11 @@ class Heading:
             return cls(name, "Hz")
         return cls(name, unit or "")
 
+    @property
+    def of_error(self) -> Heading:
+        """The heading of the standard errors of the column: "force_error (N)"."""
+        return Heading(f"{self.name}_error", self.unit)
+
     def __str__(self) -> str:
         """Return the heading as it stands in a file, "force (N)"."""
         return f"{self.name} ({self.unit})" if self.unit else self.name

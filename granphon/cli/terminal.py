@@ -219,10 +219,9 @@ def _describe_errors(scene: Scene) -> list[tuple[str, str]]:
         (f"correlation of {first}", f"with {second} {value:.3g}")
         for first, second, value in scene.correlations
     ]
-    outputs_without_errors = [row for row in list_outputs(scene) if row.lacks_errors]
-    if outputs_without_errors:
-        files = ", ".join(name for row in outputs_without_errors for name in row.numbers)
-        rows.append(("without errors", f"{files}; sweep.nc has those of all other numbers"))
+    names = [name for row in list_outputs(scene) for name in row.files_without_errors]
+    if names:
+        rows.append(("without errors", f"{', '.join(names)}; tables and sweep.nc have errors"))
     return rows
 
 

@@ -12,7 +12,7 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.layers import find_outer
 from granphon.balls.motions import IN_PLANE, Motions
@@ -30,7 +30,7 @@ from granphon.base.text import (
     seal,
     warn_unverified,
 )
-from granphon.base.validation import require, whole
+from granphon.base.validation import real_array, require, whole
 from granphon.dynamics.branches import connect_branches
 from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.contact_lattice import Modes
@@ -289,7 +289,12 @@ class Bands(Result):
 
     # -- phonopy's band.yaml -----------------------------------------------------------------------
 
-    def write(self, path: str | os.PathLike[str], pad: bool = False) -> None:
+    def write(
+        self,
+        path: str | os.PathLike[str],
+        pad: bool = False,
+        errors: ArrayLike | None = None,
+    ) -> None:
         """Write a band.yaml of phonopy to the file ``path``, with eigenvectors and group velocities
         if there are any, for phonopy-bandplot and Euphonic.
 
@@ -298,7 +303,8 @@ class Bands(Result):
         zero, such as w in the plane without friction. Some programs expect three branches for each
         atom. For these, ``pad`` adds one branch of zero frequency for each such coordinate, below
         the other branches, in which that coordinate alone moves. :meth:`read` leaves these branches
-        out.
+        out. With ``errors``, Hz, of the shape of ``frequencies``, each frequency has its standard
+        error behind it, as ``frequency_error``, which other programs and :meth:`read` pass over.
 
         A ball of six motions is two atoms. The second, "Sn", stands a little beside its ball. As
         in phonopy, its eigenvector has the phase at its own position; :meth:`read` restores the
@@ -314,7 +320,7 @@ class Bands(Result):
             "points:",
             *self._write_atoms(),
             "phonon:",
-            *self._write_modes(unit, still),
+            *self._write_modes(unit, still, errors),
         ]
         write_text(path, seal(lines))
 
@@ -370,18 +376,24 @@ class Bands(Result):
         places = fill_floats("  coordinates: [ %r, %r, %r ]\n  mass: %r", rows)
         return [f"- symbol: {name}\n{place}" for name, place in zip(names, places, strict=True)]
 
-    def _write_modes(self, unit: HertzPrefix, still: int) -> list[str]:
+    def _write_modes(self, unit: HertzPrefix, still: int, errors: ArrayLike | None) -> list[str]:
         """Return the lines of a band.yaml on its wave vectors and modes, as one text for each wave
         vector.
 
         ``unit`` is that of the frequencies, and ``still`` the number of branches of coordinates
-        that hold no motion, below the others.
+        that hold no motion, below the others; ``errors`` are the standard errors of the
+        frequencies, Hz, None without.
         """
         # the text of a wave vector is a template with %r for each number, which is filled below
         s, p, b = self.frequencies.shape
         template = "    frequency: %r\n"
-        frequencies = np.pad(self.frequencies, ((0, 0), (0, 0), (still, 0))) / unit.hertz
+        in_front = ((0, 0), (0, 0), (still, 0))
+        frequencies = np.pad(self.frequencies, in_front) / unit.hertz
         columns = [frequencies[..., None]]  # each (s, p, still + b, numbers of a mode)
+        if errors is not None:
+            template += "    frequency_error: %r\n"
+            errors_of_modes = np.reshape(real_array("errors", errors), (s, p, b))
+            columns.append(np.pad(errors_of_modes, in_front)[..., None] / unit.hertz)
         if self.group_velocities is not None:
             template += "    group_velocity: [ %r, %r, %r ]\n"
             widths = ((0, 0), (0, 0), (still, 0), (0, 3 - self.periods))
@@ -401,6 +413,7 @@ class Bands(Result):
             labels += [first, *[""] * (p - 2), last][:p]
         numbers = np.concatenate(columns, axis=3).reshape(s * p, -1)
         bands = fill_floats(modes.removesuffix("\n"), map(np.ndarray.tolist, numbers))
+        bands = [text.replace(" nan\n", " .nan\n") for text in bands]  # as YAML has it
         points = zip(places, labels, bands, strict=True)
         return [f"{place}{label}  band:\n{branches}" for place, label, branches in points]
 

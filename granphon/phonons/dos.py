@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
@@ -13,6 +15,7 @@ from granphon.base.results import Result, held, result_class
 from granphon.base.staging import write_text
 from granphon.base.tables import Table, table_text
 from granphon.base.text import read_sealed, require_own_file, require_schema, seal, warn_unverified
+from granphon.base.validation import real_array
 
 _DOS_COLUMNS = ("frequency_Hz", "total_per_Hz", "translational_per_Hz", "rotational_per_Hz")
 #: part of the largest density by which a density may be below zero
@@ -79,22 +82,29 @@ class DensityOfStates(Result):
         """Total density of states, translational plus rotational, (n,), 1/Hz."""
         return self.translational + self.rotational
 
-    def write_csv(self, path: str | os.PathLike[str]) -> None:
+    def write_csv(
+        self, path: str | os.PathLike[str], errors: Mapping[str, ArrayLike] | None = None
+    ) -> None:
         """Write the columns frequency, total, translational and rotational to the file ``path``,
-        with all digits, and with the units in the heading.
+        with all digits, and with the units in the heading. ``errors`` are standard errors (n,),
+        1/Hz, by the names of the densities, for further columns, as total_error.
 
         The heading is the first line, so that spreadsheets and ``numpy.genfromtxt(path,
         delimiter=",", names=True)`` take the names from it. Comments below it hold the digest of
         the file, the method, the mesh and the warnings.
         """
-        columns = (self.frequencies, self.total, self.translational, self.rotational)
+        columns = [self.frequencies, self.total, self.translational, self.rotational]
+        names = [*_DOS_COLUMNS]
+        for name, errors_of_density in (errors or {}).items():
+            names.append(f"{name}_error_per_Hz")
+            columns.append(real_array("errors", errors_of_density))
         numbers = " ".join(str(number) for number in self.mesh)
         comments = (
             _DOS_HEAD.format(_DOS_SCHEMA),
             f"method {self.method}, mesh {numbers}",
             *(f"warning: {warning}" for warning in self.warnings),
         )
-        text = table_text(_DOS_COLUMNS, np.stack(columns, axis=1).tolist(), comments)
+        text = table_text(names, np.stack(columns, axis=1).tolist(), comments)
         lines = text.removesuffix("\n").split("\n")
         write_text(path, seal(lines, 1))  # the digest comes after the heading
 
@@ -111,7 +121,9 @@ class DensityOfStates(Result):
         with require_own_file(path, "density of states"):
             table = Table.parse(str(path), text.encode())
             columns = tuple(heading.name for heading in table.headings)
-            if columns != _DOS_COLUMNS:
+            of_errors = columns[len(_DOS_COLUMNS) :]
+            are_errors = all(name.endswith("_error_per_Hz") for name in of_errors)
+            if columns[: len(_DOS_COLUMNS)] != _DOS_COLUMNS or not are_errors:
                 raise InputError(_NO_DENSITY)
             method, mesh, warnings = _read_comments(path, text)
             frequencies, total, translational, rotational = map(table.numbers, _DOS_COLUMNS)

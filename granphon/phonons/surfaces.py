@@ -137,9 +137,10 @@ class SurfaceSpectrum(Result, array="values"):
     corners: Array = held(float, "c", "1", default_factory=lambda: np.zeros(0))
     labels: tuple[str, ...] = held((str, ...), "c", default=())
 
-    def write_csv(self, path: str | os.PathLike[str]) -> None:
+    def write_csv(self, path: str | os.PathLike[str], errors: ArrayLike | None = None) -> None:
         """Write a table of the ``waves``: a row for each, with its wave vector, and the distance
-        along the path, nan of wave vectors that are no path.
+        along the path, nan of wave vectors that are no path; with ``errors`` (n,), Hz, also the
+        standard error of each frequency, nan where it is not known.
 
         Raises :class:`~granphon.base.errors.InputError` for a spectrum without waves.
         """
@@ -165,6 +166,9 @@ class SurfaceSpectrum(Result, array="values"):
             waves.widths,
             waves.weight,
         ]
+        if errors is not None:
+            headings.append(Heading("frequency", "Hz").of_error)
+            columns.append(real_array("errors", errors))
         write_text(path, table_text(headings, np.transpose(columns).tolist()))
 
 

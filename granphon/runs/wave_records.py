@@ -777,15 +777,16 @@ def average_motions(
     return observables, notes
 
 
-def write_contacts(motion: Motion, path: Path, settings: MotionSettings) -> None:
-    """Write the table ``path`` of the contacts of a ``motion``: the balls and the middle of each,
-    and when and how strongly the contact is pressed.
+def list_contact_columns(motion: Motion, settings: MotionSettings) -> list[tuple[str, str, Any]]:
+    """Return the columns of the table of the contacts of a ``motion``, each as a name, a unit and
+    values (n_c,): the balls and the middle of each contact, and when and how strongly it is
+    pressed.
     """
     passage = Passage.of(motion, find_source(settings, motion.network))
     network = motion.network
     ends = np.concatenate([np.column_stack([network.i, network.j]), motion.met])
     x, y, z = motion.middles.T
-    columns: list[tuple[str, str, Any]] = [
+    return [
         ("ball_i", "", ends[:, 0]),
         ("ball_j", "", ends[:, 1]),
         ("x", "m", x),
@@ -796,8 +797,26 @@ def write_contacts(motion: Motion, path: Path, settings: MotionSettings) -> None
         ("peak", "s", passage.peaks),
         ("greatest_force", "N", passage.heights),
     ]
+
+
+def write_contacts(
+    motion: Motion,
+    path: Path,
+    settings: MotionSettings,
+    errors: Mapping[str, Array] | None = None,
+) -> None:
+    """Write the table ``path`` of the contacts of a ``motion``, whose columns are those of
+    :func:`list_contact_columns`, each with a further column of its standard ``errors`` (n_c,), if
+    these are given by its name.
+    """
+    columns = list_contact_columns(motion, settings)
     headings = [Heading(name, unit) for name, unit, _ in columns]
-    rows = zip(*(values.tolist() for _, _, values in columns), strict=True)
+    of_columns = {heading.name: heading for heading in headings}
+    lists = [values.tolist() for _, _, values in columns]
+    for name, values in (errors or {}).items():
+        headings.append(of_columns[name].of_error)
+        lists.append(values.tolist())
+    rows = zip(*lists, strict=True)
     path.write_text(table_text(headings, rows), encoding="utf-8")
 
 

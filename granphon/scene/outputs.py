@@ -84,6 +84,12 @@ class Export:
     packages : names of the packages that make the value, besides those of every run.
     write : function that writes the files of numbers of the results into a folder.
     read : function that returns the value from the path of the file ``source``.
+    columns : function of the results of a run that returns the numbers of its tables, arrays by
+        name, of which standard errors are found if parameters have them; ``write`` finds these in
+        the attribute ``column_errors`` of the results.
+    along : the name of that of the ``columns`` at whose values all others are compared, such as a
+        time.
+    of_states : whether the files have the standard errors that the data set of the states has.
     draw : function that returns the figure of the results.
     source : the file by which a folder is known to hold the output; by default the first of
         ``files``, empty where no folder holds what the figure is drawn from.
@@ -114,6 +120,9 @@ class Export:
     packages: tuple[str, ...] = ()
     write: Callable[[Any, Path], None] | None = None
     read: Callable[[Path], Any] | None = None
+    columns: Callable[[Any], dict[str, Any]] | None = None
+    along: str = ""
+    of_states: bool = False
     draw: Callable[..., Any] | None = None
     source: str | None = None
     joined: str = ""
@@ -158,14 +167,19 @@ class Export:
         return path if os.path.lexists(path) else None
 
     @property
-    def lacks_errors(self) -> bool:
-        """Whether the files of the output hold numbers without standard errors, although the
-        parameters have such errors.
-
-        This holds for outputs of one state, which have files of their own and are not in sweep.nc,
-        and for densities of states, whose frequencies move with the parameters.
+    def files_without_errors(self) -> tuple[str, ...]:
+        """The files of numbers of an output of one state, which are not in sweep.nc, that have no
+        standard errors, although parameters have: those of other programs, maps, and motions of all
+        balls. Tables have them.
         """
-        return self.write is not None and (self.states == "one" or self.observed == "dos")
+        if self.states != "one":
+            return ()
+        has_errors = self.of_states or self.columns is not None
+        return tuple(
+            name
+            for name in self.numbers
+            if not (has_errors and name.endswith((".csv", "band.yaml")))
+        )
 
     def is_of(self, scene: Any) -> bool:
         """Whether a run of a ``scene`` has the output."""
@@ -268,10 +282,13 @@ class Results:
     ----------
     folder : the folder of the results.
     values : the values that have been found or read, by the names of outputs.
+    column_errors : standard errors of the numbers of tables, by the names of outputs and then by
+        those of columns; empty of results that were read.
     """
 
     folder: Path
     values: dict[str, Any] = field(default_factory=dict, kw_only=True, repr=False)
+    column_errors: dict[str, dict[str, Any]] = field(default_factory=dict, kw_only=True, repr=False)
 
     def __getitem__(self, name: str) -> Any:
         """Return the value of the output ``name``, read from its file; None if the folder does not
@@ -671,15 +688,50 @@ def _write_motion(run: Any, folder: Path) -> None:
 
     motion = run["balls_in_motion"]
     motion.write(folder / "motion.nc")
-    write_contacts(motion, folder / "motion_contacts.csv", run.scene.motion)
+    errors = run.column_errors.get("balls_in_motion")
+    write_contacts(motion, folder / "motion_contacts.csv", run.scene.motion, errors)
+
+
+def _list_contact_columns(run: Any) -> dict[str, Any]:
+    """Return the columns of motion_contacts.csv but the numbers of balls, (n_c,) by name."""
+    from granphon.runs.wave_records import list_contact_columns
+
+    columns = list_contact_columns(run["balls_in_motion"], run.scene.motion)
+    return {name: values for name, unit, values in columns if unit}
 
 
 def _write_with_table(name: str, run: Any, folder: Path) -> None:
     """Write the value of the output ``name`` as NAME.json, and the table that the value writes
-    itself as NAME.csv.
+    itself, with standard errors, as NAME.csv.
     """
     _write_json(run[name], folder / f"{name}.json")
-    run[name].write_csv(folder / f"{name}.csv")
+    run[name].write_csv(folder / f"{name}.csv", errors=run.column_errors.get(name))
+
+
+def _write_surface(run: Any, folder: Path) -> None:
+    """Write the spectrum at an edge as surface.json, and its waves, with the standard errors of
+    their frequencies, as surface.csv.
+    """
+    _write_json(run["surface"], folder / "surface.json")
+    run["surface"].write_csv(folder / "surface.csv", errors=_find_wave_errors(run["states"]))
+
+
+def _find_wave_errors(data: Any) -> Any:
+    """Return the standard errors (n,), Hz, of the waves of an edge that a ``data`` set of one state
+    has; None without.
+    """
+    table = None if data is None else data.get("surface_frequency_error")
+    if table is None:
+        return None
+    # the table has an empty place where a wave vector has fewer waves than another
+    return table.values[np.isfinite(data["surface_frequency"].values)]
+
+
+def _write_bands(run: Any, folder: Path) -> None:
+    """Write the bands as band.yaml, with the standard errors of their frequencies."""
+    errors = run.dataset.get("frequencies_error")
+    of_state = None if errors is None else errors.values
+    run["bands"].write(folder / "band.yaml", errors=of_state)
 
 
 def _write_value(name: str, file: str, method: str, run: Any, folder: Path) -> None:
@@ -706,13 +758,30 @@ def _write_fields(
     name: str, columns: Sequence[tuple[str, str, str]], run: Any, folder: Path
 ) -> None:
     """Write the value of the output ``name`` as NAME.json, and some of its attributes, arrays (n,),
-    as the columns of NAME.csv. The ``columns`` are triples of heading, unit and attribute.
+    as the columns of NAME.csv, behind which standard errors stand. The ``columns`` are triples of
+    heading, unit and attribute.
+    """
+    _write_json(run[name], folder / f"{name}.json")
+    headings = [Heading(heading, unit) for heading, unit, _ in columns]
+    of_columns = {heading.name: heading for heading in headings}
+    errors = run.column_errors.get(name, {})
+    headings += [of_columns[heading].of_error for heading in errors]
+    values = [*_list_fields(name, columns, run).values(), *errors.values()]
+    rows = np.transpose(values).tolist()
+    (folder / f"{name}.csv").write_text(table_text(headings, rows), encoding="utf-8")
+
+
+def _list_fields(name: str, columns: Sequence[tuple[str, str, str]], run: Any) -> dict[str, Any]:
+    """Return some attributes of the value of the output ``name``, arrays (n,), by their headings;
+    the ``columns`` are triples of heading, unit and attribute.
     """
     value = run[name]
-    _write_json(value, folder / f"{name}.json")
-    headings = [Heading(heading, unit) for heading, unit, _ in columns]
-    rows = np.transpose([getattr(value, attribute) for _, _, attribute in columns]).tolist()
-    (folder / f"{name}.csv").write_text(table_text(headings, rows), encoding="utf-8")
+    return {heading: getattr(value, attribute) for heading, _, attribute in columns}
+
+
+def _write_dos(run: Any, folder: Path) -> None:
+    """Write the density of states with its standard errors as dos.csv."""
+    run["dos"].write_csv(folder / "dos.csv", errors=run.column_errors.get("dos"))
 
 
 def _write_design(run: Any, folder: Path) -> None:
@@ -905,12 +974,9 @@ def _draw_surface(results: Any) -> Any:
     from granphon.figures.plot import plot
 
     spectrum = results["surface"]
-    data = results["states"]
-    table = None if data is None else data.get("surface_frequency_error")
-    if table is None or spectrum is None:
+    errors = _find_wave_errors(results["states"])
+    if errors is None or spectrum is None:
         return plot(spectrum)
-    # the table has an empty place where a wave vector has fewer waves than another
-    errors = table.values[np.isfinite(data["surface_frequency"].values)]
     return plot(spectrum, errors=errors)
 
 
@@ -1129,6 +1195,7 @@ for _row in (
         states="one",
         find=_find_motion,
         write=_write_motion,
+        columns=_list_contact_columns,
         read=partial(_read_by, "Motion", "read"),
         words="balls at all times, network, forces of contacts; of each contact arrival and"
         " greatest force",
@@ -1139,7 +1206,8 @@ for _row in (
         observed="surface",
         states="one",
         find=_find_surface,
-        write=partial(_write_with_table, "surface"),
+        write=_write_surface,
+        of_states=True,
         read=partial(_read_json, "SurfaceSpectrum"),
         draw=_draw_surface,
         rank=4,
@@ -1172,7 +1240,8 @@ for _row in (
         cost=_cost_bands,
         packages=_OF_PHONONS,
         summarise=lambda run: {"top_frequency": float(run.bands.frequencies.max())},
-        write=partial(_write_value, "bands", "band.yaml", "write"),
+        write=_write_bands,
+        of_states=True,
         read=partial(_read_by, "Bands", "read"),
         draw=_draw_bands,
         joined="bands",
@@ -1202,7 +1271,9 @@ for _row in (
         find=lambda run: run.phonons.dos(mesh=run.scene.mesh),
         cost=_cost_dos,
         packages=_OF_PHONONS,
-        write=partial(_write_value, "dos", "dos.csv", "write_csv"),
+        write=_write_dos,
+        columns=partial(_list_fields, "dos", _DENSITY_COLUMNS[:-1]),
+        along="frequency",
         read=partial(_read_by, "DensityOfStates", "read_csv"),
         joined="dos",
         marks=(rb"\Afrequency_Hz",),  # other tables are for spreadsheets
@@ -1270,6 +1341,8 @@ for _row in (
         when=_has_own_density,
         find=partial(_find_kept, "dos", "SpectralDensity"),
         write=partial(_write_fields, "sample_dos", _DENSITY_COLUMNS),
+        columns=partial(_list_fields, "sample_dos", _DENSITY_COLUMNS[:-1]),
+        along="frequency",
         read=partial(_read_json, "SpectralDensity"),
         draw=partial(_plot, "sample_dos"),
         occasion="`dos`, a simulation, one state",
@@ -1285,6 +1358,7 @@ for _row in (
         packages=("ase",),
         find=_find_spectra,
         write=partial(_write_with_table, "spectrum"),
+        columns=lambda run: run["spectrum"].numbers,
         read=partial(_read_json, "PathSpectra"),
         draw=partial(_plot, "spectrum"),
         words="spectral functions of the first sample; their peaks, widths, mean free paths; map",
@@ -1299,6 +1373,8 @@ for _row in (
         find=_find_pulse,
         summarise=lambda run: {"pulse_distance": run["pulse"].distance},
         write=partial(_write_fields, "pulse", _PULSE_COLUMNS),
+        columns=partial(_list_fields, "pulse", _PULSE_COLUMNS),
+        along="time",
         read=partial(_read_json, "Pulse"),
         draw=partial(_plot, "pulse"),
         words="what was sent and heard: `gp.Pulse.from_dict`; force, coherent signal, speckle;"

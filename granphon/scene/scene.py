@@ -299,7 +299,7 @@ class Scene(SceneValues):
         with progress.step("standard errors", len(self.errors)) as step:
             for pair_of_scenes in self.shifted:
                 pair = [
-                    scene._compute(result.folder, list_outputs(scene), executor, silent, None)
+                    scene._compute(result.folder, _list_uncertain(scene), executor, silent, None)
                     for scene in pair_of_scenes
                 ]
                 pairs_of_results.append(pair)
@@ -319,6 +319,19 @@ class Scene(SceneValues):
             spread_of_summary = Spread.of(self, summaries)
             spreads.append(spread_of_summary)
             result.values["errors"] = spread_of_summary.summarise(result.summary())
+        for row in result.rows:
+            if row.columns is not None and result[row.name] is not None:
+                tables = [
+                    (_list_columns(row, lower), _list_columns(row, upper))
+                    for lower, upper in pairs_of_results
+                ]
+                spread_of_table = Spread.of(self, tables)
+                errors = spread_of_table.find_along(row.columns(result), row.along)
+                result.column_errors[row.name] = errors
+                spread_of_table.lacking = {
+                    f"{name} of {row.label}": None for name in spread_of_table.lacking
+                }
+                spreads.append(spread_of_table)
         result.values["states"] = warn_of_lacking(dataset, spreads)
 
     def _find_spread_of_edges(self, executor: Executor | None) -> Spread:
@@ -465,6 +478,19 @@ class Scene(SceneValues):
             return cost
         # the scene itself, and the two shifted scenes of each parameter with an error
         return cost.times(1.0 + 2.0 * len(self.errors))
+
+
+def _list_uncertain(scene: Scene) -> list[Export]:
+    """Return the rows of those outputs of a ``scene`` that have numbers for the summary or tables,
+    whose standard errors are found.
+    """
+    return [row for row in list_outputs(scene) if row.summarise or row.columns]
+
+
+def _list_columns(row: Export, result: RunResult) -> dict[str, Any]:
+    """Return the numbers of the tables of an output, by name; empty if a ``result`` lacks it."""
+    assert row.columns is not None
+    return {} if result[row.name] is None else row.columns(result)
 
 
 def _write_result(

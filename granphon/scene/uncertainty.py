@@ -49,9 +49,10 @@ _ROUNDING = 1e-12
 #: another peak has taken the place: a jump at one end makes both differences equal
 _JUMP = 1e-3
 _BEND = 0.5
-#: dimensions along which a density has its own frequencies in each state: densities at one index
-#: have no common frequency, so that their difference says nothing
-_OF_DENSITIES = "node"
+#: dimension along which a density has its own frequencies in each state, and the variable of these:
+#: densities are compared at equal frequencies
+_NODE = "node"
+_OF_NODES = "dos_frequency"
 #: dimensions along which results stand by rank, the last of their variables, and the variable that
 #: has a number for each: peaks of a response, and waves of an edge
 _RANKED = {"response_peak": "peaks_frequency", "surface_wave": "surface_frequency"}
@@ -329,6 +330,22 @@ class Spread:
         shares = np.nansum(contributions.reshape(len(self.names), -1), axis=1)
         return np.sqrt(variances), self.names[int(np.argmax(shares))]
 
+    def find_along(self, columns: Mapping[str, Any], along: str) -> dict[str, Array]:
+        """Return the standard errors of the ``columns`` of a table, arrays by name, that the
+        parameters change. Where rows lie ``along`` one of the columns, such as a time, the others
+        are compared at equal values of it.
+        """
+        pairs = self.pairs
+        if along:
+            places = np.asarray(columns[along])
+            self.pairs = [
+                (_resample(lower, along, places), _resample(upper, along, places))
+                for lower, upper in pairs
+            ]
+        found = {name: self.find(name, values) for name, values in columns.items() if name != along}
+        self.pairs = pairs
+        return {name: errors[0] for name, errors in found.items() if errors is not None}
+
     def summarise(self, numbers: Mapping[str, Any]) -> dict[str, Any]:
         """Return the standard errors of ``numbers``, by name as NAME_error, and under "errors_from"
         for each name the parameter that gives most of its error. An entry NAME_error among the
@@ -349,14 +366,19 @@ class Spread:
     def add_to(self, dataset: Dataset, names: Collection[str] | None = None) -> Dataset:
         """Return the ``dataset`` with a variable NAME_error for the standard error of each
         variable, or of those called ``names``, that the parameters change; its attribute
-        ``mostly_from`` is the parameter that gives most of the error. Densities of states get none.
-        At a receiver whose number of peaks differs
+        ``mostly_from`` is the parameter that gives most of the error. Densities of states have
+        errors at the frequencies of the ``dataset``. At a receiver whose number of peaks differs
         between the shifted scenes the errors of its peaks are nan, and at a wave vector whose
         number of waves of an edge differs the errors of these; ``lacking`` then has the name.
         """
         added = {}
+        if _OF_NODES in dataset:
+            self.pairs = [
+                (_resample_densities(lower, dataset), _resample_densities(upper, dataset))
+                for lower, upper in self.pairs
+            ]
         for name, variable in dataset.data_vars.items():
-            if str(name).endswith(_ERROR) or _OF_DENSITIES in variable.dims:
+            if str(name).endswith(_ERROR) or name == _OF_NODES:
                 continue
             if names is not None and name not in names:
                 continue
@@ -425,6 +447,39 @@ def _find_change(lower: Array, upper: Array, base: Array, unit: str, rounding: f
         difference = np.angle(np.exp(1j * difference))
     is_rounding = np.abs(difference) <= 2.0 * rounding * np.abs(base)
     return np.where(is_rounding, 0.0, 0.5 * difference)
+
+
+def _resample(columns: Mapping[str, Any], along: str, places: Array) -> dict[str, Array]:
+    """Return the ``columns`` of a table, arrays (n,) by name, at the ``places`` (m,) of the column
+    ``along``, which ascends: linear between its values, and nan beyond them; empty without columns.
+    """
+    if along not in columns:
+        return {}
+    own_places = np.asarray(columns[along])
+    return {
+        name: np.interp(places, own_places, values, left=np.nan, right=np.nan)
+        for name, values in columns.items()
+    }
+
+
+def _resample_densities(results: Dataset, base: Dataset) -> Dataset:
+    """Return the data set of a shifted scene, ``results``, with its densities of states at the
+    frequencies of ``base``; nan where the scene has no density there.
+    """
+    places = base[_OF_NODES].values
+    own_places = results[_OF_NODES].values
+    changed = {}
+    for name, variable in results.data_vars.items():
+        if _NODE in variable.dims and name != _OF_NODES:
+            values = variable.values
+            at_places = np.full(places.shape, np.nan)
+            for index in np.ndindex(places.shape[:-1]):
+                columns = {_OF_NODES: own_places[index], str(name): values[index]}
+                at_places[index] = _resample(columns, _OF_NODES, places[index])[str(name)]
+            changed[name] = (base[_OF_NODES].dims, at_places, variable.attrs)
+    return (
+        results.drop_vars([_OF_NODES, *changed]).drop_dims(_NODE, errors="ignore").assign(changed)
+    )
 
 
 def _fit_ranks(value: Any, shape: tuple[int, ...]) -> Array | None:

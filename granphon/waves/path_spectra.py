@@ -5,7 +5,7 @@ mean lattice.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import chain, pairwise
 from typing import Any, NamedTuple, Self
 
@@ -18,7 +18,7 @@ from granphon.base.results import Result, held, result_class
 from granphon.base.scales import Units
 from granphon.base.staging import write_text
 from granphon.base.tables import Heading, table_text
-from granphon.base.validation import whole_number
+from granphon.base.validation import real_array, whole_number
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.networks.network import ContactNetwork
 from granphon.waves.spectral_functions import PeriodicCell, SpectralFunction, nearest_wavevectors
@@ -103,13 +103,24 @@ class PathSpectra(Result):
             corners, corner_labels, distances, tuple(spectra), band_distances.T.ravel(), hertz
         )
 
-    def write_csv(self, path: str | os.PathLike[str]) -> None:
+    @property
+    def numbers(self) -> dict[str, Array]:
+        """The numbers of the lines, by name as :meth:`write_csv` has them, (polarisations, n)."""
+        names = ("peak", "width", "mean_free_path", "attenuation")
+        return {
+            name: np.array([getattr(spectrum, name) for spectrum in self.spectra]) for name in names
+        }
+
+    def write_csv(
+        self, path: str | os.PathLike[str], errors: Mapping[str, ArrayLike] | None = None
+    ) -> None:
         """Write a table of peaks into a file at ``path``: a row for each wave vector and
         polarisation.
 
         The columns are the polarisation, the distance along the path and the wave vector, 1/m, peak
         and width, Hz, whether the width is resolved (1 or 0), the mean free path, m, and the
-        attenuation, 1/m.
+        attenuation, 1/m. ``errors`` are standard errors (polarisations, n), in the units of the
+        columns, by the names of :attr:`numbers`, for further columns, as peak_error.
         """
         names = [f"q{axis}" for axis in "xyz"[: self.spectra[0].q.shape[1]]]
         headings: list[Heading | str] = [
@@ -122,8 +133,11 @@ class PathSpectra(Result):
             Heading("mean_free_path", "m"),
             Heading("attenuation", "1/m"),
         ]
+        of_errors = {name: real_array("errors", table) for name, table in (errors or {}).items()}
+        units = {"peak": "Hz", "width": "Hz", "mean_free_path": "m", "attenuation": "1/m"}
+        headings += [Heading(name, units[name]).of_error for name in of_errors]
         rows: list[tuple[Any, ...]] = []
-        for spectrum in self.spectra:
+        for number, spectrum in enumerate(self.spectra):
             columns = [
                 [spectrum.polarisation for _ in self.distances],
                 self.distances.tolist(),
@@ -133,6 +147,7 @@ class PathSpectra(Result):
                 spectrum.resolved.astype(int).tolist(),
                 spectrum.mean_free_path.tolist(),
                 spectrum.attenuation.tolist(),
+                *(table[number].tolist() for table in of_errors.values()),
             ]
             rows.extend(zip(*columns, strict=True))
         write_text(path, table_text(headings, rows))

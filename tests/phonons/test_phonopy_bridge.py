@@ -236,9 +236,9 @@ def test_phonopy_mesh_and_density_of_states(tmp_path):
 
 
 def test_phonopy_bandplot_prints_our_numbers(tmp_path):
-    # its gnuplot output: distance and frequency, as we have them
+    # its gnuplot output: distance and frequency, as we have them, also of a file with errors
     bands = CASES["rough"]().bands("GK,MG", npoints=11)
-    bands.write(tmp_path / "band.yaml")
+    bands.write(tmp_path / "band.yaml", errors=0.01 * bands.frequencies)
     # having printed them, phonopy-bandplot ends with status 1
     text = run(tmp_path, "phonopy-bandplot", "--gnuplot", "band.yaml", status=1)
     rows = np.array(
@@ -403,7 +403,7 @@ print(json.dumps([terahertz(modes), modes.qpts.tolist(), modes.eigenvectors.real
 )
 def test_euphonic_reads_bands_with_eigenvectors(case, tmp_path):
     bands = CASES[case]().bands([[0, 0], [1 / 3, 1 / 3], [0.5, 0]], npoints=5)
-    bands.write(tmp_path / "band.yaml")
+    bands.write(tmp_path / "band.yaml", errors=0.01 * bands.frequencies)
     found = script(tmp_path, READ_MODES)
     top = HertzPrefix.for_top(bands.frequencies.max()).hertz
     s, p, b = bands.frequencies.shape

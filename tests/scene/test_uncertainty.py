@@ -16,6 +16,7 @@ from granphon.base.text import read_yaml
 from granphon.cli.main import main
 from granphon.figures.motions import motions_figure
 from granphon.fits.measurements import Measurements
+from granphon.scene.outputs import OUTPUTS
 from granphon.scene.report import read_report
 from granphon.scene.uncertainty import Spread
 from tests.conftest import one_error
@@ -285,7 +286,7 @@ def test_check_and_run_tell_errors_and_where_they_come_from(work, capsys):
     told = capsys.readouterr().out
     assert "error of load.force" in told
     assert "0.95 %" in told
-    assert re.search("without errors +dos.csv", told)
+    assert "without errors" not in told  # the table of the density has them
     assert "force 18.40 +/- 0.20 N" in told
     assert "material.young_modulus gives most" in told
     assert main(["run", "scene.yaml", "-o", "out", "--no-figures", *values]) == 0
@@ -406,6 +407,71 @@ def test_receivers_with_more_peaks_at_one_end_have_no_errors_of_peaks():
     found = spread.add_to(make([1.1, 3.1], [2.05, np.nan]))["peaks_frequency_error"]
     assert_allclose(found.values, [[0.1, 0.1], [np.nan, np.nan]])
     assert list(spread.lacking) == ["peaks_frequency"]
+
+
+STATE = (
+    SCENE.replace("FORCE", "18 N").replace(" +- 4 um", "").replace("[velocities]", "[bands, dos]")
+    + "phonopy: {mesh: 8 8 1, band_points: 3}\n"
+)
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("files")
+    return gp.Scene.from_text(STATE).run(folder, figures=False).folder
+
+
+@pytest.mark.claim("errors-files")
+def test_bands_and_densities_of_one_state_have_errors_in_their_files(files):
+    """All frequencies go as E^(1/3), and so do not cross: a density g(f) goes as g(f/s)/s."""
+    relative = ERRORS[0] / 3.0
+    data = read_yaml(files / "band.yaml")
+    modes = [mode for point in data["phonon"] for mode in point["band"]]
+    table = np.array([[mode["frequency"], mode["frequency_error"]] for mode in modes])
+    assert_allclose(table[:, 1], relative * table[:, 0], rtol=1e-4)
+    assert gp.Bands.read(files / "band.yaml").frequencies.shape == (3, 3, 3)
+    density = gp.DensityOfStates.read_csv(files / "dos.csv")
+    found = np.genfromtxt(files / "dos.csv", delimiter=",", names=True)
+    frequencies = density.frequencies
+    scaled = [
+        np.interp(frequencies, factor * frequencies, density.total / factor, right=np.nan)
+        for factor in ((1.0 - ERRORS[0]) ** (1.0 / 3.0), (1.0 + ERRORS[0]) ** (1.0 / 3.0))
+    ]
+    known = np.isfinite(found["total_error_per_Hz"])
+    assert np.count_nonzero(~known) < 0.01 * len(frequencies)
+    expected = 0.5 * np.abs(scaled[1] - scaled[0])
+    largest = np.max(expected[known])
+    assert_allclose(found["total_error_per_Hz"][known], expected[known], atol=1e-6 * largest)
+
+
+@pytest.mark.claim("errors-files")
+def test_contacts_of_a_motion_have_errors_in_their_table(tmp_path):
+    result = gp.Scene.from_text(HIT).run(tmp_path, figures=False)
+    table = np.genfromtxt(tmp_path / "motion_contacts.csv", delimiter=",", names=True)
+    errors = table["greatest_force_error_N"]
+    ends = [
+        gp.Scene.from_text(HIT.replace("10 +- 0.2", text)).run(tmp_path / text, figures=False)
+        for text in ("9.8", "10.2")
+    ]
+    lower, upper = (end["balls_in_motion"].peaks()[1] for end in ends)
+    assert_allclose(errors, 0.5 * np.abs(upper - lower), rtol=1e-12)
+    assert np.max(errors) > 0.0
+    assert "motion.nc" in OUTPUTS["balls_in_motion"].files_without_errors
+    assert result.column_errors["balls_in_motion"]["greatest_force"].tolist() == errors.tolist()
+
+
+def test_tables_along_a_time_are_compared_at_equal_times():
+    """Signals that only run faster have the error of their slope."""
+    times = np.linspace(0.0, 1.0, 11)
+    spread = Spread(
+        ["p"],
+        [({"time": 1.01 * times, "a": times}, {"time": 0.99 * times, "a": times})],
+        np.eye(1),
+    )
+    errors = spread.find_along({"time": times, "a": times}, "time")
+    assert list(errors) == ["a"]
+    assert_allclose(errors["a"][:-1], 0.01 * times[:-1], rtol=1e-3)
+    assert np.isnan(errors["a"][-1])  # one of the two has ended
 
 
 def test_peaks_that_another_one_replaces_have_no_errors():
