@@ -3,15 +3,18 @@
 A class of settings is a :class:`Block` whose attributes are made by :func:`setting`. From the
 declaration follow the attribute and its default, the check of a value that Python gives, how the
 key of a scene file is read, with its unit, and written, the line that ``granphon check`` prints,
-and the row of the page of the reference.
+the entry in the docstring of the class, and the row of the page of the reference.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import re
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields
 from functools import partial
+from inspect import cleandoc
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, TypeVar, dataclass_transform
 
@@ -39,6 +42,8 @@ NEEDED = "required"
 SCALES = ("log", "linear")
 #: key of the metadata of an attribute under which its declaration stands
 _DECLARED = "setting"
+#: characters in a line of a docstring, without the indentation of its class
+_DOCSTRING_WIDTH = 96
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -304,10 +309,33 @@ def setting(
     return dataclasses.field(default=default, metadata={_DECLARED: declared})
 
 
+def _add_attributes(docstring: str, settings: Mapping[str, Setting]) -> str:
+    """Return a ``docstring`` with a list of the attributes that ``settings`` declare, by name,
+    before its section about errors, or at its end.
+    """
+    entries = []
+    for name, declared in settings.items():
+        words = ", ".join(filter(None, [declared.meaning, declared.kind.unit]))
+        if declared.default != NEEDED:
+            words += f"; by default {declared.default}"
+        # from the reference, which is Markdown: no links, and code in two quotes
+        words = re.sub(r", see \[[^]]*\]\([^)]*\)", "", words).replace("`", "``")
+        entries.append(f"{name} : {words}.")
+    wrapped = [
+        textwrap.fill(entry, _DOCSTRING_WIDTH, subsequent_indent="    ", break_long_words=False)
+        for entry in entries
+    ]
+    listed = "\n".join(["Attributes", "----------", *wrapped])
+    head, errors, tail = docstring.partition("\nRaises\n------\n")
+    return f"{head.rstrip()}\n\n{listed}\n{errors}{tail}"
+
+
 @dataclass_transform(frozen_default=True, field_specifiers=(setting,))
 class Block:
     """Settings that stand together in a block of a scene: a frozen dataclass, whose attributes are
-    declared by :func:`setting`, and whose values are checked when it is made.
+    declared by :func:`setting`, and whose values are checked when it is made. The docstring of a
+    subclass gets a list of the attributes that it declares and does not tell itself; a value with a
+    unit is in SI.
 
     ``block`` is the name of the block in messages. Settings with ``kw_only`` come behind the
     others.
@@ -327,6 +355,14 @@ class Block:
             for field in ordered
             if _DECLARED in field.metadata
         }
+        docstring = cleandoc(cls.__doc__ or "")
+        unsaid_settings = {
+            name: declared
+            for name, declared in cls._settings.items()
+            if name in cls.__annotations__ and f"\n{name} : " not in docstring
+        }
+        if docstring and unsaid_settings:
+            cls.__doc__ = _add_attributes(docstring, unsaid_settings)
 
     def __post_init__(self) -> None:
         """Check each value by the rule of its setting, and keep what the rule returns; InputError

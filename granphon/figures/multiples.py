@@ -35,6 +35,9 @@ _ROOM = 0
 #: greatest number of letters of a line of the title, and of one beside a row of panels
 _LETTERS_OF_TITLE = 60
 _LETTERS_OF_ROW = 14
+#: letters in a line above a column of panels, over the part of the width of the figure, inches,
+#: that the column has: such that the titles of neighbours stay apart
+_LETTERS_PER_INCH = 13.0
 
 
 class Panel(NamedTuple):
@@ -146,7 +149,8 @@ def _name_panels(
         row, column = divmod(number, n_columns)
         if layout.columns is not None and (row == 0 or layout.rows is None):
             text = panel.facts[_find_kind(dataset, layout.columns)]
-            ax.set_title(join_facts([text], 24), pad=3.0)
+            letters = int(_LETTERS_PER_INCH * ax.figure.get_figwidth() / n_columns)
+            ax.set_title(fill(text, letters, break_long_words=False), pad=3.0)
         if layout.rows is not None and column == n_columns - 1:
             ax.annotate(
                 fill(panel.facts[_find_kind(dataset, layout.rows)], _LETTERS_OF_ROW),

@@ -131,22 +131,7 @@ class NetworkFiles(Block, kw_only=True):
     Two of these blocks are equal if their networks and materials are, whatever files they come
     from.
 
-    Attributes
-    ----------
-    format : name of the reader, as of :meth:`ContactNetwork.read`: "lammps", "liggghts", "mercury",
-        "tables", or one of :func:`~granphon.register_reader`.
-    files : paths that the reader takes; of LIGGGHTS a third one is that of walls.
-    material : of the balls; None where files have stiffnesses and masses. This and all that follows
-        are options of the reader; None for its default.
-    step, time : the time step, or the time of MercuryDPM, s, of several in the files.
-    units, columns, keywords : words for units and columns.
-    normal_stiffness, shear_stiffness, rolling_stiffness : of all contacts, N/m.
-    twisting_stiffness : N m, or "marshall".
-    walls, frozen : names of the walls of LAMMPS, and columns with values of balls that are held.
-    cell, pbc : lengths of the periods, m, or their vectors; which of them repeat, (3,).
-    dimension, motions, friction, prestress : of the network.
-    tangential_law, slip_levers : how forces change, and the levers of slip.
-    keep_rattlers, held_by, bad : what is left out.
+    All but ``format`` and ``files`` are options of the reader; None for its default.
 
     Raises
     ------

@@ -653,6 +653,20 @@ _OBSERVABLES = (
         told=True,
     ),
     Observable(
+        "surface_distance",
+        "1",
+        "distance along the path of the edge over 2 pi, in units of 1/d",
+        cost="surface",
+        dims=("surface_point",),
+    ),
+    Observable(
+        "surface_qpoint",
+        "1",
+        "wave vectors along the edge, fractions of the reciprocal cell of a layer",
+        cost="surface",
+        dims=("surface_point", "fraction"),
+    ),
+    Observable(
         "surface_frequency",
         "Hz",
         "frequencies of the undamped waves of the edge along the path, nan beyond these",

@@ -566,19 +566,26 @@ def observe_surface(
     keeps.
 
     These are "surface_frequency" (n, n_q, n_w), Hz, along :meth:`Surface.path` with ``points`` in
-    each segment, nan where a wave vector has fewer waves, and where there is a long wave
-    "surface_velocity" (n,), m/s, along the first leg. ``different`` are the states, or the first
-    state if all have one lattice in reduced units.
+    each segment, nan where a wave vector has fewer waves; the path itself, "surface_qpoint"
+    (n, n_q, 3) and "surface_distance" (n, n_q); and where there is a long wave "surface_velocity"
+    (n,), m/s, along the first leg. ``different`` are the states, or the first state if all have one
+    lattice in reduced units.
     """
     surfaces = [state.cached(Surface, axis, edge) for state in different]
-    q = surfaces[0].path(points)[0]
+    paths = [surface.path(points) for surface in surfaces]
+    q = paths[0][0]
     branches = [surface.along_path(points) for surface in surfaces]
     # from the units of the surfaces to those of the states
     of_states = np.array([[state.scales.frequency, state.scales.velocity] for state in states])
     of_surfaces = [[state.scales.frequency, state.scales.velocity] for state in different]
     frequency_ratio, velocity_ratio = (of_states / of_surfaces).T
     table = _tabulate_waves(branches, len(q))
-    observed = {"surface_frequency": frequency_ratio[:, None, None] * table}
+    distances = np.array([path[1] for path in paths])
+    observed = {
+        "surface_distance": np.broadcast_to(distances, (len(states), len(q))),
+        "surface_qpoint": np.broadcast_to(q, (len(states), *q.shape)),
+        "surface_frequency": frequency_ratio[:, None, None] * table,
+    }
     leg = None
     if len(q) > 1:
         p = len(surfaces[0].cell)

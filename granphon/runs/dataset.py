@@ -13,10 +13,11 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import math
 import os
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import nullcontext
 from dataclasses import dataclass
@@ -926,10 +927,30 @@ def write_waves(
     _write_rows(dataset, path, dims, [*coordinates, *variables])
 
 
-def _write_rows(dataset: Dataset, path: Path, dims: Sequence[Any], columns: Sequence[Any]) -> None:
+def write_edge_waves(dataset: Dataset, file: Path) -> None:
+    """Write the table ``file`` of the waves of an edge: a row for each wave in every state, with
+    its wave vector and the distance along the path.
+    """
+    wave_dims = ("surface_point", "surface_wave")
+    distances = dataset["surface_distance"]
+    path: dict[str, Any] = {"distance": (distances.dims, distances.values, {"units": "1/d"})}
+    for number, qpoints in enumerate(np.moveaxis(dataset["surface_qpoint"].values, -1, 0)):
+        path[f"q{number + 1}"] = (distances.dims, qpoints)
+    waves = [name for name, data in dataset.data_vars.items() if wave_dims[-1] in data.dims]
+    dims = (*dataset["valid"].dims, *wave_dims)
+    _write_rows(dataset.assign(path), file, dims, [*path, *waves], known="surface_frequency")
+
+
+def _write_rows(
+    dataset: Dataset,
+    path: Path,
+    dims: Sequence[Any],
+    columns: Sequence[Any],
+    known: str | None = None,
+) -> None:
     """Write the table ``path`` with a row for each point of the grid of the dimensions ``dims``, of
     which the last runs fastest: load, medium and parameters, then the variables or coordinates
-    ``columns``, with all digits.
+    ``columns``, with all digits. Points at which the variable ``known`` is nan have no row.
     """
     load = find_load(dataset)
     state_dims = dataset["valid"].dims
@@ -940,8 +961,12 @@ def _write_rows(dataset: Dataset, path: Path, dims: Sequence[Any], columns: Sequ
     for name in names:
         variable = dataset[name].broadcast_like(grid).transpose(*dims)
         values.append(variable.values.ravel().tolist())
+    rows: Iterable[tuple[Any, ...]] = zip(*values, strict=True)
+    if known is not None:
+        place = names.index(known)
+        rows = (row for row in rows if not math.isnan(row[place]))
     with path.open("w", encoding="utf-8", newline="") as stream:
-        write_table(stream, headings, zip(*values, strict=True))
+        write_table(stream, headings, rows)
 
 
 def load_sweep(path: str | os.PathLike[str]) -> Dataset:

@@ -304,19 +304,7 @@ def _read_constraints(value: Any, context: ValueContext) -> tuple[tuple[str, flo
 
 
 class DesignSettings(NetworkSettings):
-    """What network is sought; see :func:`granphon.design`.
-
-    Attributes
-    ----------
-    goal : name of the goal, and its numbers by name, SI; may be given as a mapping, as
-        {"widest_gap": {"near": 5e3}}.
-    vary : each variable with its least and greatest value, SI; may be given as a mapping.
-    constraints : names of numbers of the network, each with the sum that it keeps, SI.
-    per : "each" or "kind".
-    restarts : number of random starts after that of the scene.
-    seed : seed of the random starts.
-    steps : most steps of a start.
-    """
+    """What network is sought; see :func:`granphon.design`."""
 
     block = "design"
 

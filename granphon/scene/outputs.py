@@ -342,6 +342,14 @@ def _has_friction(scene: Any) -> bool:
     return any(array.friction_history for array in scene.serving.arrays)
 
 
+def shows_curves(observe: Collection[str]) -> bool:
+    """Whether a sweep that observes the words ``observe`` is drawn as curves over the load: it
+    observes velocities, or something else that has no figure of its own in sweeps.
+    """
+    rows = [row for _name, row in OUTPUTS.items() if row.figure and row.states != "one"]
+    return not {row.observed for row in rows}.issuperset(observe)
+
+
 # -- how it is found -------------------------------------------------------------------------------
 
 
@@ -496,7 +504,8 @@ def _summarise_states(run: Any) -> dict[str, Any]:
     """Return the numbers of the states of a sweep by name: the sizes of the dimensions, the number
     of states, the media, the least and the greatest of each variable that the catalogue marks as
     ``told``, the least and the greatest of their standard errors, and whether all states are valid;
-    also the direction of sound, if it was given or if velocities depend on it.
+    also the direction of sound, if it was given or if velocities depend on it. Velocities and
+    moduli are among them if the scene observes velocities.
     """
     from granphon.runs.dataset import list_finite_overlap
 
@@ -517,7 +526,12 @@ def _summarise_states(run: Any) -> dict[str, Any]:
     elif "tensor" in data:  # some lattice is not isotropic, and its velocities are along x
         is_plane = data.sizes["voigt_row"] == 3
         numbers["direction"] = [1.0, 0.0] if is_plane else [1.0, 0.0, 0.0]
-    told = [name for name, entry in CATALOGUE.items() if entry.told and name in data]
+    has_velocities = "velocities" in run.scene.observe
+    told = [
+        name
+        for name, entry in CATALOGUE.items()
+        if entry.told and name in data and (has_velocities or entry.cost != "velocities")
+    ]
     for name in told:
         if data[name].notnull().any():
             numbers[name] = [float(data[name].min()), float(data[name].max())]
@@ -539,6 +553,18 @@ def _list_errors(data: Dataset, names: Sequence[str]) -> dict[str, Any]:
             errors[f"{name}_error"] = [float(error.min()), float(error.max())]
             sources[name] = error.attrs["mostly_from"]
     return errors | {"errors_from": sources} if sources else {}
+
+
+def _of_one_state(summarise: Callable[[Any], dict[str, Any]]) -> Callable[[Any], dict[str, Any]]:
+    """Return the function ``summarise`` for runs of one state, which may be a sweep over parameters
+    of one value each; it gives no numbers of runs of several states.
+    """
+
+    def summarise_one(run: Any) -> dict[str, Any]:
+        """Return the numbers of a run of one state, by name."""
+        return summarise(run) if run.dataset["valid"].size == 1 else {}
+
+    return summarise_one
 
 
 def _list_onsets(run: Any) -> dict[str, Any]:
@@ -680,6 +706,13 @@ def _write_table(
     from granphon.runs.dataset import write_waves
 
     write_waves(run.dataset, folder / name, dims, numbered=numbered)
+
+
+def _write_edge_waves(run: Any, folder: Path) -> None:
+    """Write sweep_surface.csv, the waves of the edge in every state."""
+    from granphon.runs.dataset import write_edge_waves
+
+    write_edge_waves(run.dataset, folder / "sweep_surface.csv")
 
 
 def _write_motion(run: Any, folder: Path) -> None:
@@ -1026,9 +1059,9 @@ for _row in (
         words="[the numbers](#quantities-of-a-state)",
     ),
     Export("numbers", (), states="one", summarise=_summarise_state),
-    Export("peaks", (), observed="response", states="one", summarise=_list_peaks),
-    Export("onsets_of_state", (), observed="onsets", states="one", summarise=_list_onsets),
-    Export("strongest", (), observed="sensitivities", states="one", summarise=_list_strongest),
+    Export("peaks", (), observed="response", summarise=_of_one_state(_list_peaks)),
+    Export("onsets_of_state", (), observed="onsets", summarise=_of_one_state(_list_onsets)),
+    Export("strongest", (), observed="sensitivities", summarise=_of_one_state(_list_strongest)),
     Export("limits", (), states="one", find=_list_limits),
     Export(
         "errors",
@@ -1091,14 +1124,16 @@ for _row in (
         occasion="`bands` with a block `bands`",
         words="bands, and frequency, decay and Q with losses",
     ),
+    Export("ranges", (), states="many", summarise=_summarise_states),
     Export(
         "sweep",
         ("sweep.png",),
         states="many",
-        summarise=_summarise_states,
+        when=lambda scene: shows_curves(scene.observe),
         draw=_draw_curves,
         source="sweep.nc",
         rank=6,
+        occasion="a sweep of `velocities`, or of what else has no figure of its own",
         words="velocities and exponents over the load",
         caption="Sound velocities over the load, or the parameter, and their local exponent",
     ),
@@ -1181,11 +1216,10 @@ for _row in (
         ("sweep_surface.csv", "sweep_surface.png"),
         observed="surface",
         states="many",
-        write=partial(
-            _write_table, "sweep_surface.csv", ("surface_point", "surface_wave"), numbered=True
-        ),
+        write=_write_edge_waves,
         draw=partial(_draw_panels, "sweep_surface"),
-        words="waves of the edge along the path; those at its end over the load",
+        words="waves of the edge along the path, with distance and wave vector; those at its end"
+        " over the load",
         caption="Waves of the edge at the end of the path",
     ),
     Export(
@@ -1297,7 +1331,6 @@ for _row in (
         "gaps",
         (),
         observed="gaps",
-        states="one",
         find=_find_gaps,
         packages=_OF_PHONONS,
         summarise=lambda run: {"gaps": run.gaps.tolist()},

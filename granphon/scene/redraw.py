@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import re
@@ -15,7 +16,15 @@ from granphon.base.errors import InputError, MissingFileError
 from granphon.base.staging import ResultFiles, read_written_files
 from granphon.base.text import read_bytes, read_yaml
 from granphon.figures.plot import OF_STATES, choose_figure
-from granphon.scene.outputs import OUTPUTS, Export, Results, Tell, list_figures, read_summary
+from granphon.scene.outputs import (
+    OUTPUTS,
+    Export,
+    Results,
+    Tell,
+    list_figures,
+    read_summary,
+    shows_curves,
+)
 
 if TYPE_CHECKING:
     from granphon.dynamics.contact_lattice import ContactLattice
@@ -66,7 +75,7 @@ def redraw(
         the table of outputs, as surface, spectrum or motion, or one of a plug-in, means that
         figure. By default, in the folder, the figure that comes first: bands.png (dos.png without
         bands); of one state without bands that of its motion, surface or response; else sweep.png
-        or fit.png.
+        or, of a sweep without velocities, the figure of what it observes; or fit.png.
     force : overwrite a file that granphon wrote and that was not changed since.
     asymptotes : add to the bands the long waves (equations 13-15) of the scene in the folder.
     variable : name of the one variable of a sweep to draw.
@@ -159,9 +168,20 @@ def _choose_output(source: Path, stem: str | None, *, asks_for_sweep: bool) -> E
     if curves and asks_for_sweep:
         return curves[0]
     first_row = min(rows, key=lambda row: row.rank or math.inf)
+    others = [row for row in rows if row not in curves]
+    if first_row in curves and others and not _observes_curves(source):
+        return min(others, key=lambda row: row.rank or math.inf)
     if curves and first_row.name in OF_STATES:
         return OUTPUTS[choose_figure(Results(source).dataset, [first_row.name])]
     return first_row
+
+
+def _observes_curves(source: Path) -> bool:
+    """Whether the states of the run in the folder ``source`` are those of a sweep that is drawn as
+    curves of velocities.
+    """
+    observe = Results(source).dataset.attrs.get("observe", '["velocities"]')
+    return shows_curves(json.loads(observe))
 
 
 def _explain_unkept(row: Export) -> str:

@@ -339,18 +339,7 @@ CUT = Kind(
 
 
 class LossSettings(Block, kw_only=True):
-    """Losses of contacts and balls; see :meth:`granphon.waves.waves.Waves.response`.
-
-    Attributes
-    ----------
-    damping : viscosity of a contact over its stiffness, s, in all motions, or that in normal motion
-        and that in all other.
-    drag : rate at which balls slow down by themselves, 1/s, in all motions, or that of
-        displacements and that of rotations; None for no drag.
-    dashpot : viscosity of a contact whatever its stiffness, N s/m, in all motions, or that in
-        normal motion and that in slip; None for none.
-    restitution : restitution of a collision, whose dashpot each contact has; None for none.
-    """
+    """Losses of contacts and balls; see :meth:`granphon.waves.waves.Waves.response`."""
 
     damping: float | tuple[float, float] = setting(
         _of_both_motions(LOSS_KINDS["damping"]),
@@ -427,13 +416,7 @@ class LossSettings(Block, kw_only=True):
 
 
 class LinearLossSettings(LossSettings, kw_only=True):
-    """Losses of waves that have one frequency, which may also have loss factors.
-
-    Attributes
-    ----------
-    loss_factor : loss factor of a contact in all motions, or that in normal motion and that in all
-        other.
-    """
+    """Losses of waves that have one frequency, which may also have loss factors."""
 
     loss_factor: float | tuple[float, float] = setting(
         _of_both_motions(LOSS_KINDS["loss_factor"]),
@@ -564,15 +547,7 @@ def require_walls(
 
 
 class SpectrumSettings(Block):
-    """Spectral functions along the path of the bands.
-
-    Attributes
-    ----------
-    polarisation : "longitudinal", "transverse", "rotational", one or more.
-    resolution : standard deviation of the kernel at frequency zero, Hz; None for that of
-        :data:`MOMENTS`, 0.6 % of the top frequency.
-    points : number of wave vectors between two corners of the path, both counted.
-    """
+    """Spectral functions along the path of the bands."""
 
     block = "spectrum"
 
@@ -598,19 +573,7 @@ class SpectrumSettings(Block):
 
 
 class PulseSettings(LossSettings):
-    """A pulse through the array; see :meth:`granphon.waves.waves.Waves.transmit`.
-
-    Attributes
-    ----------
-    frequency : frequency of the burst, Hz.
-    distance : distance of the receiving plane from the source, m; None for half the length of the
-        array along the direction, or a quarter if ends are periodic.
-    cycles : number of periods of the burst.
-    polarisation : "longitudinal", "transverse" or "out_of_plane": the way in which the source
-        pushes.
-    source : "plane" for the first plane of balls, "ball" for one of its balls.
-    ends : one of :data:`ENDS`.
-    """
+    """A pulse through the array; see :meth:`granphon.waves.waves.Waves.transmit`."""
 
     block = "pulse"
 
@@ -648,14 +611,7 @@ class PulseSettings(LossSettings):
 
 
 class SurfaceSettings(EdgeSettings):
-    """Waves of an edge, along the path of its own zone; see :class:`granphon.Surface`.
-
-    Attributes
-    ----------
-    axis : across the edge: the number of a vector of the cell, or integer Miller indices.
-    edge : "free", "clamped", "floor", or a :class:`~granphon.Wall`.
-    points : number of wave vectors between two corners of the path, both counted.
-    """
+    """Waves of an edge, along the path of its own zone; see :class:`granphon.Surface`."""
 
     block = "surface"
     key_of_edges = "edge"
@@ -688,14 +644,7 @@ class SurfaceSettings(EdgeSettings):
 
 
 class NetworkSettings(EdgeSettings, kw_only=True):
-    """Settings of a result for the network of each state, or of each sample of a simulation.
-
-    Attributes
-    ----------
-    repeat : number of cells of the network along each period; empty for one cell.
-    cut : for each cut of the repeated network, one after the other, its axis, its number of layers,
-        and its (lower, upper) edges.
-    """
+    """Settings of a result for the network of each state, or of each sample of a simulation."""
 
     #: keys of settings that depend on the network: a network may turn out not to allow their values
     of_network: ClassVar[tuple[str, ...]] = ("repeat", "cut")
@@ -746,21 +695,7 @@ class NetworkSettings(EdgeSettings, kw_only=True):
 
 
 class ResponseSettings(NetworkSettings, LinearLossSettings):
-    """The response at given frequencies; see :meth:`granphon.waves.waves.Waves.response`.
-
-    Attributes
-    ----------
-    frequencies : (n_f,) Hz, ascending.
-    source, receiver : one or more places: "plane", "floor", or a ball and a direction, such as
-        "12 x" or "12 0.6 0.8"; a receiver of a force may also be a contact, such as "3-4". The
-        response of a plane is the mean over its balls.
-    quantity : one of :data:`RESPONSES`.
-    direction : Cartesian vector across planes; None for the first axis along which the network does
-        not repeat, or x.
-    polarisation : "longitudinal", "transverse" or "out_of_plane": the way in which a plane is
-        driven and heard.
-    distance : distance of the receiving plane from the first one, m; None for the last plane.
-    """
+    """The response at given frequencies; see :meth:`granphon.waves.waves.Waves.response`."""
 
     block = "response"
     of_network = ("repeat", "cut", "source", "receiver")
@@ -924,14 +859,8 @@ def _signal_kind(name: str, kind: Quantity) -> Kind:
 
 
 class Shaker(Block):
-    """A displacement A r(t) sin(2 pi f t), whose factor r rises from 0 to 1 as half a cosine over
-    the first periods.
-
-    Attributes
-    ----------
-    amplitude : A, m.
-    frequency : f, Hz.
-    ramp : number of periods over which r rises.
+    """A displacement A r(t) sin(2 pi f t) of amplitude A and frequency f, whose factor r rises from
+    0 to 1 as half a cosine over the first periods, the ramp.
     """
 
     block = "shaker"
@@ -969,16 +898,9 @@ def _read_balls(value: Any) -> tuple[int, ...] | str:
 class DriveSettings(Block):
     """A drive of some balls along a direction, of one of four kinds.
 
-    Attributes
-    ----------
-    balls : indices of the balls; or "lower" or "upper", a face of the array: its floor, or if there
-        is none its clamped balls, or if there are none the balls of its outer layer.
-    direction : Cartesian vector of the drive; None for x.
-    impact : velocity of the balls at the start, m/s.
-    shaker : a displacement to and fro.
-    force, displacement : the force on each ball, N, or the displacement, m, over time.
-
-    Exactly one of ``impact``, ``shaker``, ``force`` and ``displacement`` is not None.
+    A face of the array is its floor, or if there is none its clamped balls, or if there are none
+    the balls of its outer layer. Exactly one of ``impact``, ``shaker``, ``force`` and
+    ``displacement`` is not None.
     """
 
     block = "drive"
@@ -1083,20 +1005,7 @@ def _read_drive(value: Any, context: ValueContext) -> DriveSettings:
 
 
 class MotionSettings(NetworkSettings, LossSettings):
-    """Balls that move by the whole of their contact law; see :class:`granphon.NonlinearWaves`.
-
-    Attributes
-    ----------
-    duration : how long the balls move, s.
-    drive : one or more drives of balls.
-    friction_coefficient : mu of Coulomb's limit of slip; None if contacts do not slide.
-    viscous_pull : one of :data:`VISCOUS_PULLS`.
-    coulomb : one of :data:`COULOMB_LIMITS`.
-    frames : number of times at which the motion is kept.
-    step : time step, s; None for one that the stiffest contact allows.
-    geometry : directions of contacts, one of :data:`GEOMETRIES`.
-    scheme : scheme of the steps, one of :data:`SCHEMES`.
-    """
+    """Balls that move by the whole of their contact law; see :class:`granphon.NonlinearWaves`."""
 
     block = "motion"
     of_network = ("repeat", "cut", "drive")
@@ -1168,12 +1077,7 @@ class MotionSettings(NetworkSettings, LossSettings):
 
 
 class ModesSettings(NetworkSettings):
-    """The lowest modes of a network; see :meth:`granphon.waves.waves.Waves.modes`.
-
-    Attributes
-    ----------
-    count : number of modes, without those that cost no energy.
-    """
+    """The lowest modes of a network; see :meth:`granphon.waves.waves.Waves.modes`."""
 
     block = "modes"
     of_network = ("repeat", "cut", "count")

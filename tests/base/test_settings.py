@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import pickle
 
 import pytest
 
+import granphon as gp
 from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import LENGTH, SINCE
 from granphon.base.settings import (
@@ -140,6 +142,15 @@ def test_blocks_inside_blocks_and_lists():
     with pytest.raises(Refused) as refused:
         listed(with_unit(LENGTH)).read(["1 m", "1 s"], WRITTEN)
     assert refused.value.path == (1,)
+
+
+def test_the_docstring_lists_what_is_declared():
+    told = inspect.cleandoc(Nozzle.__doc__)
+    for name, declared in list_settings(Nozzle).items():
+        assert f"\n{name} : {declared.meaning}" in told
+    # what a docstring tells itself stays as it is
+    assert inspect.cleandoc(gp.Material.__doc__).count("\ndensity : ") == 1
+    assert "Attributes" not in gp.Material.__doc__
 
 
 def test_words_follow_from_the_declaration():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 
 import numpy as np
@@ -32,6 +33,15 @@ def widths():
     return sweep(
         PACKING, pressure=np.geomspace(200.0, 9000.0, 5), media=("ala", "ema"), width=[1e-6, 4e-6]
     )
+
+
+def test_titles_of_columns_of_panels_stay_apart():
+    data = sweep(PACKING, force=[1.0, 9.0], media=("ala", "afa", "ema"), friction=[True, False])
+    figure = sweep_figure(data, variable="longitudinal", columns="medium", rows="friction")
+    figure.draw_without_rendering()
+    boxes = [ax.title.get_window_extent() for ax in figure.axes[:3]]
+    letter = figure.dpi * 4.0 / 72.0  # about half the size of the font
+    assert all(left.x1 + letter < right.x0 for left, right in itertools.pairwise(boxes))
 
 
 def test_lines_are_the_variable_in_order_of_the_load(media, ax):

@@ -18,6 +18,7 @@ from granphon.figures.gaps import (
     sweep_gaps_figure,
     sweep_surface_figure,
 )
+from granphon.scene.redraw import redraw
 from granphon.scene.scene import Scene
 
 SCENE = """\
@@ -96,9 +97,36 @@ def test_the_table_has_a_row_for_each_state_and_gap(result):
             (result.folder / "sweep_surface.csv").read_text(encoding="utf-8").splitlines()
         )
     )
-    assert len(waves) == data["surface_frequency"].size
+    # balls of equal masses have no wave of the edge, and no row
+    assert len(waves) == np.isfinite(data["surface_frequency"]).sum() == 6
     again = gp.load_sweep(result.folder / "sweep.nc")
     assert again.identical(data)
+
+
+def test_a_sweep_of_gaps_alone_shows_and_tells_nothing_of_sound(tmp_path, capsys):
+    text = SCENE.replace("[velocities, gaps, surface]", "[gaps]").replace(
+        "surface: {axis: 0}\n", ""
+    )
+    (tmp_path / "scene.yaml").write_text(text, encoding="utf-8")
+    out = tmp_path / "out"
+    assert main(["run", str(tmp_path / "scene.yaml"), "-o", str(out)]) == 0
+    assert "velocity" not in capsys.readouterr().out
+    assert {path.name for path in out.glob("*.png")} == {"sweep_gaps.png"}
+    assert redraw(out, force=True).name == "sweep_gaps.png"
+    # what is asked for by name is drawn nevertheless
+    assert redraw(out, tmp_path / "sweep.png").name == "sweep.png"
+
+
+def test_a_sweep_of_one_value_tells_what_one_state_tells(tmp_path):
+    text = SCENE.replace("[1 N, 8 N, 27 N]", "1 N").replace("surface: {axis: 0}\n", "")
+    text = text.replace("[velocities, gaps, surface]", "[gaps, sensitivities]")
+    swept = text.replace("[2000 kg/m^3, 4000 kg/m^3, 8000 kg/m^3]", "[2700 kg/m^3]")
+    alone = text[: text.index("sweep")]
+    of_sweep = Scene.from_text(swept).run(tmp_path / "swept", figures=False).summary()
+    of_state = Scene.from_text(alone).run(tmp_path / "alone", figures=False).summary()
+    assert len(of_state["gaps"]) == 1
+    for name in ("gaps", "matters_most"):
+        assert of_sweep[name] == of_state[name]
 
 
 def test_the_figure_has_the_gaps_as_fields_over_the_load(result):

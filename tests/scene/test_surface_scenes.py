@@ -98,6 +98,12 @@ def test_a_sweep_has_the_waves_of_every_state(text, words, tmp_path):
     waves = edge.branches(edge.path(3)[0][:, : len(edge.cell)])
     here = data[1]
     assert_allclose(here[np.isfinite(here)], waves.frequencies, rtol=1e-13)
+    q, distances, *_ = edge.path(3)
+    table = np.genfromtxt(tmp_path / "sweep_surface.csv", delimiter=",", names=True)
+    rows = table[table["force_N"] == 128.0]
+    assert_allclose(rows["surface_frequency_Hz"], waves.frequencies, rtol=1e-13)
+    assert_allclose(rows["distance_1d"], distances[waves.place])
+    assert_allclose(np.stack([rows["q1"], rows["q2"], rows["q3"]], axis=1), q[waves.place])
     assert ("surface_velocity" in result.dataset) == (text == PACKING)
 
 
