@@ -134,8 +134,8 @@ class ContactNetwork(Result):
         then has no potential. "yade": the radii, and displacements across the contact count
         (R_i + R_j)/r times, with the radii R and the distance r of the centres, so that no slip is
         left of a rotation of both balls together; a flat wall counts as the mirror image of the
-        ball, and the arm at it ends there. The excess is of the order of the terms of static forces: without
-        ``prestress`` both are neglected, and the levers are the arms.
+        ball, and the arm at it ends there. The excess is of the order of the terms of static
+        forces: without ``prestress`` both are neglected, and the levers are the arms.
 
     Raises
     ------

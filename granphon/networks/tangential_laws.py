@@ -1,4 +1,4 @@
-"""How static tangential forces change, and how slip is counted, in programs of discrete elements."""
+"""How static tangential forces change, and how slip is counted, in other programs."""
 
 from __future__ import annotations
 
