@@ -12,7 +12,7 @@ import pytest
 
 import granphon as gp
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.networks.tangential_laws import TANGENTIAL_LAWS
+from granphon.networks.sources import TANGENTIAL_LAWS
 from granphon.waves.operator import WaveOperator
 from tests import packings
 from tests.networks import liggghts, yade
