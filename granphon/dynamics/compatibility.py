@@ -564,8 +564,9 @@ class Compatibility:
 
         Displacements across a contact with the normal force f and the distance a of its centres
         have the stiffness -f/a. A tangential force acts by three products of two rows, by one more
-        if it grows with the overlap, and by one more if it turns about the normal; slip by levers that exceed the arms acts by a product for
-        each tangent. Each product is written as a difference of two squares, that is, by two rows.
+        if it grows with the overlap, and by one more if it turns about the normal; slip by levers
+        that exceed the arms acts by a product for each tangent. Each product is written as a
+        difference of two squares, that is, by two rows.
         """
         table = self.contacts
         pushes = [(row, -self.prestress) for row in push_rows(table.normal, self.motions)]

@@ -43,7 +43,7 @@ from granphon.media.medium import NETWORK, Medium
 from granphon.media.state import NetworkState
 from granphon.networks.faults import BAD
 from granphon.networks.network import READERS, ContactNetwork
-from granphon.networks.tangential_laws import SLIP_LEVERS, TANGENTIAL_LAWS
+from granphon.networks.sources import SLIP_LEVERS, TANGENTIAL_LAWS
 
 #: names of the tables in which a run keeps the packing that it has read
 TABLES = ("balls.csv", "contacts.csv")

@@ -30,6 +30,7 @@ from granphon.networks.faults import settle
 from granphon.networks.sources import (
     LARGEST,
     MOST_STEPS,
+    TANGENTIAL_LAWS,
     Balls,
     Completion,
     Contacts,
@@ -39,7 +40,6 @@ from granphon.networks.sources import (
     find_rounding,
     note_pulling,
 )
-from granphon.networks.tangential_laws import TANGENTIAL_LAWS
 
 #: greatest gap or overlap of two balls, over the sum of their radii, at which they may be in
 #: contact

@@ -54,13 +54,14 @@ from granphon.networks.consistency import BALANCED, MOVING, warn_of_faults
 from granphon.networks.demands import NUMBERS_OF_BALLS, list_demands
 from granphon.networks.sources import (
     LARGEST,
+    SLIP_LEVERS,
+    TANGENTIAL_LAWS,
     Completion,
     CompletionOptions,
     Reading,
     find_repeated,
     read_whole_numbers,
 )
-from granphon.networks.tangential_laws import SLIP_LEVERS, TANGENTIAL_LAWS
 
 if TYPE_CHECKING:
     from granphon.networks.building import Source
@@ -134,8 +135,8 @@ class ContactNetwork(Result):
         then has no potential. "yade": the radii, and displacements across the contact count
         (R_i + R_j)/r times, with the radii R and the distance r of the centres, so that no slip is
         left of a rotation of both balls together; a flat wall counts as the mirror image of the
-        ball, and the arm at it ends there. The excess is of the order of the terms of static forces: without
-        ``prestress`` both are neglected, and the levers are the arms.
+        ball, and the arm at it ends there. The excess is of the order of the terms of static
+        forces: without ``prestress`` both are neglected, and the levers are the arms.
 
     Raises
     ------
@@ -1018,7 +1019,7 @@ class ContactNetwork(Result):
             static forces on a ball add up to more than 1e-3 of the mean force of a contact.
         tangential_law, slip_levers : how static tangential forces change with the overlap, and the
             levers of slip, see the class; by default as files of :meth:`write_tables` say, or
-            "mindlin/force" and "arms".
+            "mindlin/force", and the levers of the law: "yade" of "yade", "arms" of others.
         columns : headings of columns that go by other names: {"radius": "R (mm)"}.
         keep_rattlers : keep balls that carry no load. By default they are left out, and
             ``left_out`` is their number.
@@ -1190,7 +1191,8 @@ class ContactNetwork(Result):
             the reduced radius. By default contacts roll freely.
         units, columns, step, normal_stiffness, shear_stiffness, frozen, dimension, motions,
             friction, prestress, tangential_law, slip_levers, keep_rattlers, held_by, bad : see
-            :meth:`from_lammps`.
+            :meth:`from_lammps`; but slip has the arms as levers, and the tangential law is
+            "liggghts", or "mindlin/force" if a ``shear_stiffness`` is given.
 
         Raises
         ------

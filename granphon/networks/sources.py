@@ -1,5 +1,6 @@
 """Balls and contacts as a program of discrete elements has left them, in SI units, with their
-faults, and with the errors that rounding in the files leaves.
+faults, and with the errors that rounding in the files leaves; and the tangential laws of such
+programs.
 """
 
 from __future__ import annotations
@@ -7,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
-from typing import Any, Self, TypedDict
+from typing import Any, NamedTuple, Self, TypedDict
 
 import numpy as np
 
@@ -51,6 +52,35 @@ _UNITS = {
     "arm_i": "m",
     "arm_j": "m",
 }
+
+
+class TangentialLaw(NamedTuple):
+    """How a static tangential force changes while the slip stays.
+
+    Attributes
+    ----------
+    power : p, by which it grows with the overlap delta, as delta^p.
+    turns : whether it turns about the normal with the balls, by the mean of their rotations.
+    levers : one of :data:`SLIP_LEVERS`, that of slip in the program.
+    """
+
+    power: float
+    turns: bool = False
+    levers: str = "arms"
+
+
+#: by the names of the laws in other programs
+TANGENTIAL_LAWS = {
+    "mindlin/force": TangentialLaw(0.0),
+    "mindlin": TangentialLaw(0.5),
+    "mindlin_rescale/force": TangentialLaw(0.25),
+    "mindlin_rescale": TangentialLaw(0.75),
+    "yade": TangentialLaw(0.0, turns=True, levers="yade"),
+    "liggghts": TangentialLaw(0.5),
+}
+#: how rotations and displacements make slip; see the field ``slip_levers`` of
+#: :class:`~granphon.networks.network.ContactNetwork`
+SLIP_LEVERS = ("arms", "radii", "yade")
 
 
 @dataclass(frozen=True)

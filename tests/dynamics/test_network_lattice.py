@@ -139,6 +139,11 @@ def by_radii(network):
     )
 
 
+def by_yade(network):
+    """The network as YADE has it: :func:`pulled`, with its law and its slip."""
+    return replace(by_radii(network), slip_levers="yade", tangential_law="yade")
+
+
 CASES = {
     "chain": lambda: random_network("chain", (3,)),
     "chain, all motions": lambda: random_network("chain", (3,), "all"),
@@ -167,6 +172,11 @@ CASES = {
         turned(ribbon(random_network("triangular", (2, 3)), 0))
     ),
     "slip by the radii of balls that are held": lambda: by_radii(
+        hold(random_network("hcp", (2, 2, 1)), [3])
+    ),
+    "slip of YADE": lambda: by_yade(random_network("fcc", (2, 1, 1))),
+    "slip of YADE in a plane": lambda: by_yade(random_network("triangular", (2, 1), "all")),
+    "slip of YADE of balls that are held": lambda: by_yade(
         hold(random_network("hcp", (2, 2, 1)), [3])
     ),
     "ribbon along x": lambda: ribbon(random_network("triangular", (2, 3)), 0),

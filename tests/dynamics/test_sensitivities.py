@@ -111,6 +111,7 @@ QUICK = (
     "ribbon on a wall",
     "growing tangential forces, one ball",
     "slip by the radii in a plane",
+    "slip of YADE in a plane",
 )
 
 

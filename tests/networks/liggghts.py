@@ -27,7 +27,7 @@ KEPT = {"liggghts": (24, 1, False), "liggghts_floor": (16, 1, True)}
 RADII = (0.8e-3, 1.0e-3, 1.2e-3)
 #: side of the box, m, before and after balls are pressed in all directions; and of that over a
 #: floor, with its height
-SIDES = 7.2e-3, 5.7e-3
+SIDES = 7.2e-3, 5.6e-3
 FLOOR = 5e-3, 2e-2
 #: displacement of a ball, m, and the step of time in which it is made, s
 SIZE = 5e-11

@@ -14,7 +14,7 @@ import granphon as gp
 from granphon.base.errors import InconsistencyWarning
 from tests import packings
 
-CELL = [5.424017457709516e-3] * 3
+CELL = [5.5e-3] * 3
 #: of the contacts in the kept packings, the limit that they exceed
 RADIUS = "contact_radius"
 

@@ -612,7 +612,7 @@ def yade_files(_folder):
 
 
 def read_in_a_cube(balls, contacts, material):
-    cell = [5.424017457709516e-3] * 3
+    cell = [5.5e-3] * 3
     return gp.ContactNetwork.from_table(balls, contacts, material=material, cell=cell)
 
 

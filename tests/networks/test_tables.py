@@ -359,17 +359,18 @@ def test_tables_of_yade():
     """
     balls = packings.FOLDER / "yade_balls.csv"
     contacts = packings.FOLDER / "yade_contacts.csv"
-    side = [0.005424017457709516] * 3
+    side = [5.5e-3] * 3
     network = gp.ContactNetwork.from_table(balls, contacts, cell=side)
     assert (network.n_balls, network.n_contacts, network.left_out, network.dimension) == (
         24,
-        88,
+        71,
         0,
         3,
     )
     pull = np.zeros((24, 3))
-    np.add.at(pull, network.j, network.normal * network.normal_force[:, None])
-    np.add.at(pull, network.i, -network.normal * network.normal_force[:, None])
+    force = network.normal * network.normal_force[:, None] + network.tangential_force
+    np.add.at(pull, network.j, force)
+    np.add.at(pull, network.i, -force)
     assert np.max(np.abs(pull)) < 1e-12 * network.normal_force.mean()
     # YADE's stiffnesses, masses, shifts and normals are those that follow from force, material and
     # places

@@ -56,9 +56,13 @@ def dynamical_matrix(network: gp.ContactNetwork, q: NDArray[Any]) -> NDArray[Any
         moved = whole[:3].copy()
         for at in range(len(balls)):
             moved[:, 6 * at + 3 : 6 * at + 6] = 0.0
-        if network.prestress and network.slip_levers == "radii":
-            # slip has the radii as levers, and its force makes torques with the arms
+        if network.prestress and network.slip_levers != "arms":
+            # slip has the radii as levers, and its force makes torques with the arms; by YADE it
+            # counts displacements more than once
             more = np.zeros((3, 6 * len(balls)), complex)
+            if network.slip_levers == "yade":
+                surfaces = network.radii[i] + network.radii[j]
+                more += (surfaces / (network.arm_i[c] + network.arm_j[c]) - 1.0) * moved
             for ball, arm, phase in (
                 (i, network.arm_i[c], 1.0),
                 (j, network.arm_j[c], np.exp(1j * q @ apart)),
@@ -86,6 +90,13 @@ def dynamical_matrix(network: gp.ContactNetwork, q: NDArray[Any]) -> NDArray[Any
                         np.cross(n, force), elongation
                     )
                     follows[6 * at : 6 * at + 6] += phase * np.concatenate([push, twist])
+            if network.tangential_law == "yade":
+                # it turns about the normal by the mean rotation of the balls
+                mean = np.zeros(6 * len(balls), complex)
+                for at, ball in enumerate(balls):
+                    for _, _, phase in levers[ball]:
+                        mean[6 * at + 3 : 6 * at + 6] += 0.5 * np.conj(phase) * n
+                follows -= np.outer(whole[:3].conj().T @ np.cross(n, force), mean)
             energy += 0.5 * (follows + follows.conj().T)
         place = np.concatenate([6 * ball + np.arange(6) for ball in balls])
         stiffness[np.ix_(place, place)] += energy

@@ -20,7 +20,7 @@ from tests import packings
 from tests.networks.liggghts import PAGE, keep
 
 #: side of the periodic cell of the packing that is kept, m
-SIDE = 5.55e-3
+SIDE = 5.5e-3
 #: functors of YADE, by the names of contact laws, and whether slip avoids the ratcheting of YADE's
 #: documentation, as it does by default
 LAWS = {
@@ -140,7 +140,7 @@ with open("response.csv", "w") as response:
 """
 SIZE = 5e-11
 #: law, number of balls, seed, whether walls hold them, and the side, m
-KEPT = ("mindlin", 24, 1, False, SIDE)
+KEPT = ("mindlin", 24, 5, False, SIDE)
 
 
 class Pressed(NamedTuple):

@@ -110,7 +110,7 @@ def test_tables_of_yade_have_their_cell(capsys, tmp_path):
 network:
   format: tables
   files: [{folder}/yade_balls.csv, {folder}/yade_contacts.csv]
-  cell: [5.424017457709516 mm, 5.424017457709516 mm, 5.424017457709516 mm]
+  cell: [5.5 mm, 5.5 mm, 5.5 mm]
 observe: [modes]
 """
     path = tmp_path / "yade.yaml"
@@ -121,7 +121,7 @@ observe: [modes]
     assert network == gp.ContactNetwork.from_table(
         packings.FOLDER / "yade_balls.csv",
         packings.FOLDER / "yade_contacts.csv",
-        cell=[5.424017457709516e-3] * 3,
+        cell=[5.5e-3] * 3,
     )
 
 
