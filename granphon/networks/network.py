@@ -142,7 +142,8 @@ class ContactNetwork(Result):
         and ``arm_j``, which are also the levers of torques. "radii", as in ``pair_style granular``
         of LAMMPS: the radii, which exceed the arms by half of the overlap; with ``prestress`` slip
         then has no potential. The excess is of the order of the terms of static forces: without
-        ``prestress`` both are neglected, and the levers are the arms.
+        ``prestress`` both are neglected, and the levers are the arms. Motions of any amplitude
+        (:class:`~granphon.NonlinearWaves`) have the radii themselves, however the overlap changes.
 
     Raises
     ------
