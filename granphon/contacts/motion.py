@@ -69,6 +69,8 @@ class _Geometry(NamedTuple):
     gap : (n_c,) distance of the surfaces of pairs that may meet, m; zero of contacts.
     is_free : (n_c,) one where r follows the balls, and zero where it stays.
     near, far : (n_c,) arms of balls i and of balls j, in units of r.
+    levers : (2, n_c) radii of balls i and of balls j where these are the levers of slip, m, in
+        place of the arms; else zero.
     """
 
     r: Array
@@ -77,6 +79,7 @@ class _Geometry(NamedTuple):
     is_free: Array
     near: Array
     far: Array
+    levers: Array
 
 
 class MovingContacts:
@@ -363,6 +366,8 @@ def _list_columns(geometry: _Geometry, law: Powers | PairLaws, ratios: Array) ->
         loops.FREE: geometry.is_free,
         loops.NEAR: geometry.near,
         loops.FAR: geometry.far,
+        loops.NEAR_LEVER: geometry.levers[0],
+        loops.FAR_LEVER: geometry.levers[1],
         loops.FORCE: law.rest,
         loops.SLIP_RATIO: ratios[0],
         loops.OVERLAP: law.end,
@@ -399,7 +404,8 @@ def _make_columns(ends: tuple[Index, Index], values: dict[int, Any]) -> Columns:
 def _find_geometry(network: ContactNetwork) -> _Geometry:
     """Return contacts that keep their directions at rest."""
     zeros = np.zeros(network.n_contacts)
-    return _Geometry(network.normal, zeros + 1.0, zeros, zeros, network.arm_i, network.arm_j)
+    arms = network.arm_i, network.arm_j
+    return _Geometry(network.normal, zeros + 1.0, zeros, zeros, *arms, np.stack([zeros, zeros]))
 
 
 def _find_true_geometry(network: ContactNetwork, pairs: MetPairs) -> _Geometry:
@@ -424,6 +430,11 @@ def _find_true_geometry(network: ContactNetwork, pairs: MetPairs) -> _Geometry:
     # arms share the distance, so that torques balance the moment of forces across contacts
     arm_i = np.append(network.arm_i, network.radii[i])
     near = np.where(is_flat, arm_i, arm_i / _find_arms(network, pairs))
+    levers = np.zeros((2, len(r)))
+    if network.lever_excesses is not None:
+        ends = np.stack([np.append(network.i, i), np.append(network.j, j)])
+        radii = network.radii[ends]
+        levers = np.where(np.isfinite(radii), radii, 0.0)
     return _Geometry(
         r,
         np.sqrt(np.sum(r * r, axis=1)),
@@ -431,6 +442,7 @@ def _find_true_geometry(network: ContactNetwork, pairs: MetPairs) -> _Geometry:
         np.where(is_flat, 0.0, 1.0),
         near,
         np.where(is_flat, 0.0, 1.0 - near),
+        levers,
     )
 
 

@@ -4,7 +4,9 @@ then have, and how these act on the balls.
 Between the centres of two balls lies r, and n = r/|r|. Of a free contact r follows the balls, and
 the arms of the balls are parts of r, which add up to one. Of others r is a unit vector that stays
 as it is at rest, and arms are lengths: the normal of a flat wall, or in the directions of the
-network that of any contact.
+network that of any contact. Forces across a contact make torques by the arms. Slip has the same
+levers, or, as in LAMMPS, the radii, which exceed the arms by half of the overlap: then the law has
+no potential.
 
 A step takes slip, twist and roll across the mean of r before and after. In true directions, forces
 across contacts turn with n by the smallest rotation that takes n along, and about n with the mean
@@ -67,60 +69,63 @@ ROOT_DASHPOT = 16 * CHUNK
 COEFFICIENT = 17 * CHUNK
 OVERLAP = 18 * CHUNK
 ROOT = 19 * CHUNK
-N_COLUMNS = 20 * CHUNK
+#: radii of the balls where these are the levers of slip, else zero
+NEAR_LEVER = 20 * CHUNK
+FAR_LEVER = 21 * CHUNK
+N_COLUMNS = 22 * CHUNK
 #: the columns of dashpots
 DASHPOTS = (NORMAL_TIME, SIDE_TIME, NORMAL_DASHPOT, SIDE_DASHPOT, ROOT_DASHPOT)
 #: displacement of ball j from ball i before and after the step; rotations in the step
-_ACROSS = 20 * CHUNK
-_ACROSS_END = 23 * CHUNK
-_TURN_I = 26 * CHUNK
-_TURN_J = 29 * CHUNK
+_ACROSS = 22 * CHUNK
+_ACROSS_END = 25 * CHUNK
+_TURN_I = 28 * CHUNK
+_TURN_J = 31 * CHUNK
 #: n before the step, along the mean of r, and after the step; r and |r| with which forces act; and
 #: the mean of r before and after the step
-_START = 32 * CHUNK
-_MIDDLE = 35 * CHUNK
-_END = 38 * CHUNK
-_R = 41 * CHUNK
-_R_LENGTH = 44 * CHUNK
-_R_MIDDLE = 45 * CHUNK
+_START = 34 * CHUNK
+_MIDDLE = 37 * CHUNK
+_END = 40 * CHUNK
+_R = 43 * CHUNK
+_R_LENGTH = 46 * CHUNK
+_R_MIDDLE = 47 * CHUNK
 #: elongations before and after
-_E_START = 48 * CHUNK
-_E = 49 * CHUNK
+_E_START = 50 * CHUNK
+_E = 51 * CHUNK
 #: tangent of half of the angle by which forces turn about n in half of the step, and the cosine of
 #: the whole angle and one
-_HALF = 50 * CHUNK
-_COSINE = 51 * CHUNK
+_HALF = 52 * CHUNK
+_COSINE = 53 * CHUNK
 #: slip, twist and roll of the step; forces against them: before the step, then turned to its
 #: middle; after it; and the mean of both
-_SIDES = 52 * CHUNK
-_HELD = 59 * CHUNK
-_PULL = 66 * CHUNK
-_MEAN = 73 * CHUNK
+_SIDES = 54 * CHUNK
+_HELD = 61 * CHUNK
+_PULL = 68 * CHUNK
+_MEAN = 75 * CHUNK
 #: f - f_0; normal stiffnesses, and those of flat punches, before and after the step; and the work
 #: of the step against slip, twist and roll
-_CHANGE = 80 * CHUNK
-_K_START = 81 * CHUNK
-_K = 82 * CHUNK
-_PUNCH_START = 83 * CHUNK
-_PUNCH = 84 * CHUNK
-_WORK = 85 * CHUNK
+_CHANGE = 82 * CHUNK
+_K_START = 83 * CHUNK
+_K = 84 * CHUNK
+_PUNCH_START = 85 * CHUNK
+_PUNCH = 86 * CHUNK
+_WORK = 87 * CHUNK
 #: forces and torques on ball i, and on ball j
-_ON_I = 86 * CHUNK
-_ON_I_TORQUE = 89 * CHUNK
-_ON_J = 92 * CHUNK
-_ON_J_TORQUE = 95 * CHUNK
+_ON_I = 88 * CHUNK
+_ON_I_TORQUE = 91 * CHUNK
+_ON_J = 94 * CHUNK
+_ON_J_TORQUE = 97 * CHUNK
 #: dashpots: rates of elongation and of deformations, forces before and after, energy lost
-_RATE = 98 * CHUNK
-_RATES = 99 * CHUNK
-_DASH_START = 106 * CHUNK
-_DASH = 114 * CHUNK
-_LOSS = 122 * CHUNK
+_RATE = 100 * CHUNK
+_RATES = 101 * CHUNK
+_DASH_START = 108 * CHUNK
+_DASH = 116 * CHUNK
+_LOSS = 124 * CHUNK
 #: the share of its constant viscosities with which the dashpot of a contact acts; the viscosity
 #: against slip over the ratio of slip; and f - f_0 to which the dashpot adds
-_SHARE = 123 * CHUNK
-_VISCOSITY = 124 * CHUNK
-_PRESSURE = 125 * CHUNK
-_N_ROWS = 126 * CHUNK
+_SHARE = 125 * CHUNK
+_VISCOSITY = 126 * CHUNK
+_PRESSURE = 127 * CHUNK
+_N_ROWS = 128 * CHUNK
 #: where twist and roll begin, from where slip begins, and the length of all three
 _TWIST = 3 * CHUNK
 _ROLL = 4 * CHUNK
@@ -235,14 +240,14 @@ def _slip(
     across: _Vector,
     turn_i: _Vector,
     turn_j: _Vector,
-    arms: tuple[float, float],
+    levers: tuple[float, float],
     r: _Vector,
     n: _Vector,
 ) -> _Vector:
     """Return the slip across n of two balls: j moves by ``across`` against i, and they turn by
-    ``turn_i`` and ``turn_j`` about centres that are r apart; ``arms`` are parts of r.
+    ``turn_i`` and ``turn_j`` about centres that are r apart; ``levers`` are over |r|.
     """
-    turn = _add(_scale(arms[0], turn_i), arms[1], turn_j)
+    turn = _add(_scale(levers[0], turn_i), levers[1], turn_j)
     slip = _add(across, -1.0, _cross(turn, r))
     return _add(slip, -_dot(n, slip), n)
 
@@ -259,6 +264,20 @@ def _set(rows: Array, place: int, a: _Vector) -> None:
     rows[place] = a[0]
     rows[place + CHUNK] = a[1]
     rows[place + 2 * CHUNK] = a[2]
+
+
+@compiled
+def _find_levers(rows: Array, c: int, r: _Vector, n: _Vector) -> tuple[float, float]:
+    """Return the levers, over |r|, by which rotations of the balls of contact c make slip: the
+    arms, or the radii.
+    """
+    part = 1.0 / _dot(n, r)
+    near = rows[NEAR_LEVER + c]
+    far = rows[FAR_LEVER + c]
+    return (
+        near * part if near > 0.0 else rows[NEAR + c],
+        far * part if far > 0.0 else rows[FAR + c],
+    )
 
 
 # -- from arrays of contacts or balls to the rows of a chunk, n contacts from the first, and back --
@@ -401,13 +420,13 @@ def _deform_straight(rows: Array, n: int) -> None:
         gap = rows[GAP + c]
         across = _get(rows, _ACROSS + c)
         end = _get(rows, _ACROSS_END + c)
-        arms = (rows[NEAR + c], rows[FAR + c])
+        levers = (rows[NEAR + c], rows[FAR + c])
         turn_i = _get(rows, _TURN_I + c)
         turn_j = _get(rows, _TURN_J + c)
         rows[_E_START + c] = gap + _dot(normal, across)
         rows[_E + c] = gap + _dot(normal, end)
         across = _add(end, -1.0, across)
-        _set(rows, _SIDES + c, _slip(across, turn_i, turn_j, arms, normal, normal))
+        _set(rows, _SIDES + c, _slip(across, turn_i, turn_j, levers, normal, normal))
         _set(rows, _R + c, normal)
 
 
@@ -462,14 +481,13 @@ def _slip_turning(rows: Array, n: int) -> None:
     contacts that turn.
     """
     for c in range(n):
-        arms = (rows[NEAR + c], rows[FAR + c])
         turn_i = _get(rows, _TURN_I + c)
         turn_j = _get(rows, _TURN_J + c)
         normal = _get(rows, _MIDDLE + c)
+        r = _get(rows, _R_MIDDLE + c)
+        levers = _find_levers(rows, c, r, normal)
         across = _add(_get(rows, _ACROSS_END + c), -1.0, _get(rows, _ACROSS + c))
-        _set(
-            rows, _SIDES + c, _slip(across, turn_i, turn_j, arms, _get(rows, _R_MIDDLE + c), normal)
-        )
+        _set(rows, _SIDES + c, _slip(across, turn_i, turn_j, levers, r, normal))
         # the mean spin of both balls, over four: half of the angle in half of the step. It is taken
         # for the tangent of itself, from which the cosine follows without a loop of angles
         half = 0.125 * _dot(normal, _add(turn_i, 1.0, turn_j))
@@ -638,9 +656,9 @@ def _take_rates(rows: Array, n: int, turns: bool) -> None:
         across = _get(rows, _ACROSS + c)
         spin_i = _get(rows, _TURN_I + c)
         spin_j = _get(rows, _TURN_J + c)
-        arms = (rows[NEAR + c], rows[FAR + c])
+        levers = _find_levers(rows, c, r, normal)
         rows[_RATE + c] = _dot(normal, across)
-        _set(rows, _RATES + c, _slip(across, spin_i, spin_j, arms, r, normal))
+        _set(rows, _RATES + c, _slip(across, spin_i, spin_j, levers, r, normal))
         roll = _add(spin_j, -1.0, spin_i)
         twist = _dot(normal, roll)
         rows[_RATES + _TWIST + c] = twist

@@ -136,7 +136,8 @@ class ContactNetwork(Result):
         (R_i + R_j)/r times, with the radii R and the distance r of the centres, so that no slip is
         left of a rotation of both balls together; a flat wall counts as the mirror image of the
         ball, and the arm at it ends there. The excess is of the order of the terms of static
-        forces: without ``prestress`` both are neglected, and the levers are the arms.
+        forces: without ``prestress`` both are neglected, and the levers are the arms. Motions of
+        any amplitude (:class:`~granphon.NonlinearWaves`) have the levers of "radii" at any overlap.
 
     Raises
     ------

@@ -181,7 +181,10 @@ class NonlinearWaves:
         of springs and dashpots together obey it, as in LAMMPS.
     geometry : "lattice": contacts are those of the network, in their directions at rest, and
         displacements are small against the balls. "exact": contacts have their true directions;
-        balls may go anywhere, and meet others.
+        balls may go anywhere, and meet others. Static tangential forces, and slip by the radii
+        (``slip_levers`` of the network, as in LAMMPS), then act as they are, also their part
+        without a potential: small motions are those of :meth:`Waves.whole_modes`, and the sum of
+        energies is not kept exactly.
     gravity : (3,) or (d,) acceleration of the balls, m/s2, in addition to the load that holds a
         state at rest. A state that was found under gravity already has it in its load.
 

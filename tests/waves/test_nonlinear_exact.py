@@ -5,15 +5,23 @@ angular momentum.
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.optimize import least_squares
 
 import granphon as gp
 from granphon.balls.ball import ContactConstants
-from granphon.base.errors import InputError, StoppedEarlyWarning
+from granphon.base.errors import (
+    InconsistencyWarning,
+    InputError,
+    LimitWarning,
+    StoppedEarlyWarning,
+)
+from tests import packings
 from tests.networks.test_cuts import D, bulk
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
@@ -703,6 +711,52 @@ def test_a_motion_starts_from_the_history_of_friction():
         most[mu] = np.max(moved.shears[-1] / (0.2 * moved.forces[-1]))
     assert most[0.2] == pytest.approx(1.0, abs=1e-12)
     assert most[0.4] > 1.0 + 1e-7
+
+
+@pytest.mark.claim("nonlinear-linear")
+@pytest.mark.parametrize("levers", ["radii", "arms"])
+def test_small_motions_of_a_network_of_lammps_are_its_modes(levers):
+    """Slip by the radii has no potential: a motion follows the whole matrix, and the modes its
+    symmetric part, which differ by the second order of the excess of the radii over the arms.
+    """
+    files = [packings.FOLDER / f"disks_{part}.dump" for part in ("atoms", "pairs")]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InconsistencyWarning)  # no tangential forces are there
+        network = gp.ContactNetwork.from_lammps(
+            *files, packings.MATERIAL, prestress=True, slip_levers=levers
+        )
+    linear = gp.Waves(network)
+    modes = linear.modes(5)
+    number = 4
+    shape = modes.vectors[number]
+    scales = np.sqrt(np.stack([network.masses, network.masses, network.inertias], axis=1))
+    waves = gp.NonlinearWaves(network, geometry="exact")
+    size = 1e-6 * np.min(waves.overlap) / np.max(np.abs(shape[:, :2] / scales[:, :2]))
+    moved = size * shape / scales
+    zero = np.zeros(network.n_balls)
+    start = {
+        "displacements": np.stack([*moved[:, :2].T, zero], axis=1),
+        "rotations": np.stack([zero, zero, moved[:, 2]], axis=1),
+    }
+    frequency = modes.frequencies[number]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", LimitWarning)  # contacts are wide from the start
+        motion = waves.run(2.0 / frequency, **start, frames=41)
+    motions = np.concatenate([motion.displacements[..., :2], motion.rotations[..., -1:]], axis=2)
+    amplitudes = np.einsum("tbm,bm->t", motions * scales, shape) / (size * np.sum(shape**2))
+
+    def miss(parameters):
+        height, ratio, sine = parameters
+        phase = 2.0 * math.pi * ratio * frequency * motion.times
+        return height * np.cos(phase) + sine * np.sin(phase) - amplitudes
+
+    found = frequency * least_squares(miss, [1.0, 1.0, 0.0]).x[1]
+    whole = linear.whole_modes(5).frequencies[number].real
+    assert found == pytest.approx(whole, rel=2e-5)  # of the default step
+    excess = np.max((network.radii[network.i] - network.arm_i) / network.arm_i)
+    assert found == pytest.approx(frequency, rel=2e-5 + excess**2)
+    by_arms = gp.Waves(replace(network, slip_levers="arms")).modes(5).frequencies[number]
+    assert (abs(found / by_arms - 1.0) > 5e-4) == (levers == "radii")
 
 
 def test_a_history_in_the_directions_of_the_lattice_stays_at_rest():
