@@ -339,14 +339,7 @@ def estimate(simulation: DirectSimulation, load: Load, exponents: bool = False) 
     balls = simulation.balls
     equilibria_of_state = 3 if exponents and packing.spread_matters else 1
     equilibria = load.size * simulation.samples * equilibria_of_state
-    memory = estimate_memory(
-        packing,
-        balls,
-        simulation.samples,
-        load,
-        exact=bool(simulation.ratio),
-        loaded=simulation.history.is_loaded,
-    )
+    memory = estimate_memory(simulation, load)
     relaxed_balls = float(balls) * equilibria
     units = Units(relaxed_balls, partial(_measure_ball, simulation, load.applied.flat))
     return Cost(memory, units=(units,), work=relaxed_balls, balls=balls, equilibria=equilibria)

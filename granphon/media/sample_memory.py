@@ -6,10 +6,13 @@ them.
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
+from granphon.media.array_options import FrictionHistory
 from granphon.media.left_out import estimate_reduced_force
 from granphon.statics.options import ResponseOptions, RestOptions
 
@@ -46,16 +49,41 @@ _HISTORY_BYTES = {2: 2000.0, 3: 5000.0}
 _HISTORY_STATE_BYTES = {2: 60.0, 3: 150.0}
 
 
-def estimate_memory(
-    packing: Packing, balls: int, samples: int, load: Load, *, exact: bool, loaded: bool
-) -> float:
-    """Return the memory, bytes, that so many ``samples`` of so many ``balls`` each need for their
-    states and moduli at all values of a load.
+class Samples(Protocol):
+    """The samples of a simulation, all of one size."""
 
-    With ``exact`` contacts turn with their balls; otherwise they keep the directions of the
-    lattice. With ``loaded`` samples are loaded step by step with friction; otherwise they are
-    brought to rest at each load.
+    @property
+    def packing(self) -> Packing:
+        """The packing of the samples."""
+
+    @property
+    def balls(self) -> int:
+        """Number of balls of a sample."""
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+
+    @property
+    def ratio(self) -> float:
+        """W/d in exact directions, zero in the directions of the lattice."""
+
+    @property
+    def history(self) -> FrictionHistory:
+        """Whether and how the samples are loaded with friction."""
+
+
+def estimate_memory(simulation: Samples, load: Load) -> float:
+    """Return the memory, bytes, that the samples of a ``simulation`` need for their states and
+    moduli at all values of a ``load``.
+
+    In exact directions contacts are a list. In the directions of the lattice they are a grid, of
+    which no contact is spelled out, whether the cell shears or not; its moduli take a list up to
+    the number of balls whose matrix is factorised.
     """
+    packing = simulation.packing
+    balls = simulation.balls
+    samples = simulation.samples
     structure = packing.structure
     rotate = packing.ball_motions.rotate
     states = load.size * samples
@@ -66,7 +94,7 @@ def estimate_memory(
     kept_bytes = _SAMPLE_BYTES * (samples - 1) + _EQUILIBRIUM_BYTES[periods] * (states - 1)
     solved_bytes = _ROTATING_BALL_BYTES[periods] if rotate else _BALL_BYTES[periods]
     response_bytes = solved_bytes + green_bytes
-    if exact or balls <= ResponseOptions().most_balls[periods]:
+    if simulation.ratio or balls <= ResponseOptions().most_balls[periods]:
         response_bytes = max(response_bytes, _estimate_list(packing, motions))
     memory = balls * (response_bytes + kept_bytes)
     if not packing.width:
@@ -75,7 +103,7 @@ def estimate_memory(
     can_be_factorised = periods > 1 and balls <= RestOptions().most_factorised[periods]
     if can_be_factorised and np.any(force < _FACTOR_FORCE):
         memory += balls * (_ROTATING_FACTOR_BYTES if rotate else _FACTOR_BYTES)
-    if loaded:
+    if simulation.history.is_loaded:
         memory += balls * (_HISTORY_BYTES[periods] + states * _HISTORY_STATE_BYTES[periods])
     return memory
 

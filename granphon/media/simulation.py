@@ -1432,17 +1432,8 @@ class DirectSimulation(Medium[SimulatedState]):
         """Raise :class:`~granphon.base.errors.InputError` if the samples do not fit into the memory
         of this machine.
         """
-        memory = estimate_memory(
-            self.packing,
-            self.balls,
-            self.samples,
-            load,
-            # a cell that shears has a list of contacts in both geometries
-            exact=bool(self.ratio) or self.boundary == "stress",
-            loaded=self.history.is_loaded,
-        )
         mend = "Take fewer balls (shape), samples or loads"
-        require_memory(f"samples of {self.balls:,} balls", memory, mend)
+        require_memory(f"samples of {self.balls:,} balls", estimate_memory(self, load), mend)
 
     def _loaded_sample(self, index: int) -> LoadedSample:
         """Return the sample number ``index``, from 0, ready to be loaded with friction."""

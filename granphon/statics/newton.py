@@ -288,7 +288,9 @@ class GridEquations:
         border = blocks.ahead.reshape(n, -1)
         # motions under the forces of unit strains are found together with those under the pull
         columns_of_cell = border if load_slope is None else border - load_slope[:n]
-        right = np.column_stack([pull[:n], columns_of_cell])
+        # nothing resists a motion of the whole: that the forces left push it is rounding
+        still = problem.remove_drift(pull)[:n]
+        right = np.column_stack([still, columns_of_cell])
         right = right.reshape(problem.assembly.n_balls, len(self.motions.translations), -1)
         solution = iteration.solve(right, reduction, most, 0.0)
         motions = solution.motions.reshape(n, -1)

@@ -754,6 +754,25 @@ def test_near_the_threshold_there_is_rest_or_no_load(
         assert state.residual <= 1e-10
 
 
+def test_forces_that_push_the_whole_do_not_change_a_step():
+    """Nothing resists a motion of the whole: where all that is left is rounding, that was taken for
+    a saddle.
+    """
+    configuration = configure(at_rest((6, 6), 1, 0.3, STEEL_WIDTH))
+    equations = GridEquations(configuration.problem, RestOptions())
+    forces = np.random.default_rng(0).normal(size=(36, 2))
+    forces -= np.mean(forces, axis=0)
+    push = np.array([1e4, -2e4])
+    steps = [
+        equations.solve(configuration, configuration.stiffness, pull.ravel(), 1.0, 1e-8, 400)
+        for pull in (forces, forces + push, 0.0 * forces + push)
+    ]
+    assert all(step.has_arrived and step.way_down is None for step in steps)
+    size = np.max(np.abs(steps[0].step))
+    np.testing.assert_allclose(steps[1].step, steps[0].step, rtol=0.0, atol=1e-6 * size)
+    np.testing.assert_allclose(steps[2].step, 0.0, rtol=0.0, atol=1e-6 * size)
+
+
 @pytest.mark.parametrize(("lattice", "shape"), [("triangular", (8, 8)), ("fcc", (3, 3, 3))])
 @pytest.mark.parametrize("overlap", [-0.08, 0.0, 0.3])
 def test_a_cell_of_a_given_size_shears_to_its_rest_under_pressure(lattice, shape, overlap):
