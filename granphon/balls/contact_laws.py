@@ -79,10 +79,10 @@ class PairLaw(Protocol):
     """The contact law of two bodies; scalars or arrays of any shape, floats in, floats out.
 
     A law may also have ``least_overlap``, the overlap in m up to which the bodies are apart (0 if
-    it has none; below 0 where they adhere; -inf of a bond), and ``most_overlap``, the overlap in m up to which the
-    law is known. Below ``least_overlap`` the energy, the force, the stiffness and its slope are
-    zero. A law without a ``least_overlap`` whose force at overlaps below zero is not zero is a
-    bond: it pulls, and the bodies are never apart.
+    it has none; below 0 where they adhere; -inf of a bond), and ``most_overlap``, the overlap in m
+    up to which the law is known. Below ``least_overlap`` the energy, the force, the stiffness and
+    its slope are zero. A law without a ``least_overlap`` whose force at overlaps below zero is not
+    zero is a bond: it pulls, and the bodies are never apart.
 
     Bodies that adhere down to a ``least_overlap`` below 0 pull only once they have touched. They
     touch when their overlap rises to ``touch_overlap``, m, or to 0 if the law has no such
@@ -972,9 +972,9 @@ def read_laws(law: Any) -> Any:
     each with its law.
 
     ``law`` is a law, a name of one, None, or a mapping from pairs of names of kinds to laws or
-    names of laws. A tuple such as is returned, as a crystal keeps it, is read as the mapping of which it was made. Raises
-    :class:`InputError` for a key that is no pair of names, for two different laws of one pair, and
-    for what :func:`find_law` refuses.
+    names of laws. A tuple such as is returned, as a crystal keeps it, is read as the mapping of
+    which it was made. Raises :class:`InputError` for a key that is no pair of names, for two
+    different laws of one pair, and for what :func:`find_law` refuses.
     """
     if not isinstance(law, Mapping | tuple):
         return Hertz() if law is None else find_law(law)

@@ -56,8 +56,9 @@ class Layers:
         space.
 
         ``axis`` is the number of the vector along which layers follow each other, or integer Miller
-        indices (p,), of a hexagonal cell in space also the four h, k, i, l. Raises :class:`~granphon.base.errors.InputError` for another ``axis``, and for
-        a cell without periods.
+        indices (p,), of a hexagonal cell in space also the four h, k, i, l. Raises
+        :class:`~granphon.base.errors.InputError` for another ``axis``, and for a cell without
+        periods.
         """
         p, d = cell.shape
         basis = _find_basis(axis, cell)
