@@ -180,12 +180,13 @@ class Wall(_Elastic):
     ----------
     material : the material; or the name of the kind of balls of whose material the wall is.
     name : of the wall among the kinds of bodies, by which contact laws of pairs know it; by default
-        "wall", and "wall_2" of a second one.
+        "wall", or the first of "wall_2", "wall_3", ... that no other kind or wall has.
 
     Raises
     ------
-    InputError : something else than a :class:`~granphon.Material` or the name of a kind; a name
-        that cannot be read, or that others have.
+    InputError : something else than a :class:`~granphon.Material` or a text; a name that cannot be
+        read. Where a crystal or a network is cut: a material of a kind that there is not, and a
+        name that another kind or wall has.
     """
 
     material: Material | str = field(metadata={"kind": Material | str})
@@ -329,8 +330,9 @@ class ContactConstants(NamedTuple):
 
     @classmethod
     def of(cls, ball: Body, other: Body) -> ContactConstants:
-        """Return the constants of a pair; :class:`InputError` if one of both is no body, both are
-        rigid, or both are flat.
+        """Return the constants of the pair ``ball`` and ``other``; :class:`InputError` if one of
+        both is no body, or is a wall that names a kind of balls in place of its material; and if
+        both are rigid, or both are flat.
         """
         attributes = ("curvature", "compliance", "shear_compliance", "twist_compliance")
         for body in (ball, other):

@@ -40,6 +40,7 @@ from granphon.base.arrays import ROUNDED, Array, Flags
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import ADHESION, LOADS, Quantity, is_si
 from granphon.base.registry import Registry
+from granphon.base.text import counted
 from granphon.base.validation import (
     Rule,
     above_zero,
@@ -78,10 +79,10 @@ class PairLaw(Protocol):
     """The contact law of two bodies; scalars or arrays of any shape, floats in, floats out.
 
     A law may also have ``least_overlap``, the overlap in m up to which the bodies are apart (0 if
-    it has none; below 0 where they adhere), and ``most_overlap``, the overlap in m up to which the
-    law is known. Below ``least_overlap`` the energy, the force, the stiffness and its slope are
-    zero. A law without a ``least_overlap`` whose force at overlaps below zero is not zero is a
-    bond: it pulls, and the bodies are never apart.
+    it has none; below 0 where they adhere; -inf of a bond), and ``most_overlap``, the overlap in m
+    up to which the law is known. Below ``least_overlap`` the energy, the force, the stiffness and
+    its slope are zero. A law without a ``least_overlap`` whose force at overlaps below zero is not
+    zero is a bond: it pulls, and the bodies are never apart.
 
     Bodies that adhere down to a ``least_overlap`` below 0 pull only once they have touched. They
     touch when their overlap rises to ``touch_overlap``, m, or to 0 if the law has no such
@@ -426,8 +427,9 @@ class TabulatedLaw(EnergyLaw):
 
     Raises
     ------
-    InputError : columns that are not of one length, numbers that are not finite, do not ascend or
-        are not above zero.
+    InputError : columns that are not of one length, fewer than two points above zero, numbers that
+        are not finite, do not ascend or are not above zero, or ascend by less than their logarithms
+        can tell.
     """
 
     overlaps: tuple[float, ...]
@@ -444,7 +446,7 @@ class TabulatedLaw(EnergyLaw):
         if begins_at_zero:  # zero has no logarithm
             delta = delta[1:]
             f = f[1:]
-        _require_rising(delta, f)
+        _require_rising(delta, f, first_row=int(begins_at_zero))
         object.__setattr__(self, "overlaps", tuple(delta.tolist()))
         object.__setattr__(self, "forces", tuple(f.tolist()))
 
@@ -620,9 +622,10 @@ class TabulatedLaw(EnergyLaw):
         return np.asarray(x)
 
 
-def _require_rising(overlaps: Array, forces: Array) -> None:
+def _require_rising(overlaps: Array, forces: Array, first_row: int) -> None:
     """Raise :class:`InputError` unless the overlaps (n,), m, and forces (n,), N, of a table are two
-    or more, above zero, and rise, their logarithms too.
+    or more, finite, above zero, and rise, their logarithms too. ``first_row`` is the number of the
+    first of them in the table as it was given.
     """
     is_allowed = np.isfinite(overlaps) & np.isfinite(forces) & (overlaps > 0.0) & (forces > 0.0)
     is_allowed &= (np.diff(overlaps, prepend=0.0) > 0.0) & (np.diff(forces, prepend=0.0) > 0.0)
@@ -630,24 +633,24 @@ def _require_rising(overlaps: Array, forces: Array) -> None:
         row = int(np.argmin(is_allowed))
         problem = (
             f"the table of a contact law has the overlap {overlaps[row]:g} m and the force"
-            f" {forces[row]:g} N in its row {row}"
+            f" {forces[row]:g} N in its row {first_row + row}, counted from 0"
         )
         raise InputError(
             problem,
-            "Both must be above zero, and above those of the row before",
-            "Sort the table",
+            "Both must be finite, above zero, and above those of the row before",
+            "Sort the table, and leave out what is no number",
         )
     if overlaps.size < 2:
+        rows = counted(overlaps.size, "row")
         raise InputError(
-            f"the table of a contact law has {overlaps.size} rows with a force",
-            mend="Give two or more",
+            f"the table of a contact law has {rows} with a force", mend="Give two or more"
         )
     is_apart = (np.diff(np.log(overlaps)) > 0.0) & (np.diff(np.log(forces)) > 0.0)
     if not np.all(is_apart):
-        row = int(np.argmin(is_apart)) + 1
+        row = first_row + int(np.argmin(is_apart))
         problem = (
-            f"rows {row - 1} and {row} of the table of a contact law differ by less than"
-            f" their logarithms can tell"
+            f"rows {row} and {row + 1} of the table of a contact law, counted from 0, differ by"
+            f" less than their logarithms can tell"
         )
         raise InputError(problem, "Its curve goes through logarithms", "Leave one out")
 
@@ -775,6 +778,8 @@ def _check_opening(law: PairLaw, name: str, overlaps: Array) -> bool:
     the law.
     """
     given_least = getattr(law, "least_overlap", None)
+    if given_least == -math.inf:  # the law itself says that it is a bond
+        given_least = None
     least_overlap = 0.0 if given_least is None else given_least
     forces = _call_method(law, name, "force", least_overlap - overlaps)
     if not np.all(np.isfinite(forces)):
@@ -897,8 +902,9 @@ def register_law(name: str, law: Any, **units: str) -> Any:
         attribute of the same name.
 
     Returns ``law``. It is compared with its derivatives when a crystal has it. Raises
-    :class:`InputError` for what is no law, for units that are not those of the numbers of a class,
-    and for a name that is taken or has a space.
+    :class:`InputError` for what is no law, for units that are not those of the numbers of a class
+    (numbers with a default may be left out) or that are not of SI, and for a name that is no text,
+    is taken or has a space.
     """
     has_methods = all(callable(getattr(law, method, None)) for method in _METHODS)
     if not has_methods and not callable(getattr(law, "between", None)):
@@ -928,8 +934,8 @@ def register_law(name: str, law: Any, **units: str) -> Any:
 
 
 def _require_units(law: type, name: str, units: Mapping[str, str]) -> None:
-    """Raise :class:`InputError` unless ``units`` have one entry for each number that a class of
-    laws takes.
+    """Raise :class:`InputError`, which calls a class of laws ``name``, unless ``units`` have one
+    entry for each number that the class must be given, and none for a number that it does not take.
     """
     try:
         inspect.signature(law).bind(**units)
@@ -965,9 +971,10 @@ def read_laws(law: Any) -> Any:
     """Return the law of all contacts, by default Hertz's, or a tuple of pairs of names of kinds,
     each with its law.
 
-    Such a tuple, as a crystal keeps it, is read as the mapping of which it was made. Raises
-    :class:`InputError` for a key that is no pair of names, for two different laws of one pair, and
-    for what :func:`find_law` refuses.
+    ``law`` is a law, a name of one, None, or a mapping from pairs of names of kinds to laws or
+    names of laws. A tuple such as is returned, as a crystal keeps it, is read as the mapping of
+    which it was made. Raises :class:`InputError` for a key that is no pair of names, for two
+    different laws of one pair, and for what :func:`find_law` refuses.
     """
     if not isinstance(law, Mapping | tuple):
         return Hertz() if law is None else find_law(law)
@@ -975,17 +982,18 @@ def read_laws(law: Any) -> Any:
     if not all(isinstance(entry, tuple) and len(entry) == 2 for entry in entries):
         raise InputError(f"law is {brief(law)}", mend=_MEND_LAWS)
     laws = dict[tuple[str, str], Any]()
-    for pair, law_of_kinds in entries:
+    for pair, given_law in entries:
         is_pair = isinstance(pair, tuple) and len(pair) == 2
         if not is_pair or not all(isinstance(name, str) for name in pair):
             raise InputError(f"law has the key {brief(pair)}", mend=_MEND_LAWS)
-        reversed_pair = pair[::-1]
-        if reversed_pair in laws and laws[reversed_pair] != law_of_kinds:
-            raise InputError(
-                f"law has two laws for contacts of {pair}", mend="Give one, in either order"
-            )
+        law_of_kinds = find_law(given_law)
+        for same_pair in (pair, pair[::-1]):
+            if laws.get(same_pair, law_of_kinds) != law_of_kinds:
+                raise InputError(
+                    f"law has two laws for contacts of {pair}", mend="Give one, in either order"
+                )
         laws[pair] = law_of_kinds
-    return tuple((pair, find_law(law_of_kinds)) for pair, law_of_kinds in laws.items())
+    return tuple(laws.items())
 
 
 def law_of_pair(law: Any, ball: Body, other: Body, name: str, other_name: str) -> PairLaw:

@@ -51,8 +51,9 @@ class ContactModel:
         returns it.
     friction : whether contacts resist slip, as those of Mindlin that do not slip.
     torsion : stiffness of a contact against twist, over k times the square of the distance of the
-        centres; or "mindlin", that of an elastic contact that does not slip.
-    bending : stiffness of a contact against rolling, over k times the square of the distance.
+        centres, of a contact with a wall that of the centre from the wall; or "mindlin", that of an
+        elastic contact that does not slip.
+    bending : stiffness of a contact against rolling, over k times the square of this distance.
     own_radii : whether contacts have the curvatures of the radii of their balls, not those of the
         kinds.
     walls : those that balls touch, with their names.
@@ -119,16 +120,18 @@ class ContactModel:
         """Return the stiffness against twist (m,), N m, of contacts with a normal ``stiffness``
         (m,), N/m.
 
-        ``distance`` is the distance of the two centres, m, ``contact_radius`` the radius of the
-        area of contact, m, and ``twist_modulus``, Pa, that of
-        :class:`~granphon.balls.ball.ContactConstants`.
+        ``distance`` is the distance of the two centres, or of a centre from the wall, m,
+        ``contact_radius`` the radius of the area of contact, m, and ``twist_modulus``, Pa, that of
+        :class:`~granphon.balls.ball.ContactConstants`; each is a number or (m,).
         """
         if self.torsion == MINDLIN:
             return np.asarray(twist_modulus * contact_radius**3)
         return np.asarray(float(self.torsion) * stiffness * distance**2)
 
     def find_bending(self, stiffness: Any, distance: Any) -> Array:
-        """Return the stiffness against rolling, N m; for the arguments see :meth:`find_torsion`."""
+        """Return the stiffness against rolling (m,), N m; for the arguments see
+        :meth:`find_torsion`.
+        """
         return np.asarray(self.bending * stiffness * distance**2)
 
     @property

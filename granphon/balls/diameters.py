@@ -651,7 +651,7 @@ class Spread(ABC):
         """Return the distribution of the same shape and mean whose width is W = ``width``, m.
 
         Raises :class:`InputError` if the width is negative or not finite, if listed diameters are
-        all the same, or if the distribution is not one of granphon's own.
+        all the same or would be zero or below, or if the distribution is not one of granphon's own.
         """
         raise InputError(
             f"a {type(self).__name__} cannot be given another width",
@@ -787,7 +787,7 @@ class _Listed(Spread):
 
     def with_width(self, width: float) -> Self:
         """Return the diameters whose deviations from their mean are scaled, so that their width is
-        ``width``, m; InputError if they do not deviate.
+        ``width``, m; InputError if they do not deviate, or if one would be zero or below.
         """
         wanted_width = not_negative("width", width, "m")
         if not self.width:
@@ -797,6 +797,13 @@ class _Listed(Spread):
         mean = self.mean
         scale = wanted_width / self.width
         diameters = tuple(mean + (diameter - mean) * scale for diameter in self.diameters)
+        if min(diameters) <= 0.0:
+            raise InputError(
+                f"a spread of the width {wanted_width:g} m about {mean:g} m has a ball of the"
+                f" diameter {min(diameters):g} m",
+                "Deviations are scaled, and the mean stays",
+                "Give a smaller width",
+            )
         scaled = replace(self, diameters=diameters)
         if wanted_width:
             # the old shape is kept: a shape that differs by rounding would have its law solved
@@ -805,7 +812,9 @@ class _Listed(Spread):
         return scaled
 
     def with_mean(self, diameter: float) -> Self:
-        """Return the diameters shifted so that their mean is ``diameter``, m."""
+        """Return the diameters shifted so that their mean is ``diameter``, m; InputError if one
+        would be zero or below.
+        """
         shift = diameter - self.mean
         return replace(self, diameters=tuple(each + shift for each in self.diameters))
 

@@ -56,8 +56,9 @@ class Layers:
         space.
 
         ``axis`` is the number of the vector along which layers follow each other, or integer Miller
-        indices (p,). Raises :class:`~granphon.base.errors.InputError` for another ``axis``, and for
-        a cell without periods.
+        indices (p,), of a hexagonal cell in space also the four h, k, i, l. Raises
+        :class:`~granphon.base.errors.InputError` for another ``axis``, and for a cell without
+        periods.
         """
         p, d = cell.shape
         basis = _find_basis(axis, cell)
@@ -188,9 +189,9 @@ def read_edge(value: Any) -> str | Wall:
 def find_faces(
     heights: Array, radii: Array, edges: tuple[Any, Any], n: int, slack: float = 0.0
 ) -> tuple[Index, Index]:
-    """Return the indices of the balls of the lower and the upper face of so many layers (count) of
-    ``n`` balls each, at ``heights`` with ``radii``, both (count n,), m, layer by layer; walls have
-    infinite radii.
+    """Return the indices of the balls of the lower and the upper face of layers of ``n`` balls
+    each. Their ``heights`` and ``radii``, m, are (count n,), layer by layer; walls have infinite
+    radii.
 
     The balls of a clamped face are all of the outer layer; those of another face are the balls that
     a plane would touch, or come nearer to than ``slack``, m. ``edges`` says how the lower and the

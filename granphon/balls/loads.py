@@ -92,10 +92,10 @@ class Load:
     @classmethod
     def only(cls, **given: ArrayLike | None) -> Self:
         """Make a load from the one keyword that is not None: its name is the kind, its value a
-        number or a list of them.
+        number or a list of n of them. The array of the load is (n,), of a number (1,).
 
-        Raises :class:`~granphon.base.errors.InputError` if none or several are given, or if the
-        value is not made of numbers.
+        Raises :class:`~granphon.base.errors.InputError` if none or several are given, if the value
+        is neither a number nor a list of them, and where the class does.
         """
         kinds = [kind for kind, values in given.items() if values is not None]
         if len(kinds) != 1:

@@ -1,7 +1,7 @@
 """The material of the balls: its elastic constants, and what follows from them for contacts and
 waves.
 
-Equations (3) and 4 of Velicky and Caroli, Phys. Rev. E 65, 021307 (2002), where E* = E / 2(1 -
+Equations (3) and (4) of Velicky and Caroli, Phys. Rev. E 65, 021307 (2002), where E* = E / 2(1 -
 sigma^2).
 """
 

@@ -44,8 +44,8 @@ class Motions:
 
     @property
     def twist(self) -> bool:
-        """Whether contacts twist: some rotation is about their normals, which, on a line and in the
-        plane, is never z.
+        """Whether contacts twist: whether some rotation has a part about their normals. On a line
+        and in the plane no normal has a component along z, so that a rotation about z has none.
         """
         return any(axis in self.rotations for axis in (0, 1))
 
@@ -135,6 +135,13 @@ def default_motions(dimension: int) -> Motions:
     along the line, in the plane, or all in space.
     """
     return next(iter(allowed_motions(dimension).values()))
+
+
+def find_motions(dimension: int, name: str | None) -> Motions:
+    """Return the motions with a ``name`` that balls of a ``dimension`` of 1, 2 or 3 may have; those
+    of :func:`default_motions` if the name is None. Raises KeyError for another name.
+    """
+    return default_motions(dimension) if name is None else allowed_motions(dimension)[name]
 
 
 def select_motions(

@@ -81,8 +81,8 @@ def read_on_site(value: Any, motions: Motions, n: int) -> Array | None:
     stiffnesses, "x", "y", "z" in N/m, and "rotation" of all rotations, or "rotation_x" and so on of
     one, in N m; or a list of such numbers or mappings, one for each ball; or the array (n,
     motions).
-    Raises :class:`~granphon.base.errors.InputError` for something else, a stiffness below zero or
-    not finite, a motion that balls do not have, and a list of another length.
+    Raises :class:`~granphon.base.errors.InputError` for something else, a stiffness below zero,
+    above 1e30 or not finite, a motion that balls do not have, and a list of another length.
     """
     if value is None:
         return None

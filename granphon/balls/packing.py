@@ -19,8 +19,8 @@ from granphon.balls.diameters import Discrete, Measured, Normal, Spread, Uniform
 from granphon.balls.hertz import HertzLaw, contact_radius_ratio
 from granphon.balls.lattices import LATTICES, Lattice, find_lattice
 from granphon.balls.material import LEAST_YOUNG_MODULUS, Material
-from granphon.balls.motions import Motions, allowed_motions, select_motions
-from granphon.balls.on_site import SPRING_PARAMETERS
+from granphon.balls.motions import Motions, allowed_motions, find_motions, select_motions
+from granphon.balls.on_site import ON_SITE, SPRING_PARAMETERS
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import LENGTH, MASS, RATE, SINCE, VISCOSITY, WIDTH, Quantity
 from granphon.base.results import write_html
@@ -56,7 +56,7 @@ class Packing:
         :class:`~granphon.balls.diameters.Measured`; None for equal balls, which is the limit of
         width zero.
     lattice : "chain", "triangular", "square", "honeycomb", "kagome", "sc", "bcc", "fcc", "hcp",
-        "diamond", or a
+        "diamond", the name of a lattice that was registered, or a
         :class:`~granphon.balls.lattices.Lattice`.
     friction : whether contacts resist shear; without friction, torsion and bending the balls do not
         rotate.
@@ -71,10 +71,12 @@ class Packing:
 
     Raises
     ------
-    InputError : a diameter that is not a finite number above zero, an unknown lattice, motions that
-        the lattice does not have, a negative torsion or bending, either of them where the motions
-        have no rotation that it resists, a spread with another mean than the diameter or with a
-        ball of size zero or below, or scales beyond double precision.
+    InputError : something else than a :class:`~granphon.Material`, a diameter that is not a finite
+        number above zero, an unknown lattice, motions that the lattice does not have, a friction
+        that is no truth value, a torsion or bending that is negative or above 1e6, either of them
+        where the motions have no rotation that it resists, something else than a spread, a spread
+        with another mean than the diameter or with a ball of size zero or below, or scales beyond
+        double precision.
     """
 
     material: Material = field(metadata={"kind": Material})
@@ -154,8 +156,7 @@ class Packing:
     @property
     def named_motions(self) -> Motions:
         """The motions given by name, or by default the motions of the lattice."""
-        allowed = allowed_motions(self.structure.dimension)
-        return next(iter(allowed.values())) if self.motions is None else allowed[self.motions]
+        return find_motions(self.structure.dimension, self.motions)
 
     @cached_property
     def ball_motions(self) -> Motions:
@@ -311,8 +312,7 @@ def read_rolling(
                 "It is a stiffness over k d^2; that of a contact is far below 1",
                 f"Give a number up to {MOST_ROLLING:g}",
             )
-    default_motions = next(iter(allowed.values()))
-    ball_motions = default_motions if motions is None else allowed[motions]
+    ball_motions = find_motions(dimension, motions)
     _require_resisted(
         called, ball_motions, allowed, has_torsion=bool(torsion), has_bending=bool(bending)
     )
@@ -472,8 +472,8 @@ SWEPT: Mapping[str, str | None] = {
 
 
 def find_unit(name: str) -> str | None:
-    """Return the SI unit of a parameter of a sweep: of packings, of losses, or of a kind of ball
-    ("A.diameter"); None if it is not a number.
+    """Return the SI unit of a parameter of a sweep: of packings, of springs to the ground, of
+    losses, or of a kind of ball or a wall ("A.diameter"); None if it is not a number.
     """
     if name in SWEPT:
         return SWEPT[name]
@@ -589,13 +589,16 @@ class Axis:
 
 
 def _require_parameter(name: str) -> None:
-    """Raise :class:`InputError` unless ``name`` is a parameter of packings, of losses, or, as
-    "A.diameter", of a kind of ball.
+    """Raise :class:`InputError` unless ``name`` is a parameter of packings, of springs to the
+    ground, of losses, or, as "A.diameter", of a kind of ball.
     """
     if name in SWEPT:
         return
     kind, _, _ = name.rpartition(".")
-    if kind:
+    if kind == ON_SITE:
+        owner = "a crystal"
+        parameters = list(SPRING_PARAMETERS)
+    elif kind:
         owner = "a kind of ball"
         parameters = [f"{kind}.{parameter}" for parameter in KIND_PARAMETERS]
     else:
@@ -659,7 +662,7 @@ def change_packing(packing: BallsT, values: Mapping[str, Any]) -> BallsT:
         return packing.change(values)  # type: ignore[attr-defined, no-any-return]
     unknown = [name for name in values if name not in PARAMETERS]
     if unknown:
-        mend = "Use one"
+        mend = "Use one of these"
         if unknown[0] in SPRING_PARAMETERS:
             mend = "Springs to the ground are those of a gp.Crystal(..., on_site=...)"
         raise InputError(
@@ -672,7 +675,7 @@ def change_packing(packing: BallsT, values: Mapping[str, Any]) -> BallsT:
     if "width" in packing_values:
         width = packing_values.pop("width")
         spread = packing_values.get("spread", packing.spread) or Uniform(0.0)
-        packing_values["spread"] = spread.with_width(width)
+        packing_values["spread"] = given_spread(spread).with_width(width)
     material = replace(packing.material, **material_values)
     return replace(packing, material=material, **packing_values)
 

@@ -18,7 +18,12 @@ from numpy.testing import assert_allclose
 import granphon as gp
 from granphon.balls import contact_laws
 from granphon.balls.ball import RIGID_PLANE, ContactConstants
-from granphon.balls.contact_laws import check_law, law_between
+from granphon.balls.contact_laws import (
+    check_law,
+    law_between,
+    opening_overlap,
+    read_laws,
+)
 from granphon.balls.contact_model import PlainLaw
 from granphon.base.errors import InputError
 
@@ -235,7 +240,9 @@ def test_a_tabulated_power_law_is_that_law(exponent):
             lambda: gp.TabulatedLaw([1.0, 2.0, 2.0], [1.0, 2.0, 3.0]),
             "row 2.* above zero",
         ),
-        (lambda: gp.TabulatedLaw([0.0, 2.0], [0.0, 3.0]), "has 1 rows with a force"),
+        (lambda: gp.TabulatedLaw([0.0, 2.0], [0.0, 3.0]), "has 1 row with a force"),
+        (lambda: gp.TabulatedLaw([0.0, 1.0, 2.0, 1.5], [0.0, 1.0, 2.0, 3.0]), "1.5 m.* row 3"),
+        (lambda: gp.TabulatedLaw([0.0, 1.0, math.inf], [0.0, 1.0, 2.0]), "inf m.* row 2.* finite"),
         (lambda: gp.PowerLaw(1.5, 1.0).overlap(-1.0), "negative"),
     ],
 )
@@ -433,3 +440,42 @@ class Bent:
 def test_what_a_law_must_say_of_arrays_and_of_balls_that_are_apart(law, said):
     with pytest.raises(InputError, match=said):
         check_law(law, 2e-3)
+
+
+def test_one_law_may_stand_twice_for_a_pair_and_two_may_not():
+    hertz = gp.Hertz()
+    assert read_laws({("A", "B"): "hertz", ("B", "A"): hertz}) == (
+        (("A", "B"), hertz),
+        (("B", "A"), hertz),
+    )
+    spring = gp.PowerLaw(1.0, 1e5)
+    for pairs in ((("A", "B"), ("B", "A")), (("A", "B"), ("A", "B"))):
+        with pytest.raises(InputError, match="two laws"):
+            read_laws(tuple(zip(pairs, (hertz, spring), strict=True)))
+
+
+class BondThatSaysSo:
+    """A spring that pulls at any distance, and says that it never opens."""
+
+    least_overlap = -math.inf
+
+    def energy(self, overlap):
+        return 5e4 * np.square(overlap)
+
+    def force(self, overlap):
+        return 1e5 * np.asarray(overlap)
+
+    def stiffness(self, overlap):
+        return np.full(np.shape(overlap), 1e5)
+
+    def stiffness_slope(self, overlap):
+        return np.zeros(np.shape(overlap))
+
+    def overlap(self, force):
+        return np.asarray(force) / 1e5
+
+
+def test_a_bond_may_say_that_it_never_opens():
+    law = BondThatSaysSo()
+    check_law(law, 1e-3)
+    assert opening_overlap(law) == -math.inf

@@ -601,6 +601,11 @@ def test_fractions_within_rounding_are_divided_by_their_sum():
     )
 
 
+def test_a_width_at_which_a_ball_has_no_size():
+    with pytest.raises(InputError, match="smaller width"):
+        Measured((1e-3, 1.1e-3)).with_width(1e-2)
+
+
 def test_balls_of_no_size():
     for spread in (Uniform(2.1e-3), Normal(0.4e-3)):
         with pytest.raises(InputError, match="smallest ball"):

@@ -15,6 +15,7 @@ from numpy.testing import assert_allclose
 import granphon as gp
 from granphon.balls.lattices import LATTICES, TRIANGULAR
 from granphon.balls.motions import allowed_motions
+from granphon.balls.packing import Axis, change_packing
 from granphon.base.errors import InputError
 
 NAMED = list(LATTICES)
@@ -244,3 +245,17 @@ def test_motions_that_deform_no_contact_have_bands_at_zero(steel, lattice):
 def test_a_stiffness_beyond_all_contacts_is_refused(steel, name):
     with pytest.raises(InputError, match=f"{name} is 1e.*300"):
         gp.Packing(steel, 8e-3, lattice="fcc", **{name: 1e300})
+
+
+@pytest.mark.parametrize("name", ["on_site.w", "on_site.rotation_w"])
+def test_an_unknown_spring_is_refused_with_the_names_of_springs(name):
+    with pytest.raises(InputError, match=r"on_site\.rotation_z") as refused:
+        Axis.of(name, [1.0])
+    assert "a kind of ball" not in str(refused.value)
+
+
+def test_a_width_needs_a_spread_to_scale(steel):
+    packing = gp.Packing(steel, 8e-3)
+    with pytest.raises(InputError, match="spread is 'narrow'"):
+        change_packing(packing, {"spread": "narrow", "width": 1e-6})
+    assert change_packing(packing, {"width": 1e-6}).spread == gp.Uniform(1e-6)
