@@ -57,7 +57,10 @@ _NEAR_ZERO = 1e-12
 #: problem that an error tells if waves are not told apart
 _ALIKE_WAVES = "the waves at a frequency cannot be told apart"
 #: reason and remedy of this error, at the edge of a band, and where a wave decays too fast
-_AT_EDGE = "At the very edge of a band waves of both senses are one", "Shift it by a millionth"
+_AT_EDGE = (
+    "At the very edge of a band waves of both senses are one",
+    "Shift the frequency by a millionth",
+)
 _TOO_FAST = "One decays too fast from layer to layer to have digits", "Take lower frequencies"
 
 
@@ -458,5 +461,5 @@ def _require_basis(waves: BlochWaves, decays: Array) -> None:
         _ALIKE_WAVES,
         "At the edge of a band waves of both senses are one, and at some frequencies motions of a"
         " layer stay in it",
-        "Shift it by a millionth",
+        "Shift the frequency by a millionth",
     )

@@ -85,6 +85,7 @@ class AcousticBranch:
 
     Attributes
     ----------
+    lattice : the lattice whose branch it is.
     direction : (p,) unit vector.
     name : one of the lattice's ``wave_names``, after the polarisation at long waves.
     wavenumbers : (n,) ascending, 1/d.
@@ -233,6 +234,7 @@ class AcousticBranches:
 
     Attributes
     ----------
+    lattice : the lattice whose branches they are.
     directions : (n, p) unit vectors.
     wavenumbers : (n, n_points), 1/d, from the first point after Gamma to the edge of the zone.
     frequencies : (n_u, n, n_points), (k/M)^1/2, ascending up to the last point before the first

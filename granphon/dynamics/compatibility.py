@@ -83,7 +83,7 @@ def require_digits(components: Array) -> None:
     ``components``, an array of any shape, are their components in reciprocal vectors.
     """
     farthest = float(np.max(np.abs(components), initial=0.0))
-    if farthest > _FARTHEST:
+    if not farthest <= _FARTHEST:  # also nan, the difference of two components that overflow
         raise PrecisionError(
             f"a wave vector is {farthest:.3g} reciprocal vectors from Gamma",
             f"Beyond {_FARTHEST:.0e} nothing is left of the digits that say where it is"
@@ -365,8 +365,9 @@ class Compatibility:
         q = as_wavevectors(wavevectors, self.periods)
         if not np.all(np.isfinite(q)):
             raise InputError("a wave vector is not finite")
-        require_digits(q)  # in 1/d, which are about as long as reciprocal vectors
-        fractions = q @ self.cell[:, : self.periods].T / (2.0 * np.pi)
+        with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused below
+            fractions = q @ self.cell[:, : self.periods].T / (2.0 * np.pi)
+        require_digits(fractions)
         copies = np.rint(fractions) @ self.reciprocal
         near = q - copies
         # at a copy of Gamma only the rounding of the reciprocal vector is left: set it to zero

@@ -394,7 +394,7 @@ def damp_unevenly(stiffness: NDArray[Any], viscous: NDArray[Any]) -> tuple[Compl
 
     Raises
     ------
-    PrecisionError : the damping is so strong that the modes that creep would have no digit.
+    PrecisionError : dashpots or drag are so strong that the modes that creep would have no digit.
     """
     n = stiffness.shape[-1]
     scale = np.sqrt(np.max(np.abs(stiffness), axis=(-2, -1), keepdims=True))
@@ -403,9 +403,10 @@ def damp_unevenly(stiffness: NDArray[Any], viscous: NDArray[Any]) -> tuple[Compl
     strongest = float(np.max(np.abs(viscous) / scale, initial=0.0))
     if strongest > _STRONGEST:
         raise PrecisionError(
-            f"dashpots are {strongest:.2g} times as stiff as springs at the highest frequency",
+            f"dashpots or drag resist {strongest:.2g} times as much as springs at the highest"
+            " frequency",
             "The modes that creep would have no digit",
-            "Give less damping",
+            "Give less damping, dashpot or drag",
         )
     # with y = x'/scale, the eigenvalues of ((0, 1), (-D, -G)) are i omega / scale
     matrices = np.zeros((*stiffness.shape[:-2], 2 * n, 2 * n), complex)

@@ -58,8 +58,10 @@ class Row(NamedTuple):
         a sum of rotations; "carry" and "growth", what a static tangential force and its growth act
         on; "excess", a part of the slip by levers that exceed the arms; or "anchor" and "anchored
         turn", a displacement and a rotation of ball i against a spring to the ground.
-    stiffness : stiffness over that of elongation: eta for slip, in units of d^2 for twist and roll;
-        a number, or one per contact.
+    stiffness : stiffness against the deformation, a number or (n_c,), in the unit of the function
+        that makes the row: over that of elongation in a lattice (eta for slip, in units of d^2 for
+        twist and roll), in SI in :func:`network_rows`. Of rows on which static forces act it is 1,
+        or the sign of their squares.
     head, tail : (n_c, motions) coefficients of the motions of ball j and of ball i.
     """
 

@@ -42,10 +42,15 @@ _ARRAYS_HELD = 4.0
 
 
 class _Wave(NamedTuple):
-    """Waves of one frequency: ``outer`` (blocks, size, count) are their motions in the outer
-    blocks, and the columns of ``whole`` (size, size) and ``below`` (2 size, size) have as the sums
-    of their squares those over all blocks, and over all pairs of blocks that follow each other but
-    the outermost pair. Motions are mass-weighted, and the sum of the squares of ``whole`` is one.
+    """Waves of one frequency, as mass-weighted motions.
+
+    Attributes
+    ----------
+    outer : (blocks, size, count) motions of the waves in each of the outer blocks.
+    whole : (size, size) motions of a block, as columns, the sum of whose products X X^H is that
+        over all blocks, of the mean wave. The sum of their squares is one.
+    below : (2 size, size) motions of two blocks, as columns, the sum of whose products is that over
+        all pairs of blocks that follow each other, without the outermost pair.
     """
 
     outer: Complex

@@ -33,7 +33,11 @@ class Factors(Protocol):
 
     @property
     def n_below(self) -> int:
-        """Number of eigenvalues of A below zero, where A is real and symmetric."""
+        """Number of eigenvalues of A below zero, where A is real and symmetric.
+
+        Without rslab a new factorisation may be needed, and
+        :class:`~granphon.base.errors.ConvergenceError` is raised if that does not tell the number.
+        """
 
 
 class Elimination:

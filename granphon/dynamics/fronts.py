@@ -106,10 +106,10 @@ class _Dissection:
         n = len(positions)
         rows = np.concatenate([i, j])
         columns = np.concatenate([j, i])
-        entries = np.ones(rows.size, np.int8)
+        entries = np.ones(rows.size, bool)
         self.positions = positions
         self.layers: list[Layer] = []
-        #: (n, n) above zero where two balls touch
+        #: (n, n) true where two balls touch
         self._touches = csr_array((entries, (rows, columns)), shape=(n, n))
         self._is_in_layer = np.zeros(n, bool)  # balls of the layers so far
         self._mark = np.zeros(n, bool)  # memory of `_find_touching`, false between its calls
@@ -151,7 +151,7 @@ class _Dissection:
     def _find_touching(self, balls: Index, neighbours: Index) -> NDArray[np.bool_]:
         """Return (m,) whether each of the ``balls`` (m,) touches any of the ``neighbours`` (l,)."""
         self._mark[neighbours] = True
-        is_touching = self._touches[balls] @ self._mark > 0
+        is_touching = self._touches[balls] @ self._mark  # any, and not the number, of neighbours
         self._mark[neighbours] = False
         return np.asarray(is_touching)
 

@@ -143,9 +143,14 @@ class HalfSpace:
     :meth:`ContactNetwork.cut`; the layers go on from its lower face. A block is :attr:`reach`
     layers, as many as a contact reaches across, and :attr:`size` is the number of its motions. The
     network has p periods, of which p - 1 lie along the edge.
+
+    Raises :class:`~granphon.base.errors.InputError` for an axis or an edge that
+    :meth:`ContactNetwork.cut` refuses, layers that no contact joins, static tangential forces or
+    slip by levers that exceed the arms, and layers too large for the memory.
     """
 
     def __init__(self, network: ContactNetwork, axis: Any, edge: str | Wall = "free") -> None:
+        """Cut the outer layers, and make the rows of C of the contacts of two blocks."""
         self.network = network
         self.edge = edge
         self.units = network.scales
@@ -226,7 +231,8 @@ class HalfSpace:
         """Return the rows of the contacts of the cut, and the stiffness (n_c,) of each row in
         reduced units, those of static normal forces among them.
 
-        Raises :class:`~granphon.base.errors.InputError` for static tangential forces.
+        Raises :class:`~granphon.base.errors.InputError` for static tangential forces, and for slip
+        by levers that exceed the arms.
         """
         cut = self.cut
         units = self.units
@@ -286,8 +292,9 @@ class HalfSpace:
         """
         needed = _COPIES * 8.0 * math.prod(shape)
         # rows and columns of a matrix are in proportion to the balls of a layer: memory goes as the
-        # square of the balls
-        n_fitting = int(self.per_layer * math.sqrt(available_memory() / needed))
+        # square of the balls. The available memory is infinite where it is not known
+        fitting_part = min(available_memory() / needed, 1.0)
+        n_fitting = int(self.per_layer * math.sqrt(fitting_part))
         require_memory(
             f"layers of {counted(self.per_layer, 'ball')}",
             needed,

@@ -355,8 +355,10 @@ class IterativeRelaxation:
                 sizes = np.einsum("nm,nm->m", residual, preconditioned)
                 growth = np.divide(sizes, previous, out=np.zeros_like(sizes), where=is_open)
                 direction = preconditioned + growth * direction
-                above = np.divide(sizes, limits, out=np.ones_like(sizes), where=limits > 0.0)
-                gained = digits - 0.5 * math.log10(max(float(np.max(above)), 1.0)) - reached
+                # a column of zeros has no residual, and none to reach
+                ratios = np.divide(sizes, limits, out=np.ones_like(sizes), where=limits > 0.0)
+                worst = math.sqrt(float(np.max(ratios, initial=1.0)))
+                gained = digits - math.log10(worst) - reached
                 step.advance(max(gained, 0.0))
                 reached += max(gained, 0.0)
         raise ConvergenceError(

@@ -468,7 +468,8 @@ def invert_hermitian(matrices: NDArray[Any]) -> NDArray[Any]:
         inverse = np.full_like(matrices, np.inf)
     size = np.max(np.abs(matrices), axis=(-2, -1))
     size_of_inverse = np.max(np.abs(inverse), axis=(-2, -1))
-    is_singular = size * size_of_inverse * _SINGULAR > 1.0
+    with np.errstate(invalid="ignore"):  # a matrix of zeros, whose inverse is infinite, gives nan
+        is_singular = ~(size * size_of_inverse * _SINGULAR <= 1.0)
     if np.any(is_singular):
         inverse[is_singular] = np.linalg.pinv(
             matrices[is_singular], rcond=_SINGULAR, hermitian=True

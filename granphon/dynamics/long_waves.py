@@ -161,11 +161,13 @@ class LongWaves(Compatibility):
         return bool(relaxation.n_free < touching._free.shape[1])
 
     def relax_inner_motions(self, progress: Progress = silent) -> None:
-        """Factorise the matrix of the inner motions, and keep the factors. That is the long work
-        which moduli and sound share; ``progress`` is told how far it has come.
+        """Make the relaxation of the inner motions, and keep it: the long work which moduli and
+        sound share. That is to factorise the matrix of the inner motions, or in a large cell in
+        space to prepare an iteration (:attr:`tries_iteration`).
 
-        Nothing is done if the cell has few motions, whose matrices are dense, or if the balls are
-        held.
+        ``progress`` is told how far the work has come; an iteration keeps it, and tells it of each
+        later relaxation too. Nothing is done if the cell has few motions, whose matrices are dense,
+        or if the balls are held.
         """
         is_large = self.n_branches > MANY_COLUMNS
         if is_large and not self.is_held and "_sparse" not in vars(self):
@@ -547,9 +549,11 @@ class LongWaves(Compatibility):
                 "Use gp.Phonons or gp.Waves",
             )
         if self.mechanism:
-            mend = "Use bending, or a lattice with more contacts"
+            mend = "Use a lattice with more contacts"
             if not np.any(self.mindlin_ratio):
                 mend = "Use friction, or a lattice with more contacts"
+            elif not np.any(self.bending):
+                mend = "Use bending, or a lattice with more contacts"
             raise MechanismError(f"the lattice {self.name} is a mechanism", self.mechanism, mend)
 
     @cached_property
@@ -1009,10 +1013,12 @@ class LongWaves(Compatibility):
 
         Raises
         ------
-        InputError : balls do not move along the periods, touch bodies that do not move, or are held
-            by springs to the ground.
+        InputError : balls do not move along the periods or touch bodies that do not move; or
+            springs to the ground resist their displacements, or with two or three periods their
+            rotations.
         MechanismError : the lattice has a :attr:`mechanism`.
-        InstabilityError : under prestress some strain has a modulus below zero.
+        InstabilityError : under prestress some strain has a modulus below zero, or moves an inner
+            motion of negative energy.
         """
         self.require_rigid()
         has_no_prestress = prestress is None and not self.is_prestressed
@@ -1102,7 +1108,9 @@ class LongWaves(Compatibility):
         """
         if self.n_balls != 1 or len(self.motions.rotations) != 1:
             raise InputError(
-                "there is no single rotational branch", "It needs friction, and a cell of one ball"
+                "there is no single rotational branch",
+                "It is that of one ball in the cell, which turns about one axis",
+                "Use a lattice in the plane, with friction and one ball in its cell",
             )
         ahead = self.contacts.vector[:, : self.periods] @ one_direction(direction, self.periods)
         rows, root = self._weight_rows()

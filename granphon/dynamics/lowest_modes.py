@@ -112,7 +112,8 @@ class LowestSearch:
         """Return the ``count`` lowest eigenvalues and their vectors.
 
         Raises :class:`~granphon.base.errors.ConvergenceError` if they are not found in
-        :data:`_MOST` iterations.
+        :data:`_MOST` iterations, or if eigenvectors are still missing after :data:`_ROUNDS`
+        searches.
         """
         block = self._begin(size_block(count), None)
         for _ in range(_ROUNDS):
@@ -228,7 +229,7 @@ class LowestSearch:
     def _explain(self, count: int) -> ConvergenceError:
         """Return the error of a search that has not found ``count`` modes."""
         return ConvergenceError(
-            f"the {count} lowest modes are not found in {_MOST} turns",
+            f"the search for the {count} lowest modes does not settle",
             "Many modes beside them may have nearly their frequency",
             "Ask for fewer modes, or for the density of states",
         )

@@ -265,8 +265,11 @@ def find_frequency_sensitivities(
     warnings: tuple[str, ...] = (),
     qpoints: Array | None = None,
 ) -> FrequencySensitivities:
-    """Return the derivatives of frequencies from the ``energies`` of modes, in the units of the
-    ``place`` of their balls and contacts.
+    """Return the derivatives of frequencies, in SI, from the ``energies`` of modes in the reduced
+    units of the ``place`` of their balls and contacts.
+
+    ``warnings`` are those of the state, to which one that counts the frequencies of zero is added;
+    ``qpoints`` (..., 3) are those of :class:`FrequencySensitivities`.
     """
     network = place.network
     units = place.units

@@ -12,6 +12,7 @@ import numpy as np
 
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
+from granphon.base.text import counted
 from granphon.dynamics.half_space import HalfSpace
 
 #: phases from block to block, rad, at which Zak phases and windings are summed
@@ -42,7 +43,7 @@ def find_zak_phase(half_space: HalfSpace, q: Array, below: int) -> float:
     if is_free and half_space.network.prestress:
         raise InputError(
             "static forces act at the free edge (prestress)",
-            mend="Take a state without, or a held edge",
+            mend="Take a state without prestress, or a held edge",
         )
     rows, signs = half_space.weighted_rows(q, _PHASES)
     matrices = rows.conj().swapaxes(1, 2) @ (signs[:, None] * rows) + np.diag(half_space.anchors)
@@ -56,7 +57,7 @@ def find_zak_phase(half_space: HalfSpace, q: Array, below: int) -> float:
     is_closed = gap <= _CLOSED * half_space.highest
     if is_closed or np.min(np.abs(overlaps)) < _LEAST_OVERLAP:
         raise InputError(
-            f"the gap above the {below} lowest branches closes, or nearly",
+            f"the gap above the lowest {counted(below, 'branch', 'branches')} closes, or nearly",
             mend="Take another wave vector",
         )
     phase = -float(np.angle(np.prod(overlaps / np.abs(overlaps))))

@@ -38,7 +38,7 @@ from granphon.balls.neighbours import find_pairs
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InconsistencyWarning, InputError, brief, warn_caller
 from granphon.base.text import list_names
-from granphon.base.validation import spell_out
+from granphon.base.validation import require, spell_out, truth
 from granphon.contacts.laws import ContactLaws
 from granphon.networks.network import ContactNetwork
 from granphon.networks.sources import Completion, CompletionOptions
@@ -109,10 +109,10 @@ class BallContacts(ContactCalculator):
     Raises
     ------
     InputError : ``balls`` is no mapping to balls or materials, or is empty; ``law`` is no contact
-        law. When the calculator is used: Atoms of another kind, without radii, or with radii that
-        are not above zero; positions that are not finite; a period of the cell far below the
-        diameters, perhaps in another unit; a law of a bond, which acts at any distance, so that
-        there are no neighbours.
+        law; ``friction`` is not true or false. When the calculator is used: Atoms of another kind,
+        without radii, or with radii that are not above zero; positions that are not finite; a
+        period of the cell far below the diameters, perhaps in another unit; a law of a bond, which
+        acts at any distance, so that there are no neighbours.
     """
 
     follows = ("radius", "kinds")
@@ -131,7 +131,7 @@ class BallContacts(ContactCalculator):
                 mend='Give a granphon.Ball or Material for each kind, as {"Na": ball}',
             )
         self.balls = dict(balls)
-        self.friction = friction
+        self.friction = require("friction", truth, friction)
         self._law = read_laws(law)
         self._laws = dict[tuple[str, float, str, float], tuple[PairLaw, float, float]]()
 
@@ -376,8 +376,8 @@ def _warn_of_far_balls(atoms: Atoms, radii: Array, shortest: float) -> None:
 
     # the second nearest ball, as the nearest is the ball itself; infinite for a single ball
     distances, _ = cKDTree(atoms.positions).query(atoms.positions, k=[2])
-    nearest = min(float(np.min(distances)), shortest)
-    diameter = 2.0 * float(np.max(radii))
+    nearest = min(float(np.min(distances, initial=np.inf)), shortest)
+    diameter = 2.0 * float(np.max(radii, initial=0.0))
     if math.isfinite(nearest) and nearest > _FARTHEST * diameter:
         _warn_of_lengths(f"or more, and {diameter:.3g} m wide: none touch", nearest)
 

@@ -135,6 +135,9 @@ class Bands(Result):
         super()._check()
         balls = len(self.masses)
         d = self.periods
+        if d not in (1, 2, 3):
+            mend = "Without group velocities give pbc, whose length is the number of periods"
+            raise InputError(f"the bands have {counted(d, 'period')}", mend=mend)
         if self.eigenvectors is not None:
             components = self.eigenvectors.shape[2]
             if components != self.motions.count * balls:

@@ -163,17 +163,20 @@ class HarmonicContacts(ContactCalculator):
     the volume V of the cell, the stress S of the normal forces, and the deformation F of the cell.
     The second is a sum over contacts: k e^2/2 + kappa s^2/2 + k_t twist^2/2 + k_b roll^2/2, where e
     is the elongation and s the slip, and with prestress less f t^2/(2 r), where t is the
-    displacement across the contact and r the distance of the centres. Forces and torques are zero
-    at rest, and their derivatives are the dynamical matrix of :class:`~granphon.Phonons`. Contacts
-    neither open nor stiffen, so that displacements must be small against the overlap. Stress is
-    defined as for :class:`HertzMindlin`. Rotations, about the axes of the motions, are read from
-    the array ``rotations``.
+    displacement across the contact and r the distance of the centres. Springs to the ground add
+    theirs, g u^2/2 and g phi^2/2, and static tangential forces, as well as slip by levers that
+    exceed the arms, the part of theirs that has a potential. Forces and torques are zero at rest,
+    and their derivatives are the dynamical matrix of :class:`~granphon.Phonons`. Contacts neither
+    open nor stiffen, so that displacements must be small against the overlap. Stress is defined as
+    for :class:`HertzMindlin`. Rotations, about the axes of the motions, are read from the array
+    ``rotations``.
 
     :func:`~granphon.atoms` attaches the calculator to the Atoms of a network, whose positions it
     keeps as those at rest. It serves the same balls in the same order; the Atoms
     ``gp.atoms(network.repeat(...))`` of a larger cell have a calculator of their own. Raises
     :class:`~granphon.base.errors.InputError` for other Atoms, for displacements of half a diameter,
-    and if a stress is asked for although bodies without motion hold the balls.
+    and if a stress is asked for although bodies without motion, or springs to the ground, hold the
+    balls.
     """
 
     follows = ("rotations",)
@@ -192,7 +195,7 @@ class HarmonicContacts(ContactCalculator):
     ) -> None:
         """Set ``results``, a dictionary: the energy, k d^2, the forces (N, 3), k d, and the stress
         (6,), k/d, of the atoms; keep the torques for :meth:`get_torques`. A network that bodies
-        without motion hold has no stress.
+        without motion, or springs to the ground, hold has no stress.
 
         ASE gives the names of the ``properties`` that it asks for, and of the ``system_changes``
         since the last call.
@@ -233,8 +236,9 @@ class HarmonicContacts(ContactCalculator):
             self.results["stress"] = (0.5 * (stress + stress.T))[VOIGT]
         elif "stress" in properties:
             raise InputError(
-                "a network that bodies without motion hold has no stress of its own",
-                mend="Ask for energy or forces",
+                "a network that is held has no stress of its own",
+                "Bodies without motion, or springs to the ground, bear a part",
+                "Ask for energy or forces",
             )
 
     def _find_moves(self, balls: Atoms) -> Array:
@@ -1089,7 +1093,8 @@ class HertzMindlin(ContactCalculator):
         ----------
         atoms : any cell of these balls.
         format : "dense" for an array (N, N, m, m), "csr" for a (mN, mN) ``scipy.sparse.csr_array``.
-            Another word raises :class:`~granphon.base.errors.InputError`.
+            Another word raises :class:`~granphon.base.errors.InputError`, as does a dense array
+            that does not fit into memory.
         motions : some of the motions of the state, see :meth:`contact_lattice`; by default all of
             them.
 

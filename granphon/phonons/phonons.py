@@ -489,17 +489,19 @@ class Phonons:
         Raises
         ------
         InputError : a loss is below zero, or the contacts of the Atoms are not those of the state,
-            in their order.
+            in their order; or their masses or stiffnesses are not, and a ``dashpot`` or
+            ``restitution`` is given, whose times c/k follow from those of the state.
         InstabilityError : a squared frequency is negative.
-        PrecisionError : losses are not the same everywhere, and dashpots are far stiffer than
-            springs.
+        PrecisionError : losses are not the same everywhere, and dashpots or drag resist far more
+            than springs.
         """
         points = _check_qpoints(qpoints, self._periods)
         network = given_network(self.state)
-        self._require_state_cell()
-        q = self.lattice.wavevectors(points)
         given = GivenLosses(damping, loss_factor, drag, dashpot, restitution)
         losses = Losses.of(network, given)
+        has_viscosity = bool(np.any(losses.dashpot) or np.any(losses.tsuji))
+        self._require_state_cell(with_stiffness=has_viscosity)
+        q = self.lattice.wavevectors(points)
         undamped = self.lattice.frequencies(q)
         angular_unit = self.scales.angular_frequency
         even = losses.find_even()
@@ -796,6 +798,8 @@ class Phonons:
         """
         numbers = self._read_mesh(mesh)
         chosen_method = one_of("method", method, ("tetrahedron", "smearing"))
+        if chosen_method == "tetrahedron" and sigma is not None:
+            raise InputError("sigma is for the smearing method only", mend="Give method='smearing'")
         count = whole_number("points", points, 12, LARGEST_COUNT)
         self._require_memory_of_dos(numbers, count)
         top = self.lattice.top_frequency
@@ -803,7 +807,9 @@ class Phonons:
             raise InputError(
                 "every branch vanishes", "The motions deform no contact", "Use friction or bending"
             )
-        width = self._read_smearing(chosen_method, sigma, top, count)
+        width = None
+        if chosen_method == "smearing":
+            width = self._read_smearing(sigma, top, count)
         grid = self._make_mesh(numbers)
         q = self.lattice.wavevectors(grid.qpoints)
         frequencies, rotation = self._find_modes_on(q)
@@ -885,23 +891,14 @@ class Phonons:
         integrated[:, 0] = 0.0  # modes at zero belong to the first interval
         return np.diff(integrated, axis=1) / np.diff(edges)
 
-    def _read_smearing(
-        self, method: str, sigma: float | None, top: float, count: int
-    ) -> float | None:
-        """Return the standard deviation, (k/M)^1/2, of the Gaussians of a density of states; None
-        for the ``method`` "tetrahedron".
+    def _read_smearing(self, sigma: float | None, top: float, count: int) -> float:
+        """Return the standard deviation, (k/M)^1/2, of the Gaussians of a density of states.
 
         ``sigma``, Hz, is the standard deviation that was asked for. If it is None, the width is a
         hundredth of the ``top`` frequency, (k/M)^1/2, or more if ``count`` frequencies do not
-        resolve that. Raises :class:`~granphon.base.errors.InputError` for a ``sigma`` with
-        tetrahedra, below the spacing of the frequencies, or far above the top frequency.
+        resolve that. Raises :class:`~granphon.base.errors.InputError` for a ``sigma`` below the
+        spacing of the frequencies, or far above the top frequency.
         """
-        if method == "tetrahedron":
-            if sigma is not None:
-                raise InputError(
-                    "sigma is for the smearing method only", mend="Give method='smearing'"
-                )
-            return None
         if sigma is None:
             # with few frequencies the width is a little above their spacing, w = (top + 5 w)/(count
             # - 1), which is top/(count - 6)
@@ -935,6 +932,11 @@ class Phonons:
         mesh : numbers of wave vectors along each period, from Gamma; by default 256, 48 x 48, or 16
             x 16 x 16. As the zone of a cell of more than 16 balls is small, its mesh has fewer
             points by a factor of 4 over the number of balls, but at least two along each period.
+
+        Raises
+        ------
+        InputError : the mesh is not whole numbers from 1 on, or does not fit into memory.
+        InstabilityError : a squared frequency is negative.
         """
         _, gaps = self.find_gaps(mesh)
         return gaps
@@ -949,18 +951,21 @@ class Phonons:
         Parameters
         ----------
         direction : (p,) Cartesian, of any length, along which the curvatures are; by default x.
+
+        Raises :class:`~granphon.base.errors.InputError` for another direction, and
+        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
         """
         axis = np.eye(self._periods)[0] if direction is None else direction
         along = one_direction(axis, self._periods)
         frequencies, curvatures = self.lattice.find_onset(along)
         scales = self.scales
         lowest_gap = self._find_gap_edges(None, only_from_zero=True).frequencies
-        starts_above_zero = len(lowest_gap) and lowest_gap[0, 0] == 0.0
+        begins_at_zero = len(lowest_gap) and lowest_gap[0, 0] == 0.0
         return Onset(
             frequencies * scales.frequency,
             curvatures * scales.velocity * scales.length,
             along,
-            float(lowest_gap[0, 1]) * scales.frequency if starts_above_zero else 0.0,
+            float(lowest_gap[0, 1]) * scales.frequency if begins_at_zero else 0.0,
         )
 
     def find_gaps(self, mesh: Sequence[int] | None = None) -> tuple[Index, Array]:

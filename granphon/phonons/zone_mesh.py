@@ -190,11 +190,11 @@ def find_point_group(
     Spglib knows the positions and masses of the balls, but not the stiffness of contacts. So the
     frequencies are compared at all images of one wave vector; if they differ, None is returned.
     ``frequencies`` is a function that takes wave vectors (n, ``periods``), fractions, and returns
-    (n, n_branches).
+    (n, n_branches). From this call on spglib raises its errors, in the whole process.
     """
     with needing("A mesh that is reduced by symmetry"):
         import spglib
-    spglib.error.OLD_ERROR_HANDLING = False  # spglib then raises, as under phonopy and ASE
+    spglib.error.OLD_ERROR_HANDLING = False  # as phonopy and ASE set it
 
     if periods == 1:
         return np.ones((1, 1, 1), int)

@@ -14,7 +14,13 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon.base.errors import InputError, InstabilityError, MechanismError
+from granphon.base.errors import (
+    GranphonError,
+    InputError,
+    InstabilityError,
+    MechanismError,
+    PrecisionError,
+)
 from granphon.dynamics.branches import connect_branches
 
 ETA = 2 * (1 - 0.276) / (2 - 0.276)
@@ -230,6 +236,19 @@ def test_modes_at_copies_of_gamma_are_those_at_gamma(hexagonal):
         for q in ([0.0, 0.0], hexagonal.reciprocal[0] - hexagonal.reciprocal[1])
     )
     assert_allclose(copy.group_velocities, home.group_velocities, atol=1e-8)
+
+
+@pytest.mark.parametrize("length", [1, 30])
+def test_the_digits_of_a_wave_vector_count_in_reciprocal_vectors(length):
+    """In a long cell reciprocal vectors are short, and digits are lost nearer to Gamma."""
+    row = gp.Lattice("row", ((length,),), [(n / length,) for n in range(length)])
+    chain = gp.ContactLattice.of(row, 0.0)
+    with pytest.raises(PrecisionError, match="from Gamma"):
+        chain.frequencies(2e15 * chain.reciprocal)
+    assert chain.frequencies(1e14 * chain.reciprocal).shape == (1, length)
+    for infinite in (np.inf, 1e308):
+        with pytest.raises(GranphonError):
+            chain.frequencies([[infinite]])
 
 
 # -- one lattice in several cells ------------------------------------------------------------------

@@ -14,7 +14,13 @@ from numpy.testing import assert_allclose
 import granphon as gp
 from granphon.dynamics import linalg
 from granphon.dynamics.blocks import factorise
-from granphon.dynamics.linalg import cholesky_factor, graded_svd, jacobi_svd, lapack_svd
+from granphon.dynamics.linalg import (
+    cholesky_factor,
+    graded_svd,
+    invert_hermitian,
+    jacobi_svd,
+    lapack_svd,
+)
 
 
 def exact_values(matrix):
@@ -328,3 +334,12 @@ def test_nearest_eigenvalues_ascend_with_their_vectors(complex_entries):
     nearest = all_values[np.argsort(np.abs(all_values - shift))[:6]]
     assert_allclose(values, np.sort(nearest), rtol=1e-10, atol=1e-12)
     assert_allclose(matrix @ vectors, values * vectors, atol=1e-10)
+
+
+def test_the_inverse_of_a_singular_matrix_is_zero_where_the_matrix_is():
+    one = np.array([[2.0, 1.0j], [-1.0j, 2.0]])
+    flat = np.diag([0.0, 4.0]).astype(complex)
+    inverses = invert_hermitian(np.stack([one, flat, np.zeros((2, 2))]))
+    assert_allclose(inverses[0] @ one, np.eye(2), atol=1e-15)
+    assert_allclose(inverses[1], np.diag([0.0, 0.25]), atol=1e-15)
+    assert not np.any(inverses[2])

@@ -402,6 +402,30 @@ def test_layers_cut_balls_into_halves_that_do_not_touch():
     assert len(layers) > 10
 
 
+@pytest.mark.parametrize("count", [127, 128, 256, 300])
+def test_a_ball_with_hundreds_of_neighbours_is_in_no_half(count):
+    places = np.random.default_rng(0).random((count + 1, 3))
+    hub = np.zeros(count, int)
+    layers = dissect(places, hub, np.arange(1, count + 1))
+    beyond = [layer.beyond.tolist() for layer in layers[:-1]]
+    assert all(numbers in ([], [0]) for numbers in beyond)
+    laplacian = np.eye(count + 1)
+    laplacian[0, 1:] = laplacian[1:, 0] = -0.9 / np.sqrt(count)
+    solved = Fronts(csr_array(laplacian), layers, 1).solve(laplacian @ places)
+    assert_allclose(solved, places, atol=1e-12)
+
+
+def test_iteration_leaves_what_nothing_deforms_at_rest():
+    lattice = ContactLattice.from_network(bare("fcc", (1, 1, 2)))
+    head, tail = sparse_relaxation.compose_ends(lattice, *lattice._weight_rows())
+    iterated = IterativeRelaxation(lattice, (head - tail).tocsr())
+    deformations = np.zeros((head.shape[0], 2))
+    deformations[:, 0] = np.random.default_rng(0).normal(size=head.shape[0])
+    motions = iterated.find_motions(deformations)
+    assert np.any(motions[:, 0])
+    assert not np.any(motions[:, 1])
+
+
 @pytest.mark.parametrize("rank", [0, 3])
 def test_factors_solve_and_leave_motions_that_cost_nothing(rank):
     places, i, j = make_graph(120)

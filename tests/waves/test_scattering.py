@@ -601,3 +601,7 @@ def test_leads_and_strips_too_wide_for_the_memory_are_refused(monkeypatch):
                 changed.setattr(module, lambda *_sizes: 1e15)
             with pytest.raises(InputError, match=fault):
                 gp.transmission(lead, strip, lead, at, axis=2)
+    # a system that does not tell its memory refuses nothing
+    monkeypatch.setattr("granphon.dynamics.half_space.available_memory", lambda: np.inf)
+    monkeypatch.setattr("granphon.base.memory.available_memory", lambda: np.inf)
+    assert HalfSpace(lead, 2).size == 3 * 2 * lead.n_balls
