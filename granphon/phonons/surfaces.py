@@ -47,7 +47,7 @@ _POLES = 30
 #: angular frequency, over the highest, that stands for zero in a spectrum: its limit
 _ZERO = 1e-7
 #: number of frequencies of a map
-_ROWS = 241
+N_FREQUENCIES = 241
 #: highest frequency of a map over the highest of the bands
 _ABOVE = 1.05
 #: component of a unit vector up to which it is the rounding of zero
@@ -359,11 +359,11 @@ class Surface:
         damping, leaky : as in :meth:`spectrum` and :meth:`branches`.
         """
         q, distances, corners, labels = self.path(npoints)
-        n_frequencies = _ROWS if frequencies is None else np.size(frequencies)
+        n_frequencies = N_FREQUENCIES if frequencies is None else np.size(frequencies)
         self._require_memory(len(q), n_frequencies)
         if frequencies is None:
             highest = float(np.sqrt(np.max(self.half_space.bands(self._read(q)[0]))))
-            frequencies = np.linspace(0.0, _ABOVE * highest * self._frequency, _ROWS)
+            frequencies = np.linspace(0.0, _ABOVE * highest * self._frequency, N_FREQUENCIES)
         spectrum = self.spectrum(q, frequencies, damping)
         # waves that do not leak are kept, as a figure and a data set need the same
         waves = self.along_path(npoints) if leaky is False else self.branches(q, leaky)

@@ -738,6 +738,7 @@ class Plan:
             waves,
             *self._cost_packings(),
             *self._cost_edges(),
+            *self._cost_waves_of_edge(),
             *self._cost_states(),
             *derivatives,
         ]
@@ -932,6 +933,27 @@ class Plan:
         total = estimate(of_all="cutoffs" in of_zone)
         mend = "Take fewer loads or values, or leave the edges of bands out"
         return [(("observe",), mend, replace(total, parts=total.parts[:1]))]
+
+    def _cost_waves_of_edge(self) -> list[CostPart]:
+        """Return the part of the work that finds the waves of an edge, and the map of a single
+        state; empty if the scene observes none.
+        """
+        surface = self.grid.request.surface
+        if surface is None:
+            return []
+        from granphon.runs.edge_costs import estimate_edge  # other runs do not need it
+
+        works = [
+            estimate_edge(serving, surface, has_map=not self.grid.swept)
+            for case in self.checked_cases
+            for serving in case.serving_media
+            if not serving.arrays
+        ]
+        if not works:
+            return []
+        total = self._add_over_cases(works)
+        mend = "Take fewer points, loads or balls"
+        return [(("surface", "points"), mend, replace(total, parts=total.parts[:1]))]
 
 
 def _estimate_waves(medium: DirectSimulation, load: Load, settings: WaveSettings) -> Iterator[Cost]:

@@ -13,9 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granphon.balls.ball import Ball, Wall
+from granphon.balls.ball import Wall
 from granphon.balls.loads import Load
-from granphon.balls.material import Material
 from granphon.balls.packing import WALL_PARAMETERS
 from granphon.base.arrays import Array, Index, pad_columns
 from granphon.base.differences import N_VALUES
@@ -24,7 +23,6 @@ from granphon.base.text import counted
 from granphon.media import cost as costs
 from granphon.media.arrangement import Balls, find_kinds
 from granphon.media.choice import ServingMedium
-from granphon.media.crystal import Crystal
 from granphon.media.state import State, as_state
 from granphon.observables.catalogue import CATALOGUE, Analysis, find_all
 from granphon.observables.parameters import (
@@ -36,6 +34,7 @@ from granphon.observables.parameters import (
     list_parameters,
     name_parameters,
 )
+from granphon.runs.edge_costs import estimate_corners_memory, make_crystal, measure_corners
 from granphon.runs.finished_tasks import TaskResult
 from granphon.waves.settings import SurfaceSettings
 
@@ -55,17 +54,11 @@ _ROUNDING = 1e-8
 _ZERO = 1e-7
 #: note on balls that are held
 _HELD = "derivatives of velocities and moduli are left out: balls that are held have none"
-#: for each dimension the lattice of a crystal whose velocities and moduli are timed, and the power
-#: of the number of balls with which their time grows, as measured from 200 to 2300 balls
-_TIMED = {1: ("chain", 1.0), 2: ("triangular", 1.0), 3: ("fcc", 1.75)}
+#: for each dimension the power of the number of balls with which the time of the velocities and
+#: moduli of a crystal grows, as measured from 200 to 2300 balls
+_GROWTH = {1: 1.0, 2: 1.0, 3: 1.75}
 #: most balls of that crystal
 _TIMED_BALLS = 200
-#: most balls of a layer of the crystal whose waves of an edge are timed, and the power of their
-#: number with which this time grows, as measured from 4 to 16 balls
-_TIMED_LAYER = 4
-_GROWTH_OF_EDGES = 3.0
-#: corners of the path along an edge, by the number of periods along it, about
-_CORNERS_OF_EDGES = (1, 2, 4)
 
 
 class Parameters:
@@ -415,14 +408,12 @@ def estimate_derivatives(
         frequencies = costs.bands(2 * n_branches, n_branches, eigenvectors=False)
         cost += replace(frequencies.times(n_networks), kept=0.0)
     if surface is not None:
-        from granphon.phonons.surfaces import estimate_waves_memory  # others do not need surfaces
-
+        n_motions = balls.ball_motions.count * balls.structure.n_balls
         measure_edge = partial(
-            _measure_edge_waves, structure.dimension, structure.n_balls, balls.friction
+            measure_corners, structure.dimension, structure.n_balls, balls.friction
         )
-        n_motions = balls.ball_motions.count * structure.n_balls
         cost += costs.Cost(
-            estimate_waves_memory(n_motions, _CORNERS_OF_EDGES[structure.dimension - 1]),
+            estimate_corners_memory(structure.dimension, n_motions),
             units=(costs.Units(n_networks, measure_edge),),
         )
     return replace(cost, parts=(description,))
@@ -434,11 +425,10 @@ def _measure_long_waves(dimension: int, n_balls: int, friction: bool) -> float:
     balls in its cell.
 
     The time of a crystal of at most :data:`_TIMED_BALLS` balls is measured, and multiplied by the
-    power of the number of balls in :data:`_TIMED`.
+    power of the number of balls in :data:`_GROWTH`.
     """
-    _, growth = _TIMED[dimension]
     n_cells = max(round(min(n_balls, _TIMED_BALLS) ** (1.0 / dimension)), 1)  # along each period
-    crystal = _make_crystal(dimension, (n_cells,) * dimension, friction)
+    crystal = make_crystal(dimension, (n_cells,) * dimension, friction)
     direction = np.eye(dimension)[0]
 
     def find() -> None:
@@ -446,30 +436,4 @@ def _measure_long_waves(dimension: int, n_balls: int, friction: bool) -> float:
         state: Any = as_state(crystal.at_force(1.0))
         find_all(Analysis(state, direction), ("velocities",), swept=True)
 
-    return costs.time_once(find) * math.pow(n_balls / crystal.n_balls, growth)
-
-
-@cache
-def _measure_edge_waves(dimension: int, n_balls: int, friction: bool) -> float:
-    """Return the time of the waves of an edge, at the corners of its path, of a crystal with so
-    many balls in a layer, s: that of a crystal with few balls is measured.
-    """
-    from granphon.phonons.surfaces import Surface  # other runs do not need surfaces
-
-    n_cells = min(n_balls, _TIMED_LAYER)  # along the first period
-    crystal = _make_crystal(dimension, (n_cells, *(1,) * (dimension - 1)), friction)
-    state = crystal.at_force(1.0)
-
-    def find() -> None:
-        surface = Surface(state, dimension - 1)
-        corners = np.array(list(surface.corners().values()))
-        surface.branches(corners[:, : dimension - 1])
-
-    return costs.time_once(find) * math.pow(n_balls / n_cells, _GROWTH_OF_EDGES)
-
-
-def _make_crystal(dimension: int, cells: tuple[int, ...], friction: bool) -> Crystal:
-    """Return a crystal of equal balls, of so many cells, that is timed."""
-    lattice, _ = _TIMED[dimension]
-    ball = Ball(Material(1e9, 0.3, 1e3), 1e-2)
-    return Crystal.on(lattice, [ball], friction=friction).repeat(cells)
+    return costs.time_once(find) * math.pow(n_balls / crystal.n_balls, _GROWTH[dimension])

@@ -62,6 +62,26 @@ def test_a_single_state_has_a_map_and_a_table(tmp_path):
     assert again == one
 
 
+def test_the_waves_of_an_edge_are_in_the_cost():
+    """Along the path at each load, and for one state the spectra of the map."""
+    counts = []
+    for force in ("18 N", "[5 N, 18 N, 30 N]"):
+        one = scene(PACKING, LATTICE="triangular", AXIS="1", FORCE=force)
+        costs = {place: cost for place, _, cost in one.plan.parts}
+        cost = costs["surface", "points"]
+        assert "3 wave vectors" in cost.parts[0]
+        counts.append([number for number, _ in cost.units])
+    assert counts[0][1] == 3 * 241
+    assert counts[1] == [3 * counts[0][0]]
+    large = scene(
+        CRYSTAL.replace("chain, kinds: [B, A]", "chain, kinds: [B, A], repeat: 40"), FORCE="1 N"
+    )
+    told = large.cost()
+    assert told.seconds > 5.0
+    assert "waves of an edge" in told.text
+    assert scene(CRYSTAL, FORCE="1 N").cost() is None
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

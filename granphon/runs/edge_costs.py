@@ -1,0 +1,109 @@
+"""What the waves of an edge cost: the times of small crystals, and how they grow with the number of
+balls in a layer.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+
+from granphon.balls.ball import Ball
+from granphon.balls.material import Material
+from granphon.media import cost as costs
+from granphon.media.choice import ServingMedium
+from granphon.media.crystal import Crystal
+from granphon.waves.settings import SurfaceSettings
+
+#: for each dimension the lattice of the crystals that are timed
+LATTICES = {1: "chain", 2: "triangular", 3: "fcc"}
+#: most balls of a layer of the crystal whose waves of an edge are timed, and the power of their
+#: number with which this time grows, as measured from 4 to 16 balls
+_TIMED_LAYER = 4
+_GROWTH = 3.0
+#: number of segments of the path along an edge, by the number of periods along it
+_SEGMENTS = (0, 1, 3)
+#: number of corners of this path, each once, about
+_CORNERS = (1, 2, 4)
+#: number of frequencies of a spectrum that are timed: fewer take longer, each
+_TIMED_FREQUENCIES = 128
+
+
+def estimate_edge(
+    serving: ServingMedium, settings: SurfaceSettings, *, has_map: bool
+) -> costs.Cost:
+    """Return the estimated memory and time of the waves of an edge along its path, of the states of
+    a medium that simulates no arrays, at all its loads; with ``has_map`` also of the spectra of the
+    map of a single state.
+    """
+    from granphon.phonons.surfaces import N_FREQUENCIES, estimate_waves_memory
+
+    balls = serving.packing
+    dimension = balls.structure.dimension
+    n_segments = _SEGMENTS[dimension - 1]
+    n_points = 1 + n_segments * (settings.points - 1)
+    n_motions = balls.ball_motions.count * balls.structure.n_balls
+    measured = (dimension, balls.structure.n_balls, balls.friction)
+    n_searches = serving.load.size * n_points / _CORNERS[dimension - 1]
+    units = [costs.Units(n_searches, partial(measure_corners, *measured))]
+    if has_map:
+        n_spectra = n_points * N_FREQUENCIES
+        units.append(costs.Units(n_spectra, partial(_measure_spectrum, *measured)))
+    words = f"waves of an edge at {n_points:,} wave vectors"
+    memory = estimate_waves_memory(n_motions, n_points)
+    return costs.Cost(memory, units=tuple(units), parts=(words,))
+
+
+def estimate_corners_memory(dimension: int, n_motions: int) -> float:
+    """Return the memory of the waves of an edge at the corners of its path, of a crystal with so
+    many motions in a layer, bytes.
+    """
+    from granphon.phonons.surfaces import estimate_waves_memory  # others do not need surfaces
+
+    return estimate_waves_memory(n_motions, _CORNERS[dimension - 1])
+
+
+@cache
+def measure_corners(dimension: int, n_balls: int, friction: bool) -> float:
+    """Return the time of the waves of an edge, at the corners of its path, of a crystal with so
+    many balls in a layer, s: that of a crystal with few balls is measured.
+    """
+    surface, n_timed = _make_surface(dimension, n_balls, friction)
+    corners = np.array(list(surface.corners().values()))[:, : dimension - 1]
+    seconds = costs.time_once(lambda: surface.branches(corners))
+    return seconds * math.pow(n_balls / n_timed, _GROWTH)
+
+
+@cache
+def _measure_spectrum(dimension: int, n_balls: int, friction: bool) -> float:
+    """Return the time of a spectrum at an edge, at one wave vector and frequency, of a crystal with
+    so many balls in a layer, s: that of a crystal with few balls is measured.
+    """
+    surface, n_timed = _make_surface(dimension, n_balls, friction)
+    corners = np.array(list(surface.corners().values()))[:, : dimension - 1]
+    highest = float(np.sqrt(surface.half_space.highest))
+    frequencies = np.linspace(0.1, 1.0, _TIMED_FREQUENCIES) * highest
+    in_hertz = frequencies * surface.half_space.units.angular_frequency / (2.0 * np.pi)
+    seconds = costs.time_once(lambda: surface.spectrum(corners, in_hertz))
+    n_spectra = len(corners) * _TIMED_FREQUENCIES
+    return seconds / n_spectra * math.pow(n_balls / n_timed, _GROWTH)
+
+
+def _make_surface(dimension: int, n_balls: int, friction: bool) -> tuple[Any, int]:
+    """Return the free edge of a crystal that is timed, across its last axis, and the number of
+    balls in a layer: at most so many as are given.
+    """
+    from granphon.phonons.surfaces import Surface  # others do not need surfaces
+
+    n_cells = min(n_balls, _TIMED_LAYER)  # along the first period
+    cells = (n_cells, *(1,) * (dimension - 1))
+    state = make_crystal(dimension, cells, friction).at_force(1.0)
+    return Surface(state, dimension - 1), n_cells
+
+
+def make_crystal(dimension: int, cells: tuple[int, ...], friction: bool) -> Crystal:
+    """Return a crystal of equal balls, of so many cells, that is timed."""
+    ball = Ball(Material(1e9, 0.3, 1e3), 1e-2)
+    return Crystal.on(LATTICES[dimension], [ball], friction=friction).repeat(cells)
