@@ -88,6 +88,14 @@ def _read_twisting(value: Any, context: Any) -> float | str:
     return stiffness
 
 
+def _read_rolling(value: Any, context: Any) -> float | str:
+    """Return a stiffness against rolling, N/m, or "epsd2", the word for that of LIGGGHTS."""
+    if value == "epsd2":
+        return "epsd2"
+    stiffness: float = _STIFFNESS.read(value, context)
+    return stiffness
+
+
 def _read_columns(value: Any) -> Any:
     """Return names of columns from a list, or headings by the names of columns from a block. The
     function is a rule of :mod:`granphon.base.validation`.
@@ -140,7 +148,8 @@ class NetworkFiles(Block, kw_only=True):
         are options of the reader; None for its default.
     step, time : the time step, or the time of MercuryDPM, s, of several in the files.
     units, columns, keywords : words for units and columns.
-    normal_stiffness, shear_stiffness, rolling_stiffness : of all contacts, N/m.
+    normal_stiffness, shear_stiffness : of all contacts, N/m.
+    rolling_stiffness : N/m, or "epsd2".
     twisting_stiffness : N m, or "marshall".
     walls, frozen : names of the walls of LAMMPS, and columns with values of balls that are held.
     cell, pbc : lengths of the periods, m, or their vectors; which of them repeat, (3,).
@@ -191,9 +200,14 @@ class NetworkFiles(Block, kw_only=True):
     shear_stiffness: float | None = setting(
         _STIFFNESS, "of all contacts of a linear law", default=None, absent="Mindlin's"
     )
-    rolling_stiffness: float | None = setting(
-        _STIFFNESS, "against rolling, k of k R²", default=None, absent="none"
-    )
+    rolling_stiffness: Any = setting(
+        _STIFFNESS._replace(
+            read=_read_rolling,
+            write=lambda value, context: value if isinstance(value, str)
+            else _STIFFNESS.write(value, context),
+        ),
+        "against rolling, k of k R², or `epsd2` of LIGGGHTS", default=None, absent="none",
+    )  # fmt: skip
     twisting_stiffness: Any = setting(
         Kind(_read_twisting, lambda value, context: value if isinstance(value, str)
              else TURN_STIFFNESS.write(value)),

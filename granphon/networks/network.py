@@ -1168,7 +1168,7 @@ class ContactNetwork(Result):
         step: int | None = None,
         normal_stiffness: float | None = None,
         shear_stiffness: float | None = None,
-        rolling_stiffness: float | None = None,
+        rolling_stiffness: float | str | None = None,
         frozen: Mapping[str, Any] | None = None,
         **options: Unpack[CompletionOptions],
     ) -> Self:
@@ -1189,8 +1189,10 @@ class ContactNetwork(Result):
         keywords : those of the computes, as "pos id force delta"; by default the computes are taken
             to have none, or the columns are named as for :meth:`from_lammps`. The columns of
             "history" may be any number.
-        rolling_stiffness : N/m, the constant k by which the bending stiffness is k R^2, where R is
-            the reduced radius. By default contacts roll freely.
+        rolling_stiffness : "epsd2", the law ``rolling_friction epsd2`` without torsion, whose
+            bending stiffness is the shear stiffness times R^2, where R is the reduced radius; its
+            static torques stay as they are when balls move. Or N/m, the constant k of k R^2. By
+            default contacts roll freely.
         units, columns, step, normal_stiffness, shear_stiffness, frozen, dimension, motions,
             friction, prestress, tangential_law, slip_levers, keep_rattlers, held_by, bad : see
             :meth:`from_lammps`; but slip has the arms as levers, and the tangential law is

@@ -231,7 +231,8 @@ class Contacts:
     of the contacts in a file.
 
     ``rolling`` is the coefficient k of LAMMPS' rolling law, N/m: the bending stiffness is k R^2,
-    where R is the reduced radius. ``twisting`` is the torsion stiffness, N m, or "marshall" for
+    where R is the reduced radius; or "epsd2" for that law of LIGGGHTS, in which k is the shear
+    stiffness. ``twisting`` is the torsion stiffness, N m, or "marshall" for
     Marshall's law, by which the torsion stiffness is half of the shear coefficient times the square
     of the radius of the contact spot.
     """
@@ -253,7 +254,7 @@ class Contacts:
     arm_i: Array | None = None
     arm_j: Array | None = None
     lines: Index | None = None
-    rolling: float | None = None
+    rolling: float | str | None = None
     twisting: float | str | None = None
 
     def __len__(self) -> int:
