@@ -88,6 +88,14 @@ def _read_twisting(value: Any, context: Any) -> float | str:
     return stiffness
 
 
+def _read_rolling(value: Any, context: Any) -> float | str:
+    """Return a stiffness against rolling, N/m, or "epsd2", the word for that of LIGGGHTS."""
+    if value == "epsd2":
+        return "epsd2"
+    stiffness: float = _STIFFNESS.read(value, context)
+    return stiffness
+
+
 def _read_columns(value: Any) -> Any:
     """Return names of columns from a list, or headings by the names of columns from a block. The
     function is a rule of :mod:`granphon.base.validation`.
@@ -176,9 +184,14 @@ class NetworkFiles(Block, kw_only=True):
     shear_stiffness: float | None = setting(
         _STIFFNESS, "of all contacts of a linear law", default=None, absent="Mindlin's"
     )
-    rolling_stiffness: float | None = setting(
-        _STIFFNESS, "against rolling, k of k R²", default=None, absent="none"
-    )
+    rolling_stiffness: Any = setting(
+        _STIFFNESS._replace(
+            read=_read_rolling,
+            write=lambda value, context: value if isinstance(value, str)
+            else _STIFFNESS.write(value, context),
+        ),
+        "against rolling, k of k R², or `epsd2` of LIGGGHTS", default=None, absent="none",
+    )  # fmt: skip
     twisting_stiffness: Any = setting(
         Kind(_read_twisting, lambda value, context: value if isinstance(value, str)
              else TURN_STIFFNESS.write(value)),

@@ -799,9 +799,24 @@ class _Joined:
                 torsion = 0.5 * shear * (spot_radii**2 if is_constant else spot_radii)
             elif contacts.twisting is not None:
                 torsion = np.full(len(radii), float(contacts.twisting))
-        if bending is None:
-            bending = (contacts.rolling or 0.0) * radii**2
+        if bending is None and contacts.rolling == "epsd2":
+            bending = shear * radii**2 * self._find_roll_ratios()
+        elif bending is None:
+            bending = float(contacts.rolling or 0.0) * radii**2
         return np.asarray(torsion), np.asarray(bending)
+
+    def _find_roll_ratios(self) -> Array:
+        """Return the rotations (m,) that LIGGGHTS counts as rolling, over those of balls: one
+        between balls, and at flat walls the arm over the distance of the centre from the wall.
+        """
+        pairs = self.pairs
+        ratios = np.ones(len(pairs.i))
+        arms = self.contacts.arm_i
+        if arms is not None:
+            is_flat = np.isinf(pairs.radii_j)
+            distances = 2.0 * arms - pairs.radii_i  # the arm ends amid the overlap
+            np.divide(arms, distances, out=ratios, where=is_flat & (distances > 0.0))
+        return ratios
 
 
 def _warn_of_missing_forces(contacts: Contacts) -> None:

@@ -95,14 +95,14 @@ class Springs:
     """Stiffnesses that all contacts of the files have in common; None where the user gives none.
 
     ``normal`` and ``shear`` are in N/m; without them stiffnesses follow from the material.
-    ``rolling`` is the coefficient k of LAMMPS' rolling law, N/m, and ``twisting`` that of its
-    twisting law, N m, or "marshall"; without them contacts roll and twist freely. InputError for a
-    number out of range.
+    ``rolling`` is the coefficient k of LAMMPS' rolling law, N/m, or "epsd2", a law of LIGGGHTS;
+    ``twisting`` is that of LAMMPS' twisting law, N m, or "marshall"; without them contacts roll and
+    twist freely. InputError for a number out of range.
     """
 
     normal: float | None = None
     shear: float | None = None
-    rolling: float | None = None
+    rolling: float | str | None = None
     twisting: float | str | None = None
 
     def __post_init__(self) -> None:
@@ -111,7 +111,9 @@ class Springs:
             positive("normal_stiffness", self.normal, "N/m")
         if self.shear is not None:
             not_negative("shear_stiffness", self.shear, "N/m")
-        if self.rolling is not None:
+        if isinstance(self.rolling, str):
+            require("rolling_stiffness", lambda word: choice(word, ["epsd2"]), self.rolling)
+        elif self.rolling is not None:
             not_negative("rolling_stiffness", self.rolling, "N/m")
         if isinstance(self.twisting, str):
             require("twisting_stiffness", lambda word: choice(word, ["marshall"]), self.twisting)
@@ -147,6 +149,8 @@ def read_dumps(
     """
     atoms, touching = find_frames(dump, pairs, step)
     scales = Scales.find(units, [atoms, touching])
+    if springs.rolling is not None:  # it has no law of that word
+        not_negative("rolling_stiffness", springs.rolling, "N/m")
     if columns is not None:
         touching.names = read_names(columns, touching)
     names_of_walls = (walls,) if isinstance(walls, str) else tuple(walls)

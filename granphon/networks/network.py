@@ -131,13 +131,14 @@ class ContactNetwork(Result):
         both directions, as delta^(3/4) and delta^(1/4).
     slip_levers : the levers by which rotations of balls make slip. "arms": the distances ``arm_i``
         and ``arm_j``, which are also the levers of torques. "radii", as in ``pair_style granular``
-        of LAMMPS: the radii, which exceed the arms by half of the overlap; with ``prestress`` slip
-        then has no potential. "yade": the radii, and displacements across the contact count
-        (R_i + R_j)/r times, with the radii R and the distance r of the centres, so that no slip is
-        left of a rotation of both balls together; a flat wall counts as the mirror image of the
-        ball, and the arm at it ends there. The excess is of the order of the terms of static
-        forces: without ``prestress`` both are neglected, and the levers are the arms. Motions of
-        any amplitude (:class:`~granphon.NonlinearWaves`) have the levers of "radii" at any overlap.
+        of LAMMPS: the radii, which exceed the arms by half of the overlap, and are the arms at flat
+        walls; with ``prestress`` slip then has no potential. "yade": the radii, and displacements
+        across the contact count (R_i + R_j)/r times, with the radii R and the distance r of the
+        centres, so that no slip is left of a rotation of both balls together; a flat wall counts as
+        the mirror image of the ball, and the arm at it ends there. The excess is of the order of
+        the terms of static forces: without ``prestress`` both are neglected, and the levers are the
+        arms. Motions of any amplitude (:class:`~granphon.NonlinearWaves`) have the levers of
+        "radii" at any overlap.
 
     Raises
     ------
@@ -483,11 +484,12 @@ class ContactNetwork(Result):
 
     @cached_property
     def arm_rates(self) -> Array:
-        """(n_c,) by how much both arms grow with the elongation of a contact: by half of it, and by
-        all of it at flat walls by the ``slip_levers`` of YADE, where the arm ends at the wall.
+        """(n_c,) by how much both arms grow with the elongation of a contact: by half of it between
+        balls, and at flat walls by the part that belongs to the ``slip_levers``: in LAMMPS the arm
+        is the radius there, and in YADE it ends at the wall.
         """
-        ends_at_wall = np.isinf(self.radii[self.j]) & (self.slip_levers == "yade")
-        return read_only(np.where(ends_at_wall, 1.0, 0.5))
+        at_wall = SLIP_LEVERS[self.slip_levers]
+        return read_only(np.where(np.isinf(self.radii[self.j]), at_wall, 0.5))
 
     @property
     def turns_with_balls(self) -> bool:
@@ -1167,7 +1169,7 @@ class ContactNetwork(Result):
         step: int | None = None,
         normal_stiffness: float | None = None,
         shear_stiffness: float | None = None,
-        rolling_stiffness: float | None = None,
+        rolling_stiffness: float | str | None = None,
         frozen: Mapping[str, Any] | None = None,
         **options: Unpack[CompletionOptions],
     ) -> Self:
@@ -1188,8 +1190,10 @@ class ContactNetwork(Result):
         keywords : those of the computes, as "pos id force delta"; by default the computes are taken
             to have none, or the columns are named as for :meth:`from_lammps`. The columns of
             "history" may be any number.
-        rolling_stiffness : N/m, the constant k by which the bending stiffness is k R^2, where R is
-            the reduced radius. By default contacts roll freely.
+        rolling_stiffness : "epsd2", the law ``rolling_friction epsd2`` without torsion, whose
+            bending stiffness is the shear stiffness times R^2, where R is the reduced radius; its
+            static torques stay as they are when balls move. Or N/m, the constant k of k R^2. By
+            default contacts roll freely.
         units, columns, step, normal_stiffness, shear_stiffness, frozen, dimension, motions,
             friction, prestress, tangential_law, slip_levers, keep_rattlers, held_by, bad : see
             :meth:`from_lammps`; but slip has the arms as levers, and the tangential law is

@@ -78,9 +78,10 @@ TANGENTIAL_LAWS = {
     "yade": TangentialLaw(0.0, turns=True, levers="yade"),
     "liggghts": TangentialLaw(0.5),
 }
-#: how rotations and displacements make slip; see the field ``slip_levers`` of
-#: :class:`~granphon.networks.network.ContactNetwork`
-SLIP_LEVERS = ("arms", "radii", "yade")
+#: how rotations and displacements make slip, see the field ``slip_levers`` of
+#: :class:`~granphon.networks.network.ContactNetwork`; and by how much the arm at a flat wall grows
+#: with the elongation: it ends amid the overlap, on the surface of the ball, or on the wall
+SLIP_LEVERS = {"arms": 0.5, "radii": 0.0, "yade": 1.0}
 
 
 @dataclass(frozen=True)
@@ -230,7 +231,8 @@ class Contacts:
     of the contacts in a file.
 
     ``rolling`` is the coefficient k of LAMMPS' rolling law, N/m: the bending stiffness is k R^2,
-    where R is the reduced radius. ``twisting`` is the torsion stiffness, N m, or "marshall" for
+    where R is the reduced radius; or "epsd2" for that law of LIGGGHTS, in which k is the shear
+    stiffness. ``twisting`` is the torsion stiffness, N m, or "marshall" for
     Marshall's law, by which the torsion stiffness is half of the shear coefficient times the square
     of the radius of the contact spot.
     """
@@ -252,7 +254,7 @@ class Contacts:
     arm_i: Array | None = None
     arm_j: Array | None = None
     lines: Index | None = None
-    rolling: float | None = None
+    rolling: float | str | None = None
     twisting: float | str | None = None
 
     def __len__(self) -> int:

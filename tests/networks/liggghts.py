@@ -75,10 +75,18 @@ def place(count: int, seed: int, sides: list[float], pbc: tuple[bool, bool, bool
     return radii, places
 
 
-def press(folder: Path, count: int, seed: int, on_floor: bool, lines: str | None = None) -> Pressed:
+def press(
+    folder: Path,
+    count: int,
+    seed: int,
+    on_floor: bool,
+    *,
+    lines: str | None = None,
+    rolls: bool = False,
+) -> Pressed:
     """Press balls in a periodic box until they are at rest under friction, or let them fall onto a
     floor; write the dumps into the ``folder`` by the ``lines`` of a script, by default those of the
-    page, and measure the response.
+    page, and measure the response. If it ``rolls``, contacts resist rolling by the law epsd2.
 
     Balls that touch keep the slip of the past. A ball is displaced by one step of time at a
     velocity, as the slip adds up along the way; then there is no damping, and no contact slides.
@@ -102,7 +110,7 @@ def press(folder: Path, count: int, seed: int, on_floor: bool, lines: str | None
     if not on_floor:  # without a mesh there is no contact with one
         dumps = re.sub(r"^.*wall(?:.*&\n.*)?.*\n", "", dumps, flags=re.MULTILINE)
         dumps = re.sub(r"^dump_modify +3 .*\n", "", dumps, flags=re.MULTILINE)
-    script = [_start_text(on_floor), dumps, _rest_text(on_floor), _measure_text(count)]
+    script = [_start_text(on_floor, rolls), dumps, _rest_text(on_floor), _measure_text(count)]
     (folder / "press.in").write_text("\n".join(script))
     program = find_program()
     assert program is not None
@@ -131,14 +139,15 @@ def _floor_text() -> str:
     return "\n".join([*text, "endsolid floor", ""])
 
 
-def _start_text(on_floor: bool) -> str:
+def _start_text(on_floor: bool, rolls: bool) -> str:
     """The balls, their law, and what presses them."""
     glass = packings.MATERIAL
     low = 0.5 * (SIDES[0] - SIDES[1])
     pushed = " ".join(f"{axis} final {low!r} {SIDES[0] - low!r}" for axis in "xyz")
-    floor = """
+    model = f"model hertz tangential history{' rolling_friction epsd2' if rolls else ''}"
+    floor = f"""
         fix floor all mesh/surface file floor.stl type 1
-        fix walls all wall/gran model hertz tangential history mesh n_meshes 1 meshes floor
+        fix walls all wall/gran {model} mesh n_meshes 1 meshes floor
         fix gravity all gravity 1e6 vector 0 0 -1"""
     return f"""
         units si
@@ -155,7 +164,8 @@ def _start_text(on_floor: bool) -> str:
         fix poisson all property/global poissonsRatio peratomtype {glass.poisson_ratio!r}
         fix bounce all property/global coefficientRestitution peratomtypepair 1 0.2
         fix friction all property/global coefficientFriction peratomtypepair 1 0.5
-        pair_style gran model hertz tangential history
+        fix rolling all property/global coefficientRollingFriction peratomtypepair 1 0.1
+        pair_style gran {model}
         pair_coeff * *
         timestep 1e-7
         thermo 1000000
@@ -185,8 +195,10 @@ def _measure_text(count: int) -> str:
         "set group all omegax 0 omegay 0 omegaz 0",
         "unfix bounce",
         "unfix friction",
+        "unfix rolling",
         "fix bounce all property/global coefficientRestitution peratomtypepair 1 1.0",
         "fix friction all property/global coefficientFriction peratomtypepair 1 1e6",
+        "fix rolling all property/global coefficientRollingFriction peratomtypepair 1 1e6",
         "fix move all nve/sphere",
         f"timestep {STEP!r}",
         "dump forces all custom 1 forces.dump id fx fy fz tqx tqy tqz",

@@ -13,6 +13,7 @@ from granphon.base.errors import InconsistencyWarning, InputError, InstabilityEr
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.waves.operator import WaveOperator
 from tests import packings
+from tests.networks import liggghts
 from tests.networks.test_lammps import measure
 
 GLASS = packings.MATERIAL
@@ -173,6 +174,66 @@ def test_lammps_responds_by_its_law_of_displacements(name, tmp_path):
     np.testing.assert_allclose(found, respond(network), atol=1e-5 * np.max(found))
     other = replace(network, tangential_law="mindlin/force")
     assert np.max(np.abs(found - respond(other))) > 1e-3 * np.max(found)
+
+
+@pytest.mark.slow
+@pytest.mark.claim("network-friction")
+def test_lammps_responds_as_the_network_on_a_floor(tmp_path):
+    """Of balls that have fallen onto it: the arm at a wall of LAMMPS is the radius, whatever the
+    overlap, so that torques of the static tangential forces there do not change with it.
+    """
+    radii, places = liggghts.place(16, 1, [5e-3, 5e-3, 2e-2], (True, True, False))
+    running = packings.start_or_skip()
+    stick = "mindlin/force NULL 0 10"
+    running.commands_string("""
+        units si
+        boundary p p f
+        atom_style sphere
+        atom_modify map array
+        newton off
+        comm_modify vel yes
+        region box block 0 5e-3 0 5e-3 -1e-3 2e-2
+        create_box 1 box""")
+    running.create_atoms(16, list(range(1, 17)), [1] * 16, places.ravel().tolist())
+    for ball, radius in enumerate(radii.tolist(), 1):
+        diameter = 2.0 * radius
+        running.command(f"set atom {ball} diameter {diameter!r} density {GLASS.density!r}")
+    damped = packings.coefficients("mindlin/force NULL 0.1 0.5")
+    running.commands_string(f"""
+        pair_style granular
+        {damped.replace("70000000000.0 0 ", "70000000000.0 0.1 ")}
+        neighbor 4e-4 bin
+        timestep 1e-7
+        {add_floor(stick)}
+        fix gravity all gravity 5e6 vector 0 0 -1
+        fix move all nve/sphere
+        fix drag all viscous 1e-2
+        run 80000 post no
+        unfix drag
+        run 200000 post no
+        unfix move
+        velocity all set 0 0 0
+        set group all omega 0 0 0
+        dump fallen all custom 1 {tmp_path}/atoms.dump id x y z radius mass f_floor[*]
+        dump_modify fallen sort id format float %.16g units yes""")
+    packings.write_dumps(running, tmp_path / "others.dump", tmp_path / "pairs.dump")
+    network = gp.ContactNetwork.from_lammps(
+        tmp_path / "atoms.dump", tmp_path / "pairs.dump", GLASS, walls="floor", prestress=True,
+        keep_rattlers=True,
+    )  # fmt: skip
+    at_wall = np.isinf(network.radii[network.j])
+    assert np.min(np.linalg.norm(network.tangential_force[at_wall], axis=1)) > 0.0
+    found = measure(running, network, "mindlin/force NULL 0 1")
+    running.close()
+    own = (WaveOperator(replace(network, slip_levers=one)).whole for one in ("radii", "arms"))
+    error, other = (np.max(np.abs(found - one.toarray())) / np.max(found) for one in own)
+    assert error < 1e-5
+    assert other > 1e-4
+
+
+def add_floor(law):
+    of_wall = packings.coefficients(law).removeprefix("pair_coeff * * ")
+    return f"fix floor all wall/gran granular {of_wall} zplane 0 NULL contacts"
 
 
 @pytest.mark.claim("tangential-laws")

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import granphon as gp
+from granphon.base.errors import InputError
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.networks.sources import TANGENTIAL_LAWS
 from granphon.waves.operator import WaveOperator
@@ -161,6 +162,28 @@ def test_forces_turn_with_two_balls_that_turn_as_one(law, turns):
         np.testing.assert_allclose(-stiffness @ motion, wanted, atol=1e-9)
 
 
+def test_a_law_of_rolling_has_its_word():
+    """Of LIGGGHTS: the bending stiffness follows from the shear stiffness; at the wall contacts
+    count rotations as they are at the distance of its plane.
+    """
+    network = read_liggghts(
+        packings.FOLDER, "liggghts_floor_", rolling_stiffness="epsd2", keep_rattlers=True
+    )
+    at_wall = np.isinf(network.radii[network.j])
+    reduced = 1.0 / (1.0 / network.radii[network.i] + 1.0 / network.radii[network.j])
+    ratios = np.where(at_wall, network.arm_i / (2.0 * network.arm_i - reduced), 1.0)
+    assert np.max(ratios) > 1.0 + 1e-3
+    np.testing.assert_allclose(
+        network.bending_stiffness, network.shear_stiffness * reduced**2 * ratios, rtol=1e-12
+    )
+    assert not np.any(network.torsion_stiffness)
+    files = (packings.FOLDER / f"disks_{part}.dump" for part in ("atoms", "pairs"))
+    with pytest.raises(InputError, match="rolling_stiffness"):
+        gp.ContactNetwork.from_lammps(*files, GLASS, rolling_stiffness="epsd2")
+    with pytest.raises(InputError, match="epsd2"):
+        read_liggghts(packings.FOLDER, "liggghts_floor_", rolling_stiffness="epsd")
+
+
 # -- the programs themselves -----------------------------------------------------------------------
 
 
@@ -183,6 +206,22 @@ def test_liggghts_responds_as_the_network(name, keywords, tmp_path):
     assert differ(network, theirs) < 1e-7
     if keywords:
         assert network == read_kept(name)
+
+
+@pytest.mark.slow
+@pytest.mark.claim("network-programs")
+@pytest.mark.parametrize("name", ["liggghts", "liggghts_floor"])
+def test_liggghts_responds_as_the_network_that_rolls(name, tmp_path):
+    """At rest under static torques of rolling, which stay as they are when balls move."""
+    if liggghts.find_program() is None:
+        pytest.skip("LIGGGHTS is not installed")
+    pressed = liggghts.press(tmp_path, *liggghts.KEPT[name], rolls=True)
+    for part, text in pressed.dumps.items():
+        (tmp_path / f"{part}.dump").write_text(text)
+    network = read_liggghts(tmp_path, rolling_stiffness="epsd2")
+    torque = np.max(np.abs(network.unbalanced[1]))  # that of the static rolling of contacts
+    assert torque > 0.1 * network.mean_force * np.mean(liggghts.RADII)
+    assert differ(network, weigh(network, pressed.response, 1)) < 1e-7
 
 
 def list_every_column(lines):

@@ -125,6 +125,29 @@ observe: [modes]
     )
 
 
+def test_dumps_of_liggghts_have_their_law_of_rolling():
+    text = """
+network:
+  format: liggghts
+  files: [{floor}_atoms.dump, {floor}_pairs.dump, {floor}_walls.dump]
+  keywords: [pos, id, force, delta]
+  material: {{young_modulus: 70 GPa, poisson_ratio: 0.2, density: 2500 kg/m^3}}
+  rolling_stiffness: {rolling}
+observe: [modes]
+"""
+    floor = packings.FOLDER / "liggghts_floor"
+    scene = gp.Scene.from_text(text.format(floor=floor, rolling="epsd2"))
+    assert gp.Scene.from_text(scene.to_yaml()) == scene
+    files = [f"{floor}_{part}.dump" for part in ("atoms", "pairs", "walls")]
+    read = gp.ContactNetwork.from_liggghts(
+        *files[:2], packings.MATERIAL, walls=files[2], keywords="pos id force delta",
+        rolling_stiffness="epsd2",
+    )  # fmt: skip
+    assert scene.state().network == read
+    with pytest.raises(gp.GranphonError, match=r"network\.rolling_stiffness"):
+        gp.Scene.from_text(text.format(floor=floor, rolling="epsd"))
+
+
 def cut(folder):
     raw = (packings.FOLDER / "disks_pairs.dump").read_bytes()
     (folder / "cut.dump").write_bytes(raw[:3000])
