@@ -136,18 +136,24 @@ def coefficients(tangential: str) -> str:
     )
 
 
-def write_dumps(lmp: Any, atoms: Path, pairs: Path, digits: int = 16) -> None:
-    """Write the two dumps of the present state, as the page on networks says."""
+def write_dumps(
+    lmp: Any, atoms: Path, pairs: Path, digits: int = 16, rolling: bool = False
+) -> None:
+    """Write the two dumps of the present state, as the page on networks says; with ``rolling`` also
+    the forces of rolling and the torques of twist.
+    """
+    more = ("p5 p6 p7 p9", " ".join(f"c_pair[{8 + n}]" for n in range(4))) if rolling else ("", "")
+    names = "colname 10 rx colname 11 ry colname 12 rz colname 13 twist" if rolling else ""
     lmp.commands_string(f"""
         compute ids all property/local patom1 patom2 cutoff radius
-        compute pair all pair/local force p10 p11 p12 p1 p2 p3 cutoff radius
+        compute pair all pair/local force p10 p11 p12 p1 p2 p3 {more[0]} cutoff radius
         dump atoms all custom 1 {atoms} id x y z radius mass
         dump_modify atoms sort id format float %.{digits}g units yes
         dump pairs all local 1 {pairs} c_ids[1] c_ids[2] c_pair[1] c_pair[2] c_pair[3] c_pair[4] &
-            c_pair[5] c_pair[6] c_pair[7]
+            c_pair[5] c_pair[6] c_pair[7] {more[1]}
         dump_modify pairs format float %.{digits}g colname 1 i colname 2 j
         dump_modify pairs colname 3 force colname 4 dx colname 5 dy colname 6 dz
-        dump_modify pairs colname 7 tx colname 8 ty colname 9 tz
+        dump_modify pairs colname 7 tx colname 8 ty colname 9 tz {names}
         run 0
         undump atoms
         undump pairs

@@ -138,6 +138,11 @@ class MovingContacts:
         self.held = np.zeros_like(self.ratios)
         if network.tangential_force is not None:
             self.held[:_N_SLIPS, : network.n_contacts] = -network.tangential_force.T
+        if network.contact_torque is not None and len(self.held) > _N_SLIPS:
+            twist = np.einsum("ca,ca->c", network.contact_torque, network.normal)
+            roll = network.contact_torque - twist[:, None] * network.normal
+            self.held[_N_SLIPS, : network.n_contacts] = -twist
+            self.held[_N_SLIPS + 1 :, : network.n_contacts] = -roll.T
         columns = _list_columns(geometry, law, self.ratios)
         dashpots = losses.list_dashpots(pairs.i, pairs.j)
         columns |= dict(zip(loops.DASHPOTS, dashpots, strict=True))

@@ -36,6 +36,7 @@ from granphon.dynamics.deformation_rows import (
     growth_rows,
     push_rows,
     split_pairs,
+    torque_pairs,
     weigh_rows,
 )
 from granphon.networks.network import ContactNetwork
@@ -116,6 +117,10 @@ class Compatibility:
         none by default. They act on motions as in
         :func:`~granphon.dynamics.deformation_rows.carry_rows`, without the part that has no
         potential.
+    contact_torque : (n_c, 3) static torques of rolling and twist, with which ball i acts on ball j;
+        none by default. They act on motions in space as in
+        :func:`~granphon.dynamics.deformation_rows.torque_pairs`, without the part that has no
+        potential; in a plane they do not change.
     tangential_growth : (n_c,) derivative of a tangential force with respect to the overlap, over
         the force, 1/d; 0 by default.
     lever_excesses : (2, n_c) differences, in d, of the levers of slip from the arms, at balls i and
@@ -157,6 +162,7 @@ class Compatibility:
         torsion: ArrayLike = 0.0,
         bending: ArrayLike = 0.0,
         tangential_force: ArrayLike = 0.0,
+        contact_torque: ArrayLike = 0.0,
         tangential_growth: ArrayLike = 0.0,
         lever_excesses: ArrayLike = 0.0,
         slip_stretch: ArrayLike = 0.0,
@@ -190,6 +196,8 @@ class Compatibility:
         )
         across = real_array("tangential_force", tangential_force)
         self.tangential_force: Array = read_only(np.broadcast_to(across, contacts.normal.shape))
+        torque = real_array("contact_torque", contact_torque)
+        self.contact_torque: Array = read_only(np.broadcast_to(torque, (len(contacts), 3)))
         growth = real_array("tangential_growth", tangential_growth)
         self.tangential_growth: Array = read_only(np.broadcast_to(growth, len(contacts)))
         excesses = real_array("lever_excesses", lever_excesses)
@@ -308,22 +316,28 @@ class Compatibility:
         """Part of the largest squared frequency by which eigenvalues of D may be negative although
         the balls are at rest.
 
-        D lacks the part of static tangential forces, and of slip by levers that exceed the arms,
-        that has no potential. Without this part motions that cost nothing, such as the spin of a
-        ball about its two contacts, have negative eigenvalues of second order in the forces and in
-        the excess.
+        D lacks the part of static tangential forces and torques, and of slip by levers that exceed
+        the arms, that has no potential. Without this part motions that cost nothing, such as the
+        spin of a ball about its two contacts, have negative eigenvalues of second order in the
+        forces and in the excess.
         """
         return _WITHOUT_POTENTIAL if self.lacks_potential else 0.0
 
     @cached_property
     def lacks_potential(self) -> bool:
         """Whether D lacks a part of what acts at contacts, which has no potential."""
-        return self.has_tangential_force or self.has_excesses
+        return self.has_tangential_force or self.has_torque or self.has_excesses
 
     @cached_property
     def has_excesses(self) -> bool:
         """Whether the levers of slip exceed the arms."""
         return bool(np.any(self.lever_excesses != 0.0))
+
+    @cached_property
+    def has_torque(self) -> bool:
+        """Whether static torques of rolling and twist act on motions: in space alone."""
+        is_in_space = self.contacts.normal.shape[1] == 3
+        return is_in_space and bool(np.any(self.contact_torque != 0.0))
 
     @cached_property
     def has_tangential_force(self) -> bool:
@@ -565,9 +579,9 @@ class Compatibility:
 
         Displacements across a contact with the normal force f and the distance a of its centres
         have the stiffness -f/a. A tangential force acts by three products of two rows, by one more
-        if it grows with the overlap, and by one more if it turns about the normal; slip by levers
-        that exceed the arms acts by a product for each tangent. Each product is written as a
-        difference of two squares, that is, by two rows.
+        if it grows with the overlap, and by one more if it turns about the normal; a torque acts by
+        three; slip by levers that exceed the arms acts by a product for each tangent. Each product
+        is written as a difference of two squares, that is, by two rows.
         """
         table = self.contacts
         pushes = [(row, -self.prestress) for row in push_rows(table.normal, self.motions)]
@@ -575,13 +589,15 @@ class Compatibility:
             slip_stiffness = self.mindlin_ratio * self.stiffness
             excesses = split_pairs(excess_pairs(*self._of_excesses))
             pushes += [(row, sign * slip_stiffness) for row, sign in excesses]
+        gyration = np.append(self.gyration, 1.0)  # the last stands for a body that does not move
+        if self.has_torque:
+            ends = gyration[table.i], gyration[table.j]
+            unit_torque, size = _split_size(self.contact_torque)
+            pairs = torque_pairs(table.normal, unit_torque, self.distance, self.motions, ends)
+            pushes += [(row, sign * size) for row, sign in split_pairs(pairs)]
         if not self.has_tangential_force:
             return pushes
-        across = _put_in_space(self.tangential_force)
-        size = np.linalg.norm(across, axis=1)
-        gyration = np.append(self.gyration, 1.0)  # the last stands for a body that does not move
-        has_force = size[:, None] > 0.0
-        tangent = np.divide(across, size[:, None], out=np.zeros_like(across), where=has_force)
+        tangent, size = _split_size(_put_in_space(self.tangential_force))
         # rows of tangential forces of size one; the size becomes the stiffness
         pairs = carry_rows(
             _put_in_space(table.normal),
@@ -778,13 +794,16 @@ class Compatibility:
         # rounded in proportion to their distance from the origin
         size = np.abs(self.positions).max() + np.abs(self.cell).max()
         largest_force = float(np.max(np.abs(self.tangential_force), initial=0.0))
+        largest_torque = float(np.max(np.abs(self.contact_torque), initial=0.0))
         sign = np.where(is_straight, 1.0, -1.0)[:, None]
-        for vectors, largest in (
-            (table.vector, max(size, 1.0)),
-            (table.normal, 1.0),
-            (self.tangential_force, largest_force),
+        for vectors, largest, factor in (
+            (table.vector, max(size, 1.0), sign),
+            (table.normal, 1.0, sign),
+            (self.tangential_force, largest_force, sign),
+            # an inversion leaves torques as they are
+            (self.contact_torque, largest_torque, -sign),
         ):
-            if np.any(np.abs(sign * vectors[images] - vectors) > _ROUNDED_EQUAL * largest):
+            if np.any(np.abs(factor * vectors[images] - vectors) > _ROUNDED_EQUAL * largest):
                 return False
         return True
 
@@ -972,6 +991,8 @@ class Compatibility:
             across = np.zeros((count, 3))
             across[:, : self.tangential_force.shape[1]] = units.force * self.tangential_force
             defaults["tangential_force"] = across
+            if np.any(self.contact_torque):
+                defaults["contact_torque"] = units.force * units.length * self.contact_torque
         return ContactNetwork(
             cell=cell,
             radii=d * np.broadcast_to(radii, self.n_balls),
@@ -991,6 +1012,16 @@ class Compatibility:
             dimension=self.dimension,
             **(defaults | fields),
         )
+
+
+def _split_size(vectors: Array) -> tuple[Array, Array]:
+    """Return the unit vectors (n, 3) along ``vectors`` (n, 3), zero where these are, and the
+    lengths (n,) of these.
+    """
+    size = np.linalg.norm(vectors, axis=1)
+    has_size = size[:, None] > 0.0
+    units = np.divide(vectors, size[:, None], out=np.zeros_like(vectors), where=has_size)
+    return units, size
 
 
 def _look_up(

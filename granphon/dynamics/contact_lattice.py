@@ -254,6 +254,10 @@ class ContactLattice(LongWaves):
             tangential_force = forces[kept]
         across = turn_frame(tangential_force)
         across[is_swapped] *= -1.0
+        torque = np.zeros((len(kept), 3))
+        if network.prestress and network.contact_torque is not None and dimension == 3:
+            torque = turn_frame(network.contact_torque[kept])
+            torque[is_swapped] *= -1.0
         excesses = np.zeros((2, len(kept)))
         if network.lever_excesses is not None:
             excesses[:] = [of_end[kept] for of_end in network.lever_excesses]
@@ -282,6 +286,7 @@ class ContactLattice(LongWaves):
             torsion=extend(network.torsion_stiffness[kept] / rotational),
             bending=extend(network.bending_stiffness[kept] / rotational),
             tangential_force=extend(across / units.force),
+            contact_torque=extend(torque / (units.force * units.length)),
             tangential_growth=extend(network.tangential_growth[kept] * units.length),
             lever_excesses=np.array([extend(of_end / units.length) for of_end in excesses]),
             slip_stretch=extend(network.slip_stretch[kept]),

@@ -318,6 +318,42 @@ def carry_rows(
     return pairs
 
 
+def torque_pairs(
+    normal: Array, torque: Array, distance: Array, motions: Motions, gyration: tuple[Array, Array]
+) -> list[tuple[Row, Row]]:
+    """Return the stiffness that static torques of rolling and twist contribute, the sum of pull^T
+    move, as pairs (pull, move) of rows.
+
+    ``torque`` (n_c, 3) is that with which ball i acts on ball j. Its parts t across the normal n
+    and m along it keep their sizes and turn with n, so that the torques change by
+
+        dM_j = -dM_i = -(t.dn) n + m dn,    dn = v/r
+
+    where v is the displacement across the contact. As the tangential forces of :func:`carry_rows`,
+    the torques have no potential. ``gyration`` are the radii of gyration of balls i and of balls j;
+    the other arguments are those of :func:`carry_rows`.
+    """
+    n, t, b = contact_frames(normal)
+    along = np.einsum("ca,ca->c", torque, normal)
+    across = torque - along[:, None] * normal
+    turn_i, turn_j = (1.0 / radius for radius in gyration)
+    none = [np.zeros(len(normal))] * 3
+
+    def turn(axis: list[Array]) -> Row:
+        """Return the row of the rotation of ball j relative to ball i about an ``axis``."""
+        return _make_row("turn", 1.0, none, axis, turn_j, turn_i, motions)
+
+    def push(vector: Sequence[Array]) -> Row:
+        """Return the row of the ``vector`` times dn."""
+        axes = [component / distance for component in vector]
+        return _make_row("push", 1.0, axes, none, turn_j, turn_i, motions)
+
+    pairs = [(turn(n), push(list(across.T)))]
+    for axis in (t, b):
+        pairs.append((turn(axis), push([-along * component for component in axis])))
+    return pairs
+
+
 def growth_rows(
     normal: Array,
     force: Array,

@@ -241,9 +241,11 @@ class HalfSpace:
         if not cut.prestress:
             return rows, stiffnesses
         has_tangential_force = cut.tangential_force is not None and np.any(cut.tangential_force)
-        if has_tangential_force or cut.lever_excesses is not None:
+        has_torque = cut.contact_torque is not None and np.any(cut.contact_torque)
+        if has_tangential_force or has_torque or cut.lever_excesses is not None:
             raise InputError(
-                "the network has static tangential forces, or slip by levers that exceed the arms",
+                "the network has static tangential forces or torques, or slip by levers that exceed"
+                " the arms",
                 "With prestress, these have no potential",
             )
         push_stiffness = -cut.normal_force / cut.distance / units.stiffness

@@ -603,6 +603,8 @@ class _Model:
         }
         if network.tangential_force is not None:
             scaled["tangential_force"] = load * network.tangential_force
+        if network.contact_torque is not None:
+            scaled["contact_torque"] = load * network.contact_torque
         # a frequency that was measured several times is solved once
         frequencies, inverse = np.unique(self.frequencies, return_inverse=True)
         response = Waves(replace(network, **scaled)).response(

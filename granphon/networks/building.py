@@ -722,6 +722,9 @@ class _Joined:
             fields_of_contacts[name] = default if values is None else values
         if self.tangential_force is not None:
             fields_of_contacts["tangential_force"] = self.tangential_force
+        torque = self._find_torque()
+        if torque is not None:
+            fields_of_contacts["contact_torque"] = torque
         if contacts.normal_stiffness is None:
             return _leave_out(fields_of_contacts, force <= 0.0)
         return fields_of_contacts
@@ -817,6 +820,20 @@ class _Joined:
             distances = 2.0 * arms - pairs.radii_i  # the arm ends amid the overlap
             np.divide(arms, distances, out=ratios, where=is_flat & (distances > 0.0))
         return ratios
+
+    def _find_torque(self) -> Array | None:
+        """Return the static torques (m, 3) of rolling and twist, N m, with which balls i act on
+        balls j; None if the source has none.
+        """
+        contacts = self.contacts
+        normal = self.pairs.normal
+        torque = contacts.contact_torque
+        if torque is None and contacts.rolling_force is not None:
+            radii = self.pairs.reduced_radii[:, None]
+            torque = -radii * np.cross(normal, contacts.rolling_force)
+            if contacts.twisting_torque is not None:
+                torque = torque + contacts.twisting_torque[:, None] * normal
+        return torque
 
 
 def _warn_of_missing_forces(contacts: Contacts) -> None:

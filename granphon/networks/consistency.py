@@ -127,10 +127,11 @@ def _list_comparisons(network: Any) -> Iterator[Comparison]:
     """
     if _can_balance(network):
         yield compare_forces(network)
-        # the static torques of contacts that resist rolling or twist are not known
+        # contacts that resist rolling or twist may have static torques
         rolls_freely = not np.any(network.bending_stiffness)
         twists_freely = not np.any(network.torsion_stiffness)
-        if rolls_freely and twists_freely and network.tangential_force is not None:
+        knows_torques = (rolls_freely and twists_freely) or network.contact_torque is not None
+        if knows_torques and network.tangential_force is not None:
             yield _compare_torques(network)
     model = network.contact_model
     is_read = model is None or model.own_radii

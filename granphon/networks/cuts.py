@@ -352,7 +352,7 @@ class _LayerStack:
         fields: dict[str, Any] = {}
         for name in self.network.contact_fields:
             values = getattr(self.network, name)[rows]
-            is_vector = name in ("normal", "tangential_force")
+            is_vector = name in ("normal", "tangential_force", "contact_torque")
             fields[name] = values @ self.turn.T if is_vector else values
         # a network has shifts along three vectors, of which the first p are periods here
         padding = ((0, 0), (0, 3 - self.shift.shape[1]))
@@ -422,6 +422,7 @@ class _Floor:
             "j": np.full(n_contacts, plane),
             "normal": np.tile(self.side * axis_vector, (n_contacts, 1)),
             "tangential_force": np.zeros((n_contacts, 3)),
+            "contact_torque": np.zeros((n_contacts, 3)),
             "shift": np.zeros((n_contacts, 3), np.intp),
         }
         for name in tuple(contacts):

@@ -107,6 +107,11 @@ def _list_demands_on_forces(network: Any) -> Iterator[_Demand]:
         allowed = ALONG * np.linalg.norm(tangential, axis=1) + negligible
         fault = f"has a {name} that is not across its normal"
         yield name, along <= allowed, fault, "Leave the normal force out of it"
+    torque = network.contact_torque
+    if torque is not None:
+        name = "contact_torque"
+        is_finite = np.all(np.abs(torque) < LARGEST, axis=1)
+        yield name, is_finite, f"has a {name} {_TOO_LARGE} N m", ""
     for name in ("arm_i", "arm_j"):
         is_finite = np.abs(getattr(network, name)) < LARGEST
         yield name, is_finite, f"has an {name} {_TOO_LARGE} m", ""

@@ -34,6 +34,7 @@ _VECTORS = {
     "shift": ("shift_1", "shift_2", "shift_3"),
     "normal": ("nx", "ny", "nz"),
     "tangential_force": ("tangential_x", "tangential_y", "tangential_z"),
+    "contact_torque": ("torque_x", "torque_y", "torque_z"),
     "force": ("force_x", "force_y", "force_z"),
 }
 _REMARK = "granphon_network"

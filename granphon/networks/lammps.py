@@ -36,10 +36,11 @@ _VECTORS = {
     "vector": ("dx", "dy", "dz"),
     "tangential_force": ("tx", "ty", "tz"),
     "force": ("fx", "fy", "fz"),
+    "rolling_force": ("rx", "ry", "rz"),
 }
 #: columns of pairs that are read
 _NAMES = ("i", "j", "force", "delta", *_VECTORS["vector"], *_VECTORS["tangential_force"],
-          *_VECTORS["force"])  # fmt: skip
+          *_VECTORS["force"], *_VECTORS["rolling_force"], "twist")  # fmt: skip
 #: columns of atoms that are read, or that a network has no use for
 _OF_ATOMS = ("id", "type", "element", "radius", "diameter", "mass")
 _WRITE_ATOMS = "Write it with: dump 1 all custom 1000 atoms.dump id x y z radius mass"
@@ -212,11 +213,14 @@ def read_contacts(pairs: Frame, scales: Scales, springs: Springs) -> Contacts:
     columns = pairs.read(names_read)
     # programs write the vector from j to i and the forces on i; in Contacts the vector leads from i
     # to j and the forces act on j: all change their signs
-    units = {"vector": scales.length, "tangential_force": scales.force, "force": scales.force}
     vectors: dict[str, Any] = {}
     for field, names in _VECTORS.items():
         if set(names) <= set(names_read):
-            vectors[field] = -units[field] * join_vectors(columns, names)
+            unit = scales.length if field == "vector" else scales.force
+            vectors[field] = -unit * join_vectors(columns, names)
+    if "twist" in names_read:
+        # along the vector from j to i on i: of j along that from i to j, with the same sign
+        vectors["twisting_torque"] = scales.force * scales.length * columns["twist"]
     return Contacts(
         pairs.name,
         read_ids(pairs, "i", columns),
@@ -506,8 +510,21 @@ def write_dumps(network: Any, atoms: str | os.PathLike[str], pairs: str | os.Pat
     columns |= zip(("dx", "dy", "dz"), -network.vector.T, strict=True)
     if network.tangential_force is not None:
         columns |= zip(("tx", "ty", "tz"), -across.T, strict=True)
+    if network.contact_torque is not None:
+        columns |= _write_torques(network)
     columns = {name: values[joins_balls] for name, values in columns.items()}
     write_texts([(atoms, text_of_atoms), (pairs, _frame_text("ENTRIES", box, columns))])
+
+
+def _write_torques(network: Any) -> dict[str, Any]:
+    """Return the columns of the rolling forces on balls i, N, and of the torques of twist, N m, of
+    which the static torques of contacts consist.
+    """
+    torque = network.contact_torque
+    curvature = 1.0 / network.radii[network.i] + 1.0 / network.radii[network.j]
+    rolling = -curvature[:, None] * np.cross(network.normal, torque)
+    twist = np.einsum("ca,ca->c", torque, network.normal)
+    return dict(zip(("rx", "ry", "rz"), rolling.T, strict=True)) | {"twist": twist}
 
 
 def _write_box(network: Any) -> str:

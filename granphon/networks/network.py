@@ -107,6 +107,9 @@ class ContactNetwork(Result):
         in LAMMPS, and change with the overlap as the ``tangential_law`` says.
     motions : "longitudinal", "in_plane", "out_of_plane" or "all": the motions of each ball. Balls
         rotate only if some contact resists it.
+    contact_torque : (n_c, 3) static torques of rolling and twist, with which ball i acts on ball j,
+        N m, beside those of tangential forces; None: not known, or none. With ``prestress`` they
+        turn with their contacts.
     dimension : 1, 2 or 3 for balls on a line, in a plane, in space.
     prestress : whether static forces act on displacements across contacts, with the stiffness -f/r,
         where r is the distance of the centres.
@@ -179,6 +182,7 @@ class ContactNetwork(Result):
     lattice: Lattice | None = held(Lattice, "?", default=None)
     shape: tuple[int, ...] | None = held((int, ...), "?", default=None)
     tangential_force: Array | None = held(float, "c 3?", "N", default=None)
+    contact_torque: Array | None = held(float, "c 3?", "N m", default=None)
     adhesive: bool = held(bool, default=False)
     kinds: tuple[str, ...] | None = held((str, ...), "n?", default=None)
     contact_model: ContactModel | None = held(ContactModel, "?", default=None, repr=False)
@@ -299,7 +303,9 @@ class ContactNetwork(Result):
             exchanged = np.where(is_reversed, ends[::-1], ends)
             fields[name_i] = read_only(exchanged[0])
             fields[name_j] = read_only(exchanged[1])
-        for name in {"shift", "normal", "tangential_force"} & {*self.contact_fields}:
+        for name in {"shift", "normal", "tangential_force", "contact_torque"} & {
+            *self.contact_fields
+        }:
             opposite = 0 - fields[name]  # 0 - x, as -x would make zeros of negative sign
             fields[name] = read_only(np.where(is_reversed[:, None], opposite, fields[name]))
 
@@ -511,6 +517,8 @@ class ContactNetwork(Result):
         for balls, sign, arms in ((self.j, 1.0, self.arm_j), (self.i, -1.0, self.arm_i)):
             np.add.at(forces, balls, sign * contact_forces)
             np.add.at(torques, balls, -arms[:, None] * np.cross(self.normal, across))
+            if self.contact_torque is not None:
+                np.add.at(torques, balls, sign * self.contact_torque)
         forces[~self.moving] = 0.0
         torques[~self.moving] = 0.0
         return read_only(forces), read_only(torques)
@@ -999,10 +1007,11 @@ class ContactNetwork(Result):
         ``shift_2``, ``shift_3``, whole cells by which ball j is displaced (default: to where it is
         nearest, or to where the normal leads at a body that does not move and at an image of ball
         i), ``tangential_x``, ``tangential_y``, ``tangential_z``, the static force across the
-        contact with which ball i acts on ball j (default: not known), ``force_x``, ``force_y``,
-        ``force_z``, the whole static force, from which the normal and the tangential one follow
-        where they are not given, and ``overlap`` (default: that of places and radii). Other columns
-        are not read: :attr:`notes` name them.
+        contact with which ball i acts on ball j (default: not known), ``torque_x``, ``torque_y``,
+        ``torque_z``, the static torque of rolling and twist with which ball i acts on ball j
+        (default: none), ``force_x``, ``force_y``, ``force_z``, the whole static force, from which
+        the normal and the tangential one follow where they are not given, and ``overlap`` (default:
+        that of places and radii). Other columns are not read: :attr:`notes` name them.
 
         Parameters
         ----------
@@ -1093,8 +1102,9 @@ class ContactNetwork(Result):
             at the overlap of the two balls); dx, dy, dz, the vector from j to i, as p10, p11, p12
             of ``compute pair/local`` (default: to the nearest image); tx, ty, tz, the tangential
             force on i, as p1, p2, p3 (default: not known); fx, fy, fz, the force on i, from which
-            normal and tangential forces follow where they are not given; and delta, the overlap
-            (default: that of places and radii).
+            normal and tangential forces follow where they are not given; delta, the overlap
+            (default: that of places and radii); and rx, ry, rz, the rolling force on i, as p5, p6,
+            p7, with twist, the torque of twist, as p9 (default: none).
         material : the one that the contacts of ``hertz/material`` have in the simulation; None for
             constant stiffnesses.
         units : "si", "cgs", "micro" or "nano", LAMMPS' style of units; or the scales of "lj" units.
@@ -1397,8 +1407,10 @@ class ContactNetwork(Result):
         ``atoms`` has the columns id, type (of the kinds of the balls), x, y, z, radius, mass, and
         force, the sum of the normal forces on the ball, N. ``pairs`` has a bond for each contact: i
         and j, the ids of its balls, force, N, dx, dy, dz, the vector from j to i, m, and tx, ty,
-        tz, the tangential force on i, N, if these are known. Flat walls and their contacts are left
-        out, and stiffnesses, which follow from the material. Folders are made if need be.
+        tz, the tangential force on i, N, if these are known, with rx, ry, rz, the rolling force on
+        i, N, and twist, the torque of twist, N m, if contacts have static torques. Flat walls and
+        their contacts are left out, and stiffnesses, which follow from the material. Folders are
+        made if need be.
 
         Raises :class:`~granphon.base.errors.InputError` for a cell whose first vector is not along
         x or whose second one leaves the xy plane, and for two names of one file, and OutputError

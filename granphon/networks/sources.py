@@ -43,6 +43,9 @@ _UNITS = {
     "normal": "",
     "force": "N",
     "tangential_force": "N",
+    "contact_torque": "N m",
+    "rolling_force": "N",
+    "twisting_torque": "N m",
     "normal_force": "N",
     "overlap": "m",
     "normal_stiffness": "N/m",
@@ -230,6 +233,10 @@ class Contacts:
     (n_c, 3); the other arrays are (n_c,). Forces that press are positive. ``lines`` are the lines
     of the contacts in a file.
 
+    ``contact_torque`` (n_c, 3) is the static torque of rolling and twist with which ball i acts on
+    ball j. Sources of LAMMPS have two parts of it: ``rolling_force`` f (n_c, 3) on ball j, whose
+    torque is -R n x f with the reduced radius R, and ``twisting_torque`` (n_c,), along n.
+
     ``rolling`` is the coefficient k of LAMMPS' rolling law, N/m: the bending stiffness is k R^2,
     where R is the reduced radius; or "epsd2" for that law of LIGGGHTS, in which k is the shear
     stiffness. ``twisting`` is the torsion stiffness, N m, or "marshall" for
@@ -245,6 +252,9 @@ class Contacts:
     normal: Array | None = None
     force: Array | None = None
     tangential_force: Array | None = None
+    contact_torque: Array | None = None
+    rolling_force: Array | None = None
+    twisting_torque: Array | None = None
     normal_force: Array | None = None
     overlap: Array | None = None
     normal_stiffness: Array | None = None

@@ -54,6 +54,7 @@ from granphon.networks.sources import (
 _PLACE = replace(LENGTH, least="any")
 _FORCE = replace(LOADS["force"], least="zero or above")
 _ACROSS = replace(_FORCE, least="any")
+_TURNING = replace(TURN_STIFFNESS, least="any")
 #: columns of springs to the ground, by the names of these
 _ON_SITE = {name: f"on_site_{name}" for name in name_springs(ALL)}
 #: columns of the table of balls, and of that of contacts, with their quantities; None: numbers
@@ -89,6 +90,9 @@ CONTACTS: Mapping[str, Quantity | None] = {
     "tangential_x": _ACROSS,
     "tangential_y": _ACROSS,
     "tangential_z": _ACROSS,
+    "torque_x": _TURNING,
+    "torque_y": _TURNING,
+    "torque_z": _TURNING,
     "force_x": _ACROSS,
     "force_y": _ACROSS,
     "force_z": _ACROSS,
@@ -96,6 +100,7 @@ CONTACTS: Mapping[str, Quantity | None] = {
 }
 _AXES = ("x", "y", "z")
 _TANGENTIAL = tuple(f"tangential_{axis}" for axis in _AXES)
+_TORQUE = tuple(f"torque_{axis}" for axis in _AXES)
 _FORCE_VECTOR = tuple(f"force_{axis}" for axis in _AXES)
 _OF_SPRINGS = tuple(
     name for name in CONTACTS if name.endswith(("force", "stiffness")) or name.startswith("arm")
@@ -605,6 +610,7 @@ def _read_contacts(columns: _Columns) -> Contacts:
         shift=shift,
         normal=columns.vectors("nx", "ny", "nz", wide=True),
         tangential_force=columns.vectors(*_TANGENTIAL, wide=True),
+        contact_torque=columns.vectors(*_TORQUE, wide=True),
         force=columns.vectors(*_FORCE_VECTOR, wide=True),
         overlap=columns.find("overlap"),
         lines=columns.lines,
@@ -708,6 +714,8 @@ def _list_columns_of_contacts(fields: Mapping[str, Any]) -> dict[str, Array]:
         columns[name] = fields[name]
     if fields["tangential_force"] is not None:
         columns |= zip(_TANGENTIAL, fields["tangential_force"].T, strict=True)
+    if fields["contact_torque"] is not None:
+        columns |= zip(_TORQUE, fields["contact_torque"].T, strict=True)
     return columns
 
 

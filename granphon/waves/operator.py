@@ -53,6 +53,7 @@ from granphon.dynamics.deformation_rows import (
     find_gyration,
     network_rows,
     push_rows,
+    torque_pairs,
     weigh_rows,
 )
 from granphon.networks.network import ContactNetwork
@@ -515,11 +516,20 @@ class WaveOperator(LinearOperator):
     def _find_carried_pairs(self) -> list[tuple[Row, Row]]:
         """Return the pairs (pull, move) of rows of static tangential forces; none if none act."""
         network = self.network
-        _, tangential_force = network.static_forces
-        if not network.prestress or not np.any(tangential_force):
+        if not network.prestress:
             return []
+        _, tangential_force = network.static_forces
         gyration = find_gyration(network)
-        return carry_rows(
+        pairs: list[tuple[Row, Row]] = []
+        torque = network.contact_torque
+        if torque is not None and np.any(torque) and network.dimension == 3:
+            ends = gyration[network.i], gyration[network.j]
+            pairs = torque_pairs(
+                network.normal, torque, network.distance, network.ball_motions, ends
+            )
+        if not np.any(tangential_force):
+            return pairs
+        return pairs + carry_rows(
             network.normal,
             tangential_force,
             network.distance,

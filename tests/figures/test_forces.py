@@ -20,6 +20,7 @@ from granphon.figures.forces import (
     plot_forces,
 )
 from granphon.figures.modes import plot_participation
+from granphon.figures.rigidity import plot_rigidity
 from tests import packings
 from tests.figures.conftest import assert_inside_page, with_gid
 from tests.networks import written
@@ -479,3 +480,20 @@ def test_participation_is_drawn_over_the_frequency():
     np.testing.assert_allclose(x / x[0], modes.frequencies / modes.frequencies[0])
     assert "Hz" in ax.get_xlabel()
     assert ax.get_ylim()[0] == 0.0
+
+
+def test_rigidity_is_drawn_over_the_contacts_above_the_isostatic_number():
+    """Of a triangular lattice without friction: 6 contacts against 4 less 2 of 2 n motions, and
+    G/K = 1/2; with friction G/K grows with the shear stiffness, and each ball has three motions.
+    """
+    packing = gp.Packing(packings.MATERIAL, 2e-3, friction=False)
+    smooth = gp.AveragedLattice(packing).at_force(1.0).network.repeat((4, 5))
+    rough = gp.AveragedLattice(replace(packing, friction=True)).at_force(1.0).network.repeat((4, 5))
+    ax = plot_rigidity(iter([smooth, rough]))
+    excesses, ratios = ax.lines[0].get_data()
+    np.testing.assert_allclose(excesses, [6.0 - 4.0 * 19 / 20, 6.0 - 2.0 * (60 - 2) / (2 * 20)])
+    bulk = gp.moduli(rough)
+    np.testing.assert_allclose(ratios, [0.5, bulk.shear / bulk.bulk])
+    assert ratios[1] > 0.9
+    with pytest.raises(InputError, match="no network"):
+        plot_rigidity([])
