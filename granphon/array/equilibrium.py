@@ -224,7 +224,7 @@ class Equilibrium(Result):
         """(n_c, L1, ..., Lp) whether each contact carries load."""
         return self._roots > 0.0
 
-    @property
+    @cached_property
     def force(self) -> float:
         """Mean contact force f*, a reduced number."""
         return float(hertz.force_of(self.overlap)) + float(np.mean(self.excess))

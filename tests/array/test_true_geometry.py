@@ -40,7 +40,7 @@ from granphon.statics import response
 from granphon.statics.configuration import AppliedLoad, Problem
 from granphon.statics.loose_balls import find_way_down
 from granphon.statics.newton import Equations, GridEquations
-from granphon.statics.options import ResponseOptions, RestOptions
+from granphon.statics.options import GridOptions, ResponseOptions, RestOptions
 from granphon.statics.turning_descent import TurningDescent
 from tests.array.test_equilibrium import balls, close_forces
 from tests.array.test_friction_history import Dense, history, ramp
@@ -1386,6 +1386,8 @@ def test_iterations_find_the_response_that_factors_find(monkeypatch, lattice, sh
         gp.Material(70e9, 0.3, 2500.0), 8e-3, spread=gp.Uniform(4e-5), lattice=lattice
     )
     sample = gp.DirectSimulation(packing, shape, geometry="exact").at_force(8.0).sample
+    by_factors = functools.partial(ResponseOptions, grid=GridOptions(well_held=np.inf))
+    monkeypatch.setattr(response, "ResponseOptions", by_factors)
     factorised = sample.elastic_tensor
     none = functools.partial(ResponseOptions, most_balls={2: 0, 3: 0})
     monkeypatch.setattr(response, "ResponseOptions", none)
