@@ -1247,8 +1247,8 @@ class Crystal(Result):
             periods keep the length at which balls touch, as between walls; P acts on the faces
             alone, and may be zero.
         finite_overlap : the true geometry: contacts turn, the cell deforms, P acts on the deformed
-            cell, and static forces enter the response. By default overlaps are small, which drops
-            terms of relative order delta/d.
+            cell, and static forces enter the response. By default contacts keep the directions of
+            the sites, and overlaps are small, which drops terms of relative order delta/d.
         boundary : "stress" (the default of crystals): the whole stress of the periods is
             hydrostatic, and the cell takes the shape that this asks for. "isotropic" (as in
             :class:`~granphon.DirectSimulation`): the cell keeps its shape and takes the size at
