@@ -319,8 +319,8 @@ REST = FrictionHistory()
 
 
 def no_finite_overlap(medium: str) -> InputError:
-    """Return the error for terms of finite overlap in a ``medium`` that is, or may become, a
-    simulation.
+    """Return the error for terms of finite overlap in a ``medium`` that simulates arrays in the
+    directions of the lattice.
     """
     return InputError(
         f"the medium {medium!r} has no terms of finite overlap",

@@ -114,9 +114,10 @@ class AutoMedium(Medium[ContactState]):
     Raises
     ------
     InputError : a tolerance that is not between 1e-12 and 0.99; a history without a friction
-        coefficient, or the reverse. From ``at_*`` and :meth:`choose`: a load at which no medium is
-        within the tolerance (the message gives the smallest error available); a load, a packing or
-        a friction for which errors are not known. From ``at_*``: finite overlap.
+        coefficient, or the reverse. From ``at_*``, :meth:`follow`, :meth:`serving` and
+        :meth:`choose`: a load at which no medium is within the tolerance (the message gives the
+        smallest error available); a load, a packing or a friction for which errors are not known.
+        From ``at_*`` and :meth:`follow`: finite overlap.
     """
 
     name = "auto"
@@ -246,7 +247,7 @@ class AutoMedium(Medium[ContactState]):
         of the load; InputError if finite overlap is asked for.
         """
         if read_finite_overlap(finite_overlap):
-            raise no_finite_overlap(self.name)
+            raise _refuse_finite_overlap(self.name)
         applied = load.applied
         medium = self.serving(applied.kind, applied.array).of(self.packing)
         state: ContactState = medium.at(applied, finite_overlap=finite_overlap)
@@ -260,7 +261,7 @@ class AutoMedium(Medium[ContactState]):
         course.
         """
         if read_finite_overlap(finite_overlap):
-            raise no_finite_overlap(self.name)
+            raise _refuse_finite_overlap(self.name)
         choice = self.serving(load.applied.kind, load.applied.array)
 
         def convert(change: Change) -> Change:
@@ -483,8 +484,10 @@ class MediumChoice:
         have finite overlap whether or not the user asks for it.
 
         The geometry is exact if the options name it, or if they name none and there is a history of
-        friction. Otherwise a simulation without a named geometry leaves it to the load
-        (:meth:`by_geometry`), and this is False.
+        friction, of balls that can be exact (:func:`~granphon.media.left_out.can_be_exact`): the
+        choice knows no packing, and the history of other balls has the directions of the lattice
+        all the same. Otherwise a simulation without a named geometry leaves it to the load
+        (:meth:`by_geometry`), and this property is False.
         """
         geometry = dict(self.options).get("geometry")
         if geometry is None:
@@ -755,13 +758,25 @@ def default_medium(balls: Balls, differ: bool = False) -> str:
 
 
 def require_finite_overlap(media: Iterable[MediumChoice]) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if one of the ``media`` has no terms of
-    finite overlap: a simulation in the directions of the lattice, or an automatic medium, which may
-    choose such a simulation.
+    """Raise :class:`~granphon.base.errors.InputError` if one of the ``media`` takes no terms of
+    finite overlap: a simulation in the directions of the lattice, or an automatic medium, whose
+    expected errors are those of media without these terms.
     """
     for medium in media:
-        if medium.name == AutoMedium.name or medium.settings.get("geometry") == LATTICE:
+        if medium.name == AutoMedium.name:
+            raise _refuse_finite_overlap(medium.label)
+        if medium.settings.get("geometry") == LATTICE:
             raise no_finite_overlap(medium.label)
+
+
+def _refuse_finite_overlap(medium: str) -> InputError:
+    """Return the error for terms of finite overlap that are asked of an automatic ``medium``."""
+    return InputError(
+        f"the medium {medium!r} takes no finite_overlap",
+        "It chooses by errors relative to simulated arrays, and takes the media as these were"
+        " compared",
+        "Leave finite_overlap out, or name a medium",
+    )
 
 
 #: what to take in place of a medium that granphon no longer has, by the name of that medium

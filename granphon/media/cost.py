@@ -34,7 +34,7 @@ from granphon.dynamics.large_cells import BYTES
 from granphon.dynamics.linalg import MANY_COLUMNS
 from granphon.media.left_out import estimate_reduced_force
 from granphon.media.medium import AveragedLattice
-from granphon.media.sample_memory import LEAST_FORCE, estimate_memory
+from granphon.media.sample_memory import LEAST_FORCE
 
 if TYPE_CHECKING:
     from granphon.media.simulation import DirectSimulation
@@ -339,17 +339,15 @@ def estimate(simulation: DirectSimulation, load: Load, exponents: bool = False) 
     balls = simulation.balls
     equilibria_of_state = 3 if exponents and packing.spread_matters else 1
     equilibria = load.size * simulation.samples * equilibria_of_state
-    memory = estimate_memory(
-        packing,
-        balls,
-        simulation.samples,
-        load,
-        exact=bool(simulation.ratio),
-        loaded=simulation.history.is_loaded,
-    )
     relaxed_balls = float(balls) * equilibria
     units = Units(relaxed_balls, partial(_measure_ball, simulation, load.applied.flat))
-    return Cost(memory, units=(units,), work=relaxed_balls, balls=balls, equilibria=equilibria)
+    return Cost(
+        simulation.find_memory(load),
+        units=(units,),
+        work=relaxed_balls,
+        balls=balls,
+        equilibria=equilibria,
+    )
 
 
 def estimate_sensitivities(simulation: DirectSimulation, load: Load, parameters: int) -> Cost:

@@ -385,7 +385,8 @@ class LawMedium(Medium[ContactState]):
 
         The search begins at the larger ``overlap`` of a boundary that does not shrink. As the
         overlap rises, the force of the law rises and is convex, and the force that the boundary
-        asks for falls. So Newton's method descends from there.
+        asks for falls, in space along a parabola that is far flatter than the law. So Newton's
+        method descends from there.
         """
         law = self.law
         for _ in range(_MOST_STEPS):
@@ -536,7 +537,8 @@ class EffectiveMedium(LawMedium):
 
     Raises
     ------
-    InputError : another word, or "paper" on another lattice or with bending.
+    InputError : another word, "paper" on another lattice or with bending, or something else than a
+        :class:`~granphon.Packing`.
     """
 
     name = "ema"
@@ -550,6 +552,7 @@ class EffectiveMedium(LawMedium):
             " curves",
         )
     }
+    #: where the local field is from: the argument ``local_field``
     source: str
 
     def __init__(

@@ -36,7 +36,7 @@ from granphon.base.settings import (
     word_of,
     write_block,
 )
-from granphon.base.text import list_names, show
+from granphon.base.text import counted, list_names, show
 from granphon.base.validation import choice, each, label, read_inside, text, truth
 from granphon.media.cells import QUICK_BALLS, CrystalCell
 from granphon.media.medium import NETWORK, Medium
@@ -332,13 +332,26 @@ class NetworkFiles(Block, kw_only=True):
         least = sum(parameter.default is parameter.empty for parameter in of_files)
         if not least <= len(files) <= len(of_files):
             names = list_names([parameter.name for parameter in of_files])
-            fault = f"the reader of {self.format} does not take {len(files)} files"
+            given = counted(len(files), "file")
+            fault = f"the reader of {self.format} does not take {given}"
             raise InputError(fault, f"It takes {names}", "Give these, in this order")
 
     @property
     def load(self) -> Load:
-        """The load of the packing: the mean normal force of the contacts in the files, N."""
-        return Load("force", float(np.mean(self.network.normal_force)))
+        """The load of the packing: the mean normal force of the contacts in the files, N.
+
+        Raises :class:`~granphon.base.errors.InputError` if the mean is not above zero, as it may be
+        where contacts adhere.
+        """
+        mean_force = float(np.mean(self.network.normal_force))
+        if not mean_force > 0.0:
+            raise InputError(
+                f"the mean normal force of the contacts in {self.files[-1].name} is"
+                f" {mean_force:.6g} N",
+                "A scene calls the state of a packing by this force, which must be above zero",
+                "Take the network itself, as gp.Waves(gp.ContactNetwork.read(...))",
+            )
+        return Load("force", mean_force)
 
     @property
     def block_of_tables(self) -> dict[str, Any]:

@@ -52,9 +52,9 @@ def estimate_memory(
     """Return the memory, bytes, that so many ``samples`` of so many ``balls`` each need for their
     states and moduli at all values of a load.
 
-    With ``exact`` contacts turn with their balls; otherwise they keep the directions of the
-    lattice. With ``loaded`` samples are loaded step by step with friction; otherwise they are
-    brought to rest at each load.
+    With ``exact`` contacts turn with their balls, or the cell shears, and are listed; otherwise
+    they keep the directions of the lattice. With ``loaded`` samples are loaded step by step with
+    friction; otherwise they are brought to rest at each load.
     """
     structure = packing.structure
     rotate = packing.ball_motions.rotate

@@ -771,9 +771,12 @@ class DirectSimulation(Medium[SimulatedState]):
     MechanismError : the lattice does not stand without friction, as sc, bcc, diamond, square,
         honeycomb and kagome do not, and there is no history of friction that starts from the gas.
     InputError : motions other than those along the periods, a shape or number that is not whole and
-        above zero, diameters with a shape or samples, a width below 1e-20 of the diameter; options
-        of a history without ``friction_history``, a history without a friction coefficient, on a
-        chain, or of balls that resist no slip.
+        above zero, diameters with a shape or samples, a width below 1e-20 of the diameter; the
+        exact geometry of equal balls, on a line, or of balls that differ by more than a fifth of
+        their diameter; options of a history without ``friction_history``, a history without a
+        friction coefficient, on a chain, of balls that resist no slip, with the boundary "stress",
+        or from a start that no sample bears; an executor without ``submit``, and another word for
+        an option than those above.
 
     ``at_*`` take scalars or arrays: floats in, floats out. They raise
     :class:`~granphon.base.errors.InputError` for a load that is not finite, not compressive, or
@@ -1062,8 +1065,10 @@ class DirectSimulation(Medium[SimulatedState]):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, DirectSimulation):
             return NotImplemented
-        are_equal = np.asarray(self.diameters) == np.asarray(other.diameters)
-        return self._key == other._key and bool(np.all(are_equal))
+        if self._key != other._key:
+            return False
+        # with equal keys both have diameters, of one shape, or neither has
+        return bool(np.all(np.asarray(self.diameters) == np.asarray(other.diameters)))
 
     def __hash__(self) -> int:
         return hash(self._key)
@@ -1362,10 +1367,11 @@ class DirectSimulation(Medium[SimulatedState]):
 
         Exactly one of force (N), pressure and overlap (m) is a list, or ``load`` is a
         :class:`~granphon.balls.loads.Load` of many values. The path begins at :attr:`start`, from
-        where the first load is reached. Raises :class:`~granphon.base.errors.InputError` without
-        ``friction_history``, where the order has no meaning, and for numbers that do not say which
-        load they are; and the errors of :meth:`at`. If a load is not reached, ``reached`` of the
-        error is the state at the loads before it, None if there are none.
+        where the first load is reached. ``progress`` is told of each load of each sample. Raises
+        :class:`~granphon.base.errors.InputError` without ``friction_history``, where the order has
+        no meaning, and for numbers that do not say which load they are; and the errors of
+        :meth:`at`. If a load is not reached, ``reached`` of the error is the state at the loads
+        before it, None if there are none.
         """
         if not self.history.is_loaded:
             raise InputError(
@@ -1428,21 +1434,31 @@ class DirectSimulation(Medium[SimulatedState]):
                     step.advance(len(path))
             return results
 
-    def _require_memory(self, load: Load) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if the samples do not fit into the memory
-        of this machine.
+    def find_memory(self, load: Load) -> float:
+        """Return the estimated memory, bytes, that the states of the samples at all values of a
+        load need, with their moduli.
+
+        If the load decides on the geometry, the estimate is that of the exact one if any value has
+        it.
         """
-        memory = estimate_memory(
+        simulations = [simulation for simulation, _ in self.by_geometry(load)]
+        is_exact = any(simulation.is_exact for simulation in simulations)
+        return estimate_memory(
             self.packing,
             self.balls,
             self.samples,
             load,
             # a cell that shears has a list of contacts in both geometries
-            exact=bool(self.ratio) or self.boundary == "stress",
+            exact=is_exact or self.boundary == "stress",
             loaded=self.history.is_loaded,
         )
+
+    def _require_memory(self, load: Load) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if the samples at a load do not fit into
+        the memory of this machine.
+        """
         mend = "Take fewer balls (shape), samples or loads"
-        require_memory(f"samples of {self.balls:,} balls", memory, mend)
+        require_memory(f"samples of {self.balls:,} balls", self.find_memory(load), mend)
 
     def _loaded_sample(self, index: int) -> LoadedSample:
         """Return the sample number ``index``, from 0, ready to be loaded with friction."""

@@ -495,7 +495,7 @@ def test_what_cannot_be_asked(rough, options, told):
         ("kagome", False, "on the kagome lattice"),
         ("chain", False, "on the chain lattice.*every medium is exact"),
         ("bcc", False, "on the bcc lattice.*without friction"),
-        ("fcc", True, "with finite overlap.*paper's limit only"),
+        ("fcc", True, "with finite overlap.*geometry is exact"),
     ],
 )
 def test_where_media_have_no_reference(steel, lattice, finite, told):
