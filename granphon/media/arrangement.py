@@ -456,6 +456,11 @@ class LoadedCrystal(NetworkState):
 
     The numbers are means over the contacts that carry load, zero where none does; of a sample, over
     all contacts. Attributes have the shape of the load.
+
+    Parameters
+    ----------
+    packing : the arrangement.
+    source : the states of its crystal.
     """
 
     medium = CRYSTAL
@@ -568,7 +573,9 @@ class LoadedCrystal(NetworkState):
 
 
 class CrystalMedium(Medium[Any]):
-    """The medium of an :class:`Arrangement`: each contact has its own law and force."""
+    """The medium of an :class:`Arrangement`, the ``packing``: each contact has its own law and
+    force.
+    """
 
     name = CRYSTAL
     words = "crystal"
@@ -584,14 +591,15 @@ class CrystalMedium(Medium[Any]):
         return bool(self.packing.crystal.n_balls <= QUICK_BALLS)
 
     def require_sound(self, pushed: bool = False) -> None:
-        """Raise nothing: which contacts carry load is found with the state."""
+        """Raise nothing, ``pushed`` or not: which contacts carry load is found with the state."""
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> Any:
         """Return the state at a load, with the shape of the values of the load.
 
         Under a stress or a strain each value of the load is a size that multiplies the tensor of
         the load. Gravity is an acceleration towards the face that is held. A side force acts as the
-        force of a contact that it makes in a hexagonal frame.
+        force of a contact that it makes in a hexagonal frame. ``finite_overlap`` and the errors are
+        those of the methods ``at_...`` of :class:`~granphon.Crystal`.
         """
         crystal = self.packing.crystal
         load = load.applied

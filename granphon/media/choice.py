@@ -258,7 +258,7 @@ class AutoMedium(Medium[ContactState]):
     ) -> tuple[ContactState, list[Course[Any]]]:
         """Return the state at a single load, and its course with each of the ``changes``, in the
         medium that serves the load; see :meth:`Medium.follow`. The medium stays the same along a
-        course.
+        course. Raises InputError where :meth:`at` does, for ``finite_overlap`` too.
         """
         if read_finite_overlap(finite_overlap):
             raise _refuse_finite_overlap(self.name)
@@ -369,8 +369,9 @@ class MediumChoice:
         value: str | Mapping[str, Mapping[str, Any] | None] | MediumChoice,
         lattice: Lattice | None = None,
     ) -> MediumChoice:
-        """Read a choice from a name such as "ema", or from {"ema": {"local_field": "paper"}}; see
-        :func:`read_medium`.
+        """Read a choice from a ``value``, a name such as "ema", or {"ema": {"local_field":
+        "paper"}}, for a ``lattice`` if one is given; see :func:`read_medium`. Raises InputError for
+        what is no such value.
         """
         medium: MediumChoice = require("medium", partial(read_medium, lattice=lattice), value)
         return medium
@@ -523,7 +524,7 @@ class MediumChoice:
 
     def settle(self, packing: Packing, load: Load, finite_overlap: bool = False) -> MediumChoice:
         """Return the choice in one geometry for all values of the applied ``load``: in the exact
-        geometry if :meth:`by_geometry` has this for any value.
+        geometry if :meth:`by_geometry`, with the same arguments, has this for any value.
         """
         choices = [medium for medium, _ in self.by_geometry(packing, load, finite_overlap)]
         return next((medium for medium in choices if medium.is_exact), choices[0])
@@ -580,7 +581,7 @@ class MediumChoice:
         return medium(packing, **options)  # type: ignore[no-any-return]
 
     def choose(self, packing: Balls, load: Load) -> list[ServingMedium]:
-        """Return the media that serve the values of an applied load.
+        """Return the media of a ``packing`` that serve the values of an applied ``load``.
 
         This medium serves all of them, unless it is an :class:`AutoMedium`, which chooses for each.
         """
@@ -640,7 +641,8 @@ class ServingMedium:
         return samples
 
     def at(self, load: Load, *, finite_overlap: bool = False) -> ContactState:
-        """Return the state of the medium at a ``load``, one or more of those that it serves. The
+        """Return the state of the medium at a ``load``, one or more of those that it serves, with
+        terms of finite overlap if ``finite_overlap`` asks for them or the geometry has them. The
         state says whether the medium was chosen automatically.
         """
         medium = self.medium.of(self.packing)
@@ -649,8 +651,9 @@ class ServingMedium:
         return replace(state, chosen_automatically=True) if self.chosen_automatically else state
 
     def by_geometry(self, finite_overlap: bool = False) -> list[ServingMedium]:
-        """Return this serving medium split by geometry, see :meth:`MediumChoice.by_geometry`: for
-        each geometry that its loads have, the medium in that geometry with these loads.
+        """Return this serving medium split by geometry, see :meth:`MediumChoice.by_geometry`, also
+        for ``finite_overlap``: for each geometry that its loads have, the medium in that geometry
+        with these loads.
         """
         choices = self.medium.by_geometry(self.packing, self.load, finite_overlap)
         if len(choices) == 1:

@@ -368,7 +368,8 @@ def estimate_sensitivities(simulation: DirectSimulation, load: Load, parameters:
 
 def relaxation_memory(balls: int, motions: int, dimension: int) -> float:
     """Return the memory, bytes, of the moduli and sound velocities of a crystal of so many
-    ``balls`` with ``motions`` each, and of their derivatives: that of the factors of its matrices.
+    ``balls`` with ``motions`` each on a line, in a plane or in space (``dimension`` 1, 2, 3), and
+    of their derivatives: that of the factors of its matrices.
     """
     growth = math.pow(max(balls / _RELAXED_BALLS, 1.0), _RELAXED_POWER[dimension])
     return _RELAXED_BYTES[dimension] * balls * motions * growth
@@ -469,8 +470,8 @@ def bands(points: int, branches: int, eigenvectors: bool = True, file: bool = Tr
 
 
 def density_of_states(mesh: tuple[int, ...], branches: int) -> Cost:
-    """Return the estimated cost of a density of states on a ``mesh`` of wave vectors, given by the
-    numbers of points along its sides.
+    """Return the estimated cost of a density of states of so many ``branches`` on a ``mesh`` of
+    wave vectors, given by the numbers of points along its sides.
 
     Each point of the mesh needs phonopy's tables of the grid. Each point that symmetry leaves needs
     its modes, whose matrices are held for 4096 points at a time. Symmetry leaves at most an eighth

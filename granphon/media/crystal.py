@@ -601,7 +601,7 @@ class Crystal(Result):
     def _draw(self, kind: Index, counts: tuple[int, ...], seed: int) -> Array:
         """Return the deviations (m,), m, with any mean, of the m balls of a supercell, whose kinds
         are ``kind`` (m,); zero of balls without a spread. ``counts`` are the numbers of cells along
-        the periods.
+        the periods, and ``seed`` is that of :meth:`sample`.
         """
         deviations = np.zeros(kind.size)
         n = self.n_balls
@@ -1204,7 +1204,8 @@ class Crystal(Result):
         boundary: Boundary,
         start: Rest | None = None,
     ) -> Rest:
-        """Return the state at rest under a load, found from the state ``start`` if given; see
+        """Return the state at rest under a ``load``, found from the state ``start`` if given; for
+        the ``geometry`` of contacts and the ``boundary`` see
         :func:`~granphon.statics.find_rest.find_rest`.
 
         A sample on a grid is solved with its balls in the order of the grid, where solvers of grids
@@ -1413,10 +1414,10 @@ class Crystal(Result):
         return self._solve_each(values, applied, finite_overlap, 2)
 
     def _read_tensor(self, name: str, given: ArrayLike, shear_factor: float) -> Array:
-        """Return symmetric tensors (..., p, p) from such tensors, or from their components in
-        Voigt's order (..., p (p + 1)/2), of which the shears are multiplied by ``shear_factor``: 1
-        of a stress, 1/2 of a strain. Raises InputError for other shapes, and for tensors that are
-        not symmetric.
+        """Return symmetric tensors (..., p, p) from ``given`` such tensors, or from their
+        components in Voigt's order (..., p (p + 1)/2), of which the shears are multiplied by
+        ``shear_factor``: 1 of a stress, 1/2 of a strain. Raises InputError for other shapes, and
+        for tensors that are not symmetric.
 
         ``name`` is what messages call the tensor.
         """
@@ -1651,6 +1652,7 @@ class Crystal(Result):
 
         ``kind`` is "force", of goals in N, or "overlap", of goals in m. ``acceleration`` (d,),
         m/s^2, is gravity, or None. With ``is_exact`` contacts turn and the cell deforms.
+        ``boundary`` is that of :meth:`at_pressure`.
 
         The search is for the pressure. The next pressure follows from the power with which
         overlaps grow with the pressure; where balls differ, from a secant. If that pressure is not
@@ -1717,6 +1719,7 @@ class Crystal(Result):
     ) -> InputError:
         """Return the error for a ``goal``, a mean force (N) or overlap (m) as the ``kind`` says,
         that contacts have at no pressure; at the last ``pressure`` their mean was ``mean``.
+        ``has_gravity`` says whether gravity presses them too.
         """
         problem = (
             f"contacts of crystal {self.name!r} do not have a mean {kind} of {goal:g} at any"
@@ -1729,7 +1732,7 @@ class Crystal(Result):
 
     def _estimate_pressure(self, kind: str, goal: float) -> float:
         """Return the first guess of a search for the pressure, N, N/m or Pa, at which contacts have
-        the mean force (N) or overlap (m) ``goal``.
+        the mean force (N) or overlap (m) ``goal``, as the ``kind`` says.
 
         The pressure is that of the virial, if all contacts had the same force, without gravity.
         """
@@ -1753,7 +1756,8 @@ class Crystal(Result):
         """Return the states at rest under ``loads``, which belong to ``values`` in C order.
 
         Of the axes of ``values`` the last ``rank`` belong to one load: 0 of numbers, 2 of tensors.
-        The other axes are the shape of the state.
+        The other axes are the shape of the state. ``finite_overlap``, ``boundary`` and the errors
+        are those of :meth:`at_pressure`.
         """
         is_exact = read_finite_overlap(finite_overlap)
         require("boundary", partial(choice, options=BOUNDARIES), boundary)
@@ -1804,7 +1808,7 @@ class Crystal(Result):
 
     def _find_displacements(self, states: Sequence[Rest]) -> tuple[Array, Array]:
         """Return the displacements of the balls, (loads, n, d), and of the walls that a load moves,
-        (loads, n_w), m.
+        (loads, n_w), m, in the ``states`` at rest, one for each load.
 
         Along an axis on which no floor, clamp or spring to the ground fixes the crystal, the mean
         displacement of the balls is made zero.

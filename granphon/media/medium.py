@@ -146,8 +146,8 @@ class Medium(ABC, Generic[StateT]):
         return
 
     def count_start(self, load: Load) -> float:
-        """Return the cost of :meth:`require_start`, as a number of balls of an array that takes as
-        long to bring to rest; zero if it solves nothing.
+        """Return the cost of :meth:`require_start` at a ``load``, as a number of balls of an array
+        that takes as long to bring to rest; zero if nothing is solved there.
         """
         return 0.0
 
@@ -170,12 +170,15 @@ class Medium(ABC, Generic[StateT]):
 
     @abstractmethod
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> StateT:
-        """Return the state at a load, with the shape of the values of the load."""
+        """Return the state at a load, with the shape of the values of the load; ``finite_overlap``
+        is as in the class.
+        """
 
     def follow(
         self, load: Load, changes: Sequence[Change], finite_overlap: bool | None = None
     ) -> tuple[Any, list[Course[Any]]]:
-        """Return the state at a single load, and its course along each of the ``changes``.
+        """Return the state at a single load, and its course along each of the ``changes``, all with
+        ``finite_overlap`` as in the class.
 
         A change maps a relative step of a parameter to the changed medium and load, and its course
         maps the step to their state. Here each state is computed from scratch, which also holds
@@ -197,7 +200,9 @@ class Medium(ABC, Generic[StateT]):
         return state, [find_anew(change) for change in changes]
 
     def at_force(self, force: ArrayLike, *, finite_overlap: bool | None = None) -> StateT:
-        """Return the state at the mean contact force f, N."""
+        """Return the state at the mean contact ``force`` f, N; ``finite_overlap`` is as in the
+        class.
+        """
         return self.at(Load("force", force), finite_overlap=finite_overlap)
 
     def at_pressure(self, pressure: ArrayLike, *, finite_overlap: bool | None = None) -> StateT:
@@ -220,8 +225,9 @@ class Medium(ABC, Generic[StateT]):
 def _require_sound(
     structure: Lattice, unit_stiffnesses: tuple[float, ...], motions: Motions, pushed: bool
 ) -> None:
-    """Raise as :meth:`Medium.require_sound` does. ``unit_stiffnesses`` are three numbers for the
-    stiffnesses of contacts against slip, twist and rolling: 0 for zero, 1 for any other.
+    """Raise as :meth:`Medium.require_sound` does, for the lattice ``structure`` of balls with these
+    ``motions``, ``pushed`` or not. ``unit_stiffnesses`` are three numbers for the stiffnesses of
+    contacts against slip, twist and rolling: 0 for zero, 1 for any other.
     """
     eta, torsion, bending = unit_stiffnesses
     lattice = ContactLattice.of(structure, eta, torsion=torsion, bending=bending, motions=motions)
@@ -231,7 +237,7 @@ def _require_sound(
 
 
 def explain_untouched(load: Load, largest_excess: float) -> InputError:
-    """Return the error for an overlap at which even the largest balls are apart.
+    """Return the error for a ``load``, an overlap, at which even the largest balls are apart.
 
     ``largest_excess`` is the excess of their diameter over the mean, m.
     """

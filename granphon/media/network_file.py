@@ -56,8 +56,8 @@ _MOTIONS = tuple(
 
 
 def _read_cell(value: Any, context: Any) -> tuple[Any, ...]:
-    """Return the periods of a cell in a scene, m: a tuple of lengths, or a tuple of vectors, each a
-    tuple of components.
+    """Return the periods of a cell, m, from the ``value`` in a scene: a tuple of lengths, or a
+    tuple of vectors, each a tuple of components. The ``context`` says whether lengths have units.
     """
     read_length = with_unit(LENGTH).rule(context)
     if isinstance(value, list | tuple) and value and isinstance(value[0], list | tuple):
@@ -80,7 +80,9 @@ def _write_cell(cell: tuple[Any, ...], _context: Any) -> list[Any]:
 
 
 def _read_twisting(value: Any, context: Any) -> float | str:
-    """Return a stiffness against twist, N m, or "marshall", the word for that of LAMMPS."""
+    """Return a stiffness against twist, N m, from a ``value``, whose unit is as the ``context``
+    says, or "marshall", the word for that of LAMMPS.
+    """
     if value == "marshall":
         return "marshall"
     stiffness: float = with_unit(TURN_STIFFNESS).read(value, context)
@@ -106,7 +108,9 @@ def _read_frozen(value: Any) -> dict[str, Any]:
 
 
 def _read_file(value: Any, context: Any) -> Path:
-    """Return the path of a file; a relative path starts at the folder of the scene."""
+    """Return the path of a file; a relative path starts at the folder of the scene, that of the
+    ``context``.
+    """
     return Path(context.folder / (value if isinstance(value, Path) else text(value)))
 
 
@@ -537,8 +541,10 @@ class NetworkMedium(Medium[Any]):
         return bool(self.packing.network.n_balls <= QUICK_BALLS)
 
     def require_sound(self, pushed: bool = False) -> None:
-        """Raise nothing: what the contacts hold is found with the state."""
+        """Raise nothing, ``pushed`` or not: what the contacts hold is found with the state."""
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> LoadedNetwork:
-        """Return the only state, whatever the load."""
+        """Return the only state, whatever the load and ``finite_overlap``: force and prestress are
+        those of the files.
+        """
         return LoadedNetwork(self.packing)

@@ -1247,7 +1247,8 @@ class DirectSimulation(Medium[SimulatedState]):
     def follow(
         self, load: Load, changes: Sequence[Change], finite_overlap: bool | None = None
     ) -> tuple[Any, list[Course[Any]]]:
-        """Return the state at a single load, and its course with each of the ``changes``.
+        """Return the state at a single load, and its course with each of the ``changes``, in the
+        geometry that ``finite_overlap`` or else the load decides on, as in :meth:`at`.
 
         A change maps a relative step of a parameter to the changed simulation and load; its course
         maps the step to the state. The course follows from the linear response of each sample at
@@ -1392,8 +1393,9 @@ class DirectSimulation(Medium[SimulatedState]):
         """Return the state of all samples at every value of ``load``, applied one after the other
         in the order of the history.
 
-        ``prescribed`` are the same values in reduced units. If the path ends early, the error has
-        the state at the values that all samples have reached as its ``reached``.
+        ``prescribed`` are the same values in reduced units; ``progress`` is told of each. If the
+        path ends early, the error has the state at the values that all samples have reached as its
+        ``reached``.
         """
         order = self.history.sort(prescribed)
         path = [prescribed[index] for index in order]
@@ -1420,7 +1422,8 @@ class DirectSimulation(Medium[SimulatedState]):
         self, path: Sequence[ReducedLoad], progress: Progress
     ) -> list[tuple[list[PressedSample], GranphonError | None]]:
         """Load each sample along a path, and return for each its states at the loads that it
-        reaches, and the error at which its path ends, or None.
+        reaches, and the error at which its path ends, or None. ``progress`` is told of each load of
+        each sample; with an executor, of all loads of a sample when it is done.
         """
         loaded_samples = [self._loaded_sample(index) for index in range(self.samples)]
         with progress.step("loading with friction", len(path) * self.samples) as step:
@@ -1568,9 +1571,9 @@ class DirectSimulation(Medium[SimulatedState]):
                 self._loaded_sample(index).require_start(path)
 
     def count_start(self, load: Load) -> float:
-        """Return the cost of the start that :meth:`require_start` solves, as the number of balls of
-        a quick start, at high force in the directions of the lattice, that takes as long. The cost
-        is zero if no start is solved.
+        """Return the cost of the start that :meth:`require_start` solves for a ``load``, as the
+        number of balls of a quick start, at high force in the directions of the lattice, that takes
+        as long. The cost is zero if no start is solved.
         """
         start = self._start
         if start is None:

@@ -481,7 +481,7 @@ class MediaStudy:
             return medium
 
         def make_point(method: str, knob: str, field_of_medium: _Field) -> Point:
-            """Return the point of a local field."""
+            """Return the point of a local field, called by ``method`` and ``knob``."""
             prepared = partial(prepare, field_of_medium)
             return Point(method, knob, prepared, self.observe, self.solving)
 
@@ -577,7 +577,8 @@ class MediaStudy:
 
         A sample that is loaded with friction is loaded once more, in shorter steps. For a sample at
         rest, equilibrium and response are found by another algorithm, factors of a list of
-        contacts; both have the directions of the lattice.
+        contacts; both have the directions of the lattice. Raises
+        :class:`~granphon.base.errors.GranphonError` if the ``deadline`` passes meanwhile.
         """
         structure = self.packing.structure
         shape = even_shape(structure, _CHECKED_SIDES[structure.periods])
@@ -936,8 +937,9 @@ def carry_out(
     """Return the results of a study that is carried out within a ``budget``, s on the study's
     stopwatch, by an ``executor``; each point is timed ``runs`` times.
 
-    A finished study is kept in a ``store``, which is claimed for the ``identity`` of the trade-off,
-    plain data.
+    ``progress`` is told of the steps of the study, with an executor of its end alone. A finished
+    study is kept in a ``store``, which is claimed for the ``identity`` of the trade-off, plain
+    data; a study that is found there is returned.
     """
     # in this process the study tells its steps; in another it cannot, and its end alone is told
     is_in_process = executor is None
