@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import Lattice
-from granphon.balls.loads import Load
+from granphon.balls.loads import Load, require_of_packing
 from granphon.balls.packing import Packing, given_packing
 from granphon.base.arrays import Array
 from granphon.base.differences import Course
@@ -244,10 +244,12 @@ class AutoMedium(Medium[ContactState]):
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
         """Return the state at a load, in the one medium that :meth:`serving` finds for all values
-        of the load; InputError if finite overlap is asked for.
+        of the load; InputError if finite overlap is asked for, and for a load that crystals alone
+        bear.
         """
         if read_finite_overlap(finite_overlap):
             raise _refuse_finite_overlap(self.name)
+        require_of_packing(load)
         applied = load.applied
         medium = self.serving(applied.kind, applied.array).of(self.packing)
         state: ContactState = medium.at(applied, finite_overlap=finite_overlap)
@@ -262,6 +264,7 @@ class AutoMedium(Medium[ContactState]):
         """
         if read_finite_overlap(finite_overlap):
             raise _refuse_finite_overlap(self.name)
+        require_of_packing(load)
         choice = self.serving(load.applied.kind, load.applied.array)
 
         def convert(change: Change) -> Change:

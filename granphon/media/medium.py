@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from granphon.balls.diameters import PointShape
 from granphon.balls.hertz import LEAST_NORMAL
 from granphon.balls.lattices import TRIANGULAR, Lattice
-from granphon.balls.loads import Load, require_compressive
+from granphon.balls.loads import Load, require_compressive, require_of_packing
 from granphon.balls.motions import Motions
 from granphon.balls.packing import Packing, given_packing, require_shallow
 from granphon.base.arrays import ROUNDED, Array
@@ -276,8 +276,8 @@ class LawMedium(Medium[ContactState]):
     packing : the balls.
 
     ``at_*`` raise :class:`~granphon.base.errors.InputError` for a load that is not finite, not
-    compressive, too small or too large for double precision, or presses balls together by their
-    whole diameter, for more loads than memory holds, and
+    compressive, of a kind that crystals alone bear, too small or too large for double precision, or
+    presses balls together by their whole diameter, for more loads than memory holds, and
     :class:`~granphon.base.errors.PrecisionError` for one so low that the law is not known there.
     With ``finite_overlap`` every result from the state includes the terms of relative order
     delta/d, and pressure and density count the boundary that shrinks with the balls.
@@ -309,6 +309,7 @@ class LawMedium(Medium[ContactState]):
 
         Raises the errors that the class lists.
         """
+        require_of_packing(load)
         require_memory(
             f"states at {load.size:,} loads", self._load_bytes * load.size, "Take fewer loads"
         )

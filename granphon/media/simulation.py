@@ -268,10 +268,11 @@ class SimulatedState(ContactState):
         super().__post_init__()
 
     def __getitem__(self, index: Any) -> Self:
-        """Return the state at some of the loads, indexed like an array."""
-        load_count = int(np.prod(self.shape, dtype=int))
-        selected_loads = np.arange(load_count).reshape(self.shape)[index]
-        samples = self._table.reshape(load_count, self.n_samples)[selected_loads]
+        """Return the state at some of the loads, indexed like an array.
+
+        Raises :class:`~granphon.base.errors.InputError` for an index that selects none.
+        """
+        samples = self._table.reshape(-1, self.n_samples)[self._select_loads(index)]
         return replace(
             self,
             force=np.asarray(self.force)[index],
@@ -779,8 +780,8 @@ class DirectSimulation(Medium[SimulatedState]):
         an option than those above.
 
     ``at_*`` take scalars or arrays: floats in, floats out. They raise
-    :class:`~granphon.base.errors.InputError` for a load that is not finite, not compressive, or
-    presses balls together by their whole diameter; for a load so low that a sample carries none (at
+    :class:`~granphon.base.errors.InputError` for a load that is not finite, not compressive, of a
+    kind that crystals alone bear, or presses balls together by their whole diameter; for a load so low that a sample carries none (at
     and below the rigidity threshold, a* = 0.343 on the triangular lattice), or below the start of a
     history; with ``finite_overlap`` in the geometry of the lattice, which has no such terms, and
     with ``finite_overlap=False`` in the exact geometry, which has them. They raise
@@ -1224,7 +1225,7 @@ class DirectSimulation(Medium[SimulatedState]):
         if self.geometry is None:
             return self._join_geometries(applied, finite_overlap)
         if wants_finite_overlap and not self.is_exact:
-            raise no_finite_overlap(self.name)
+            raise no_finite_overlap(self.name, can_be_exact(self.packing))
         is_denied = finite_overlap is not None and not wants_finite_overlap
         if self.is_exact and is_denied:
             raise InputError(
