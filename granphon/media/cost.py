@@ -205,7 +205,10 @@ class Cost:
 
 
 def write_duration(seconds: float) -> str:
-    """Return a time, s, as a text of two digits, in the largest unit that makes it two or more."""
+    """Return a time, ``seconds``, as a text of two significant digits, in the largest unit in which
+    it is two or more; seconds from 100 to 120 have three digits, and what is below 0.1 s is said to
+    be less than that.
+    """
     for unit_seconds, unit in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
         if seconds >= 2.0 * unit_seconds:
             return f"{_write_digits(seconds / unit_seconds)} {unit}"

@@ -1721,11 +1721,13 @@ class Crystal(Result):
         that contacts have at no pressure; at the last ``pressure`` their mean was ``mean``.
         ``has_gravity`` says whether gravity presses them too.
         """
+        unit = "N" if kind == "force" else "m"
         problem = (
-            f"contacts of crystal {self.name!r} do not have a mean {kind} of {goal:g} at any"
+            f"contacts of crystal {self.name!r} do not have a mean {kind} of {goal:g} {unit} at any"
             f" pressure"
         )
-        mean_at_last = f"At a pressure of {pressure:.4g} it is {mean:.4g}"
+        pressure_in_words = f"{pressure:.4g} {_PRESSURE_UNITS[self.periods + len(self.faces)]}"
+        mean_at_last = f"At a pressure of {pressure_in_words} it is {mean:.4g} {unit}"
         if not has_gravity:
             return InputError(problem, mean_at_last)
         return InputError(problem, f"{mean_at_last}, as gravity presses more", "Give a larger one")

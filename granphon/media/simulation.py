@@ -781,13 +781,14 @@ class DirectSimulation(Medium[SimulatedState]):
 
     ``at_*`` take scalars or arrays: floats in, floats out. They raise
     :class:`~granphon.base.errors.InputError` for a load that is not finite, not compressive, of a
-    kind that crystals alone bear, or presses balls together by their whole diameter; for a load so low that a sample carries none (at
-    and below the rigidity threshold, a* = 0.343 on the triangular lattice), or below the start of a
-    history; with ``finite_overlap`` in the geometry of the lattice, which has no such terms, and
-    with ``finite_overlap=False`` in the exact geometry, which has them. They raise
-    :class:`~granphon.base.errors.ConvergenceError` if no equilibrium is found, or a path ends
-    before its last load; ``reached`` of the error is then the state at the loads before. They raise
-    :class:`~granphon.base.errors.GranphonError` if the executor loses a worker.
+    kind that crystals alone bear, or presses balls together by their whole diameter; for a load so
+    low that a sample carries none (at and below the rigidity threshold, a* = 0.343 on the
+    triangular lattice), or below the start of a history; with ``finite_overlap`` in the geometry of
+    the lattice, which has no such terms, and with ``finite_overlap=False`` in the exact geometry,
+    which has them. They raise :class:`~granphon.base.errors.ConvergenceError` if no equilibrium is
+    found, or a path ends before its last load; ``reached`` of the error is then the state at the
+    loads before. They raise :class:`~granphon.base.errors.GranphonError` if the executor loses a
+    worker.
     """
 
     packing: Packing = field(metadata={"kind": Packing})
