@@ -94,23 +94,25 @@ class PairLaw(Protocol):
     """
 
     def force(self, overlap: ArrayLike) -> Any:
-        """Return the force f, N."""
+        """Return the force f, N, at each ``overlap`` delta, m."""
         ...
 
     def stiffness(self, overlap: ArrayLike) -> Any:
-        """Return the stiffness df/d(delta), N/m."""
+        """Return the stiffness df/d(delta), N/m, at each ``overlap`` delta, m."""
         ...
 
     def stiffness_slope(self, overlap: ArrayLike) -> Any:
-        """Return the slope of the stiffness, d^2f/d(delta)^2, N/m^2."""
+        """Return the slope of the stiffness, d^2f/d(delta)^2, N/m^2, at each ``overlap`` delta,
+        m.
+        """
         ...
 
     def energy(self, overlap: ArrayLike) -> Any:
-        """Return the energy, J, whose derivative is the force."""
+        """Return the energy, J, at each ``overlap`` delta, m; its derivative is the force."""
         ...
 
     def overlap(self, force: ArrayLike) -> Any:
-        """Return the overlap delta at a force, m."""
+        """Return the overlap delta, m, at each ``force``, N."""
         ...
 
 
@@ -122,7 +124,7 @@ class Hertz:
     """
 
     def between(self, ball: Body, other: Body) -> HertzLaw:
-        """Return the law of the contact of two bodies."""
+        """Return the law of the contact of two bodies, ``ball`` and ``other``."""
         constants = ContactConstants.of(ball, other)
         return HertzLaw(4.0 / 3.0 * constants.modulus * math.sqrt(constants.radius))
 
@@ -159,7 +161,7 @@ class PowerLaw(EnergyLaw):
             raise InputError(f"exponent is {self.exponent:g}", why, "Give 1 or more")
 
     def between(self, ball: Body, other: Body) -> PowerLaw:
-        """Return the law itself: it is the same for all pairs."""
+        """Return the law itself, which is the same for all pairs ``ball`` and ``other``."""
         return self
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
@@ -234,7 +236,7 @@ class DMT(_Adhesive):
     """
 
     def between(self, ball: Body, other: Body) -> PairLaw:
-        """Return the law of the contact of two bodies."""
+        """Return the law of the contact of two bodies, ``ball`` and ``other``."""
         radius = ContactConstants.of(ball, other).radius
         return DMTLaw(Hertz().between(ball, other), self._find_tension(radius))
 
@@ -296,7 +298,9 @@ class JKR(_Adhesive):
     """
 
     def between(self, ball: Body, other: Body) -> PairLaw:
-        """Return the law of the contact of two bodies: Hertz's if there is no adhesion."""
+        """Return the law of the contact of two bodies, ``ball`` and ``other``: Hertz's if there is
+        no adhesion.
+        """
         if not self.adhesion:
             return Hertz().between(ball, other)
         constants = ContactConstants.of(ball, other)
@@ -456,7 +460,7 @@ class TabulatedLaw(EnergyLaw):
         return self.overlaps[-1]
 
     def between(self, ball: Body, other: Body) -> TabulatedLaw:
-        """Return the law itself: it is the same for all pairs."""
+        """Return the law itself, which is the same for all pairs ``ball`` and ``other``."""
         return self
 
     def find_stiffest(self, overlap: Array) -> Array:
@@ -714,8 +718,8 @@ def law_between(law: Any, ball: Body, other: Body) -> PairLaw:
 
 
 def _check_radius(name: str, law: PairLaw, overlaps: Array) -> None:
-    """Raise InputError for a user's law whose ``contact_radius`` does not return radii, finite
-    floats above zero, for an array of ``overlaps`` (n,), m, above zero.
+    """Raise InputError for a user's law, called ``name``, whose ``contact_radius`` does not return
+    radii, finite floats above zero, for an array of ``overlaps`` (n,), m, above zero.
     """
     find_radius = getattr(law, "contact_radius", None)
     if not callable(find_radius):
@@ -771,7 +775,7 @@ def check_law(law: PairLaw, radius: float) -> None:
 
 
 def _check_opening(law: PairLaw, name: str, overlaps: Array) -> bool:
-    """Return whether a law is that of a bond, which pulls at any distance.
+    """Return whether a law, called ``name``, is that of a bond, which pulls at any distance.
 
     The forces are compared at ``overlaps`` (n,), m, above zero, subtracted from the least overlap.
     Raises InputError for forces that are not finite, and for forces below the ``least_overlap`` of
@@ -856,7 +860,7 @@ def _compare_derivative(
 
 
 def _refuse_at(overlap: float, problem: str) -> InputError:
-    """Return the error of a law that is wrong at an overlap, m."""
+    """Return the error of a law that has a ``problem`` at an overlap, m."""
     return InputError(f"{problem} at an overlap of {overlap:.4g} m", mend="Mend the law")
 
 
@@ -997,8 +1001,8 @@ def read_laws(law: Any) -> Any:
 
 
 def law_of_pair(law: Any, ball: Body, other: Body, name: str, other_name: str) -> PairLaw:
-    """Return the law of a contact of two bodies of the kinds ``name`` and ``other_name``; ``law``
-    is what :func:`read_laws` returns, and may name other kinds too.
+    """Return the law of a contact of two bodies, ``ball`` of the kind ``name`` and ``other`` of the
+    kind ``other_name``; ``law`` is what :func:`read_laws` returns, and may name other kinds too.
 
     Raises :class:`InputError` if ``law`` has no entry for the two kinds.
     """

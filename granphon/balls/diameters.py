@@ -114,7 +114,8 @@ class Shape(ABC):
 
     @abstractmethod
     def _average(self, overlap: Array, power: float, pairs: bool) -> Array:
-        """Return the average over both balls, <(y + (x + x')/2)_+^p>, where ``overlap`` is y.
+        """Return the average over both balls, <(y + (x + x')/2)_+^p>, where ``overlap`` is y and
+        ``power`` p.
 
         Without ``pairs`` the average is over the other ball alone, <(s + x'/2)_+^p>, where
         ``overlap`` is s = y + x/2. The result has the shape of ``overlap``.
@@ -135,18 +136,20 @@ class Shape(ABC):
         return self._average(overlap + 0.5 * np.asarray(x, float), power, pairs=False)[()]
 
     def force(self, y: ArrayLike, x: ArrayLike | None = None) -> Any:
-        """Average force F_ave (equation 25) or F^Q (equation 28), in units of (2/3) E* d^(1/2)
-        W^(3/2).
+        """Average force F_ave (equation 25) or, with ``x``, F^Q (equation 28), in units of (2/3) E*
+        d^(1/2) W^(3/2); ``y`` and ``x`` as in :meth:`average`.
         """
         return self.average(y, EXPONENT, x)
 
     def stiffness(self, y: ArrayLike, x: ArrayLike | None = None) -> Any:
-        """Average stiffness dF_ave/dy or K^Q = dF^Q/dy (equation 30)."""
+        """Average stiffness dF_ave/dy or, with ``x``, K^Q = dF^Q/dy (equation 30); ``y`` and ``x``
+        as in :meth:`average`.
+        """
         return EXPONENT * self.average(y, EXPONENT - 1.0, x)
 
     def stiffness_slope(self, y: ArrayLike, x: ArrayLike | None = None) -> Any:
-        """Second derivative d^2F/dy^2 of F_ave or F^Q; for listed diameters it is unbounded just
-        above an opening.
+        """Second derivative d^2F/dy^2 of F_ave or, with ``x``, F^Q; for listed diameters the
+        derivative is unbounded just above an opening. ``y`` and ``x`` are as in :meth:`average`.
         """
         return EXPONENT * (EXPONENT - 1.0) * self.average(y, EXPONENT - 2.0, x)
 
@@ -173,8 +176,8 @@ class _Density(Shape):
         """
 
     def _average(self, overlap: Array, power: float, pairs: bool) -> Array:
-        """Return the integral of density(t) (y + t)_+^p over the pieces, by Gauss nodes in u = (y +
-        t)^(1/2).
+        """Return the averages of :meth:`Shape._average`: the integral of density(t) (y + t)_+^p
+        over the pieces, where ``overlap`` is y, by Gauss nodes in u = (y + t)^(1/2).
         """
         pieces, order = self._divide(power, pairs)
 
@@ -537,10 +540,11 @@ def condense(places: Array, weights: Array, most_points: int = MOST_POINTS) -> t
 
 
 def _number_cells(places: Array, weights: Array, cells: int) -> tuple[Any, Any]:
-    """Return the number (n,) of the cell of each place, ascending, and how many places each cell
-    has; the first and the last place have cells of their own besides the ``cells``.
+    """Return the number (n,) of the cell of each of the ``places`` (n,), ascending, and how many
+    places each cell has; the first and the last place have cells of their own besides the
+    ``cells``.
 
-    The edges of the cells are those of :func:`condense`.
+    The edges of the cells are those of :func:`condense`, of places with ``weights`` (n,).
     """
     fraction_below = (np.cumsum(weights) - 0.5 * weights) / np.sum(weights)
     range_below = (places - places[0]) / (places[-1] - places[0])
@@ -687,10 +691,10 @@ class Spread(ABC):
 
     def sample(self, shape: int | Sequence[int], seed: int) -> Array:
         """Return the deviations Delta, m, of an array of balls of this ``shape``: the quantiles of
-        :func:`uniform_numbers`.
+        the :func:`uniform_numbers` of the ``seed``.
 
         A larger sample keeps the balls of a smaller one. The mean of a sample is near zero, and is
-        not shifted to zero here.
+        not shifted to zero here. Raises :class:`InputError` where these numbers do.
         """
         return self._compute_deviations(uniform_numbers(shape, seed))
 
@@ -933,7 +937,8 @@ class Measured(_Listed):
 
     @classmethod
     def from_csv(cls, path: str | Path, column: str | None = None, quoted: bool = True) -> Self:
-        """Read diameters from a column of a table, headed as in ``ball,diameter (mm)``.
+        """Read diameters from a column of the table (CSV) at ``path``, headed as in
+        ``ball,diameter (mm)``.
 
         ``column`` is the name of the column, whose unit the first line must give; by default it is
         "diameter", or the only column of the table. ``quoted`` says whether errors may quote the

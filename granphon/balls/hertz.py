@@ -96,8 +96,8 @@ def reduce_by_slip(mobilised: ArrayLike) -> Any:
 
 
 def harmonic_diameter(first: ArrayLike, second: ArrayLike) -> Any:
-    """Return the harmonic mean diameter d* of two balls, m: 1/d* = (1/d_i + 1/d_j)/2 (equation
-    3).
+    """Return the harmonic mean diameter d*, m, of two balls of the diameters ``first`` and
+    ``second``, m: 1/d* = (1/d_i + 1/d_j)/2 (equation 3). The diameters broadcast.
     """
     first_diameter = real_array("diameter", first)
     second_diameter = real_array("diameter", second)
@@ -405,7 +405,9 @@ def overlap_of(force: Any) -> Any:
 
 
 def energy_of(force: Any, overlap: Any) -> Any:
-    """Return the energy (2/5) f h of contacts with h >= 0; in any units."""
+    """Return the energy (2/5) f h of contacts with the ``force`` f and the ``overlap`` h >= 0, in
+    any units.
+    """
     return 0.4 * force * overlap
 
 

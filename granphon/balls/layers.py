@@ -88,7 +88,7 @@ class Layers:
 
     def split(self, shift: Index) -> tuple[Index, Index]:
         """Return cells (n_c, p - 1) within a layer, and layers (n_c,), of contacts that lead to
-        other cells (n_c, p).
+        other cells, ``shift`` (n_c, p).
         """
         steps = np.rint(shift @ np.linalg.inv(self.basis)).astype(np.intp)
         return steps[:, :-1], steps[:, -1]
@@ -96,8 +96,8 @@ class Layers:
     def gather(
         self, positions: Array, i: Index, j: Index, shift: Index, walls: Any = False
     ) -> tuple[Array, Index]:
-        """Return positions (n, d) and shifts (n_c, p) of the same balls and contacts, with all
-        sites within one layer.
+        """Return positions (n, d) and shifts (n_c, p) of the same balls and contacts ``i``, ``j``
+        (n_c,), with all sites within one layer.
 
         Sites that lie one layer or more above the lowest are moved down by whole layers. ``walls``
         (n,) says which of the n have no site: they stay.
@@ -201,7 +201,9 @@ def find_faces(
     margin = TOUCH * radii[is_ball].max()
 
     def find_face(edge: Any, outward: float, first_of_layer: int) -> Index:
-        """Return the balls of the face on the side of ``outward``, -1 or 1, by its ``edge``."""
+        """Return the balls of the face on the side of ``outward``, -1 or 1, by its ``edge``;
+        ``first_of_layer`` is the number of the first ball of its outer layer.
+        """
         if edge == "clamped":
             return first_of_layer + np.arange(n)
         outermost = np.where(is_ball, outward * heights + radii, -np.inf)

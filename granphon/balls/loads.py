@@ -185,6 +185,23 @@ def _require_memory(loads: Any, bytes_of_load: float) -> None:
     require_memory(f"states at {count:,} loads", bytes_of_load * count, "Take fewer loads")
 
 
+def require_of_packing(load: Load) -> None:
+    """Raise :class:`InputError` for a ``load`` that crystals alone bear: a stress or a strain, or a
+    load with gravity.
+    """
+    problem = ""
+    if load.tensor is not None:
+        problem = f"a packing is not loaded by a {load.kind}"
+    elif load.gravity:
+        problem = "a packing has no gravity"
+    if problem:
+        raise InputError(
+            problem,
+            "All contacts of its lattice carry one mean force",
+            "Give a force, pressure or overlap alone, or press a gp.Crystal",
+        )
+
+
 def require_compressive(name: str, loads: NDArray[np.float64]) -> None:
     """Raise :class:`InputError`, which calls the ``loads`` (any shape) by ``name``, if one of them
     is negative or zero.

@@ -177,8 +177,8 @@ def steps_within(cell: Array, radius: float) -> Index:
 
 
 def _list_steps(cell: Array, radius: float, most_steps: Array) -> Index:
-    """Return the lattice vectors of :func:`steps_within`, (n, p), that have at most ``most_steps``
-    (p,) steps along each vector of the ``cell``, to either side.
+    """Return the lattice vectors of :func:`steps_within`, (n, p), at most ``radius`` long, that
+    have at most ``most_steps`` (p,) steps along each vector of the ``cell``, to either side.
     """
     if not len(cell):
         return np.zeros((1, 0), np.intp)  # a cluster has no images
@@ -313,7 +313,8 @@ class _NearPairs:
 
     def describe_near(self, cell: Array) -> _NearGap | None:
         """Return the pair that is nearest to touching among those that do not touch; None if none
-        is within :data:`NEAR`.
+        is within :data:`NEAR`. The ``cell`` (p, d) is that of :func:`find_contacts`: how to mend
+        the gap may be to scale the cell.
         """
         is_touching = self.deviation <= TOUCH
         is_near = ~is_touching & (self.deviation <= NEAR)
@@ -378,8 +379,9 @@ class _NearPairs:
         return "Move the sites apart"
 
     def require_contacts(self, cell: Array, positions: Array, near: _NearGap | None) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if a ball touches no other; ``near`` is
-        the gap of :meth:`describe_near`.
+        """Raise :class:`~granphon.base.errors.InputError` if a ball touches no other; ``cell`` and
+        ``positions`` are those of :func:`find_contacts`, and ``near`` is the gap of
+        :meth:`describe_near`.
         """
         touching_balls = self.i[self.deviation <= TOUCH]
         lone_balls = np.setdiff1d(np.arange(len(positions)), touching_balls)
@@ -396,8 +398,10 @@ class _NearPairs:
 
 
 def _explain_lone_ball(cell: Array, positions: Array, radii: Array, ball: int) -> tuple[str, str]:
-    """Return two sentences of a message: how far a ball is from the ball that is nearest to
-    touching it, and how to mend that: positions may be in another unit.
+    """Return two sentences of a message: how far the ball number ``ball`` is from the ball that is
+    nearest to touching it, and how to mend that: positions may be in another unit.
+
+    ``cell``, ``positions`` and ``radii`` are those of :func:`find_contacts`, m.
     """
     steps = _list_steps(cell, math.inf, np.ones(len(cell)))
     moved_into_cell = positions - np.floor(positions @ np.linalg.pinv(cell)) @ cell
@@ -439,8 +443,8 @@ def _explain_closing(pairs: _NearPairs, near: _NearGap) -> InputError:
 def _find_near(
     cell: Array, positions: Array, radii: Array, called: str
 ) -> tuple[Any, Any, Any, Array]:
-    """Return the pairs of balls that are no farther apart than :data:`_NEAR_TOUCH` times the
-    distance of touching balls, each from both of its ends.
+    """Return the pairs of balls at ``positions`` (n, d) with ``radii`` (n,) that are no farther
+    apart than :data:`_NEAR_TOUCH` times the distance of touching balls, each from both of its ends.
 
     They are balls i and j (pairs,), whole cells (pairs, p) by which j is displaced and vectors
     (pairs, d) from i to j, in the order of i, j, and these cells. Raises InputError, which names
@@ -470,7 +474,7 @@ def _find_near_among_all(
     cell: Array, positions: Array, radii: Array, called: str
 ) -> tuple[Any, Any, Any, Array]:
     """Return balls i and j (pairs,), whole cells (pairs, p) and vectors (pairs, d) as
-    :func:`_find_near` does, for a few balls: all pairs are compared.
+    :func:`_find_near` does from the same arguments, for a few balls: all pairs are compared.
     """
     within_cell = positions[None] - positions[:, None]  # (n, n, d) from i to j of the same cell
     farthest = float(np.linalg.norm(within_cell, axis=-1).max())
@@ -498,8 +502,8 @@ def _require_few_cells(most_steps: Array, cell_weight: float, called: str) -> No
 
 
 def find_pairs(positions: Array, periods: Array, cutoff: float) -> tuple[Any, Any, Any, Array]:
-    """Find the pairs of places (n, d) not farther apart than ``cutoff``, each once, also of images
-    along ``periods`` (p, d).
+    """Find the pairs of places, ``positions`` (n, d), not farther apart than ``cutoff``, each once,
+    also of images along ``periods`` (p, d).
 
     Returns indices i and j (pairs,), the whole periods (pairs, p) by which the image of j is
     shifted, and the vectors (pairs, d) from i to it, in the order of i, j and these shifts. The
@@ -530,8 +534,9 @@ def find_pairs(positions: Array, periods: Array, cutoff: float) -> tuple[Any, An
 
 
 def _list_images(positions: Array, periods: Array, cutoff: float) -> tuple[Index, Index]:
-    """Return the places (n, d) moved into the cell, and their images as far as ``cutoff`` beyond
-    its faces: their numbers (m,) and the whole periods (m, p) by which they are moved.
+    """Return the places, ``positions`` (n, d), moved into the cell, and their images as far as
+    ``cutoff`` beyond its faces: their numbers (m,) and the whole ``periods`` (m, p) by which they
+    are moved.
 
     The places themselves come first, in their order.
     """
@@ -617,7 +622,7 @@ def _merge_held(
 
 def _list_neighbours(i: Index, j: Index, shift: Index) -> _Neighbours:
     """Return for each ball the balls that it touches, with the whole cells by which they are
-    displaced.
+    displaced, from contacts ``i``, ``j`` (n_c,) and ``shift`` (n_c, p).
     """
     neighbours = defaultdict[int, list[tuple[int, _Cells]]](list)
     steps = map(tuple, shift.tolist())
@@ -628,8 +633,8 @@ def _list_neighbours(i: Index, j: Index, shift: Index) -> _Neighbours:
 
 
 def _find_pieces(neighbours: _Neighbours, n: int, periods: int) -> list[tuple[int, int]]:
-    """Return for each set of balls that contacts join the number of periods along which the set
-    extends, and the number of its copies that do not touch.
+    """Return for each set of the ``n`` balls that contacts, their ``neighbours``, join the number
+    of ``periods`` along which the set extends, and the number of its copies that do not touch.
 
     The whole cells by which rings of contacts lead from a ball to its images make a lattice of
     integers: its rank is that number of periods, its index that number of copies.
@@ -692,8 +697,8 @@ def _sort_nonzero(rows: list[list[int]], column: int) -> list[list[int]]:
 
 
 def _find_lattice_index(basis: list[list[int]], periods: int) -> int:
-    """Return the index of the lattice of a ``basis`` among the integers in its span: the greatest
-    common divisor of the minors of its full rank.
+    """Return the index of the lattice of a ``basis``, rows of length ``periods``, among the
+    integers in its span: the greatest common divisor of the minors of its full rank.
     """
     matrix = np.array(basis, float).reshape(len(basis), periods)
     minors = [

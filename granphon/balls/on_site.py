@@ -154,9 +154,9 @@ def list_spring_parameters(motions: Motions) -> list[str]:
 def change_springs(
     on_site: Array | None, changes: Mapping[str, float], motions: Motions, n: int
 ) -> Array:
-    """Return the stiffnesses (n, motions) of the springs of n balls after ``changes``: new
-    stiffnesses, N/m or N m, by their names in :data:`SPRING_PARAMETERS`. Each change applies to all
-    balls, and to all motions that its name stands for.
+    """Return the stiffnesses (n, motions) of the springs of n balls, ``on_site`` or None, after
+    ``changes``: new stiffnesses, N/m or N m, by their names in :data:`SPRING_PARAMETERS`. Each
+    change applies to all balls, and to all ``motions`` that its name stands for.
     """
     springs = np.zeros((n, motions.count)) if on_site is None else on_site.copy()
     for parameter, stiffness in changes.items():
@@ -186,8 +186,8 @@ def _find_motions(parameter: str, motions: Motions) -> list[bool]:
 
 
 def turn_on_site(on_site: Array | None, turn: Array, motions: Motions) -> Array | None:
-    """Return the stiffnesses (n, motions) of springs to the ground after a rotation ``turn``
-    (d, d), whose rows are the new axes; None without springs.
+    """Return the stiffnesses ``on_site`` (n, motions) of springs to the ground after a rotation
+    ``turn`` (d, d), whose rows are the new axes; None without springs.
 
     Raises :class:`~granphon.base.errors.InputError` where a spring would lie across two new axes.
     """

@@ -327,8 +327,8 @@ def _require_resisted(
     has_torsion: bool,
     has_bending: bool,
 ) -> None:
-    """Raise :class:`InputError` if a torsion or a bending resists no rotation of
-    ``ball_motions``.
+    """Raise :class:`InputError`, which names what is ``called``, if a torsion or a bending resists
+    no rotation of ``ball_motions``.
 
     ``allowed`` are all sets of motions that these balls may have, by name.
     """
@@ -489,8 +489,11 @@ class Axis:
 
     @classmethod
     def of(cls, name: str, given: Any) -> Axis:
-        """Make an axis from one value or a list of them; :class:`InputError` for an unknown name or
-        a wrong value.
+        """Make the axis of the parameter ``name`` from one value or a list of them, ``given``.
+
+        Raises :class:`InputError` for an unknown name, an empty list, numbers that are none, a
+        value that stands twice, and lattices of different dimension or of one name. Other wrong
+        values are refused where packings are made of them.
         """
         _require_parameter(name)
         listed = given if isinstance(given, list | tuple) else (given,)
@@ -615,7 +618,7 @@ def _require_parameter(name: str) -> None:
 
 
 def _list_values(given: Any) -> tuple[Any, ...]:
-    """Return the values of an argument that is one value or several; a text is one value."""
+    """Return the values of an argument ``given`` that is one value or several; a text is one."""
     argument = given.tolist() if isinstance(given, np.ndarray | np.generic) else given
     if isinstance(argument, Iterable) and not isinstance(argument, str):
         return tuple(argument)

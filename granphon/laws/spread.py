@@ -456,7 +456,7 @@ class AveragedLaw(SpreadLaw):
             log_force = np.log(force)
         if np.any(log_force < log_forces[0]):
             raise PrecisionError(
-                f"a mean contact force of {float(np.min(force)):.3g} c W^(3/2) is too small",
+                f"a mean contact force of f* = {float(np.min(force)):.3g} is too small",
                 "So near the first contact an overlap in double precision does not give the"
                 " force to eight digits",
                 "Raise the load",

@@ -79,7 +79,11 @@ class Arrangement:
         motions, each with its stiffness; None without springs.
     seed : of the diameters of balls, if kinds have a spread: the supercell is then a sample,
         :meth:`Crystal.sample`.
+    deviations : of the diameters of the balls of a given :meth:`Crystal.sample` from those of their
+        kinds, m; empty of any other arrangement.
     given : the crystal itself, if it was not made of the other attributes.
+
+    Two arrangements are equal if all attributes but ``given`` are.
 
     Raises
     ------
@@ -102,6 +106,7 @@ class Arrangement:
     bending: float = 0.0
     on_site: Any = None
     seed: int = 0
+    deviations: tuple[float, ...] = field(default=(), repr=False)
     given: Crystal | None = field(default=None, repr=False, compare=False)
 
     #: name of the medium of such balls
@@ -116,20 +121,23 @@ class Arrangement:
     def of(cls, crystal: Crystal) -> Arrangement:
         """Return the arrangement of a crystal that exists already, which it keeps as ``given``.
 
-        The other attributes describe the crystal as it is: each ball with its position, and each
-        pair of faces as a cut of zero layers.
+        The other attributes describe the crystal as it is: each ball with its position, and, of a
+        sample, its deviation; each pair of faces as a cut of zero layers. A crystal cannot be made
+        of them again: they serve for comparison and for tables.
         """
         kind_of_ball = np.array(crystal.names, object)[crystal.kind].tolist()
         positions = map(tuple, crystal.positions.tolist())
         options = {name: getattr(crystal, name) for name in _OPTIONS}
         if crystal.on_site is not None:  # tuples, as an arrangement can be hashed
             options["on_site"] = tuple(map(tuple, crystal.on_site.tolist()))
+        deviations = () if crystal.deviations is None else tuple(crystal.deviations.tolist())
         return cls(
             tuple(zip(crystal.names, crystal.kinds, strict=True)),
             cell=tuple(map(tuple, crystal.cell.tolist())),
             sites=tuple(zip(positions, kind_of_ball, strict=True)),
             cut=tuple((face.axis, 0, (face.edges[0], face.edges[1])) for face in crystal.faces),
             **options,
+            deviations=deviations,
             given=crystal,
         )
 
@@ -540,8 +548,13 @@ class LoadedCrystal(NetworkState):
     """The states of a crystal as scenes and sweeps take them: one number at each load for the many
     contacts.
 
-    The numbers are means over the contacts that carry load; of a sample, over all contacts.
-    Attributes have the shape of the load.
+    The numbers are means over the contacts that carry load, zero where none does; of a sample, over
+    all contacts. Attributes have the shape of the load.
+
+    Parameters
+    ----------
+    packing : the arrangement.
+    source : the states of its crystal.
     """
 
     medium = CRYSTAL
@@ -572,16 +585,19 @@ class LoadedCrystal(NetworkState):
         return self.source.valid
 
     def _average(self, quantity: Array) -> Any:
-        """Return the mean over contacts of a ``quantity`` (..., n_c).
+        """Return the mean over contacts of a ``quantity`` (..., n_c), with the shape (...) of the
+        load.
 
-        Open contacts do not count; of a sample, whose contacts open one by one, all contacts count,
-        as in :meth:`Crystal.at_force`.
+        Open contacts do not count, and the mean is zero if all are open, as where springs to the
+        ground alone hold the balls. Of a sample, whose contacts open one by one, all contacts
+        count, as in :meth:`Crystal.at_force`.
         """
         is_counted = self.source.normal_stiffness > 0.0
         is_sample = bool(np.any(self.source.crystal.deviations))
         if is_sample:
             is_counted = np.ones_like(is_counted)
-        return np.mean(quantity, axis=-1, where=is_counted)[()]
+        counts = np.count_nonzero(is_counted, axis=-1)
+        return (np.sum(quantity, axis=-1, where=is_counted) / np.maximum(counts, 1))[()]
 
     @property
     def force(self) -> Any:
@@ -617,10 +633,15 @@ class LoadedCrystal(NetworkState):
     def pressure(self) -> Any:
         """Mean pressure, minus the trace of the stress over the periods: N, N/m or Pa.
 
-        Raises :class:`~granphon.base.errors.InputError` for a crystal that was cut: the stress of a
-        strip or slab is that of the whole layer, and a column has none.
+        Raises :class:`~granphon.base.errors.InputError` for a crystal that was cut, as the stress
+        of a strip or slab is that of the whole layer, and a column has none; and for a cluster
+        without periods.
         """
         crystal = self.packing.crystal
+        if not (crystal.periods or crystal.faces):
+            raise InputError(
+                "a cluster without periods has no stress", mend="Read the forces of its contacts"
+            )
         if crystal.faces:
             raise InputError(
                 "the stress of a strip, slab or column is no pressure",
@@ -646,7 +667,9 @@ class LoadedCrystal(NetworkState):
 
 
 class CrystalMedium(Medium[Any]):
-    """The medium of an :class:`Arrangement`: each contact has its own law and force."""
+    """The medium of an :class:`Arrangement`, the ``packing``: each contact has its own law and
+    force.
+    """
 
     name = CRYSTAL
     words = "crystal"
@@ -662,15 +685,18 @@ class CrystalMedium(Medium[Any]):
         return bool(self.packing.crystal.n_balls <= QUICK_BALLS)
 
     def require_sound(self, pushed: bool = False) -> None:
-        """Raise nothing: which contacts carry load is found with the state."""
+        """Raise nothing, ``pushed`` or not: which contacts carry load is found with the state."""
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> Any:
         """Return the state at a load, with the shape of the values of the load.
 
         Under a stress or a strain each value of the load is a size that multiplies the tensor of
-        the load. Gravity is an acceleration towards the face that is held.
+        the load. Gravity is an acceleration towards the face that is held. A side force acts as the
+        force of a contact that it makes in a hexagonal frame. ``finite_overlap`` and the errors are
+        those of the methods ``at_...`` of :class:`~granphon.Crystal`.
         """
         crystal = self.packing.crystal
+        load = load.applied
         sizes = load.array
         options: dict[str, Any] = {"finite_overlap": finite_overlap}
         if load.gravity is not None:

@@ -146,8 +146,9 @@ class FrictionHistory:
         # without a history only defaults are allowed
         for name, value in history_options.items():
             if value != HISTORY_OPTIONS[name].default:
+                given = str(value) if isinstance(value, Load) else show(options[name])
                 raise Refused(
-                    f"{show(options[name])} without friction_history",
+                    f"{given} without friction_history",
                     f"{name} together with friction_history: true",
                     "Samples then come to rest without friction.",
                     (name,),
@@ -318,13 +319,15 @@ HISTORY_OPTIONS: Mapping[str, Option] = {
 REST = FrictionHistory()
 
 
-def no_finite_overlap(medium: str) -> InputError:
-    """Return the error for terms of finite overlap in a ``medium`` that is, or may become, a
-    simulation.
+def no_finite_overlap(medium: str, can_be_exact: bool = True) -> InputError:
+    """Return the error for terms of finite overlap in a ``medium`` that simulates arrays in the
+    directions of the lattice. ``can_be_exact`` says whether these arrays may have the exact
+    geometry instead.
     """
+    exact = "simulate with geometry exact, " if can_be_exact else ""
     return InputError(
         f"the medium {medium!r} has no terms of finite overlap",
         "Its linear response is found in the limit of spread and overlap small against the"
         " diameter",
-        "Leave finite_overlap out, simulate with geometry exact, or take another medium",
+        f"Leave finite_overlap out, {exact}or take another medium",
     )

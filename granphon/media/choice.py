@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import Lattice
-from granphon.balls.loads import Load
+from granphon.balls.loads import Load, require_of_packing
 from granphon.balls.packing import Packing, given_packing
 from granphon.base.arrays import Array
 from granphon.base.differences import Course
@@ -114,9 +114,10 @@ class AutoMedium(Medium[ContactState]):
     Raises
     ------
     InputError : a tolerance that is not between 1e-12 and 0.99; a history without a friction
-        coefficient, or the reverse. From ``at_*`` and :meth:`choose`: a load at which no medium is
-        within the tolerance (the message gives the smallest error available); a load, a packing or
-        a friction for which errors are not known. From ``at_*``: finite overlap.
+        coefficient, or the reverse. From ``at_*``, :meth:`follow`, :meth:`serving` and
+        :meth:`choose`: a load at which no medium is within the tolerance (the message gives the
+        smallest error available); a load, a packing or a friction for which errors are not known.
+        From ``at_*`` and :meth:`follow`: finite overlap.
     """
 
     name = "auto"
@@ -243,10 +244,12 @@ class AutoMedium(Medium[ContactState]):
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
         """Return the state at a load, in the one medium that :meth:`serving` finds for all values
-        of the load; InputError if finite overlap is asked for.
+        of the load; InputError if finite overlap is asked for, and for a load that crystals alone
+        bear.
         """
         if read_finite_overlap(finite_overlap):
-            raise no_finite_overlap(self.name)
+            raise _refuse_finite_overlap(self.name)
+        require_of_packing(load)
         applied = load.applied
         medium = self.serving(applied.kind, applied.array).of(self.packing)
         state: ContactState = medium.at(applied, finite_overlap=finite_overlap)
@@ -257,10 +260,11 @@ class AutoMedium(Medium[ContactState]):
     ) -> tuple[ContactState, list[Course[Any]]]:
         """Return the state at a single load, and its course with each of the ``changes``, in the
         medium that serves the load; see :meth:`Medium.follow`. The medium stays the same along a
-        course.
+        course. Raises InputError where :meth:`at` does, for ``finite_overlap`` too.
         """
         if read_finite_overlap(finite_overlap):
-            raise no_finite_overlap(self.name)
+            raise _refuse_finite_overlap(self.name)
+        require_of_packing(load)
         choice = self.serving(load.applied.kind, load.applied.array)
 
         def convert(change: Change) -> Change:
@@ -368,8 +372,9 @@ class MediumChoice:
         value: str | Mapping[str, Mapping[str, Any] | None] | MediumChoice,
         lattice: Lattice | None = None,
     ) -> MediumChoice:
-        """Read a choice from a name such as "ema", or from {"ema": {"local_field": "paper"}}; see
-        :func:`read_medium`.
+        """Read a choice from a ``value``, a name such as "ema", or {"ema": {"local_field":
+        "paper"}}, for a ``lattice`` if one is given; see :func:`read_medium`. Raises InputError for
+        what is no such value.
         """
         medium: MediumChoice = require("medium", partial(read_medium, lattice=lattice), value)
         return medium
@@ -483,8 +488,10 @@ class MediumChoice:
         have finite overlap whether or not the user asks for it.
 
         The geometry is exact if the options name it, or if they name none and there is a history of
-        friction. Otherwise a simulation without a named geometry leaves it to the load
-        (:meth:`by_geometry`), and this is False.
+        friction, of balls that can be exact (:func:`~granphon.media.left_out.can_be_exact`): the
+        choice knows no packing, and the history of other balls has the directions of the lattice
+        all the same. Otherwise a simulation without a named geometry leaves it to the load
+        (:meth:`by_geometry`), and this property is False.
         """
         geometry = dict(self.options).get("geometry")
         if geometry is None:
@@ -520,7 +527,7 @@ class MediumChoice:
 
     def settle(self, packing: Packing, load: Load, finite_overlap: bool = False) -> MediumChoice:
         """Return the choice in one geometry for all values of the applied ``load``: in the exact
-        geometry if :meth:`by_geometry` has this for any value.
+        geometry if :meth:`by_geometry`, with the same arguments, has this for any value.
         """
         choices = [medium for medium, _ in self.by_geometry(packing, load, finite_overlap)]
         return next((medium for medium in choices if medium.is_exact), choices[0])
@@ -577,7 +584,7 @@ class MediumChoice:
         return medium(packing, **options)  # type: ignore[no-any-return]
 
     def choose(self, packing: Balls, load: Load) -> list[ServingMedium]:
-        """Return the media that serve the values of an applied load.
+        """Return the media of a ``packing`` that serve the values of an applied ``load``.
 
         This medium serves all of them, unless it is an :class:`AutoMedium`, which chooses for each.
         """
@@ -637,7 +644,8 @@ class ServingMedium:
         return samples
 
     def at(self, load: Load, *, finite_overlap: bool = False) -> ContactState:
-        """Return the state of the medium at a ``load``, one or more of those that it serves. The
+        """Return the state of the medium at a ``load``, one or more of those that it serves, with
+        terms of finite overlap if ``finite_overlap`` asks for them or the geometry has them. The
         state says whether the medium was chosen automatically.
         """
         medium = self.medium.of(self.packing)
@@ -646,8 +654,9 @@ class ServingMedium:
         return replace(state, chosen_automatically=True) if self.chosen_automatically else state
 
     def by_geometry(self, finite_overlap: bool = False) -> list[ServingMedium]:
-        """Return this serving medium split by geometry, see :meth:`MediumChoice.by_geometry`: for
-        each geometry that its loads have, the medium in that geometry with these loads.
+        """Return this serving medium split by geometry, see :meth:`MediumChoice.by_geometry`, also
+        for ``finite_overlap``: for each geometry that its loads have, the medium in that geometry
+        with these loads.
         """
         choices = self.medium.by_geometry(self.packing, self.load, finite_overlap)
         if len(choices) == 1:
@@ -755,13 +764,25 @@ def default_medium(balls: Balls, differ: bool = False) -> str:
 
 
 def require_finite_overlap(media: Iterable[MediumChoice]) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if one of the ``media`` has no terms of
-    finite overlap: a simulation in the directions of the lattice, or an automatic medium, which may
-    choose such a simulation.
+    """Raise :class:`~granphon.base.errors.InputError` if one of the ``media`` takes no terms of
+    finite overlap: a simulation in the directions of the lattice, or an automatic medium, whose
+    expected errors are those of media without these terms.
     """
     for medium in media:
-        if medium.name == AutoMedium.name or medium.settings.get("geometry") == LATTICE:
+        if medium.name == AutoMedium.name:
+            raise _refuse_finite_overlap(medium.label)
+        if medium.settings.get("geometry") == LATTICE:
             raise no_finite_overlap(medium.label)
+
+
+def _refuse_finite_overlap(medium: str) -> InputError:
+    """Return the error for terms of finite overlap that are asked of an automatic ``medium``."""
+    return InputError(
+        f"the medium {medium!r} takes no finite_overlap",
+        "It chooses by errors relative to simulated arrays, and takes the media as these were"
+        " compared",
+        "Leave finite_overlap out, or name a medium",
+    )
 
 
 #: what to take in place of a medium that granphon no longer has, by the name of that medium

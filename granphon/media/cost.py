@@ -34,7 +34,7 @@ from granphon.dynamics.large_cells import BYTES
 from granphon.dynamics.linalg import MANY_COLUMNS
 from granphon.media.left_out import estimate_reduced_force
 from granphon.media.medium import AveragedLattice
-from granphon.media.sample_memory import LEAST_FORCE, estimate_memory
+from granphon.media.sample_memory import LEAST_FORCE
 
 if TYPE_CHECKING:
     from granphon.media.simulation import DirectSimulation
@@ -205,7 +205,10 @@ class Cost:
 
 
 def write_duration(seconds: float) -> str:
-    """Return a time, s, as a text of two digits, in the largest unit that makes it two or more."""
+    """Return a time, ``seconds``, as a text of two significant digits, in the largest unit in which
+    it is two or more; seconds from 100 to 120 have three digits, and what is below 0.1 s is said to
+    be less than that.
+    """
     for unit_seconds, unit in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
         if seconds >= 2.0 * unit_seconds:
             return f"{_write_digits(seconds / unit_seconds)} {unit}"
@@ -339,10 +342,15 @@ def estimate(simulation: DirectSimulation, load: Load, exponents: bool = False) 
     balls = simulation.balls
     equilibria_of_state = 3 if exponents and packing.spread_matters else 1
     equilibria = load.size * simulation.samples * equilibria_of_state
-    memory = estimate_memory(simulation, load)
     relaxed_balls = float(balls) * equilibria
     units = Units(relaxed_balls, partial(_measure_ball, simulation, load.applied.flat))
-    return Cost(memory, units=(units,), work=relaxed_balls, balls=balls, equilibria=equilibria)
+    return Cost(
+        simulation.find_memory(load),
+        units=(units,),
+        work=relaxed_balls,
+        balls=balls,
+        equilibria=equilibria,
+    )
 
 
 def estimate_sensitivities(simulation: DirectSimulation, load: Load, parameters: int) -> Cost:
@@ -363,7 +371,8 @@ def estimate_sensitivities(simulation: DirectSimulation, load: Load, parameters:
 
 def relaxation_memory(balls: int, motions: int, dimension: int) -> float:
     """Return the memory, bytes, of the moduli and sound velocities of a crystal of so many
-    ``balls`` with ``motions`` each, and of their derivatives: that of the factors of its matrices.
+    ``balls`` with ``motions`` each on a line, in a plane or in space (``dimension`` 1, 2, 3), and
+    of their derivatives: that of the factors of its matrices.
     """
     growth = math.pow(max(balls / _RELAXED_BALLS, 1.0), _RELAXED_POWER[dimension])
     return _RELAXED_BYTES[dimension] * balls * motions * growth
@@ -464,8 +473,8 @@ def bands(points: int, branches: int, eigenvectors: bool = True, file: bool = Tr
 
 
 def density_of_states(mesh: tuple[int, ...], branches: int) -> Cost:
-    """Return the estimated cost of a density of states on a ``mesh`` of wave vectors, given by the
-    numbers of points along its sides.
+    """Return the estimated cost of a density of states of so many ``branches`` on a ``mesh`` of
+    wave vectors, given by the numbers of points along its sides.
 
     Each point of the mesh needs phonopy's tables of the grid. Each point that symmetry leaves needs
     its modes, whose matrices are held for 4096 points at a time. Symmetry leaves at most an eighth

@@ -43,7 +43,7 @@ from granphon.balls.contact_model import LAW_KINDS, ContactModel, GivenLaw
 from granphon.balls.hertz import NO_STIFFNESS, NO_TENSION, HertzLaw
 from granphon.balls.lattices import LATTICES, Lattice, find_structure
 from granphon.balls.layers import Layers, find_faces, read_edges
-from granphon.balls.motions import Motions, allowed_motions, default_motions, select_motions
+from granphon.balls.motions import Motions, find_motions, select_motions
 from granphon.balls.neighbours import (
     TOUCH,
     ContactTable,
@@ -126,8 +126,9 @@ _SAME_RATIO = 1e-12
 class Faces:
     """The two faces of a cut, across ``axis`` of the crystal, lower and upper.
 
-    ``balls`` are the balls that each face touches, or the layer that each face holds;
-    ``thickness`` is the thickness of all layers together, m.
+    ``edges`` say how each face is held: "free", "clamped", "floor" or a wall with its material and
+    name. ``balls`` are the numbers of the balls that each face touches, or of the layer that each
+    face holds; ``thickness`` is the thickness of all layers together, m.
     """
 
     axis: int
@@ -229,13 +230,18 @@ class Crystal(Result):
     deviations : (n,) diameters of the balls of a :meth:`sample`, minus the diameters of their
         kinds, m; None if the balls were not drawn.
     contacts : the :class:`~granphon.balls.neighbours.ContactTable`, in m.
+    faces : the two faces of each cut, in the order of the cuts; empty of a crystal that was not
+        cut.
 
     Raises
     ------
-    InputError : arrays whose shapes do not fit, numbers that are not finite, balls that overlap,
-        that miss each other by less than a thousandth, or that touch nothing; contacts that do not
-        join all balls; a law that lacks a pair or a method; a spring of a motion that balls do not
-        have, or with a stiffness below zero or not finite.
+    InputError : arrays whose shapes do not fit, numbers that are not finite, an entry that is no
+        ball, two kinds of one name; a cell that lies across the first axes or has no room for a
+        ball, balls that overlap, that miss each other by less than a thousandth, or that touch
+        nothing; contacts that do not join all balls; a law that lacks a pair or a method, or that
+        is not the derivative of its energy; motions, torsion and bending that
+        :class:`~granphon.Packing` refuses; a spring of a motion that balls do not have, or with a
+        stiffness below zero or not finite.
     """
 
     _schema: ClassVar[int] = 2
@@ -301,18 +307,20 @@ class Crystal(Result):
             name=name,
             faces=(),
             deviations=None,
-            on_site=read_on_site(on_site, _find_motions(d, motions), n),
+            on_site=read_on_site(on_site, find_motions(d, motions), n),
         )
 
     def _set(self, **attributes: Any) -> None:
-        """Set the attributes by their names, and make arrays read-only.
+        """Set the attributes by their names, make arrays read-only, and find the law of each pair
+        of kinds that touch.
 
-        Raises :class:`~granphon.base.errors.InputError` if a pair of kinds lacks a law.
+        Raises :class:`~granphon.base.errors.InputError` if a pair lacks a law, or if
+        :func:`~granphon.balls.contact_laws.check_law` refuses the law.
         """
         for name, value in attributes.items():
             frozen = read_only(value) if isinstance(value, np.ndarray) else value
             object.__setattr__(self, name, frozen)
-        _ = self._laws  # found once here, so that a missing law is an error at once
+        _ = self._laws  # found once here, so that a missing or wrong law is an error at once
 
     @classmethod
     def _of_fields(cls, *values: Any) -> Self:
@@ -432,9 +440,9 @@ class Crystal(Result):
         """
         kinds = list_balls(balls)
         find_kinds(kinds)  # raises for an entry that is no ball
-        is_chain = lattice is LATTICES["chain"]
-        if isinstance(lattice, str):
-            is_chain = lattice == "chain"
+        is_chain = lattice == "chain"
+        if isinstance(lattice, Lattice):
+            is_chain = lattice == LATTICES["chain"]
         if is_chain:
             radii = np.array([ball.radius for ball in kinds])
             # each ball touches the next, and the last touches the first of the next cell
@@ -593,7 +601,7 @@ class Crystal(Result):
     def _draw(self, kind: Index, counts: tuple[int, ...], seed: int) -> Array:
         """Return the deviations (m,), m, with any mean, of the m balls of a supercell, whose kinds
         are ``kind`` (m,); zero of balls without a spread. ``counts`` are the numbers of cells along
-        the periods.
+        the periods, and ``seed`` is that of :meth:`sample`.
         """
         deviations = np.zeros(kind.size)
         n = self.n_balls
@@ -686,11 +694,17 @@ class Crystal(Result):
         return self._derive(kinds=tuple(changed_kinds.values()))
 
     def with_springs(self, on_site: Array) -> Self:
-        """Return the crystal with other stiffnesses (n, motions) of springs to the ground."""
+        """Return the crystal with other stiffnesses ``on_site`` (n, motions) of springs to the
+        ground, N/m and N m, in any form that the class takes.
+
+        Raises :class:`~granphon.base.errors.InputError` for what the class refuses.
+        """
         return self._derive(on_site=read_on_site(on_site, self.named_motions, self.n_balls))
 
     def with_walls(self, walls: Mapping[str, Wall]) -> Self:
-        """Return the crystal with other walls in the place of those of the same names."""
+        """Return the crystal with other ``walls``, by name, in the place of those of these names;
+        a name that no wall has changes nothing.
+        """
         faces = tuple(replace(face, edges=replace_walls(face.edges, walls)) for face in self.faces)
         return self._derive(faces=faces)
 
@@ -738,8 +752,10 @@ class Crystal(Result):
         is turned, so that the periods that remain lie along x or in the xy plane. Where both faces
         are walls, a load moves the upper wall.
 
-        Raises :class:`~granphon.base.errors.InputError` for an axis that is no period, if layers do
-        not hang together, and if springs to the ground would lie across two axes.
+        Raises :class:`~granphon.base.errors.InputError` for an axis that is no period, a number of
+        layers that is not whole and above zero or does not fit into memory, another edge, a wall of
+        a kind that there is not or with a name that another has; if layers do not hang together, no
+        balls touch, and if springs to the ground would lie across two axes.
         """
         count = whole_number("layers", layers, 1, _MOST_CELLS)
         _require_room(count, self)
@@ -1083,7 +1099,7 @@ class Crystal(Result):
     @property
     def named_motions(self) -> Motions:
         """The motions that :attr:`motions` names."""
-        return _find_motions(self.dimension, self.motions)
+        return find_motions(self.dimension, self.motions)
 
     @cached_property
     def _springs(self) -> tuple[Index, Index, Array]:
@@ -1188,7 +1204,8 @@ class Crystal(Result):
         boundary: Boundary,
         start: Rest | None = None,
     ) -> Rest:
-        """Return the state at rest under a load, found from the state ``start`` if given; see
+        """Return the state at rest under a ``load``, found from the state ``start`` if given; for
+        the ``geometry`` of contacts and the ``boundary`` see
         :func:`~granphon.statics.find_rest.find_rest`.
 
         A sample on a grid is solved with its balls in the order of the grid, where solvers of grids
@@ -1259,7 +1276,9 @@ class Crystal(Result):
         ------
         InputError : a pressure of zero or below (with gravity zero is allowed; where contacts
             adhere or are bonds every pressure is), a pressure on a crystal without periods and
-            faces, gravity that nothing holds, or forces that contacts cannot bear.
+            faces, gravity of another shape, or that nothing holds, forces that contacts cannot
+            bear, balls that overlap by their diameter or more, another boundary; kinds with a
+            spread of diameters of which none are drawn.
         ConvergenceError, InstabilityError : the crystal does not come to rest.
         MechanismError : in the true geometry, balls differ and some motions cost no energy.
         """
@@ -1395,10 +1414,10 @@ class Crystal(Result):
         return self._solve_each(values, applied, finite_overlap, 2)
 
     def _read_tensor(self, name: str, given: ArrayLike, shear_factor: float) -> Array:
-        """Return symmetric tensors (..., p, p) from such tensors, or from their components in
-        Voigt's order (..., p (p + 1)/2), of which the shears are multiplied by ``shear_factor``: 1
-        of a stress, 1/2 of a strain. Raises InputError for other shapes, and for tensors that are
-        not symmetric.
+        """Return symmetric tensors (..., p, p) from ``given`` such tensors, or from their
+        components in Voigt's order (..., p (p + 1)/2), of which the shears are multiplied by
+        ``shear_factor``: 1 of a stress, 1/2 of a strain. Raises InputError for other shapes, and
+        for tensors that are not symmetric.
 
         ``name`` is what messages call the tensor.
         """
@@ -1596,9 +1615,10 @@ class Crystal(Result):
         goals, accelerations = self._read_gravity(finite_array(kind, values), gravity)
         self._require_pressable()
         if np.any(goals <= 0.0):
-            sign = "zero" if np.any(goals == 0.0) else f"{brief(goals.tolist())}: tensile"
-            why = NO_TENSION
-            mend = f"Give {kind} above zero"
+            is_tensile = bool(np.any(goals < 0.0))
+            sign = f"{brief(goals.tolist())}: tensile" if is_tensile else "zero"
+            why = NO_TENSION if is_tensile else NO_STIFFNESS
+            mend = f"Give a {kind} above zero"
             if self._laws.adhere:
                 why = "A mean of contacts that adhere has no one pressure there"
                 mend = "Use at_pressure, which may be zero or below"
@@ -1632,6 +1652,7 @@ class Crystal(Result):
 
         ``kind`` is "force", of goals in N, or "overlap", of goals in m. ``acceleration`` (d,),
         m/s^2, is gravity, or None. With ``is_exact`` contacts turn and the cell deforms.
+        ``boundary`` is that of :meth:`at_pressure`.
 
         The search is for the pressure. The next pressure follows from the power with which
         overlaps grow with the pressure; where balls differ, from a secant. If that pressure is not
@@ -1698,19 +1719,22 @@ class Crystal(Result):
     ) -> InputError:
         """Return the error for a ``goal``, a mean force (N) or overlap (m) as the ``kind`` says,
         that contacts have at no pressure; at the last ``pressure`` their mean was ``mean``.
+        ``has_gravity`` says whether gravity presses them too.
         """
+        unit = "N" if kind == "force" else "m"
         problem = (
-            f"contacts of crystal {self.name!r} do not have a mean {kind} of {goal:g} at any"
+            f"contacts of crystal {self.name!r} do not have a mean {kind} of {goal:g} {unit} at any"
             f" pressure"
         )
-        mean_at_last = f"At a pressure of {pressure:.4g} it is {mean:.4g}"
+        pressure_in_words = f"{pressure:.4g} {_PRESSURE_UNITS[self.periods + len(self.faces)]}"
+        mean_at_last = f"At a pressure of {pressure_in_words} it is {mean:.4g} {unit}"
         if not has_gravity:
             return InputError(problem, mean_at_last)
         return InputError(problem, f"{mean_at_last}, as gravity presses more", "Give a larger one")
 
     def _estimate_pressure(self, kind: str, goal: float) -> float:
         """Return the first guess of a search for the pressure, N, N/m or Pa, at which contacts have
-        the mean force (N) or overlap (m) ``goal``.
+        the mean force (N) or overlap (m) ``goal``, as the ``kind`` says.
 
         The pressure is that of the virial, if all contacts had the same force, without gravity.
         """
@@ -1734,7 +1758,8 @@ class Crystal(Result):
         """Return the states at rest under ``loads``, which belong to ``values`` in C order.
 
         Of the axes of ``values`` the last ``rank`` belong to one load: 0 of numbers, 2 of tensors.
-        The other axes are the shape of the state.
+        The other axes are the shape of the state. ``finite_overlap``, ``boundary`` and the errors
+        are those of :meth:`at_pressure`.
         """
         is_exact = read_finite_overlap(finite_overlap)
         require("boundary", partial(choice, options=BOUNDARIES), boundary)
@@ -1785,7 +1810,7 @@ class Crystal(Result):
 
     def _find_displacements(self, states: Sequence[Rest]) -> tuple[Array, Array]:
         """Return the displacements of the balls, (loads, n, d), and of the walls that a load moves,
-        (loads, n_w), m.
+        (loads, n_w), m, in the ``states`` at rest, one for each load.
 
         Along an axis on which no floor, clamp or spring to the ground fixes the crystal, the mean
         displacement of the balls is made zero.
@@ -2076,7 +2101,8 @@ class CrystalState(Result):
         """The cell as a :class:`~granphon.ContactNetwork`, without contacts that are open.
 
         Walls are bodies of infinite mass and radius, after the balls; balls of a clamped layer have
-        an infinite mass. The ``kinds`` of the network are the names of the crystal, and "floor".
+        an infinite mass. The ``kinds`` of the network are the names of the kinds and the walls of
+        the crystal, and "floor".
         Raises :class:`~granphon.base.errors.InputError` for several loads.
         """
         if not self.is_single:
@@ -2091,7 +2117,7 @@ class CrystalState(Result):
         d = crystal.dimension
         return ContactNetwork(
             pbc=(p > 0, p > 1, p > 2),
-            motions=crystal.motions or default_motions(d).name,
+            motions=crystal.named_motions.name,
             dimension=d,
             prestress=self.finite_overlap,
             adhesive=crystal._laws.adhere,
@@ -2200,14 +2226,6 @@ class CrystalState(Result):
             arm_i.append(crystal._mean_radii[floor.balls])
             arm_j.append(np.zeros(len(floor.balls)))
         return np.concatenate(i), np.concatenate(j), np.concatenate(arm_i), np.concatenate(arm_j)
-
-
-def _find_motions(dimension: int, motions: str | None) -> Motions:
-    """Return the motions with the name ``motions``; if that is None, the first that the dimension
-    allows.
-    """
-    allowed = allowed_motions(dimension)
-    return next(iter(allowed.values())) if motions is None else allowed[motions]
 
 
 def find_mindlin_ratio(crystal: Crystal) -> float | None:

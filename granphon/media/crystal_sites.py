@@ -81,6 +81,12 @@ def name_kinds(kinds: Sequence[Ball], known: Mapping[Ball, str] | None = None) -
     kind_names = tuple(names[ball] or next(unused_letters) for ball in kinds)
     counts = Counter([*kind_names, RIGID_PLANE.name])
     repeated_name = next((name for name in kind_names if counts[name] > 1), None)
+    if repeated_name == RIGID_PLANE.name:
+        raise InputError(
+            f"a kind of balls is called {repeated_name!r}",
+            "That is the name of the rigid plane on which crystals stand",
+            "Name the kind differently",
+        )
     if repeated_name is not None:
         raise InputError(
             f"two kinds are called {repeated_name!r}",

@@ -31,7 +31,7 @@ from granphon.array.sheared_equilibrium import equilibrate_sheared
 from granphon.array.stencils import Stencils
 from granphon.balls.hertz import energy_of, force_of, overlap_of
 from granphon.balls.lattices import Lattice
-from granphon.balls.loads import Load
+from granphon.balls.loads import Load, require_of_packing
 from granphon.balls.packing import Packing
 from granphon.base.arrays import Array
 from granphon.base.errors import GranphonError, InputError
@@ -44,11 +44,12 @@ def require_load(packing: Packing, load: Load, largest_excess: float) -> None:
     packing can bear.
 
     Such loads are beyond the range of the law of equal balls, or press equal balls together by a
-    whole diameter. Where balls differ, two kinds of loads are refused too: forces and pressures
-    below f* = 1e-8 (on a line also overlaps with such a force), and overlaps at which not even two
-    of the largest balls touch. ``largest_excess`` is the excess of the largest diameter over the
-    mean, m.
+    whole diameter; and those that crystals alone bear. Where balls differ, two kinds of loads are
+    refused too: forces and pressures below f* = 1e-8 (on a line also overlaps with such a force),
+    and overlaps at which not even two of the largest balls touch. ``largest_excess`` is the excess
+    of the largest diameter over the mean, m.
     """
+    require_of_packing(load)
     equal_balls = AveragedLattice(replace(packing, spread=None))
     # on a line balls that differ have the law of equal balls, and overlaps are treated as forces
     if load.kind == "overlap" and packing.spread_matters:

@@ -83,8 +83,9 @@ class MeanContacts(NamedTuple):
 
     @classmethod
     def of(cls, state: Rest, laws: ContactLaws, differ: bool) -> Self:
-        """Return the contacts of a state at rest. If the balls ``differ`` in diameter, means are
-        over all contacts; if not, over those that carry a load, or touch if they adhere.
+        """Return the contacts, with their ``laws``, of a state at rest. If the balls ``differ`` in
+        diameter, means are over all contacts; if not, over those that carry a load, or touch if
+        they adhere.
         """
         overlap = state.overlap[: laws.count]  # springs to the ground come behind the contacts
         force = laws.force(overlap)
@@ -95,7 +96,7 @@ class MeanContacts(NamedTuple):
         return cls(overlap, force, stiffness, counts)
 
     def find_mean(self, kind: str) -> float:
-        """Return the mean force, N, or overlap, m."""
+        """Return the mean of the ``kind`` "force", N, or "overlap", m."""
         values = self.force if kind == "force" else self.overlap
         return float(np.mean(values[self.counts]))
 
@@ -119,8 +120,9 @@ class MeanContacts(NamedTuple):
         return growth ** (1.0 / self.power), growth
 
     def bound_rounding(self, kind: str, goal: float, differ: bool, adhere: bool) -> float:
-        """Return the error of the mean, relative to the ``goal``, that is put down to rounding.
-        ``differ`` says whether balls differ in diameter, ``adhere`` whether contacts adhere.
+        """Return the error of the mean of a ``kind``, "force" or "overlap", relative to the
+        ``goal``, that is put down to rounding. ``differ`` says whether balls differ in diameter,
+        ``adhere`` whether contacts adhere.
         """
         rounding = _ROUNDED_MEAN
         if differ:

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from granphon.balls.diameters import PointShape
 from granphon.balls.hertz import LEAST_NORMAL
 from granphon.balls.lattices import TRIANGULAR, Lattice
-from granphon.balls.loads import Load, require_compressive
+from granphon.balls.loads import Load, require_compressive, require_of_packing
 from granphon.balls.motions import Motions
 from granphon.balls.packing import Packing, given_packing, require_shallow
 from granphon.base.arrays import ROUNDED, Array
@@ -146,8 +146,8 @@ class Medium(ABC, Generic[StateT]):
         return
 
     def count_start(self, load: Load) -> float:
-        """Return the cost of :meth:`require_start`, as a number of balls of an array that takes as
-        long to bring to rest; zero if it solves nothing.
+        """Return the cost of :meth:`require_start` at a ``load``, as a number of balls of an array
+        that takes as long to bring to rest; zero if nothing is solved there.
         """
         return 0.0
 
@@ -170,12 +170,15 @@ class Medium(ABC, Generic[StateT]):
 
     @abstractmethod
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> StateT:
-        """Return the state at a load, with the shape of the values of the load."""
+        """Return the state at a load, with the shape of the values of the load; ``finite_overlap``
+        is as in the class.
+        """
 
     def follow(
         self, load: Load, changes: Sequence[Change], finite_overlap: bool | None = None
     ) -> tuple[Any, list[Course[Any]]]:
-        """Return the state at a single load, and its course along each of the ``changes``.
+        """Return the state at a single load, and its course along each of the ``changes``, all with
+        ``finite_overlap`` as in the class.
 
         A change maps a relative step of a parameter to the changed medium and load, and its course
         maps the step to their state. Here each state is computed from scratch, which also holds
@@ -197,7 +200,9 @@ class Medium(ABC, Generic[StateT]):
         return state, [find_anew(change) for change in changes]
 
     def at_force(self, force: ArrayLike, *, finite_overlap: bool | None = None) -> StateT:
-        """Return the state at the mean contact force f, N."""
+        """Return the state at the mean contact ``force`` f, N; ``finite_overlap`` is as in the
+        class.
+        """
         return self.at(Load("force", force), finite_overlap=finite_overlap)
 
     def at_pressure(self, pressure: ArrayLike, *, finite_overlap: bool | None = None) -> StateT:
@@ -220,8 +225,9 @@ class Medium(ABC, Generic[StateT]):
 def _require_sound(
     structure: Lattice, unit_stiffnesses: tuple[float, ...], motions: Motions, pushed: bool
 ) -> None:
-    """Raise as :meth:`Medium.require_sound` does. ``unit_stiffnesses`` are three numbers for the
-    stiffnesses of contacts against slip, twist and rolling: 0 for zero, 1 for any other.
+    """Raise as :meth:`Medium.require_sound` does, for the lattice ``structure`` of balls with these
+    ``motions``, ``pushed`` or not. ``unit_stiffnesses`` are three numbers for the stiffnesses of
+    contacts against slip, twist and rolling: 0 for zero, 1 for any other.
     """
     eta, torsion, bending = unit_stiffnesses
     lattice = ContactLattice.of(structure, eta, torsion=torsion, bending=bending, motions=motions)
@@ -231,7 +237,7 @@ def _require_sound(
 
 
 def explain_untouched(load: Load, largest_excess: float) -> InputError:
-    """Return the error for an overlap at which even the largest balls are apart.
+    """Return the error for a ``load``, an overlap, at which even the largest balls are apart.
 
     ``largest_excess`` is the excess of their diameter over the mean, m.
     """
@@ -270,8 +276,8 @@ class LawMedium(Medium[ContactState]):
     packing : the balls.
 
     ``at_*`` raise :class:`~granphon.base.errors.InputError` for a load that is not finite, not
-    compressive, too small or too large for double precision, or presses balls together by their
-    whole diameter, for more loads than memory holds, and
+    compressive, of a kind that crystals alone bear, too small or too large for double precision, or
+    presses balls together by their whole diameter, for more loads than memory holds, and
     :class:`~granphon.base.errors.PrecisionError` for one so low that the law is not known there.
     With ``finite_overlap`` every result from the state includes the terms of relative order
     delta/d, and pressure and density count the boundary that shrinks with the balls.
@@ -302,6 +308,7 @@ class LawMedium(Medium[ContactState]):
 
         Raises the errors that the class lists.
         """
+        require_of_packing(load)
         require_memory(
             f"states at {load.size:,} loads", self._load_bytes * load.size, "Take fewer loads"
         )
@@ -384,7 +391,8 @@ class LawMedium(Medium[ContactState]):
 
         The search begins at the larger ``overlap`` of a boundary that does not shrink. As the
         overlap rises, the force of the law rises and is convex, and the force that the boundary
-        asks for falls. So Newton's method descends from there.
+        asks for falls, in space along a parabola that is far flatter than the law. So Newton's
+        method descends from there.
         """
         law = self.law
         for _ in range(_MOST_STEPS):
@@ -535,7 +543,8 @@ class EffectiveMedium(LawMedium):
 
     Raises
     ------
-    InputError : another word, or "paper" on another lattice or with bending.
+    InputError : another word, "paper" on another lattice or with bending, or something else than a
+        :class:`~granphon.Packing`.
     """
 
     name = "ema"
@@ -549,6 +558,7 @@ class EffectiveMedium(LawMedium):
             " curves",
         )
     }
+    #: where the local field is from: the argument ``local_field``
     source: str
 
     def __init__(

@@ -36,7 +36,7 @@ from granphon.base.settings import (
     word_of,
     write_block,
 )
-from granphon.base.text import list_names, show
+from granphon.base.text import counted, list_names, show
 from granphon.base.validation import choice, each, label, read_inside, text, truth
 from granphon.media.cells import QUICK_BALLS, CrystalCell
 from granphon.media.medium import NETWORK, Medium
@@ -57,8 +57,8 @@ _MOTIONS = tuple(
 
 
 def _read_cell(value: Any, context: Any) -> tuple[Any, ...]:
-    """Return the periods of a cell in a scene, m: a tuple of lengths, or a tuple of vectors, each a
-    tuple of components.
+    """Return the periods of a cell, m, from the ``value`` in a scene: a tuple of lengths, or a
+    tuple of vectors, each a tuple of components. The ``context`` says whether lengths have units.
     """
     read_length = with_unit(LENGTH).rule(context)
     if isinstance(value, list | tuple) and value and isinstance(value[0], list | tuple):
@@ -81,7 +81,9 @@ def _write_cell(cell: tuple[Any, ...], _context: Any) -> list[Any]:
 
 
 def _read_twisting(value: Any, context: Any) -> float | str:
-    """Return a stiffness against twist, N m, or "marshall", the word for that of LAMMPS."""
+    """Return a stiffness against twist, N m, from a ``value``, whose unit is as the ``context``
+    says, or "marshall", the word for that of LAMMPS.
+    """
     if value == "marshall":
         return "marshall"
     stiffness: float = with_unit(TURN_STIFFNESS).read(value, context)
@@ -115,7 +117,9 @@ def _read_frozen(value: Any) -> dict[str, Any]:
 
 
 def _read_file(value: Any, context: Any) -> Path:
-    """Return the path of a file; a relative path starts at the folder of the scene."""
+    """Return the path of a file; a relative path starts at the folder of the scene, that of the
+    ``context``.
+    """
     return Path(context.folder / (value if isinstance(value, Path) else text(value)))
 
 
@@ -331,13 +335,26 @@ class NetworkFiles(Block, kw_only=True):
         least = sum(parameter.default is parameter.empty for parameter in of_files)
         if not least <= len(files) <= len(of_files):
             names = list_names([parameter.name for parameter in of_files])
-            fault = f"the reader of {self.format} does not take {len(files)} files"
+            given = counted(len(files), "file")
+            fault = f"the reader of {self.format} does not take {given}"
             raise InputError(fault, f"It takes {names}", "Give these, in this order")
 
     @property
     def load(self) -> Load:
-        """The load of the packing: the mean normal force of the contacts in the files, N."""
-        return Load("force", float(np.mean(self.network.normal_force)))
+        """The load of the packing: the mean normal force of the contacts in the files, N.
+
+        Raises :class:`~granphon.base.errors.InputError` if the mean is not above zero, as it may be
+        where contacts adhere.
+        """
+        mean_force = float(np.mean(self.network.normal_force))
+        if not mean_force > 0.0:
+            raise InputError(
+                f"the mean normal force of the contacts in {self.files[-1].name} is"
+                f" {mean_force:.6g} N",
+                "A scene calls the state of a packing by this force, which must be above zero",
+                "Take the network itself, as gp.Waves(gp.ContactNetwork.read(...))",
+            )
+        return Load("force", mean_force)
 
     @property
     def block_of_tables(self) -> dict[str, Any]:
@@ -523,8 +540,10 @@ class NetworkMedium(Medium[Any]):
         return bool(self.packing.network.n_balls <= QUICK_BALLS)
 
     def require_sound(self, pushed: bool = False) -> None:
-        """Raise nothing: what the contacts hold is found with the state."""
+        """Raise nothing, ``pushed`` or not: what the contacts hold is found with the state."""
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> LoadedNetwork:
-        """Return the only state, whatever the load."""
+        """Return the only state, whatever the load and ``finite_overlap``: force and prestress are
+        those of the files.
+        """
         return LoadedNetwork(self.packing)

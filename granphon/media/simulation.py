@@ -268,10 +268,11 @@ class SimulatedState(ContactState):
         super().__post_init__()
 
     def __getitem__(self, index: Any) -> Self:
-        """Return the state at some of the loads, indexed like an array."""
-        load_count = int(np.prod(self.shape, dtype=int))
-        selected_loads = np.arange(load_count).reshape(self.shape)[index]
-        samples = self._table.reshape(load_count, self.n_samples)[selected_loads]
+        """Return the state at some of the loads, indexed like an array.
+
+        Raises :class:`~granphon.base.errors.InputError` for an index that selects none.
+        """
+        samples = self._table.reshape(-1, self.n_samples)[self._select_loads(index)]
         return replace(
             self,
             force=np.asarray(self.force)[index],
@@ -771,19 +772,23 @@ class DirectSimulation(Medium[SimulatedState]):
     MechanismError : the lattice does not stand without friction, as sc, bcc, diamond, square,
         honeycomb and kagome do not, and there is no history of friction that starts from the gas.
     InputError : motions other than those along the periods, a shape or number that is not whole and
-        above zero, diameters with a shape or samples, a width below 1e-20 of the diameter; options
-        of a history without ``friction_history``, a history without a friction coefficient, on a
-        chain, or of balls that resist no slip.
+        above zero, diameters with a shape or samples, a width below 1e-20 of the diameter; the
+        exact geometry of equal balls, on a line, or of balls that differ by more than a fifth of
+        their diameter; options of a history without ``friction_history``, a history without a
+        friction coefficient, on a chain, of balls that resist no slip, with the boundary "stress",
+        or from a start that no sample bears; an executor without ``submit``, and another word for
+        an option than those above.
 
     ``at_*`` take scalars or arrays: floats in, floats out. They raise
-    :class:`~granphon.base.errors.InputError` for a load that is not finite, not compressive, or
-    presses balls together by their whole diameter; for a load so low that a sample carries none (at
-    and below the rigidity threshold, a* = 0.343 on the triangular lattice), or below the start of a
-    history; with ``finite_overlap`` in the geometry of the lattice, which has no such terms, and
-    with ``finite_overlap=False`` in the exact geometry, which has them. They raise
-    :class:`~granphon.base.errors.ConvergenceError` if no equilibrium is found, or a path ends
-    before its last load; ``reached`` of the error is then the state at the loads before. They raise
-    :class:`~granphon.base.errors.GranphonError` if the executor loses a worker.
+    :class:`~granphon.base.errors.InputError` for a load that is not finite, not compressive, of a
+    kind that crystals alone bear, or presses balls together by their whole diameter; for a load so
+    low that a sample carries none (at and below the rigidity threshold, a* = 0.343 on the
+    triangular lattice), or below the start of a history; with ``finite_overlap`` in the geometry of
+    the lattice, which has no such terms, and with ``finite_overlap=False`` in the exact geometry,
+    which has them. They raise :class:`~granphon.base.errors.ConvergenceError` if no equilibrium is
+    found, or a path ends before its last load; ``reached`` of the error is then the state at the
+    loads before. They raise :class:`~granphon.base.errors.GranphonError` if the executor loses a
+    worker.
     """
 
     packing: Packing = field(metadata={"kind": Packing})
@@ -1062,8 +1067,10 @@ class DirectSimulation(Medium[SimulatedState]):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, DirectSimulation):
             return NotImplemented
-        are_equal = np.asarray(self.diameters) == np.asarray(other.diameters)
-        return self._key == other._key and bool(np.all(are_equal))
+        if self._key != other._key:
+            return False
+        # with equal keys both have diameters, of one shape, or neither has
+        return bool(np.all(np.asarray(self.diameters) == np.asarray(other.diameters)))
 
     def __hash__(self) -> int:
         return hash(self._key)
@@ -1219,7 +1226,7 @@ class DirectSimulation(Medium[SimulatedState]):
         if self.geometry is None:
             return self._join_geometries(applied, finite_overlap)
         if wants_finite_overlap and not self.is_exact:
-            raise no_finite_overlap(self.name)
+            raise no_finite_overlap(self.name, can_be_exact(self.packing))
         is_denied = finite_overlap is not None and not wants_finite_overlap
         if self.is_exact and is_denied:
             raise InputError(
@@ -1242,7 +1249,8 @@ class DirectSimulation(Medium[SimulatedState]):
     def follow(
         self, load: Load, changes: Sequence[Change], finite_overlap: bool | None = None
     ) -> tuple[Any, list[Course[Any]]]:
-        """Return the state at a single load, and its course with each of the ``changes``.
+        """Return the state at a single load, and its course with each of the ``changes``, in the
+        geometry that ``finite_overlap`` or else the load decides on, as in :meth:`at`.
 
         A change maps a relative step of a parameter to the changed simulation and load; its course
         maps the step to the state. The course follows from the linear response of each sample at
@@ -1362,10 +1370,11 @@ class DirectSimulation(Medium[SimulatedState]):
 
         Exactly one of force (N), pressure and overlap (m) is a list, or ``load`` is a
         :class:`~granphon.balls.loads.Load` of many values. The path begins at :attr:`start`, from
-        where the first load is reached. Raises :class:`~granphon.base.errors.InputError` without
-        ``friction_history``, where the order has no meaning, and for numbers that do not say which
-        load they are; and the errors of :meth:`at`. If a load is not reached, ``reached`` of the
-        error is the state at the loads before it, None if there are none.
+        where the first load is reached. ``progress`` is told of each load of each sample. Raises
+        :class:`~granphon.base.errors.InputError` without ``friction_history``, where the order has
+        no meaning, and for numbers that do not say which load they are; and the errors of
+        :meth:`at`. If a load is not reached, ``reached`` of the error is the state at the loads
+        before it, None if there are none.
         """
         if not self.history.is_loaded:
             raise InputError(
@@ -1386,8 +1395,9 @@ class DirectSimulation(Medium[SimulatedState]):
         """Return the state of all samples at every value of ``load``, applied one after the other
         in the order of the history.
 
-        ``prescribed`` are the same values in reduced units. If the path ends early, the error has
-        the state at the values that all samples have reached as its ``reached``.
+        ``prescribed`` are the same values in reduced units; ``progress`` is told of each. If the
+        path ends early, the error has the state at the values that all samples have reached as its
+        ``reached``.
         """
         order = self.history.sort(prescribed)
         path = [prescribed[index] for index in order]
@@ -1414,7 +1424,8 @@ class DirectSimulation(Medium[SimulatedState]):
         self, path: Sequence[ReducedLoad], progress: Progress
     ) -> list[tuple[list[PressedSample], GranphonError | None]]:
         """Load each sample along a path, and return for each its states at the loads that it
-        reaches, and the error at which its path ends, or None.
+        reaches, and the error at which its path ends, or None. ``progress`` is told of each load of
+        each sample; with an executor, of all loads of a sample when it is done.
         """
         loaded_samples = [self._loaded_sample(index) for index in range(self.samples)]
         with progress.step("loading with friction", len(path) * self.samples) as step:
@@ -1428,12 +1439,21 @@ class DirectSimulation(Medium[SimulatedState]):
                     step.advance(len(path))
             return results
 
+    def find_memory(self, load: Load) -> float:
+        """Return the estimated memory, bytes, that the states of the samples at all values of a
+        load need, with their moduli.
+
+        If the load decides on the geometry, the estimate is that of the geometry that takes most.
+        """
+        simulations = [simulation for simulation, _ in self.by_geometry(load)]
+        return max(estimate_memory(simulation, load) for simulation in simulations)
+
     def _require_memory(self, load: Load) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if the samples do not fit into the memory
-        of this machine.
+        """Raise :class:`~granphon.base.errors.InputError` if the samples at a load do not fit into
+        the memory of this machine.
         """
         mend = "Take fewer balls (shape), samples or loads"
-        require_memory(f"samples of {self.balls:,} balls", estimate_memory(self, load), mend)
+        require_memory(f"samples of {self.balls:,} balls", self.find_memory(load), mend)
 
     def _loaded_sample(self, index: int) -> LoadedSample:
         """Return the sample number ``index``, from 0, ready to be loaded with friction."""
@@ -1543,9 +1563,9 @@ class DirectSimulation(Medium[SimulatedState]):
                 self._loaded_sample(index).require_start(path)
 
     def count_start(self, load: Load) -> float:
-        """Return the cost of the start that :meth:`require_start` solves, as the number of balls of
-        a quick start, at high force in the directions of the lattice, that takes as long. The cost
-        is zero if no start is solved.
+        """Return the cost of the start that :meth:`require_start` solves for a ``load``, as the
+        number of balls of a quick start, at high force in the directions of the lattice, that takes
+        as long. The cost is zero if no start is solved.
         """
         start = self._start
         if start is None:

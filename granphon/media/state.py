@@ -16,7 +16,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_laws import PairLaw
 from granphon.balls.contact_model import ContactModel
@@ -371,9 +371,23 @@ class ContactState(State, Result):
         }
 
     def __getitem__(self, index: Any) -> Self:
-        """Return the state at some of the loads, indexed like an array."""
+        """Return the state at some of the loads, indexed like an array.
+
+        Raises :class:`~granphon.base.errors.InputError` for an index that selects none.
+        """
+        self._select_loads(index)
         names = ("force", "overlap", "normal_stiffness")
         return replace(self, **{name: np.asarray(getattr(self, name))[index] for name in names})
+
+    def _select_loads(self, index: Any) -> NDArray[np.intp]:
+        """Return the numbers, in C order, of the loads that an ``index`` selects, of the shape of
+        the selection; InputError if it selects none.
+        """
+        selected = np.arange(int(np.prod(self.shape, dtype=int))).reshape(self.shape)[index]
+        if not np.size(selected):
+            problem = f"the index {brief(index)} selects none of the loads"
+            raise InputError(problem, mend="Select one or more")
+        return np.asarray(selected)
 
     def _field_units(self) -> dict[str, str]:
         """The SI unit of each attribute; the units of pressure and density depend on the number of

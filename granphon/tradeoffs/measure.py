@@ -40,7 +40,7 @@ from granphon.balls.loads import Load
 from granphon.balls.neighbours import TOUCH, select_once, steps_within
 from granphon.balls.packing import Packing, given_packing
 from granphon.base.arrays import Array
-from granphon.base.errors import GranphonError, InputError
+from granphon.base.errors import GranphonError, InputError, MechanismError
 from granphon.base.progress import Progress, Step, silent
 from granphon.base.results import Result, held, result_class
 from granphon.base.scales import write_quantity
@@ -481,7 +481,7 @@ class MediaStudy:
             return medium
 
         def make_point(method: str, knob: str, field_of_medium: _Field) -> Point:
-            """Return the point of a local field."""
+            """Return the point of a local field, called by ``method`` and ``knob``."""
             prepared = partial(prepare, field_of_medium)
             return Point(method, knob, prepared, self.observe, self.solving)
 
@@ -577,7 +577,8 @@ class MediaStudy:
 
         A sample that is loaded with friction is loaded once more, in shorter steps. For a sample at
         rest, equilibrium and response are found by another algorithm, factors of a list of
-        contacts; both have the directions of the lattice.
+        contacts; both have the directions of the lattice. Raises
+        :class:`~granphon.base.errors.GranphonError` if the ``deadline`` passes meanwhile.
         """
         structure = self.packing.structure
         shape = even_shape(structure, _CHECKED_SIDES[structure.periods])
@@ -819,7 +820,8 @@ def tradeoff(
     force, pressure, overlap : the loads, N, N/m (Pa in space) or m; one of the three.
     observe : "velocities", "bands", "dos": the quantities whose errors are measured. For bands and
         densities of states, media are judged by the scale of frequencies.
-    finite_overlap : is refused: media are compared in the paper's limit only.
+    finite_overlap : only False: the arrays that media are judged by decide at which loads results
+        have finite overlap, those at which they have their exact geometry.
     friction_history, friction_coefficient, shear_response : whether media are judged by arrays
         loaded with friction, and how, as of a :class:`~granphon.DirectSimulation`; by default by
         arrays at rest without friction.
@@ -842,9 +844,10 @@ def tradeoff(
     Raises
     ------
     InputError : no load, or one that is not valid; equal balls, as all media are exact then; balls
-        on a line, on a lattice that is not simulated, or with finite overlap, where media have no
-        reference; a history without a friction coefficient, or the reverse; fewer runs than five, a
-        budget of no seconds, an unknown word in ``observe``.
+        on a line, on a lattice or with motions that are not simulated, in a plane whose sound is
+        not isotropic, or with finite overlap, where media have no reference; a history without a
+        friction coefficient, or the reverse; fewer runs than five, a budget of no seconds, no word
+        or an unknown one in ``observe``.
     FileExistsInRunError : ``store`` holds finished studies of another trade-off, or tasks of a
         sweep.
     """
@@ -900,18 +903,23 @@ def _require_comparable(packing: Packing, finite_overlap: bool, against: Frictio
         raise InputError("equal balls leave nothing to compare", why, "Give the packing a spread")
     structure = packing.structure
     if finite_overlap:
-        why = "Their reference is the simulated array, which has the paper's limit only"
-        mend = "Leave finite_overlap out, or the spread"
-        raise InputError("media are not compared with finite overlap", why, mend)
+        why = (
+            "The simulated arrays that media are judged by have it at the loads where their"
+            " geometry is exact, and only there"
+        )
+        raise InputError("media are not compared with finite overlap", why, "Leave it out")
     problem = f"media are not compared on the {structure.name} lattice"
-    mend = "Use another lattice, or leave the spread out"
+    mend = "Use another lattice"
     if structure.periods == 1:
         why = "On a line all contacts carry the same force, and every medium is exact"
         raise InputError(problem, why, mend)
     try:
         DirectSimulation(packing, (1,) * structure.periods, **against.options)
-    except GranphonError as error:
+    except MechanismError as error:
         raise InputError(problem, f"Their reference is the simulated array: {error}") from None
+    except GranphonError as error:
+        refused = "media are not compared for these balls"
+        raise InputError(refused, f"Their reference is the simulated array: {error}") from None
     if structure.periods == 2 and not ideal_lattice(packing).is_isotropic:
         why = "In the plane velocities are compared where sound is isotropic"
         raise InputError(problem, why, mend)
@@ -929,8 +937,9 @@ def carry_out(
     """Return the results of a study that is carried out within a ``budget``, s on the study's
     stopwatch, by an ``executor``; each point is timed ``runs`` times.
 
-    A finished study is kept in a ``store``, which is claimed for the ``identity`` of the trade-off,
-    plain data.
+    ``progress`` is told of the steps of the study, with an executor of its end alone. A finished
+    study is kept in a ``store``, which is claimed for the ``identity`` of the trade-off, plain
+    data; a study that is found there is returned.
     """
     # in this process the study tells its steps; in another it cannot, and its end alone is told
     is_in_process = executor is None

@@ -354,3 +354,11 @@ def test_averaged_force_of_any_list_is_inverted(balls, load):
     law = AveragedLaw(1.0, 1.0, shape)
     force = 10.0**load
     assert law.force(law.overlap(force)) == pytest.approx(force, rel=1e-10)
+
+
+def test_a_medium_tells_a_force_that_is_too_small_in_newtons():
+    steel = gp.Material(211.65e9, 0.276, 7840.0)
+    medium = gp.AveragedForce(gp.Packing(steel, 8e-3, gp.Uniform(2e-6)))
+    with pytest.raises(PrecisionError, match="N is too small") as refused:
+        medium.at_force(1e-30)
+    assert "W^" not in str(refused.value)

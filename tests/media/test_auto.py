@@ -188,7 +188,7 @@ def test_a_tolerance_is_a_number_between_zero_and_one(rough, tolerance):
 def test_kinds_of_loads_are_named_and_finite_overlap_is_refused(rough):
     with pytest.raises(InputError, match="a side_force needs it"):
         gp.AutoMedium(rough).choose("side_force", 2.0)
-    with pytest.raises(InputError, match="finite overlap"):
+    with pytest.raises(InputError, match="takes no finite_overlap"):
         gp.AutoMedium(rough).at_force(40.0, finite_overlap=True)
 
 

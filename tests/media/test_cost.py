@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -555,3 +556,26 @@ def test_the_edges_of_the_bands_of_large_cells_take_long():
     assert cost.band_edges(1, 100, 600, of_all=False).units[-1].number > 8.0 * few
     assert cost.band_edges(1, 100, 300, of_all=True).units[-1].number > 5.0 * few
     assert cost.band_edges(1, 100, 300, False, of_network=True).units[-1].number > 3.0 * few
+
+
+@pytest.mark.parametrize("change", [{"boundary": "stress"}, {"geometry": "exact"}])
+def test_the_estimate_and_the_check_of_a_simulation_count_the_same_memory(change, monkeypatch):
+    medium = replace(simulation(shape=(2048, 2048)), **change)
+    load = Load("force", [5.0, 6.0])
+    needed = []
+    monkeypatch.setattr(
+        "granphon.media.simulation.require_memory", lambda what, size, mend: needed.append(size)
+    )
+    medium._require_memory(load)
+    assert needed == [estimate(medium, load).working]
+    # contacts that turn, and those of a cell that shears, are listed
+    assert needed[0] > estimate(simulation(shape=(2048, 2048)), load).working
+
+
+def test_an_estimate_is_in_the_geometry_that_the_load_chooses():
+    medium = replace(simulation(shape=(2048, 2048)), geometry=None)
+    for force, geometry in ((0.3, "exact"), (1e3, "lattice")):
+        load = Load("force", force)
+        assert [medium.geometry for medium, _ in medium.by_geometry(load)] == [geometry]
+        expected = replace(medium, geometry=geometry).find_memory(load)
+        assert estimate(medium, load).working == expected

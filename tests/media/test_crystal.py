@@ -8,6 +8,7 @@ import itertools
 import json
 import math
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -1423,3 +1424,24 @@ def test_rest_is_the_minimum_of_the_energy_that_scipy_finds(name, seed):
     assert_allclose(np.maximum(overlap, 0.0), np.maximum(state.overlap, 0.0), atol=2e-6 * size)
     assert_allclose(np.linalg.norm(pull_on_balls(state)[0], axis=1), 0.0, atol=1e-12 * scale)
     assert_allclose(state.stress, stress, atol=1e-12 * np.abs(stress).max())
+
+
+@pytest.mark.parametrize("name", ["at_force", "at_overlap"])
+def test_a_mean_of_zero_has_no_stiffness_and_one_below_zero_is_a_tension(name):
+    find = getattr(gp.Crystal.on("triangular", [PLAIN]), name)
+    with pytest.raises(InputError, match=r"is zero.*no stiffness"):
+        find([1e-6, 0.0])
+    with pytest.raises(InputError, match=r"tensile.*no tension"):
+        find([1e-6, -1e-6])
+
+
+def test_no_kind_is_called_as_the_floor():
+    with pytest.raises(InputError, match="rigid plane") as refused:
+        gp.Crystal.on("triangular", [replace(PLAIN, name="floor")])
+    assert "two kinds" not in str(refused.value)
+
+
+def test_a_chain_may_be_given_as_a_lattice():
+    heavy = replace(PLAIN, mass=0.05)
+    chain = gp.Crystal.on(gp.Lattice("chain", ((1.0,),)), [PLAIN, heavy, PLAIN])
+    assert chain == gp.Crystal.on("chain", [PLAIN, heavy, PLAIN])

@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
 from granphon.base.errors import InputError, MechanismError
+from granphon.media.arrangement import Arrangement
 from granphon.media.state import as_state
 from tests.conftest import only
 
@@ -352,3 +353,11 @@ def test_samples_stand_in_the_true_geometry_where_a_simulation_does(lattice, sta
 
 def test_a_cluster_has_a_sample():
     assert np.ptp(cluster().sample(seed=4).radii) > 0.0
+
+
+def test_arrangements_of_samples_are_told_apart_by_their_diameters():
+    crystal = gp.Crystal.on("triangular", [BALL])
+    first, same, other = (Arrangement.of(crystal.sample((2, 2), seed)) for seed in (0, 0, 1))
+    assert first == same
+    assert hash(first) == hash(same)
+    assert first != other

@@ -18,6 +18,7 @@ import granphon as gp
 from granphon.balls.loads import Load, force_of_frame
 from granphon.base.errors import InputError, PrecisionError
 from granphon.base.scales import write_quantity
+from granphon.media.choice import find_medium
 from granphon.observables.velocities import local_exponent
 
 SI = ("force", "pressure", "overlap", "normal_stiffness", "shear_stiffness")
@@ -493,3 +494,26 @@ def test_loads_are_compared_indexed_and_kept():
     ):
         with pytest.raises(InputError):
             Load.only(**wrong)
+
+
+@pytest.mark.parametrize("name", ["ala", "afa", "ema", "simulation", "auto"])
+def test_loads_of_crystals_are_refused_for_packings(name):
+    packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, gp.Uniform(2e-6))
+    medium = find_medium(name)(packing)
+    for load, told in (
+        (Load("stress", 10.0, tensor=(-1.0, -1.0, 0.0)), "by a stress"),
+        (Load("pressure", 1e3, gravity=9.81), "no gravity"),
+    ):
+        with pytest.raises(InputError, match=told):
+            medium.at(load)
+
+
+@pytest.mark.parametrize("name", ["ala", "simulation"])
+def test_an_index_of_no_load_is_refused(name):
+    packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, gp.Uniform(2e-6))
+    options = {"shape": (4, 4)} if name == "simulation" else {}
+    state = find_medium(name)(packing, **options).at_force([10.0, 20.0])
+    for index in ([], slice(2, None)):
+        with pytest.raises(InputError, match="none of the loads"):
+            _ = state[index]
+    assert state[-1].force == 20.0

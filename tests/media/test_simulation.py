@@ -471,6 +471,7 @@ def test_given_diameters(spread, packing):
     assert SimulatedState.from_dict(json.loads(json.dumps(again.to_dict()))) == again
     assert own == simulate(packing, diameters=drawn.sample.diameters + 1e-5)
     assert own != simulate(packing, diameters=drawn.sample.diameters[::-1])
+    assert own != simulate(packing, diameters=drawn.sample.diameters[:-1])
     assert own != simulate(packing, (5, 6))
 
 

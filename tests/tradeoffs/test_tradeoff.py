@@ -498,7 +498,7 @@ def test_what_cannot_be_asked(rough, options, told):
         ("kagome", False, "on the kagome lattice"),
         ("chain", False, "on the chain lattice.*every medium is exact"),
         ("bcc", False, "on the bcc lattice.*without friction"),
-        ("fcc", True, "with finite overlap.*paper's limit only"),
+        ("fcc", True, "with finite overlap.*geometry is exact"),
     ],
 )
 def test_where_media_have_no_reference(steel, lattice, finite, told):
@@ -924,3 +924,21 @@ def test_an_interruption_leaves_nothing(work, which):
     assert err.startswith("granphon: error: interrupted; no result")
     assert err.count("\n") == 1
     assert [path.name for path in work.iterdir()] == ["scene.yaml"]
+
+
+@pytest.mark.parametrize(
+    ("change", "more", "told"),
+    [
+        ({"motions": "all"}, {}, "motions 'all' are not simulated"),
+        (
+            {"friction": False},
+            {"friction_history": True, "friction_coefficient": 0.2},
+            "needs contacts with friction",
+        ),
+    ],
+)
+def test_what_is_wrong_with_balls_is_not_said_of_their_lattice(steel, change, more, told):
+    packing = gp.Packing(steel, 8e-3, gp.Uniform(WIDTH), **change)
+    with pytest.raises(InputError, match=told) as refused:
+        tradeoff(packing, force=1.0, **more)
+    assert "triangular" not in str(refused.value)
