@@ -490,11 +490,13 @@ class ContactNetwork(Result):
 
     @cached_property
     def arm_rates(self) -> Array:
-        """(n_c,) by how much both arms grow with the elongation of a contact: by half of it between
-        balls, and at flat walls by the part that belongs to the ``slip_levers``: in LAMMPS the arm
-        is the radius there, and in YADE it ends at the wall.
+        """(n_c,) by how much both arms grow with the elongation of a contact: by half of it, as
+        they end amid the overlap. At a flat wall an arm that is the radius, as in LAMMPS, does not
+        grow, and one by the ``slip_levers`` of YADE ends at the wall and grows as the elongation.
         """
-        at_wall = SLIP_LEVERS[self.slip_levers]
+        at_wall = np.where(self.arm_i == self.radii[self.i], 0.0, 0.5)
+        if self.slip_levers == "yade":
+            at_wall = np.ones(self.n_contacts)
         return read_only(np.where(np.isinf(self.radii[self.j]), at_wall, 0.5))
 
     @property

@@ -82,9 +82,8 @@ TANGENTIAL_LAWS = {
     "liggghts": TangentialLaw(0.5),
 }
 #: how rotations and displacements make slip, see the field ``slip_levers`` of
-#: :class:`~granphon.networks.network.ContactNetwork`; and by how much the arm at a flat wall grows
-#: with the elongation: it ends amid the overlap, on the surface of the ball, or on the wall
-SLIP_LEVERS = {"arms": 0.5, "radii": 0.0, "yade": 1.0}
+#: :class:`~granphon.networks.network.ContactNetwork`
+SLIP_LEVERS = ("arms", "radii", "yade")
 
 
 @dataclass(frozen=True)
