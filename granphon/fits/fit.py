@@ -859,6 +859,8 @@ class WidthFit(Fitted):
             mend = "Use .velocities, the velocities of the fit at the data"
             raise InputError("the measured pulses have many frequencies", mend=mend)
         choice = MediumChoice.parse(medium or self.choice)
+        if not self.packing.width:  # of equal balls every medium is the averaged lattice
+            choice = MediumChoice("ala")
         # samples in their exact geometry always have finite overlap, which is no request for other
         # media
         requested = self.waves.finite_overlap and not self.choice.is_exact

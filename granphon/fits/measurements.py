@@ -59,8 +59,10 @@ def _explain_column(kind: str) -> str:
 
 
 def read_sigma(text: str, velocity: Array) -> Any:
-    """Read standard errors of the velocities, m/s, from a text: "5 m/s" for all velocities, or "1
-    %" of each.
+    """Return standard errors of velocities, m/s, from a ``text``: a number for "5 m/s", or for
+    "1 %" that part of each ``velocity`` (n,), m/s.
+
+    Raises :class:`~granphon.base.errors.Refused` for another text.
     """
     if re.search(r"(?:%|percent)\s*$", text):
         return velocity * (PERCENT.read(text) / 100.0)
@@ -146,9 +148,10 @@ class Measurements(Result):
         Raises
         ------
         InputError : a file, line or cell cannot be read, a column is missing, a quantity is given
-            twice: by two columns, or by a ``distance`` and a column of distances or of velocities;
-            loads or cut-off frequencies without the function that converts them, cut-off
-            frequencies beside frequencies of pulses, or numbers that the class does not allow.
+            twice: by two columns, or by a ``distance`` and a column of distances, velocities or
+            cut-off frequencies; loads or cut-off frequencies without the function that converts
+            them, cut-off frequencies beside frequencies of pulses, or numbers that the class does
+            not allow.
         """
         source = _SourceColumns.read(path, columns or {}, periods)
         load = source.choose("force", "side_force", "pressure") or "force"
@@ -346,10 +349,10 @@ def _require_long_waves(path: Any, *, can_convert: bool, has_pulses: bool) -> No
 
 def _require_no_second_distance(source: _SourceColumns, measured: str) -> None:
     """Raise InputError if the table has a column that contradicts a distance given beside the
-    table: distances, or velocities where the ``measured`` kind is not "time".
+    table: distances beside times, or the ``measured`` kind if that is not "time".
     """
     has_times = measured == "time"
-    column = source.choose("distance" if has_times else "velocity")
+    column = source.choose("distance") if has_times else measured
     if column is None:
         return
     why = "A distance given beside the table is for times of flight only, and for all of them"

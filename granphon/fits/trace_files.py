@@ -174,12 +174,12 @@ def _find_distances(
             )
         distances = [given.get(name, place) for name, place in zip(names, read, strict=True)]
     else:
-        if len(given) != len(names):
+        distances = np.atleast_1d(finite_array("distances", given, "m")).tolist()
+        if len(distances) != len(names):
             raise InputError(
-                f"{where} has {len(names)} traces, and {len(given)} distances are given",
+                f"{where} has {len(names)} traces, and {len(distances)} distances are given",
                 mend="Give one distance for each sensor",
             )
-        distances = list(given)
     lacking = [name for name, distance in zip(names, distances, strict=True) if distance is None]
     if lacking:
         raise InputError(
@@ -268,7 +268,8 @@ def _read_hdf5(path: str | os.PathLike[str]) -> _FileTraces:
     """Return the traces of a file of HDF5: the data sets "signals" (m, n), "time" (n,) or the
     attribute "time_step", "distance" (m,) and "names" (m,), of which only the first is required.
 
-    Raises InputError for a file that cannot be read, and for data sets that do not fit together.
+    Raises InputError for a file that cannot be read, times that are given twice, and data sets that
+    do not fit together.
     """
     require_installed("A file of HDF5", "h5py")
     import h5py
@@ -288,6 +289,10 @@ def _read_hdf5(path: str | os.PathLike[str]) -> _FileTraces:
             )
         signals = np.atleast_2d(_read_numbers(path, file["signals"], "signals"))
         times: Array | None = None
+        if "time" in file and "time_step" in file.attrs:
+            raise InputError(
+                f"{path} has a data set of times, and a time_step", mend="Leave one of them out"
+            )
         if "time" in file:
             times = _read_quantity(path, file["time"], "time", TIMES)
         elif "time_step" in file.attrs:
@@ -299,7 +304,10 @@ def _read_hdf5(path: str | os.PathLike[str]) -> _FileTraces:
             distances = tuple(places.tolist())
         names = tuple(str(number) for number in range(1, len(signals) + 1))
         if "names" in file:
-            names = tuple(np.asarray(file["names"]).astype(str).tolist())
+            listed = np.atleast_1d(file["names"]).tolist()
+            names = tuple(
+                name.decode() if isinstance(name, bytes) else str(name) for name in listed
+            )
     if len(distances) != len(signals) or len(names) != len(signals):
         raise InputError(
             f"{path} has {len(signals)} traces, {len(distances)} distances and {len(names)} names",

@@ -28,7 +28,7 @@ from granphon.base.quantities import FREQUENCY, Quantity
 from granphon.base.results import Result, held, result_class
 from granphon.base.tables import Table
 from granphon.base.text import list_names, suggest
-from granphon.base.validation import Low, finite_list, positive, texts
+from granphon.base.validation import Low, finite_list, one_of, positive, texts
 from granphon.dynamics.damping import (
     LEAST_RESTITUTION,
     SMALL_LOSS,
@@ -168,10 +168,12 @@ class TransferFunction(Result):
             m/s^2/N; "force", numbers or, where a wall is moved, N/m, in a column that may be named
             force; "stiffness", N/m; or "transmissibility", numbers.
 
-        Raises :class:`~granphon.base.errors.InputError` for a file, line or cell that cannot be
-        read, a column that is missing or has another unit, and what the constructor refuses.
+        Raises :class:`~granphon.base.errors.InputError` for another quantity, a file, line or cell
+        that cannot be read, a column that is missing or has another unit, and what the constructor
+        refuses.
         """
-        source = _SourceColumns.read(path, columns or {}, quantity)
+        chosen_quantity = one_of("quantity", quantity, QUANTITIES)
+        source = _SourceColumns.read(path, columns or {}, chosen_quantity)
         source.require("frequency")
         frequencies = source.table.column(source.headings["frequency"], FREQUENCY)
         is_complex = source.is_complex
@@ -212,10 +214,12 @@ class TransferFunction(Result):
 
         Parameters
         ----------
-        drive, response : their unit of one over the other is that of the magnitude.
+        drive, response : the unit of the magnitude is that of the response over that of the drive;
+            the result counts as ``calibrated``.
         segment : length of a segment, s; by default an eighth of the record. A resonance needs
             segments that are longer than it rings.
-        band : lowest and highest frequency that are kept, Hz; by default all above zero.
+        band : lowest and highest frequency that are kept, Hz; by default all. Those up to two over
+            the length of a segment, which lose their mean, are left out in any case.
 
         Raises :class:`~granphon.base.errors.InputError` for traces of several sensors, or at
         different times; a trace that does not change; segments of less than 16 samples, or of which
@@ -966,7 +970,7 @@ class _Comparison:
         ratios = np.array([stiffer ** _POWERS.get(name, 0.0) for name in self.names])
         scaled = np.where(self.is_loss, loss / max(int(np.sum(self.is_loss)), 1), ratios)
         differences = self.compare_logarithms(scaled)
-        if not np.all(np.isfinite(differences)):  # no balls come to rest
+        if not np.all(np.isfinite(differences)):  # no balls come to rest, or none respond
             return math.inf, scaled
         if "gain" in self.names:
             # the gain that fits best is the mean ratio of magnitudes, in logarithms

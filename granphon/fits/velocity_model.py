@@ -78,10 +78,12 @@ class Waves(Result):
     ----------
     branch : "longitudinal" or "transverse"; in space "transverse_slow" or "transverse_fast" instead
         of the latter.
-        :class:`~granphon.base.errors.InputError` for another word.
     direction : direction of propagation, a unit vector (p,).
     frequency : frequency of the pulses, Hz, one number or one for each load; None for long waves.
     finite_overlap : whether terms of relative order delta/d are kept.
+
+    Raises :class:`~granphon.base.errors.InputError` for another branch, and for a
+    ``finite_overlap`` that is not true or false.
     """
 
     branch: str = held(str)

@@ -199,6 +199,11 @@ def test_a_named_column_goes_before_one_found(tmp_path):
             "a velocity column",
         ),
         (
+            "force (N),cutoff (Hz)\n2,3\n",
+            {"distance": (0.5, 0.01), "carried": lambda _force, cutoff: cutoff},
+            "a cutoff column",
+        ),
+        (
             "force (N),v (m/s)\n2,3\n",
             {"columns": {"velocity": "v"}, "distance": 0.5},
             "Leave it out, or name",
