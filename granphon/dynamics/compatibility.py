@@ -379,7 +379,8 @@ class Compatibility:
         energy = np.sum(np.abs(displacements) ** 2, axis=1)
         is_across = np.array(self.motions.translations) >= self.periods
         why = "The contact forces push the balls sideways more than the contacts hold them"
-        mend = "Lower the load, or leave finite_overlap off"
+        leave_out = "leave static forces out (without finite_overlap, or with prestress=False)"
+        mend = f"Lower the load, or {leave_out}"
         is_flat = not np.any(self.contacts.normal[:, self.periods :])
         moves_across = energy[is_across].sum() > energy[~is_across].sum()
         if is_flat and moves_across:
@@ -396,7 +397,7 @@ class Compatibility:
                 f" balls that leave the {place} farther out, with the stiffness -f/a, and nothing"
                 " else acts on long waves"
             )
-            mend = f"Use the motions {motions}, or leave finite_overlap off"
+            mend = f"Use the motions {motions}, or {leave_out}"
         return InstabilityError(f"the lattice {self.name} buckles: {where}", why, mend)
 
     # -- the compatibility matrix ------------------------------------------------------------------

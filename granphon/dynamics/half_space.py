@@ -245,6 +245,7 @@ class HalfSpace:
             raise InputError(
                 "the network has static tangential forces, or slip by levers that exceed the arms",
                 "With prestress, these have no potential",
+                "Leave static forces out (prestress=False)",
             )
         push_stiffness = -cut.normal_force / cut.distance / units.stiffness
         for row in push_rows(cut.normal[:, : self.network.dimension], self.motions):

@@ -158,6 +158,7 @@ class IterativeRelaxation:
                     raise InstabilityError(
                         "the network is not stable: it gives way to a uniform strain",
                         "Its static forces exceed what its springs hold",
+                        "Lower the load, or leave static forces out (prestress=False)",
                     )
                 lengths = np.divide(sizes, curvature, out=np.zeros_like(sizes), where=is_open)
                 motions += lengths * direction
@@ -174,5 +175,7 @@ class IterativeRelaxation:
                 step.advance(max(gained, 0.0))
                 reached += max(gained, 0.0)
         raise ConvergenceError(
-            f"the balls of the network do not relax within {_MOST_ITERATIONS} iterations"
+            f"the balls of the network do not relax within {_MOST_ITERATIONS} iterations",
+            "Parts of it may cost almost no energy to move",
+            "Take a smaller network, which is relaxed by factors, or one with more contacts",
         )

@@ -12,7 +12,6 @@ import numpy as np
 
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
-from granphon.base.text import counted
 from granphon.dynamics.half_space import HalfSpace
 
 #: phases from block to block, rad, at which Zak phases and windings are summed
@@ -56,8 +55,9 @@ def find_zak_phase(half_space: HalfSpace, q: Array, below: int) -> float:
     gap = np.min(squares[:, below] - squares[:, below - 1])
     is_closed = gap <= _CLOSED * half_space.highest
     if is_closed or np.min(np.abs(overlaps)) < _LEAST_OVERLAP:
+        branches = "lowest branch" if below == 1 else f"{below} lowest branches"
         raise InputError(
-            f"the gap above the lowest {counted(below, 'branch', 'branches')} closes, or nearly",
+            f"the gap above the {branches} closes, or nearly",
             mend="Take another wave vector",
         )
     phase = -float(np.angle(np.prod(overlaps / np.abs(overlaps))))

@@ -11,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 
 from granphon.base.arrays import Array
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, brief
 from granphon.base.quantities import (
     FREQUENCY,
     LENGTH,
@@ -153,6 +153,7 @@ class Measurements(Result):
             them, cut-off frequencies beside frequencies of pulses, or numbers that the class does
             not allow.
         """
+        length, error_of_length = _read_distance(distance)
         source = _SourceColumns.read(path, columns or {}, periods)
         load = source.choose("force", "side_force", "pressure") or "force"
         _require_conversion(path, load, frame, pressed)
@@ -171,7 +172,6 @@ class Measurements(Result):
         force = source.read_force(load, {"side_force": frame, "pressure": pressed}.get(load))
         if distance is not None:
             _require_no_second_distance(source, measured)
-        length, error_of_length = distance if isinstance(distance, tuple) else (distance, 0.0)
         if measured == "cutoff" and carried is not None:
             velocity = carried(force, source.column("cutoff"))
         else:
@@ -179,7 +179,7 @@ class Measurements(Result):
         sigma = None if error is None else source.read_sigma(error, velocity)
         if length is not None and error_of_length:
             # the relative error of the distance is one of each velocity, beside its own
-            relative_error = not_negative("error of distance", error_of_length, "m") / length
+            relative_error = error_of_length / length
             sigma_of_length = velocity * relative_error
             sigma = sigma_of_length if sigma is None else np.hypot(sigma, sigma_of_length)
         frequency = None if pulse is None else source.column("frequency")
@@ -246,13 +246,13 @@ class _SourceColumns:
     def read_velocity(self, kind: str, distance: float | None) -> Array:
         """Return the velocities (n,), m/s, from the column of this ``kind``, "velocity" or "time".
 
-        Times are those for a ``distance``, m, by default that of the column of distances.
+        Times are those for a ``distance``, m, or if it is None those of the column of distances.
         """
         if kind == "velocity":
             return self.column("velocity")
         if distance is None:
             return self.column("distance") / self.column("time")
-        return positive("distance", distance, "m") / self.column("time")
+        return distance / self.column("time")
 
     def require(self, kinds: Sequence[str]) -> None:
         """Raise InputError, which names all of them, if columns of these kinds are missing or have
@@ -313,6 +313,20 @@ class _SourceColumns:
         if error == "sigma":
             return self.column("sigma")
         return velocity * self.column(error) / self.column(_MEASURED_OF_ERROR[error])
+
+
+def _read_distance(distance: Any) -> tuple[float | None, float]:
+    """Return the distance that sound travels, m, None if a column gives it, and its standard error,
+    m, from a ``distance`` or a tuple of both; InputError for anything else.
+    """
+    if distance is None:
+        return None, 0.0
+    pair = distance if isinstance(distance, tuple) else (distance, 0.0)
+    if len(pair) != 2:
+        raise InputError(
+            f"distance is {brief(distance)}", mend="Give a number, or (distance, standard error), m"
+        )
+    return positive("distance", pair[0], "m"), not_negative("error of distance", pair[1], "m")
 
 
 def _require_conversion(

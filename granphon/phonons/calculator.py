@@ -52,7 +52,12 @@ from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.deformation_rows import Row, contact_rows
 from granphon.media.state import ContactState, Law, NetworkState, as_state, given_state
 from granphon.networks.network import ContactNetwork
-from granphon.phonons.ball_contacts import VOIGT, BallContacts, ContactCalculator
+from granphon.phonons.ball_contacts import (
+    VOIGT,
+    BallContacts,
+    ContactCalculator,
+    require_apart,
+)
 from granphon.phonons.phonopy_atoms import choose_symbols, name_balls
 
 if TYPE_CHECKING:
@@ -535,7 +540,8 @@ class HertzMindlin(ContactCalculator):
         or an array that :func:`~granphon.atoms` gives (:meth:`adopt` adds what is missing), or that
         belong to another state; a cell that is tilted out of the line or plane of the lattice, or
         periodic across it; balls that touch in directions other than those of the lattice, as when
-        it is turned (allowed with ``finite_overlap`` where balls do not rotate).
+        it is turned (allowed with ``finite_overlap`` where balls do not rotate); two balls at one
+        place.
     PrecisionError : when used, if delta/d < 1e-10: positions hold too few digits of the overlap.
     """
 
@@ -790,20 +796,19 @@ class HertzMindlin(ContactCalculator):
         and (n,) whether the pair is near enough to be that contact.
 
         With finite overlap and balls that do not turn, the direction is that of the pair itself,
-        and the length of its vector alone decides.
+        and the length of its vector alone decides: however deep balls overlap, they are near.
 
         ``vector`` (n, m), d, joins the balls of each pair. ``extra`` (n,), d, is what the diameters
         of the two balls add to the distance at which balls touch. With ``at_sites`` the vectors
         join the sites of the balls, and only tell which balls touch.
 
-        Raises :class:`~granphon.base.errors.InputError` if balls touch in another direction, or if
-        the lattice is turned too far for contacts of fixed direction.
+        Raises :class:`~granphon.base.errors.InputError` if balls touch in another direction, if the
+        lattice is turned too far for contacts of fixed direction, or if two balls are at one place.
         """
         distance = np.linalg.norm(vector, axis=1)
         if self._has_free_directions:
-            is_near = np.abs(distance - self._spacing) < _CATCH
-            if at_sites:
-                is_near &= distance < self._midway
+            is_near = distance < (self._midway if at_sites else self._spacing + _CATCH)
+            require_apart(distance)
             return vector / distance[:, None], is_near
         nearest = np.argmax(vector @ self._directions.T, axis=1)
         normal = self._directions[nearest]
