@@ -807,8 +807,8 @@ class Compatibility:
         return contacts
 
     def _make_real_waves(self, prestress: bool = False) -> WaveRows:
-        """Return rows with the same C^H C as those of :meth:`_make_waves`, which are real if an
-        inversion maps the lattice onto itself.
+        """Return rows with the same C^H C as those of :meth:`_make_waves`, to which ``prestress``
+        is passed on; they are real if an inversion maps the lattice onto itself.
 
         The row of the image of a contact is plus or minus the complex conjugate of the contact's
         row. The two are replaced by 2^1/2 times the real part and 2^1/2 times the imaginary part of

@@ -40,12 +40,16 @@ _TIED_ALONG = 1e-9
 
 
 def voigt_pairs(periods: int) -> tuple[tuple[int, int], ...]:
-    """Return the pairs of axes (0 for x, 1 for y, 2 for z) of the strains in Voigt order."""
+    """Return the pairs of axes (0 for x, 1 for y, 2 for z) of the strains in Voigt order, for 1, 2
+    or 3 ``periods``.
+    """
     return _VOIGT[periods]
 
 
 def voigt_names(periods: int) -> tuple[str, ...]:
-    """Return the names of the strains in Voigt order: xx; xx, yy, xy; or xx, yy, zz, yz, xz, xy."""
+    """Return the names of the strains in Voigt order, for 1, 2 or 3 ``periods``: xx; xx, yy, xy; or
+    xx, yy, zz, yz, xz, xy.
+    """
     return tuple("xyz"[a] + "xyz"[b] for a, b in _VOIGT[periods])
 
 

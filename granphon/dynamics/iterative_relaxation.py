@@ -39,8 +39,8 @@ _LOOSE = 1e-2
 
 
 class IterativeRelaxation:
-    """Inner motions of the balls of a cell, which relax as the cell is strained, by conjugate
-    gradients; in reduced units. Its methods are those of
+    """Inner motions of the balls of the cell of a ``lattice``, which relax as the cell is strained,
+    by conjugate gradients; in reduced units. Its methods are those of
     :class:`~granphon.dynamics.sparse_relaxation.SparseRelaxation`.
 
     ``difference`` (n_rows, n_branches), sparse by rows, takes the mass-weighted motions of all

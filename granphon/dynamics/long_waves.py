@@ -166,7 +166,7 @@ class LongWaves(Compatibility):
 
     def _make_sparse(self, progress: Progress) -> SparseRelaxation | IterativeRelaxation:
         """Return a new relaxation of all inner motions: by iteration where this takes less time and
-        memory (:meth:`_find_iteration`), else by sparse factors.
+        memory (:meth:`_find_iteration`), else by sparse factors. ``progress`` is told of the work.
         """
         head, tail = compose_ends(self, *self._weight_rows())
         difference = (head - tail).tocsr()

@@ -29,8 +29,8 @@ _LARGEST_TURN = 0.5 * np.pi
 
 
 def find_zak_phase(half_space: HalfSpace, q: Array, below: int) -> float:
-    """Return the Zak phase, rad, from 0 to 2 pi, of all branches above the ``below`` lowest, one or
-    more, at q (p - 1,) in fractions of the reciprocal cell.
+    """Return the Zak phase, rad, from 0 to 2 pi, of all branches of the crystal of a ``half_space``
+    above the ``below`` lowest, one or more, at q (p - 1,) in fractions of the reciprocal cell.
 
     If the edge is held, the phase is that of the motions of the balls, because such an edge leaves
     whole cells of balls. If it is free, the phase is that of the deformations of contacts, because
@@ -66,9 +66,9 @@ def find_zak_phase(half_space: HalfSpace, q: Array, below: int) -> float:
 
 
 def find_winding(half_space: HalfSpace, q: Array) -> int:
-    """Return how often det C winds about zero as the phase from block to block grows by 2 pi, at q
-    (p - 1,) in fractions of the reciprocal cell. Motions of that number at a free edge cost
-    nothing.
+    """Return how often det C of the crystal of a ``half_space`` winds about zero as the phase from
+    block to block grows by 2 pi, at q (p - 1,) in fractions of the reciprocal cell. Motions of that
+    number at a free edge cost nothing.
 
     Raises :class:`~granphon.base.errors.InputError` if C is not square, if its determinant
     vanishes, and if springs to the ground hold balls.

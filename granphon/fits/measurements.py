@@ -53,7 +53,7 @@ _MEASURED_OF_ERROR = {"time_sigma": "time", "cutoff_sigma": "cutoff"}
 
 
 def _explain_column(kind: str) -> str:
-    """Return how to name a column: in the file, for ``granphon fit``, and in Python."""
+    """Return how to name a column of a ``kind`` in the file, for ``granphon fit`` and in Python."""
     options = f"granphon fit also takes --column '{kind}=NAME', Python columns={{'{kind}': 'NAME'}}"
     return f"Head the column that is meant '{kind}'; {options}"
 
@@ -240,7 +240,7 @@ class _SourceColumns:
         return present[0] if present else None
 
     def column(self, kind: str) -> Array:
-        """Return the values of a column, (n,), SI."""
+        """Return the values of the column of a ``kind``, (n,), SI."""
         return self.table.column(self.heading(kind), self.quantities[kind], _explain_column(kind))
 
     def read_velocity(self, kind: str, distance: float | None) -> Array:
@@ -336,7 +336,8 @@ def _require_conversion(
     force_of_pressure: Callable[[float], float] | None,
 ) -> None:
     """Raise InputError if the table at ``path`` has a ``load`` of side forces or pressures, and
-    the function that converts these to contact forces is None.
+    ``force_of_side_force`` or ``force_of_pressure``, which converts these to contact forces, is
+    None.
     """
     if load == "side_force" and force_of_side_force is None:
         why = "The contact forces depend on the number of balls on a side too"
@@ -349,8 +350,9 @@ def _require_conversion(
 
 
 def _require_long_waves(path: Any, *, can_convert: bool, has_pulses: bool) -> None:
-    """Raise InputError for cut-off frequencies that cannot be converted to velocities, or that
-    stand beside frequencies of pulses.
+    """Raise InputError for cut-off frequencies of the table at ``path`` unless they can be
+    converted to velocities, ``can_convert``, and if frequencies of pulses stand beside them,
+    ``has_pulses``.
     """
     if has_pulses:
         why = "These are no pulses of a given frequency"

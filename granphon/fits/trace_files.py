@@ -76,7 +76,7 @@ def read_traces(
     distances: Sequence[float] | Mapping[str, float] | None,
     time_step: float | None,
 ) -> Record:
-    """Read the traces of one or several files that have the same times.
+    """Return the traces of one file, or of several that have the same times, at ``paths``.
 
     ``distances`` of the sensors, m, in their order or by their names, replace those in the files.
     ``time_step``, s, is given if the files have no times. Raises InputError as
@@ -136,7 +136,9 @@ def _count_steps(step: float, n: int) -> Array:
 def _require_same_times(
     first: _FileTraces, times: Array, file: _FileTraces, other_times: Array
 ) -> None:
-    """Raise InputError if two files have different times, by more than a hundredth of a step."""
+    """Raise InputError if the ``first`` file, with ``times`` (n,), s, and another ``file``, with
+    ``other_times`` (m,), s, have different times, by more than a hundredth of a step.
+    """
     if times.size != other_times.size:
         raise InputError(
             f"{first.name} has {times.size} samples, and {file.name} {other_times.size}",
@@ -317,8 +319,9 @@ def _read_hdf5(path: str | os.PathLike[str]) -> _FileTraces:
 
 
 def _read_quantity(path: str | os.PathLike[str], data: Any, name: str, kind: Quantity) -> Array:
-    """Return the numbers of a data set of HDF5, SI; its attribute ``units`` is that of the ``kind``
-    if the data set has none.
+    """Return the numbers of ``data``, a data set of HDF5, SI; its attribute ``units`` is that of
+    the ``kind`` if the data set has none. Messages name the file at ``path`` and the ``name`` of
+    the data set.
     """
     unit = data.attrs.get("units", kind.unit)
     text = unit.decode() if isinstance(unit, bytes) else str(unit)
@@ -331,7 +334,9 @@ def _read_quantity(path: str | os.PathLike[str], data: Any, name: str, kind: Qua
 
 
 def _read_numbers(path: str | os.PathLike[str], data: Any, name: str) -> Array:
-    """Return the finite numbers of a data set, or an attribute, of HDF5; InputError for others."""
+    """Return the finite numbers of ``data``, a data set or an attribute of HDF5; InputError, with
+    the file at ``path`` and the ``name``, for others.
+    """
     try:
         return finite_array(name, np.asarray(data))
     except InputError as error:

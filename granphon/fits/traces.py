@@ -265,8 +265,8 @@ class Traces(Result, array="signals"):
         return self._fit_line(method, pulses, arrivals)
 
     def _fit_line(self, method: str, pulses: _Pulses, arrivals: _Arrivals) -> TraceVelocity:
-        """Return the velocity of the straight line through the ``arrivals``, each weighted by the
-        inverse of its error.
+        """Return the velocity of the straight line through the ``arrivals`` of ``pulses``, each
+        weighted by the inverse of its error; ``method`` says how they were found.
 
         The line has two parameters: the time at which the pulse passes the mean distance, and its
         time of flight over the span of the distances.
@@ -372,7 +372,9 @@ class _Pulses:
 
     @classmethod
     def of(cls, traces: Traces, quiet: float | None, lowpass: float | str | None) -> Self:
-        """Take the pulses from the traces; the options are those of :meth:`Traces.velocity`."""
+        """Return the pulses of ``traces``; ``quiet``, s, and ``lowpass`` are the options of
+        :meth:`Traces.velocity`, whose errors of a quiet part, a pulse and a cut-off are raised.
+        """
         offsets = []
         noise = []
         # only ratios within a trace count: squares of very large or small numbers have no digits
@@ -539,6 +541,7 @@ class _Pulses:
         omega = 2.0 * math.pi * frequency
         waves = np.exp(-1j * omega * step * np.arange(traces.times.size))
         amplitudes = self.signals @ waves
+        # of the real part, whose variance is half of that of the amplitude
         noise_amplitudes = self.noise * np.linalg.norm(self.filter(waves.real))
         absent = np.flatnonzero(np.abs(amplitudes) <= _ABOVE_NOISE * noise_amplitudes)
         if absent.size:
@@ -557,8 +560,8 @@ class _Pulses:
         return self._make_arrivals(places, weights, self.first_time)
 
     def _find_top(self, sensor: int) -> int:
-        """Return the sample of the first maximum of the magnitude of a signal that has half of the
-        greatest height.
+        """Return the sample of the first maximum of the magnitude of the signal of a ``sensor``, an
+        index, that has half of the greatest height; InputError if there is no maximum.
         """
         sizes = np.abs(self.signals[sensor])
         inner = sizes[1:-1]
@@ -647,7 +650,9 @@ def _judge_scatter(chi2: float, dof: int) -> tuple[str, ...]:
 
 
 def _require_unclipped(name: str, times: Array, signal: Array) -> None:
-    """Raise InputError if the top or bottom of a trace is cut off: flat, and steep beside it."""
+    """Raise InputError if the top or bottom of a trace, ``signal`` (n,) at ``times`` (n,), s, of
+    the sensor ``name`` is cut off: flat, and steep beside it.
+    """
     levels = np.unique(signal)
     if levels.size < 2:
         return

@@ -307,8 +307,8 @@ def _find_coherence_of_noise(chance: float, n_independent: float) -> float:
 
 
 def _require_pair(drive: Traces, response: Traces) -> float:
-    """Return the step of time, s, of two traces of one sensor each at the same times; InputError
-    for others, and for a trace that does not change.
+    """Return the step of time, s, of ``drive`` and ``response``, traces of one sensor each at the
+    same times; InputError for others, and for a trace that does not change.
     """
     trace: Any
     for name, trace in (("drive", drive), ("response", response)):
@@ -395,7 +395,7 @@ class _SourceColumns:
         return True
 
     def is_raw(self, kind: str) -> bool:
-        """Whether the unit of a column is that of sensors that are not calibrated."""
+        """Whether the column of a ``kind`` has the unit of sensors that are not calibrated."""
         unit = self.table.unit(self.headings[kind])
         return unit in _RAW_UNITS and (unit != "N" or self.quantity in OF_FORCE)
 
@@ -417,8 +417,8 @@ class _SourceColumns:
         )
 
     def convert(self, kind: str, factors: Mapping[str, float]) -> Array | None:
-        """Return the numbers of a column, (n,), times the factor of its unit; None if the table
-        has no such column, or the unit is not among ``factors``.
+        """Return the numbers of the column of a ``kind``, (n,), times the factor of its unit; None
+        if the table has no such column, or the unit is not among ``factors``.
         """
         unit = self.table.unit(self.headings[kind])
         if not self.has(kind) or unit not in factors:
@@ -460,7 +460,9 @@ class _SourceColumns:
         return self.measure("sigma") if decibels is None else decibels * magnitude
 
     def read_angle(self, kind: str) -> Array | None:
-        """Return the angles of a column, (n,), rad; None if the table has no such column."""
+        """Return the angles of the column of a ``kind``, (n,), rad; None if the table has no such
+        column.
+        """
         angle = self.convert(kind, _ANGLES)
         if angle is None and self.has(kind):
             fault = f"{self.table.name}: the column {self.headings[kind]!r} is not in rad or deg"
@@ -952,7 +954,7 @@ class _Comparison:
 
     def compare_logarithms(self, scaled: Array) -> Array:
         """Return the differences of logarithms of magnitudes, and of phases, rad, if they are
-        known: (n,) or (2 n,).
+        known, (n,) or (2 n,), at ``scaled`` parameters (p,).
         """
         response = self.respond(scaled)
         with np.errstate(divide="ignore"):
@@ -1018,7 +1020,9 @@ class _Comparison:
         return min(fits, key=lambda fit: float(fit.cost))
 
     def _descend(self, start: Array) -> Any:
-        """Return scipy's result at the minimum that is reached from scaled parameters (p,)."""
+        """Return scipy's result at the minimum that is reached from the scaled parameters ``start``
+        (p,).
+        """
         from scipy.optimize import least_squares
 
         # a loss may vanish; a stiffness, load or gain of zero has no response
@@ -1105,7 +1109,7 @@ def _average_contacts(pair: tuple[Any, Any]) -> Array:
 
 def _require_data(dof: int, parameters: int, *, sigma_given: bool) -> None:
     """Raise InputError if there are too few measured numbers for the number of ``parameters``:
-    ``dof``, the difference of both, must be zero or above, and one or above if sigma is not given,
+    ``dof``, the difference of both, must be zero or above, and one or above unless ``sigma_given``,
     because the scatter takes one more.
     """
     n_needed = 0 if sigma_given else 1

@@ -313,7 +313,7 @@ class HarmonicContacts(ContactCalculator):
         return -contacts.collect()[1].T
 
     def get_torques(self, atoms: Atoms) -> Array:
-        """Return the torques (N, 3) on the balls, -dE/dphi, k d^2."""
+        """Return the torques (N, 3) on the balls of ``atoms``, -dE/dphi, k d^2."""
         self.get_property("energy", atoms)
         return self._torques.copy()
 
@@ -712,7 +712,8 @@ class HertzMindlin(ContactCalculator):
     def _resist_slips(
         self, balls: Atoms, law: Law, contacts: _ClosedContacts, loads: ContactForces
     ) -> None:
-        """Add to the ``loads`` those of slip, twist and roll since the reference configuration.
+        """Add to the ``loads``, in place, those of slip, twist and roll of the closed ``contacts``
+        of ``balls`` under the ``law``, since the reference configuration.
 
         The stiffnesses are those of the reference state: slip, twist and roll add to the energy of
         that state.
@@ -740,8 +741,8 @@ class HertzMindlin(ContactCalculator):
             loads.resist(row, row.stiffness * stiffness, displacement, angles)
 
     def get_torques(self, atoms: Atoms) -> Array:
-        """Return the torques on the balls, -dE/dphi, k d^2: (N,) if balls turn about z alone, else
-        (N, 3).
+        """Return the torques on the balls of ``atoms``, -dE/dphi, k d^2: (N,) if balls turn about z
+        alone, else (N, 3).
         """
         self.get_property("energy", atoms)
         return self._torques.copy()
@@ -1209,8 +1210,8 @@ def _in_space(vectors: Array) -> Array:
 
 
 def contact_blocks(lattice: ContactLattice) -> Array:
-    """Return the force constants (n_c, 6, 6), k, of each contact alone, between the three
-    coordinates of ball i followed by the three of ball j.
+    """Return the force constants (n_c, 6, 6), k, of each contact of a ``lattice`` alone, between
+    the three coordinates of ball i followed by the three of ball j.
 
     The coordinates are (x, y, w) in the plane, (w_x, w_y, z) out of the plane, and (x, y, z) if
     balls move in space and do not turn. Force constants of coordinates without a motion are zero.

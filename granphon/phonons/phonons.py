@@ -136,7 +136,7 @@ class Phonons:
         self.state: State = as_state(state)
         self.scales: Units = self.state.scales
         if not isinstance(atoms, Atoms | None):
-            raise InputError(f"atoms is {atoms!r}", mend="Give an ase.Atoms")
+            raise InputError(f"atoms is {brief(atoms)}", mend="Give an ase.Atoms")
         self.atoms: Atoms = lattice_atoms(self.state) if atoms is None else atoms.copy()
         self._span_cell()
         if atoms is None:
