@@ -45,6 +45,10 @@ class IterativeRelaxation:
 
     ``difference`` (n_rows, n_branches), sparse by rows, takes the mass-weighted motions of all
     balls to the deformations of contacts.
+
+    Its methods raise :class:`~granphon.base.errors.ConvergenceError` after too many iterations, and
+    under static forces :class:`~granphon.base.errors.InstabilityError` for a direction in which the
+    energy falls.
     """
 
     #: error of deformations that have relaxed, over the largest

@@ -152,7 +152,8 @@ class LongWaves(Compatibility):
 
         ``progress`` is told how far the work has come; an iteration keeps it, and tells it of each
         later relaxation too. Nothing is done if the cell has few motions, whose matrices are dense,
-        or if the balls are held.
+        or if the balls are held. Raises :class:`~granphon.base.errors.InputError` for factors that
+        do not fit into memory.
         """
         is_large = self.n_branches > MANY_COLUMNS
         if is_large and not self.is_held and "_sparse" not in vars(self):

@@ -77,6 +77,8 @@ class SparseRelaxation:
     The attribute ``free`` (n_branches, n_free) holds orthonormal motions that cost nothing. Most of
     these move a few balls and deform nothing in a wave either; of them only their part in the
     shifts of all balls is held. No motion of ``free`` contains a shift of all balls itself.
+
+    Raises :class:`~granphon.base.errors.InputError` if the factors do not fit into memory.
     """
 
     #: error of deformations that have relaxed, over the largest
