@@ -139,8 +139,8 @@ def require_bloch_memory(count: int, size: int, contacts: int = 0) -> None:
 
 
 def count_bloch_bytes(count: int, size: int, contacts: int = 0) -> float:
-    """Return the bytes that waves at ``count`` frequencies take, as :func:`require_bloch_memory`
-    counts them.
+    """Return the bytes that waves at ``count`` frequencies take. ``size`` and ``contacts`` are as
+    in :func:`require_bloch_memory`.
     """
     bytes_of_matrices = _MATRICES * 16.0 * (2 * size) ** 2
     bytes_of_rows = _ROWS * 32.0 * size * contacts

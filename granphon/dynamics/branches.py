@@ -63,8 +63,8 @@ def connect_branches(eigenvectors: ArrayLike) -> NDArray[np.intp]:
 
 
 def find_zone_boundary(lattice: ContactLattice, direction: ArrayLike) -> Any:
-    """Return the distance from Gamma to the edge of the Brillouin zone, 1/d: a number for one
-    ``direction`` (p,), or an array (n,) for n directions (n, p).
+    """Return the distance from Gamma to the edge of the Brillouin zone of a ``lattice``, 1/d: a
+    number for one ``direction`` (p,) of any length, or an array (n,) for n directions (n, p).
     """
     along = as_direction(direction, lattice.periods)
     # no point of the zone is farther from Gamma than half the sum of the reciprocal cell's edges.
@@ -137,7 +137,8 @@ def _find_nearest(
     lattice: ContactLattice, wavenumbers: Array, along: Array, references: NDArray[np.complex128]
 ) -> tuple[Array, Array]:
     """Return the frequency (n,), (k/M)^1/2, and the group velocity (n, p), d (k/M)^1/2, of the mode
-    whose eigenvector overlaps most with the reference, at each of ``wavenumbers`` (n,), 1/d.
+    of a ``lattice`` whose eigenvector overlaps most with the reference, at each of ``wavenumbers``
+    (n,), 1/d.
 
     ``along`` are unit vectors, one (p,) or one for each wavenumber (n, p), and ``references``
     (n, n_dof) are eigenvectors.
@@ -177,9 +178,9 @@ def _solve_wavenumbers(
     references: NDArray[np.complex128],
     name: str,
 ) -> tuple[Array, Array]:
-    """Return wavenumbers (n,), 1/d, and group velocities (n, p), d (k/M)^1/2, at which a branch has
-    the angular frequencies ``target`` (n,), (k/M)^1/2, in directions ``along`` (n, p): by Newton's
-    method, with bisection where a step leaves the bracket.
+    """Return wavenumbers (n,), 1/d, and group velocities (n, p), d (k/M)^1/2, at which a branch of
+    a ``lattice`` has the angular frequencies ``target`` (n,), (k/M)^1/2, in directions ``along``
+    (n, p): by Newton's method, with bisection where a step leaves the bracket.
 
     ``wavenumbers`` (2, n) are the brackets: their first row is below the solution, and their second
     above. ``frequencies`` (2, n) are those of the branch there. The branch has eigenvectors near
@@ -257,8 +258,8 @@ class AcousticBranches:
     def follow(
         cls, lattice: ContactLattice, directions: Array, targets: ArrayLike = np.inf
     ) -> AcousticBranches:
-        """Return the branches along unit vectors ``directions`` (n, p), followed through crossings
-        by the overlap of their eigenvectors.
+        """Return the branches of a ``lattice`` along unit vectors ``directions`` (n, p), followed
+        through crossings by the overlap of their eigenvectors.
 
         Each branch is followed at least until its frequency reaches its target, of ``targets``
         (n_u, n), (k/M)^1/2, or falls, or until the edge of the zone.
@@ -381,7 +382,8 @@ class _PathModes(NamedTuple):
 def _find_path_modes(
     lattice: ContactLattice, q: Array, along: Array, last: NDArray[np.complex128]
 ) -> _PathModes:
-    """Return the modes at wavenumbers q (n, k), 1/d, in directions ``along`` (n, p), unit vectors.
+    """Return the modes of a ``lattice`` at wavenumbers q (n, k), 1/d, in directions ``along``
+    (n, p), unit vectors.
 
     ``last`` (n, n_dof, n_branches) are the eigenvectors at the point before the first of these, for
     their overlap with those at the first.
@@ -427,8 +429,9 @@ def _find_maximum(
     high: float,
     reference: NDArray[np.complex128],
 ) -> float:
-    """Return the last wavenumber, 1/d, before the frequency of a branch falls, in the direction
-    ``along`` (p,), between ``low``, where the frequency rises, and ``high``, where it falls.
+    """Return the last wavenumber, 1/d, before the frequency of a branch of a ``lattice`` falls, in
+    the direction ``along`` (p,), between ``low``, where the frequency rises, and ``high``, where it
+    falls.
 
     The branch has eigenvectors near ``reference`` (1, n_dof). At each turn the interval shrinks to
     one of :data:`_PIECES` pieces, until its ends are neighbours among floats.

@@ -407,7 +407,8 @@ class Compatibility:
         energy = np.sum(np.abs(displacements) ** 2, axis=1)
         is_across = np.array(self.motions.translations) >= self.periods
         why = "The contact forces push the balls sideways more than the contacts hold them"
-        mend = "Lower the load, or leave finite_overlap off"
+        leave_out = "leave static forces out (without finite_overlap, or with prestress=False)"
+        mend = f"Lower the load, or {leave_out}"
         is_flat = not np.any(self.contacts.normal[:, self.periods :])
         moves_across = energy[is_across].sum() > energy[~is_across].sum()
         if is_flat and moves_across:
@@ -424,7 +425,7 @@ class Compatibility:
                 f" balls that leave the {place} farther out, with the stiffness -f/a, and nothing"
                 " else acts on long waves"
             )
-            mend = f"Use the motions {motions}, or leave finite_overlap off"
+            mend = f"Use the motions {motions}, or {leave_out}"
         return InstabilityError(f"the lattice {self.name} buckles: {where}", why, mend)
 
     # -- the compatibility matrix ------------------------------------------------------------------
@@ -845,8 +846,8 @@ class Compatibility:
         return contacts
 
     def _make_real_waves(self, prestress: bool = False) -> WaveRows:
-        """Return rows with the same C^H C as those of :meth:`_make_waves`, which are real if an
-        inversion maps the lattice onto itself.
+        """Return rows with the same C^H C as those of :meth:`_make_waves`, to which ``prestress``
+        is passed on; they are real if an inversion maps the lattice onto itself.
 
         The row of the image of a contact is plus or minus the complex conjugate of the contact's
         row. The two are replaced by 2^1/2 times the real part and 2^1/2 times the imaginary part of

@@ -324,11 +324,11 @@ class ContactLattice(LongWaves):
 
     @cached_property
     def top_frequency(self) -> float:
-        """Highest frequency of all branches, (k/M)^1/2, on a mesh of wave vectors that is coarse,
-        but contains Gamma, K, M and X.
+        """Highest frequency of all branches, (k/M)^1/2, on a coarse mesh of wave vectors.
 
-        The mesh is coarser for a large cell, because each point of its zone stands for many points
-        of the zone of a small cell. For hundreds of balls it is Gamma alone.
+        The mesh of a cell of up to 200 balls contains Gamma, K, M and X. It is coarser for a larger
+        cell, because each point of its zone stands for many points of the zone of a small cell. For
+        more than 200 balls it is Gamma alone.
         """
         if self.n_balls <= _FEW_BALLS:
             fractions = np.arange(12) / 12.0

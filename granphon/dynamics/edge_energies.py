@@ -188,8 +188,8 @@ class EdgeEnergies:
         return (squares, motions), (in_all, np.sum(np.abs(turned) ** 2, axis=(0, 3)))
 
     def _gather(self, values: Array, is_counted: Flags) -> Array:
-        """Return the sums over the contacts of the cut that are counted, for each contact of the
-        crystal.
+        """Return sums for each contact of the crystal: of the ``values`` (n_c,) of those contacts
+        of the cut that are this contact, and for which ``is_counted`` (n_c,) is true.
         """
         is_bulk = is_counted & (self.source >= 0)
         n_contacts = self.half_space.network.n_contacts
@@ -197,8 +197,9 @@ class EdgeEnergies:
         return np.asarray(sums, float)
 
     def _square(self, motions: Complex, q: Array, contacts: Index) -> dict[str, Array]:
-        """Return the squares of the deformations of some ``contacts`` (m,) of the cut, summed over
-        the last axis of mass-weighted ``motions`` (n, motions, k), by the kinds of :attr:`rows`.
+        """Return a dictionary of the squares (m,) of the deformations of some ``contacts`` (m,) of
+        the cut, summed over the last axis of mass-weighted ``motions`` (n, motions, k), by the
+        kinds of :attr:`rows`. The wave vector along the edge is q (p - 1,).
 
         ``motions`` are those of balls in the order of :attr:`number`; balls beyond do not move.
         """
@@ -237,6 +238,9 @@ class EdgeEnergies:
     ) -> FrequencySensitivities:
         """Return the derivatives of ``angular`` frequencies (n,), rad/s, from the ``energies`` of
         each wave in the contacts and balls of a ``network``, in SI units.
+
+        ``degenerate`` (n,) says which waves share their frequency, and ``warnings`` are those of
+        the result.
         """
         balls = np.flatnonzero(network.moving)
         kinds = {STIFFNESSES[row.kind] for row in self.rows}
@@ -256,8 +260,8 @@ class EdgeEnergies:
         return find_frequency_sensitivities(of_modes, place, warnings)
 
     def _require_memory(self, count: int) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` unless derivatives of so many frequencies
-        fit into memory.
+        """Raise :class:`~granphon.base.errors.InputError` unless derivatives of ``count``
+        frequencies fit into memory.
         """
         numbers = 0
         for network in (self.half_space.network, self.half_space.cut):
@@ -272,7 +276,8 @@ class EdgeEnergies:
 
 def _find_decay(inner: Complex, hop: Complex, w: float) -> tuple[Complex, Complex]:
     """Return V (2 size, size), the motions of two blocks in all waves that decay at w, and S (size,
-    size), which takes them to the next block.
+    size), which takes them to the next block, from the blocks ``inner`` E and ``hop`` A, both
+    (size, size).
 
     Raises :class:`~granphon.base.errors.PrecisionError` unless as many waves decay from the edge as
     towards it.

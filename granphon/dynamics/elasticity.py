@@ -40,12 +40,16 @@ _TIED_ALONG = 1e-9
 
 
 def voigt_pairs(periods: int) -> tuple[tuple[int, int], ...]:
-    """Return the pairs of axes (0 for x, 1 for y, 2 for z) of the strains in Voigt order."""
+    """Return the pairs of axes (0 for x, 1 for y, 2 for z) of the strains in Voigt order, for 1, 2
+    or 3 ``periods``.
+    """
     return _VOIGT[periods]
 
 
 def voigt_names(periods: int) -> tuple[str, ...]:
-    """Return the names of the strains in Voigt order: xx; xx, yy, xy; or xx, yy, zz, yz, xz, xy."""
+    """Return the names of the strains in Voigt order, for 1, 2 or 3 ``periods``: xx; xx, yy, xy; or
+    xx, yy, zz, yz, xz, xy.
+    """
     return tuple("xyz"[a] + "xyz"[b] for a, b in _VOIGT[periods])
 
 
@@ -95,7 +99,8 @@ def find_unstable_strains(tensor: Array) -> Array | None:
     factors = np.array([1.0 if a == b else np.sqrt(2.0) for a, b in pairs])
     symmetric = 0.5 * (tensor + tensor.swapaxes(-1, -2)) * factors[:, None] * factors
     moduli, strains = np.linalg.eigh(symmetric)
-    relative = moduli / np.max(np.abs(moduli), axis=-1, keepdims=True)
+    largest = np.max(np.abs(moduli), axis=-1, keepdims=True)
+    relative = np.divide(moduli, largest, out=np.zeros_like(moduli), where=largest > 0.0)
     worst = np.unravel_index(np.argmin(relative[..., 0]), relative.shape[:-1])
     worst_moduli = relative[worst]
     if worst_moduli[0] >= -_ROUNDED:  # rounding may make a modulus of zero negative

@@ -247,6 +247,7 @@ class HalfSpace:
                 "the network has static tangential forces or torques, or slip by levers that exceed"
                 " the arms",
                 "With prestress, these have no potential",
+                "Leave static forces out (prestress=False)",
             )
         push_stiffness = -cut.normal_force / cut.distance / units.stiffness
         for row in push_rows(cut.normal[:, : self.network.dimension], self.motions):
@@ -536,8 +537,8 @@ class HalfSpace:
     def _sort_sides(self, crystal: _CutCrystal, point: Index, w: Array, gap: Array) -> EdgeWaves:
         """Return the waves of this edge, not of the edge beyond the cut, with their energy on top.
 
-        The waves of both edges have w (n,) in gaps with the ends ``gap`` (2, n), at the wave
-        vectors of numbers ``point`` (n,).
+        The waves of both edges of the cut ``crystal`` have w (n,) in gaps with the ends ``gap``
+        (2, n), at the wave vectors of numbers ``point`` (n,).
         """
         points = []
         squares = []
@@ -825,9 +826,10 @@ class _CutCrystal:
     q (n_q, p - 1) along the edge.
 
     Waves of both edges are where M(w) = sign(V) - |V|^1/2 g |V|^1/2 is singular, g being the
-    Green's function of the crystal. ``signs`` (n_q, 2 size) are those of the eigenvalues of V, and
-    ``root`` (n_q, 2 size, 2 size) is |V|^1/2 in the basis of its eigenvectors. ``inner`` and
-    ``hop`` (n_q, 2 size, 2 size) are the matrix of both blocks, and from these to the next two.
+    Green's function of the crystal, whose half space is ``space``. ``signs`` (n_q, 2 size) are
+    those of the eigenvalues of V, and ``root`` (n_q, 2 size, 2 size) is |V|^1/2 in the basis of its
+    eigenvectors. ``inner`` and ``hop`` (n_q, 2 size, 2 size) are the matrix of both blocks, and
+    from these to the next two.
     """
 
     def __init__(self, space: HalfSpace, q: Array) -> None:
@@ -1015,7 +1017,9 @@ class _EdgeBlocks(NamedTuple):
     hop: Complex
 
     def inverse_green(self, w: complex, vectors: Complex) -> Complex:
-        """Return S (size, size) at w from the waves that go from the edge, (2 size, size)."""
+        """Return S (size, size) at w from the waves that go from the edge: their motions of two
+        blocks, ``vectors`` (2 size, size).
+        """
         size = len(self.outer)
         passed_on = self.hop @ vectors[size:] @ np.linalg.inv(vectors[:size])
         return w * np.eye(size) - self.outer - passed_on

@@ -66,13 +66,17 @@ _CLOSED = 1e-6
 
 
 class IterativeRelaxation:
-    """Inner motions of the balls of a cell, which relax as the cell is strained, by conjugate
-    gradients; in reduced units. Its methods are those of
+    """Inner motions of the balls of the cell of a ``lattice``, which relax as the cell is strained,
+    by conjugate gradients; in reduced units. Its methods are those of
     :class:`~granphon.dynamics.sparse_relaxation.SparseRelaxation`.
 
     ``difference`` (n_rows, n_branches), sparse by rows, takes the mass-weighted motions of all
     balls to the deformations of contacts. The attribute ``staying`` (n_branches, k) holds
     orthonormal motions that do not relax (:meth:`keep_back`); there are none at first.
+
+    Its methods raise :class:`~granphon.base.errors.ConvergenceError` after too many iterations, and
+    under static forces :class:`~granphon.base.errors.InstabilityError` for a direction in which the
+    energy falls.
     """
 
     #: error of deformations that have relaxed, over the largest
@@ -346,6 +350,7 @@ class IterativeRelaxation:
                     raise InstabilityError(
                         "the network is not stable: it gives way to a uniform strain",
                         "Its static forces exceed what its springs hold",
+                        "Lower the load, or leave static forces out (prestress=False)",
                     )
                 lengths = np.divide(sizes, curvature, out=np.zeros_like(sizes), where=is_open)
                 motions += lengths * direction
@@ -362,7 +367,9 @@ class IterativeRelaxation:
                 step.advance(max(gained, 0.0))
                 reached += max(gained, 0.0)
         raise ConvergenceError(
-            f"the balls of the network do not relax within {_MOST_ITERATIONS} iterations"
+            f"the balls of the network do not relax within {_MOST_ITERATIONS} iterations",
+            "Parts of it may cost almost no energy to move",
+            "Take a smaller network, which is relaxed by factors, or one with more contacts",
         )
 
 

@@ -206,7 +206,8 @@ def _decompose(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
 
 def lapack_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
     """Return singular values (n_matrices, n), ascending, and right singular vectors
-    (n_matrices, n, n), as columns; the error of each value is the rounding of the largest.
+    (n_matrices, n, n), as columns, of ``matrices`` (n_matrices, m, n); the error of each value is
+    the rounding of the largest.
     """
     _, values, adjoint = np.linalg.svd(_pad_rows(matrices), full_matrices=False)
     return values[:, ::-1].copy(), adjoint[:, ::-1].swapaxes(1, 2).conj()

@@ -97,7 +97,7 @@ class LocalField(Result):
 
 def compute_xi(alpha: float, beta: float, mindlin_ratio: float) -> float:
     """Return Xi from the equilibrium of a corona ball (equations 35 and 45) on the triangular
-    lattice, with ``alpha`` and ``beta`` of :class:`LocalField`.
+    lattice, with ``alpha`` and ``beta`` of :class:`LocalField`, at eta, ``mindlin_ratio``.
     """
     bridge = _TRIANGLE_HEIGHT * beta
     return 2.5 - alpha - bridge + mindlin_ratio * (1.5 - bridge)

@@ -167,7 +167,8 @@ class LongWaves(Compatibility):
 
         ``progress`` is told how far the work has come; an iteration keeps it, and tells it of each
         later relaxation too. Nothing is done if the cell has few motions, whose matrices are dense,
-        or if the balls are held.
+        or if the balls are held. Raises :class:`~granphon.base.errors.InputError` for factors that
+        do not fit into memory.
         """
         is_large = self.n_branches > MANY_COLUMNS
         if is_large and not self.is_held and "_sparse" not in vars(self):
@@ -182,7 +183,8 @@ class LongWaves(Compatibility):
     def _make_sparse(self, progress: Progress) -> SparseRelaxation | IterativeRelaxation:
         """Return a new relaxation of all inner motions: by iteration where this takes less time and
         memory (:meth:`_find_iteration`), or where gears are to stay behind in a cell too large for
-        dense matrices, else by sparse factors.
+        dense matrices, else by sparse factors. ``progress`` is told of the
+        work.
         """
         head, tail = compose_ends(self, *self._weight_rows())
         difference = (head - tail).tocsr()

@@ -89,7 +89,8 @@ class LowestSearch:
 
     ``precondition`` multiplies vectors (size, m) by an approximate inverse of the matrix. ``known``
     (size, k), sparse or not, are orthonormal eigenvectors that the search leaves out. An
-    eigenvector is found when its residual is no larger than the ``tolerance``.
+    eigenvector is found when its residual is no larger than the ``tolerance``. ``progress`` is told
+    how far the residuals have fallen towards it.
     """
 
     def __init__(

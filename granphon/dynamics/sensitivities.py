@@ -183,7 +183,9 @@ def turn_motions(motions: Motions, axes: Array) -> Array:
 
 
 def list_inertias(network: ContactNetwork) -> Array:
-    """Return (n, motions) the mass or the moment of inertia that each motion of a ball moves."""
+    """Return (n, motions) the mass, kg, or the moment of inertia, kg m^2, that each motion of the
+    balls of a ``network`` moves.
+    """
     pair = np.column_stack([network.masses, network.inertias])
     return pair[:, network.ball_motions.is_rotation.astype(int)]
 
@@ -221,7 +223,8 @@ def list_contact_units(network: ContactNetwork, units: Units) -> dict[str, Any]:
 
 
 def add_static(fields: dict[str, Any], network: ContactNetwork, slopes: Any, excess: Any) -> None:
-    """Add to the ``fields`` what static forces change beside themselves, (..., n_c).
+    """Add to the ``fields`` of :class:`Sensitivities`, in place, what static forces of a
+    ``network`` change beside themselves, (..., n_c).
 
     To normal_stiffness and normal_force is added what follows from the growth of tangential forces,
     by which the derivatives are the ``slopes``, over 1/m; to shear_stiffness the ``excess``, over

@@ -37,8 +37,8 @@ _CORRECTIONS = 1
 
 
 def compose_ends(lattice: Compatibility, rows: list[Row], root: Array) -> tuple[Any, Any]:
-    """Return the effects on ``rows`` of the mass-weighted motions of balls j, and those of balls i,
-    as two sparse matrices (kinds * n_c, n_branches).
+    """Return the effects on ``rows`` of a ``lattice`` of the mass-weighted motions of balls j, and
+    those of balls i, as two sparse matrices (kinds * n_c, n_branches).
 
     The rows are multiplied by ``root`` (kinds, n_c). The difference of both matrices takes motions
     at q = 0 to the deformations of contacts.
@@ -67,8 +67,8 @@ def compose_ends(lattice: Compatibility, rows: list[Row], root: Array) -> tuple[
 
 
 class SparseRelaxation:
-    """Inner motions of the balls of a cell, which relax as the cell is strained, by sparse factors;
-    in reduced units.
+    """Inner motions of the balls of the cell of a ``lattice``, which relax as the cell is strained,
+    by sparse factors; in reduced units.
 
     ``difference`` and ``total`` (n_rows, n_branches), sparse by rows, are the difference and the
     sum of the effects that the mass-weighted motions of all balls have at both ends of contacts. A
@@ -77,6 +77,8 @@ class SparseRelaxation:
     The attribute ``free`` (n_branches, n_free) holds orthonormal motions that cost nothing. Most of
     these move a few balls and deform nothing in a wave either; of them only their part in the
     shifts of all balls is held. No motion of ``free`` contains a shift of all balls itself.
+
+    Raises :class:`~granphon.base.errors.InputError` if the factors do not fit into memory.
     """
 
     #: error of deformations that have relaxed, over the largest

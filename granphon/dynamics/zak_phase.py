@@ -12,7 +12,6 @@ import numpy as np
 
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
-from granphon.base.text import counted
 from granphon.dynamics.half_space import HalfSpace
 
 #: phases from block to block, rad, at which Zak phases and windings are summed
@@ -30,8 +29,8 @@ _LARGEST_TURN = 0.5 * np.pi
 
 
 def find_zak_phase(half_space: HalfSpace, q: Array, below: int) -> float:
-    """Return the Zak phase, rad, from 0 to 2 pi, of all branches above the ``below`` lowest, one or
-    more, at q (p - 1,) in fractions of the reciprocal cell.
+    """Return the Zak phase, rad, from 0 to 2 pi, of all branches of the crystal of a ``half_space``
+    above the ``below`` lowest, one or more, at q (p - 1,) in fractions of the reciprocal cell.
 
     If the edge is held, the phase is that of the motions of the balls, because such an edge leaves
     whole cells of balls. If it is free, the phase is that of the deformations of contacts, because
@@ -56,8 +55,9 @@ def find_zak_phase(half_space: HalfSpace, q: Array, below: int) -> float:
     gap = np.min(squares[:, below] - squares[:, below - 1])
     is_closed = gap <= _CLOSED * half_space.highest
     if is_closed or np.min(np.abs(overlaps)) < _LEAST_OVERLAP:
+        branches = "lowest branch" if below == 1 else f"{below} lowest branches"
         raise InputError(
-            f"the gap above the lowest {counted(below, 'branch', 'branches')} closes, or nearly",
+            f"the gap above the {branches} closes, or nearly",
             mend="Take another wave vector",
         )
     phase = -float(np.angle(np.prod(overlaps / np.abs(overlaps))))
@@ -66,9 +66,9 @@ def find_zak_phase(half_space: HalfSpace, q: Array, below: int) -> float:
 
 
 def find_winding(half_space: HalfSpace, q: Array) -> int:
-    """Return how often det C winds about zero as the phase from block to block grows by 2 pi, at q
-    (p - 1,) in fractions of the reciprocal cell. Motions of that number at a free edge cost
-    nothing.
+    """Return how often det C of the crystal of a ``half_space`` winds about zero as the phase from
+    block to block grows by 2 pi, at q (p - 1,) in fractions of the reciprocal cell. Motions of that
+    number at a free edge cost nothing.
 
     Raises :class:`~granphon.base.errors.InputError` if C is not square, if its determinant
     vanishes, and if springs to the ground hold balls.

@@ -218,7 +218,8 @@ def _judge_leverage(problem: FitProblem, leverages: Array) -> list[str]:
 
 def _judge_excess(problem: FitProblem, logs: Array, *, sigma_given: bool) -> list[str]:
     """Return a warning if data are above the velocity of equal balls by more than their noise,
-    which no width explains; ``logs`` are the logarithms (p,) of the fitted parameters.
+    which no width explains; ``logs`` are the logarithms (p,) of the fitted parameters, and
+    ``sigma_given`` says whether the sigma of the ``problem`` was given.
     """
     from scipy.special import ndtr, stdtr
 
@@ -279,7 +280,7 @@ def _judge_farthest(
     others agree with theirs, else by the scatter of the others.
 
     ``residuals`` (n,) are over sigma, ``chi2`` is the sum of their squares, and ``leverages`` (n,)
-    say how far the fit follows each datum.
+    say how far the fit follows each datum; ``sigma_given`` is that of :func:`find_warnings`.
     """
     from scipy.special import ndtr, stdtr
 
@@ -333,7 +334,7 @@ class FitProblem:
         return cls(model, data.velocity, np.ones(data.force.shape) * sigma)
 
     def describe(self, number: int) -> str:
-        """Return in words which datum this is."""
+        """Return in words which datum has the index ``number``, with its velocity and force."""
         velocity = self.velocity[number]
         force = self.model.force[number]
         return f"datum {number + 1}, {velocity:.4g} m/s at {force:.4g} N"
@@ -357,8 +358,9 @@ class FitProblem:
         return np.unique(np.append(np.geomspace(low, high, count), max(packing.width, low)))
 
     def __call__(self, logs: Array) -> tuple[Array, Array]:
-        """Return residuals (n,) and derivatives (n, p) of velocities, in units of sigma; InputError
-        if there are none.
+        """Return residuals (n,), measured less fitted, and derivatives (n, p) of the fitted
+        velocities by the logarithms ``logs`` (p,) of the parameters, both in units of sigma;
+        InputError if there are none.
         """
         velocities, slopes = self.model(logs)
         relative = velocities / self.sigma
@@ -636,8 +638,8 @@ def _require_units(model: VelocityModel, velocity: Array) -> None:
 
 
 def _require_plausible_errors(relative_error: Array) -> None:
-    """Raise InputError for relative standard errors of velocities, (n,) or (1,), that no
-    measurement has.
+    """Raise InputError for a ``relative_error``, standard errors over velocities, (n,) or (1,),
+    that no measurement has.
     """
     if np.any(relative_error <= _MODEL_ERROR):
         fault = f"sigma is as small as {np.min(relative_error):.3g} times the velocity"
@@ -653,7 +655,7 @@ def _require_plausible_errors(relative_error: Array) -> None:
 def _require_enough(names: Sequence[str], count: int, *, sigma_given: bool) -> None:
     """Raise InputError if the ``count`` of measurements is too small for the parameters ``names``.
 
-    Each parameter takes one measurement; without a given sigma the scatter takes one more.
+    Each parameter takes one measurement; unless ``sigma_given`` the scatter takes one more.
     """
     n_needed = len(names) if sigma_given else len(names) + 1
     if count >= n_needed:
@@ -849,16 +851,19 @@ class WidthFit(Fitted):
         return bool(state.is_isotropic)
 
     def velocity_at(self, force: ArrayLike, medium: str | None = None) -> Any:
-        """Return the velocity of the fitted packing, m/s, at other forces, N, in their shape; in
-        another ``medium`` if one is named.
+        """Return the velocity of the fitted packing, m/s, at another ``force``, N, a number or an
+        array (...), in its shape; in another ``medium`` if one is named. Of equal balls every
+        medium is the averaged lattice.
 
         Raises :class:`~granphon.base.errors.InputError` if every measured pulse had a frequency of
-        its own.
+        its own, and for forces or a medium that do not fit the packing.
         """
         if np.ndim(self.waves.frequency):
             mend = "Use .velocities, the velocities of the fit at the data"
             raise InputError("the measured pulses have many frequencies", mend=mend)
         choice = MediumChoice.parse(medium or self.choice)
+        if not self.packing.width:
+            choice = MediumChoice("ala")
         # samples in their exact geometry always have finite overlap, which is no request for other
         # media
         requested = self.waves.finite_overlap and not self.choice.is_exact
@@ -1076,9 +1081,10 @@ def convert_pressure(
     fitted: Sequence[str],
     pressure: float,
 ) -> float:
-    """Return the contact force, N, under a pressure (N on a line, N/m in the plane, Pa in space).
+    """Return the contact force, N, of a ``packing`` under a ``pressure`` (N on a line, N/m in the
+    plane, Pa in space).
 
-    With finite overlap, also in the exact geometry of a simulation, the force follows from the
+    With ``finite_overlap``, and in the exact geometry of a simulation, the force follows from the
     ``medium`` at the packing's own width. A simulation is replaced by the effective medium, whose
     overlaps differ from the overlaps of samples by less than W/100.
 
@@ -1108,8 +1114,9 @@ def convert_cutoff(
     force: Array,
     cutoff: Array,
 ) -> Array:
-    """Return the velocities of long waves, (n,), m/s, at contact forces, N, that belong to cut-off
-    frequencies, Hz.
+    """Return the velocities of long waves, (n,), m/s, of a ``packing`` at each contact ``force``
+    (n,), N, that belong to the frequencies ``cutoff`` (n,), Hz; ``finite_overlap`` is that of
+    :func:`fit_width`.
 
     A cut-off is the highest frequency of the ``branch`` along the ``direction``, both as in
     :func:`fit_width`. The ratio of velocity to cut-off is taken from the lattice of equal balls; it

@@ -11,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 
 from granphon.base.arrays import Array
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, brief
 from granphon.base.quantities import (
     FREQUENCY,
     LENGTH,
@@ -53,14 +53,16 @@ _MEASURED_OF_ERROR = {"time_sigma": "time", "cutoff_sigma": "cutoff"}
 
 
 def _explain_column(kind: str) -> str:
-    """Return how to name a column: in the file, for ``granphon fit``, and in Python."""
+    """Return how to name a column of a ``kind`` in the file, for ``granphon fit`` and in Python."""
     options = f"granphon fit also takes --column '{kind}=NAME', Python columns={{'{kind}': 'NAME'}}"
     return f"Head the column that is meant '{kind}'; {options}"
 
 
 def read_sigma(text: str, velocity: Array) -> Any:
-    """Read standard errors of the velocities, m/s, from a text: "5 m/s" for all velocities, or "1
-    %" of each.
+    """Return standard errors of velocities, m/s, from a ``text``: a number for "5 m/s", or for
+    "1 %" that part of each ``velocity`` (n,), m/s.
+
+    Raises :class:`~granphon.base.errors.Refused` for another text.
     """
     if re.search(r"(?:%|percent)\s*$", text):
         return velocity * (PERCENT.read(text) / 100.0)
@@ -146,10 +148,12 @@ class Measurements(Result):
         Raises
         ------
         InputError : a file, line or cell cannot be read, a column is missing, a quantity is given
-            twice: by two columns, or by a ``distance`` and a column of distances or of velocities;
-            loads or cut-off frequencies without the function that converts them, cut-off
-            frequencies beside frequencies of pulses, or numbers that the class does not allow.
+            twice: by two columns, or by a ``distance`` and a column of distances, velocities or
+            cut-off frequencies; loads or cut-off frequencies without the function that converts
+            them, cut-off frequencies beside frequencies of pulses, or numbers that the class does
+            not allow.
         """
+        length, error_of_length = _read_distance(distance)
         source = _SourceColumns.read(path, columns or {}, periods)
         load = source.choose("force", "side_force", "pressure") or "force"
         _require_conversion(path, load, frame, pressed)
@@ -168,7 +172,6 @@ class Measurements(Result):
         force = source.read_force(load, {"side_force": frame, "pressure": pressed}.get(load))
         if distance is not None:
             _require_no_second_distance(source, measured)
-        length, error_of_length = distance if isinstance(distance, tuple) else (distance, 0.0)
         if measured == "cutoff" and carried is not None:
             velocity = carried(force, source.column("cutoff"))
         else:
@@ -176,7 +179,7 @@ class Measurements(Result):
         sigma = None if error is None else source.read_sigma(error, velocity)
         if length is not None and error_of_length:
             # the relative error of the distance is one of each velocity, beside its own
-            relative_error = not_negative("error of distance", error_of_length, "m") / length
+            relative_error = error_of_length / length
             sigma_of_length = velocity * relative_error
             sigma = sigma_of_length if sigma is None else np.hypot(sigma, sigma_of_length)
         frequency = None if pulse is None else source.column("frequency")
@@ -237,19 +240,19 @@ class _SourceColumns:
         return present[0] if present else None
 
     def column(self, kind: str) -> Array:
-        """Return the values of a column, (n,), SI."""
+        """Return the values of the column of a ``kind``, (n,), SI."""
         return self.table.column(self.heading(kind), self.quantities[kind], _explain_column(kind))
 
     def read_velocity(self, kind: str, distance: float | None) -> Array:
         """Return the velocities (n,), m/s, from the column of this ``kind``, "velocity" or "time".
 
-        Times are those for a ``distance``, m, by default that of the column of distances.
+        Times are those for a ``distance``, m, or if it is None those of the column of distances.
         """
         if kind == "velocity":
             return self.column("velocity")
         if distance is None:
             return self.column("distance") / self.column("time")
-        return positive("distance", distance, "m") / self.column("time")
+        return distance / self.column("time")
 
     def require(self, kinds: Sequence[str]) -> None:
         """Raise InputError, which names all of them, if columns of these kinds are missing or have
@@ -312,6 +315,20 @@ class _SourceColumns:
         return velocity * self.column(error) / self.column(_MEASURED_OF_ERROR[error])
 
 
+def _read_distance(distance: Any) -> tuple[float | None, float]:
+    """Return the distance that sound travels, m, None if a column gives it, and its standard error,
+    m, from a ``distance`` or a tuple of both; InputError for anything else.
+    """
+    if distance is None:
+        return None, 0.0
+    pair = distance if isinstance(distance, tuple) else (distance, 0.0)
+    if len(pair) != 2:
+        raise InputError(
+            f"distance is {brief(distance)}", mend="Give a number, or (distance, standard error), m"
+        )
+    return positive("distance", pair[0], "m"), not_negative("error of distance", pair[1], "m")
+
+
 def _require_conversion(
     path: Any,
     load: str,
@@ -319,7 +336,8 @@ def _require_conversion(
     force_of_pressure: Callable[[float], float] | None,
 ) -> None:
     """Raise InputError if the table at ``path`` has a ``load`` of side forces or pressures, and
-    the function that converts these to contact forces is None.
+    ``force_of_side_force`` or ``force_of_pressure``, which converts these to contact forces, is
+    None.
     """
     if load == "side_force" and force_of_side_force is None:
         why = "The contact forces depend on the number of balls on a side too"
@@ -332,8 +350,9 @@ def _require_conversion(
 
 
 def _require_long_waves(path: Any, *, can_convert: bool, has_pulses: bool) -> None:
-    """Raise InputError for cut-off frequencies that cannot be converted to velocities, or that
-    stand beside frequencies of pulses.
+    """Raise InputError for cut-off frequencies of the table at ``path`` unless they can be
+    converted to velocities, ``can_convert``, and if frequencies of pulses stand beside them,
+    ``has_pulses``.
     """
     if has_pulses:
         why = "These are no pulses of a given frequency"
@@ -346,10 +365,10 @@ def _require_long_waves(path: Any, *, can_convert: bool, has_pulses: bool) -> No
 
 def _require_no_second_distance(source: _SourceColumns, measured: str) -> None:
     """Raise InputError if the table has a column that contradicts a distance given beside the
-    table: distances, or velocities where the ``measured`` kind is not "time".
+    table: distances beside times, or the ``measured`` kind if that is not "time".
     """
     has_times = measured == "time"
-    column = source.choose("distance" if has_times else "velocity")
+    column = source.choose("distance") if has_times else measured
     if column is None:
         return
     why = "A distance given beside the table is for times of flight only, and for all of them"

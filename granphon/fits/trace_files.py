@@ -76,7 +76,7 @@ def read_traces(
     distances: Sequence[float] | Mapping[str, float] | None,
     time_step: float | None,
 ) -> Record:
-    """Read the traces of one or several files that have the same times.
+    """Return the traces of one file, or of several that have the same times, at ``paths``.
 
     ``distances`` of the sensors, m, in their order or by their names, replace those in the files.
     ``time_step``, s, is given if the files have no times. Raises InputError as
@@ -136,7 +136,9 @@ def _count_steps(step: float, n: int) -> Array:
 def _require_same_times(
     first: _FileTraces, times: Array, file: _FileTraces, other_times: Array
 ) -> None:
-    """Raise InputError if two files have different times, by more than a hundredth of a step."""
+    """Raise InputError if the ``first`` file, with ``times`` (n,), s, and another ``file``, with
+    ``other_times`` (m,), s, have different times, by more than a hundredth of a step.
+    """
     if times.size != other_times.size:
         raise InputError(
             f"{first.name} has {times.size} samples, and {file.name} {other_times.size}",
@@ -174,12 +176,12 @@ def _find_distances(
             )
         distances = [given.get(name, place) for name, place in zip(names, read, strict=True)]
     else:
-        if len(given) != len(names):
+        distances = np.atleast_1d(finite_array("distances", given, "m")).tolist()
+        if len(distances) != len(names):
             raise InputError(
-                f"{where} has {len(names)} traces, and {len(given)} distances are given",
+                f"{where} has {len(names)} traces, and {len(distances)} distances are given",
                 mend="Give one distance for each sensor",
             )
-        distances = list(given)
     lacking = [name for name, distance in zip(names, distances, strict=True) if distance is None]
     if lacking:
         raise InputError(
@@ -268,7 +270,8 @@ def _read_hdf5(path: str | os.PathLike[str]) -> _FileTraces:
     """Return the traces of a file of HDF5: the data sets "signals" (m, n), "time" (n,) or the
     attribute "time_step", "distance" (m,) and "names" (m,), of which only the first is required.
 
-    Raises InputError for a file that cannot be read, and for data sets that do not fit together.
+    Raises InputError for a file that cannot be read, times that are given twice, and data sets that
+    do not fit together.
     """
     require_installed("A file of HDF5", "h5py")
     import h5py
@@ -288,6 +291,10 @@ def _read_hdf5(path: str | os.PathLike[str]) -> _FileTraces:
             )
         signals = np.atleast_2d(_read_numbers(path, file["signals"], "signals"))
         times: Array | None = None
+        if "time" in file and "time_step" in file.attrs:
+            raise InputError(
+                f"{path} has a data set of times, and a time_step", mend="Leave one of them out"
+            )
         if "time" in file:
             times = _read_quantity(path, file["time"], "time", TIMES)
         elif "time_step" in file.attrs:
@@ -299,7 +306,10 @@ def _read_hdf5(path: str | os.PathLike[str]) -> _FileTraces:
             distances = tuple(places.tolist())
         names = tuple(str(number) for number in range(1, len(signals) + 1))
         if "names" in file:
-            names = tuple(np.asarray(file["names"]).astype(str).tolist())
+            listed = np.atleast_1d(file["names"]).tolist()
+            names = tuple(
+                name.decode() if isinstance(name, bytes) else str(name) for name in listed
+            )
     if len(distances) != len(signals) or len(names) != len(signals):
         raise InputError(
             f"{path} has {len(signals)} traces, {len(distances)} distances and {len(names)} names",
@@ -309,8 +319,9 @@ def _read_hdf5(path: str | os.PathLike[str]) -> _FileTraces:
 
 
 def _read_quantity(path: str | os.PathLike[str], data: Any, name: str, kind: Quantity) -> Array:
-    """Return the numbers of a data set of HDF5, SI; its attribute ``units`` is that of the ``kind``
-    if the data set has none.
+    """Return the numbers of ``data``, a data set of HDF5, SI; its attribute ``units`` is that of
+    the ``kind`` if the data set has none. Messages name the file at ``path`` and the ``name`` of
+    the data set.
     """
     unit = data.attrs.get("units", kind.unit)
     text = unit.decode() if isinstance(unit, bytes) else str(unit)
@@ -323,7 +334,9 @@ def _read_quantity(path: str | os.PathLike[str], data: Any, name: str, kind: Qua
 
 
 def _read_numbers(path: str | os.PathLike[str], data: Any, name: str) -> Array:
-    """Return the finite numbers of a data set, or an attribute, of HDF5; InputError for others."""
+    """Return the finite numbers of ``data``, a data set or an attribute of HDF5; InputError, with
+    the file at ``path`` and the ``name``, for others.
+    """
     try:
         return finite_array(name, np.asarray(data))
     except InputError as error:

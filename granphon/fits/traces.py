@@ -15,7 +15,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -24,7 +24,14 @@ from granphon.base.arrays import ROUNDED, Array, Flags
 from granphon.base.errors import InputError
 from granphon.base.results import Result, held, result_class
 from granphon.base.text import list_names, suggest
-from granphon.base.validation import finite_array, is_one_of, positive, text_list
+from granphon.base.validation import (
+    finite_array,
+    is_one_of,
+    number,
+    positive,
+    require,
+    text_list,
+)
 from granphon.fits.fit import LEAST_CHANCE, compute_probability
 
 #: share of its maximum at which a trace begins, by default
@@ -64,10 +71,12 @@ class TraceVelocity(Result):
     velocity, stderr : m/s; the standard error is that of the noise of the traces alone.
     method : "threshold", "peak", "correlation" or "phase".
     filter : the filter that the traces went through, in words; "none" without a filter.
-    arrivals : (m,) time of arrival at each sensor, s. By correlation, times after the first.
+    arrivals : (m,) time of arrival at each sensor, s. By correlation, times after that at the first
+        sensor; by phase, up to whole periods that all have in common.
     arrival_errors : (m,) standard errors of these times, s.
     distances : (m,) of the sensors, m.
-    start : the time at which the straight line through the arrivals has the distance zero, s.
+    start : the time at which the straight line through the arrivals has the distance zero, s,
+        counted as the arrivals are.
     chi2, dof : sum of squares of the differences from the straight line over their errors, and its
         degrees of freedom, m - 2.
     p : probability that noise makes a larger sum; nan for two sensors.
@@ -221,9 +230,10 @@ class Traces(Result, array="signals"):
             the time, from its start, at which its magnitude first has half of its maximum.
 
         Raises :class:`~granphon.base.errors.InputError` for less than two sensors, an unknown
-        method, a quiet part of less than 16 samples, a pulse or threshold that is not above five
-        standard deviations of the noise, samples that are too far apart for the frequency, a
-        frequency that the traces do not have, and arrivals that are not later at farther sensors.
+        method, a ``quiet`` outside of the record, a quiet part of less than 16 samples, a pulse or
+        threshold that is not above five standard deviations of the noise, samples that are too far
+        apart for the frequency, a frequency that the traces do not have, and arrivals that are not
+        later at farther sensors.
         """
         if not is_one_of(method, METHODS):
             methods = list_names(map(repr, METHODS))
@@ -237,7 +247,11 @@ class Traces(Result, array="signals"):
         share = positive("threshold", threshold)
         if share >= 1.0:
             raise InputError(f"threshold is {share:g}", mend="Give a share of the maximum, below 1")
-        pulses = _Pulses.of(self, quiet, lowpass)
+        end_of_quiet = quiet
+        if quiet is not None:
+            in_record = partial(number, low=float(self.times[0]), high=float(self.times[-1]))
+            end_of_quiet = require("quiet", in_record, quiet)
+        pulses = _Pulses.of(self, end_of_quiet, lowpass)
         if method == "threshold":
             arrivals = pulses.find_crossings(share)
         elif method == "peak":
@@ -251,8 +265,8 @@ class Traces(Result, array="signals"):
         return self._fit_line(method, pulses, arrivals)
 
     def _fit_line(self, method: str, pulses: _Pulses, arrivals: _Arrivals) -> TraceVelocity:
-        """Return the velocity of the straight line through the ``arrivals``, each weighted by the
-        inverse of its error.
+        """Return the velocity of the straight line through the ``arrivals`` of ``pulses``, each
+        weighted by the inverse of its error; ``method`` says how they were found.
 
         The line has two parameters: the time at which the pulse passes the mean distance, and its
         time of flight over the span of the distances.
@@ -358,7 +372,9 @@ class _Pulses:
 
     @classmethod
     def of(cls, traces: Traces, quiet: float | None, lowpass: float | str | None) -> Self:
-        """Take the pulses from the traces; the options are those of :meth:`Traces.velocity`."""
+        """Return the pulses of ``traces``; ``quiet``, s, and ``lowpass`` are the options of
+        :meth:`Traces.velocity`, whose errors of a quiet part, a pulse and a cut-off are raised.
+        """
         offsets = []
         noise = []
         # only ratios within a trace count: squares of very large or small numbers have no digits
@@ -442,7 +458,7 @@ class _Pulses:
             weight[above] = -fraction / rise * np.sign(signal[above])
             weight[top] += share / rise * np.sign(signal[top])
             weights.append(weight)
-        return self._make_arrivals(np.array(places), np.array(weights))
+        return self._make_arrivals(np.array(places), np.array(weights), self.first_time)
 
     def find_peaks(self) -> _Arrivals:
         """Return the first maximum of the magnitude of each signal that has half of the greatest
@@ -464,7 +480,7 @@ class _Pulses:
             weight[top] = sign * 2.0 * shift / curvature
             weight[top + 1] = sign * (-0.5 - shift) / curvature
             weights.append(weight)
-        return self._make_arrivals(np.array(places), np.array(weights))
+        return self._make_arrivals(np.array(places), np.array(weights), self.first_time)
 
     def find_delays(self) -> _Arrivals:
         """Return the delay of each signal after the first, where their cross-correlation is
@@ -501,7 +517,7 @@ class _Pulses:
             weights[sensor] = slope_of_reference / curvature
             # all delays have the same error of the first signal, if the pulse keeps its shape
             weights[0] += slope_of_signal / curvature / (sensors - 1)
-        return self._make_arrivals(places, weights)
+        return self._make_arrivals(places, weights, 0.0)
 
     def find_phases(self, frequency: float) -> _Arrivals:
         """Return the times of arrival of the phase at a ``frequency``, Hz: -phase / (2 pi f) of the
@@ -525,6 +541,7 @@ class _Pulses:
         omega = 2.0 * math.pi * frequency
         waves = np.exp(-1j * omega * step * np.arange(traces.times.size))
         amplitudes = self.signals @ waves
+        # of the real part, whose variance is half of that of the amplitude
         noise_amplitudes = self.noise * np.linalg.norm(self.filter(waves.real))
         absent = np.flatnonzero(np.abs(amplitudes) <= _ABOVE_NOISE * noise_amplitudes)
         if absent.size:
@@ -534,15 +551,17 @@ class _Pulses:
                 mend="Ask for a frequency of the pulse",
             )
         phase_times = -np.angle(amplitudes) / omega
+        # both counted from the first sensor: neither when the record begins, nor the unknown whole
+        # periods of the first phase, decides how many periods lie between two sensors
         delays = self.find_delays().times
         periods = np.rint(frequency * (delays - (phase_times - phase_times[0])))
         weights = -np.imag(waves / amplitudes[:, None]) / omega / step
         places = (phase_times + periods / frequency) / step
-        return self._make_arrivals(places, weights)
+        return self._make_arrivals(places, weights, self.first_time)
 
     def _find_top(self, sensor: int) -> int:
-        """Return the sample of the first maximum of the magnitude of a signal that has half of the
-        greatest height.
+        """Return the sample of the first maximum of the magnitude of the signal of a ``sensor``, an
+        index, that has half of the greatest height; InputError if there is no maximum.
         """
         sizes = np.abs(self.signals[sensor])
         inner = sizes[1:-1]
@@ -555,8 +574,13 @@ class _Pulses:
             )
         return int(tops[0])
 
-    def _make_arrivals(self, places: Array, weights: Array) -> _Arrivals:
-        """Return the arrivals at ``places`` (m,), counted in samples from the first time.
+    @property
+    def first_time(self) -> float:
+        """The time of the first sample, s."""
+        return float(self.traces.times[0])
+
+    def _make_arrivals(self, places: Array, weights: Array, start: float) -> _Arrivals:
+        """Return the arrivals at ``places`` (m,), counted in samples from the time ``start``, s.
 
         ``weights`` (m, n) are the derivatives of the places by the samples of the filtered signals:
         the error of a place is the sum of the errors of the samples, each times its weight. Errors
@@ -565,8 +589,7 @@ class _Pulses:
         step = self.traces.time_step
         # the filter is symmetric: errors of the samples before the filter have filtered weights
         errors = self.noise * np.linalg.norm(self.filter(weights), axis=1)
-        times = self.traces.times[0] + step * places
-        return _Arrivals(times, (step * errors) ** 2)
+        return _Arrivals(start + step * places, (step * errors) ** 2)
 
 
 def _read_signals(values: Any) -> Array:
@@ -627,7 +650,9 @@ def _judge_scatter(chi2: float, dof: int) -> tuple[str, ...]:
 
 
 def _require_unclipped(name: str, times: Array, signal: Array) -> None:
-    """Raise InputError if the top or bottom of a trace is cut off: flat, and steep beside it."""
+    """Raise InputError if the top or bottom of a trace, ``signal`` (n,) at ``times`` (n,), s, of
+    the sensor ``name`` is cut off: flat, and steep beside it.
+    """
     levels = np.unique(signal)
     if levels.size < 2:
         return
@@ -743,7 +768,9 @@ def _choose_filter(
 
 
 def _shift(signal: Array, samples: int) -> Array:
-    """Return a signal (n,) that is later by a number of ``samples``; zeros come in at its end."""
+    """Return a ``signal`` (n,) that is later by a number of ``samples``, or earlier if the number
+    is below zero. Zeros come in at the start of the later one, and at the end of the earlier one.
+    """
     shifted = np.zeros_like(signal)
     if samples >= 0:
         shifted[samples:] = signal[: signal.size - samples]

@@ -28,7 +28,7 @@ from granphon.base.quantities import FREQUENCY, Quantity
 from granphon.base.results import Result, held, result_class
 from granphon.base.tables import Table
 from granphon.base.text import list_names, suggest
-from granphon.base.validation import Low, finite_list, positive, texts
+from granphon.base.validation import Low, finite_list, one_of, positive, texts
 from granphon.dynamics.damping import (
     LEAST_RESTITUTION,
     SMALL_LOSS,
@@ -168,10 +168,12 @@ class TransferFunction(Result):
             m/s^2/N; "force", numbers or, where a wall is moved, N/m, in a column that may be named
             force; "stiffness", N/m; or "transmissibility", numbers.
 
-        Raises :class:`~granphon.base.errors.InputError` for a file, line or cell that cannot be
-        read, a column that is missing or has another unit, and what the constructor refuses.
+        Raises :class:`~granphon.base.errors.InputError` for another quantity, a file, line or cell
+        that cannot be read, a column that is missing or has another unit, and what the constructor
+        refuses.
         """
-        source = _SourceColumns.read(path, columns or {}, quantity)
+        chosen_quantity = one_of("quantity", quantity, QUANTITIES)
+        source = _SourceColumns.read(path, columns or {}, chosen_quantity)
         source.require("frequency")
         frequencies = source.table.column(source.headings["frequency"], FREQUENCY)
         is_complex = source.is_complex
@@ -212,10 +214,12 @@ class TransferFunction(Result):
 
         Parameters
         ----------
-        drive, response : their unit of one over the other is that of the magnitude.
+        drive, response : the unit of the magnitude is that of the response over that of the drive;
+            the result counts as ``calibrated``.
         segment : length of a segment, s; by default an eighth of the record. A resonance needs
             segments that are longer than it rings.
-        band : lowest and highest frequency that are kept, Hz; by default all above zero.
+        band : lowest and highest frequency that are kept, Hz; by default all. Those up to two over
+            the length of a segment, which lose their mean, are left out in any case.
 
         Raises :class:`~granphon.base.errors.InputError` for traces of several sensors, or at
         different times; a trace that does not change; segments of less than 16 samples, or of which
@@ -303,8 +307,8 @@ def _find_coherence_of_noise(chance: float, n_independent: float) -> float:
 
 
 def _require_pair(drive: Traces, response: Traces) -> float:
-    """Return the step of time, s, of two traces of one sensor each at the same times; InputError
-    for others, and for a trace that does not change.
+    """Return the step of time, s, of ``drive`` and ``response``, traces of one sensor each at the
+    same times; InputError for others, and for a trace that does not change.
     """
     trace: Any
     for name, trace in (("drive", drive), ("response", response)):
@@ -391,7 +395,7 @@ class _SourceColumns:
         return True
 
     def is_raw(self, kind: str) -> bool:
-        """Whether the unit of a column is that of sensors that are not calibrated."""
+        """Whether the column of a ``kind`` has the unit of sensors that are not calibrated."""
         unit = self.table.unit(self.headings[kind])
         return unit in _RAW_UNITS and (unit != "N" or self.quantity in OF_FORCE)
 
@@ -413,8 +417,8 @@ class _SourceColumns:
         )
 
     def convert(self, kind: str, factors: Mapping[str, float]) -> Array | None:
-        """Return the numbers of a column, (n,), times the factor of its unit; None if the table
-        has no such column, or the unit is not among ``factors``.
+        """Return the numbers of the column of a ``kind``, (n,), times the factor of its unit; None
+        if the table has no such column, or the unit is not among ``factors``.
         """
         unit = self.table.unit(self.headings[kind])
         if not self.has(kind) or unit not in factors:
@@ -456,7 +460,9 @@ class _SourceColumns:
         return self.measure("sigma") if decibels is None else decibels * magnitude
 
     def read_angle(self, kind: str) -> Array | None:
-        """Return the angles of a column, (n,), rad; None if the table has no such column."""
+        """Return the angles of the column of a ``kind``, (n,), rad; None if the table has no such
+        column.
+        """
         angle = self.convert(kind, _ANGLES)
         if angle is None and self.has(kind):
             fault = f"{self.table.name}: the column {self.headings[kind]!r} is not in rad or deg"
@@ -950,7 +956,7 @@ class _Comparison:
 
     def compare_logarithms(self, scaled: Array) -> Array:
         """Return the differences of logarithms of magnitudes, and of phases, rad, if they are
-        known: (n,) or (2 n,).
+        known, (n,) or (2 n,), at ``scaled`` parameters (p,).
         """
         response = self.respond(scaled)
         with np.errstate(divide="ignore"):
@@ -968,7 +974,7 @@ class _Comparison:
         ratios = np.array([stiffer ** _POWERS.get(name, 0.0) for name in self.names])
         scaled = np.where(self.is_loss, loss / max(int(np.sum(self.is_loss)), 1), ratios)
         differences = self.compare_logarithms(scaled)
-        if not np.all(np.isfinite(differences)):  # no balls come to rest
+        if not np.all(np.isfinite(differences)):  # no balls come to rest, or none respond
             return math.inf, scaled
         if "gain" in self.names:
             # the gain that fits best is the mean ratio of magnitudes, in logarithms
@@ -1016,7 +1022,9 @@ class _Comparison:
         return min(fits, key=lambda fit: float(fit.cost))
 
     def _descend(self, start: Array) -> Any:
-        """Return scipy's result at the minimum that is reached from scaled parameters (p,)."""
+        """Return scipy's result at the minimum that is reached from the scaled parameters ``start``
+        (p,).
+        """
         from scipy.optimize import least_squares
 
         # a loss may vanish; a stiffness, load or gain of zero has no response
@@ -1103,7 +1111,7 @@ def _average_contacts(pair: tuple[Any, Any]) -> Array:
 
 def _require_data(dof: int, parameters: int, *, sigma_given: bool) -> None:
     """Raise InputError if there are too few measured numbers for the number of ``parameters``:
-    ``dof``, the difference of both, must be zero or above, and one or above if sigma is not given,
+    ``dof``, the difference of both, must be zero or above, and one or above unless ``sigma_given``,
     because the scatter takes one more.
     """
     n_needed = 0 if sigma_given else 1

@@ -78,10 +78,12 @@ class Waves(Result):
     ----------
     branch : "longitudinal" or "transverse"; in space "transverse_slow" or "transverse_fast" instead
         of the latter.
-        :class:`~granphon.base.errors.InputError` for another word.
     direction : direction of propagation, a unit vector (p,).
     frequency : frequency of the pulses, Hz, one number or one for each load; None for long waves.
     finite_overlap : whether terms of relative order delta/d are kept.
+
+    Raises :class:`~granphon.base.errors.InputError` for another branch, and for a
+    ``finite_overlap`` that is not true or false.
     """
 
     branch: str = held(str)
@@ -96,7 +98,9 @@ class Waves(Result):
         super().__post_init__()
 
     def find_tops(self, state: ContactState) -> Array:
-        """Return the highest frequency of a pulse on the branch at each load, (n,), Hz."""
+        """Return the highest frequency, Hz, of a pulse on the branch at each of the n loads of a
+        ``state``, (n,).
+        """
         # in the paper's limit one dispersion relation serves all loads
         is_shared = state.has_one_lattice
         states = [state] if is_shared else [state[n] for n in range(len(state.force))]
@@ -110,8 +114,8 @@ class Waves(Result):
         return np.asarray(reduced_tops * rates / (2.0 * np.pi))
 
     def velocity(self, state: ContactState) -> tuple[Array, Array]:
-        """Return the velocity at each load, m/s, of long waves or of pulses (group), and d log v /
-        d log frequency, 0 for long waves; both have the shape of the loads.
+        """Return the velocity at each load of a ``state``, m/s, of long waves or of pulses (group),
+        and d log v / d log frequency, 0 for long waves; both have the shape of the loads.
         """
         if self.frequency is None:
             wave = state.wave_names.index(self.branch)

@@ -110,9 +110,9 @@ class BallContacts(ContactCalculator):
     ------
     InputError : ``balls`` is no mapping to balls or materials, or is empty; ``law`` is no contact
         law; ``friction`` is not true or false. When the calculator is used: Atoms of another kind,
-        without radii, or with radii that are not above zero; positions that are not finite; a
-        period of the cell far below the diameters, perhaps in another unit; a law of a bond, which
-        acts at any distance, so that there are no neighbours.
+        without radii, or with radii that are not above zero; positions that are not finite, or of
+        two balls at one place; a period of the cell far below the diameters, perhaps in another
+        unit; a law of a bond, which acts at any distance, so that there are no neighbours.
     """
 
     follows = ("radius", "kinds")
@@ -215,6 +215,7 @@ class BallContacts(ContactCalculator):
             )
         i, j, steps, vector = find_pairs(atoms.positions, atoms.cell.array[periods], longest)
         distance = np.linalg.norm(vector, axis=1)
+        require_apart(distance)
         touches = distance < reach[i] + reach[j]
         if not np.any(touches):
             _warn_of_far_balls(atoms, radii, shortest)
@@ -356,6 +357,16 @@ class BallContacts(ContactCalculator):
         if not isinstance(ball, Ball) or ball.radius != radius:
             ball = self._make_ball(kind, radius)
         return ball.mass
+
+
+def require_apart(distance: Array) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if the ``distance`` (n,) of the centres of
+    some of n pairs of balls is zero.
+    """
+    if not np.all(distance):
+        raise InputError(
+            "two balls are at one place", "The force between them has no direction", "Move one"
+        )
 
 
 def _group_equal(numbers: Index) -> list[Index]:

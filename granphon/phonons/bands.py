@@ -207,13 +207,14 @@ class Bands(Result):
 
     @property
     def longitudinal_fraction(self) -> Array:
-        """Fraction of the kinetic energy that is motion along q (at Gamma, along the path), (s, p,
-        b), 0 to 1.
+        """Fraction of the kinetic energy that is motion along q (at Gamma and its copies, along the
+        path), (s, p, b), 0 to 1.
         """
         d = self.periods
         q = self.qpoints[..., :d] @ np.linalg.inv(self.cell[:d, :d]).T  # (s, p, d)
         along_path = np.broadcast_to((q[:, -1] - q[:, 0])[:, None], q.shape)
-        is_gamma = ~np.any(q != 0.0, axis=-1, keepdims=True)
+        fractions = self.qpoints[..., :d]
+        is_gamma = np.all(fractions == np.rint(fractions), axis=-1, keepdims=True)
         course = np.where(is_gamma, along_path, q)
         direction = course / np.linalg.norm(course, axis=-1, keepdims=True)
         translations = self.motions.translations

@@ -52,7 +52,12 @@ from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.deformation_rows import Row, contact_rows
 from granphon.media.state import ContactState, Law, NetworkState, as_state, given_state
 from granphon.networks.network import ContactNetwork
-from granphon.phonons.ball_contacts import VOIGT, BallContacts, ContactCalculator
+from granphon.phonons.ball_contacts import (
+    VOIGT,
+    BallContacts,
+    ContactCalculator,
+    require_apart,
+)
 from granphon.phonons.phonopy_atoms import choose_symbols, name_balls, place_in_space
 
 if TYPE_CHECKING:
@@ -302,7 +307,7 @@ class HarmonicContacts(ContactCalculator):
         return -contacts.collect()[1].T
 
     def get_torques(self, atoms: Atoms) -> Array:
-        """Return the torques (N, 3) on the balls, -dE/dphi, k d^2."""
+        """Return the torques (N, 3) on the balls of ``atoms``, -dE/dphi, k d^2."""
         self.get_property("energy", atoms)
         return self._torques.copy()
 
@@ -529,7 +534,8 @@ class HertzMindlin(ContactCalculator):
         or an array that :func:`~granphon.atoms` gives (:meth:`adopt` adds what is missing), or that
         belong to another state; a cell that is tilted out of the line or plane of the lattice, or
         periodic across it; balls that touch in directions other than those of the lattice, as when
-        it is turned (allowed with ``finite_overlap`` where balls do not rotate).
+        it is turned (allowed with ``finite_overlap`` where balls do not rotate); two balls at one
+        place.
     PrecisionError : when used, if delta/d < 1e-10: positions hold too few digits of the overlap.
     """
 
@@ -700,7 +706,8 @@ class HertzMindlin(ContactCalculator):
     def _resist_slips(
         self, balls: Atoms, law: Law, contacts: _ClosedContacts, loads: ContactForces
     ) -> None:
-        """Add to the ``loads`` those of slip, twist and roll since the reference configuration.
+        """Add to the ``loads``, in place, those of slip, twist and roll of the closed ``contacts``
+        of ``balls`` under the ``law``, since the reference configuration.
 
         The stiffnesses are those of the reference state: slip, twist and roll add to the energy of
         that state.
@@ -728,8 +735,8 @@ class HertzMindlin(ContactCalculator):
             loads.resist(row, row.stiffness * stiffness, displacement, angles)
 
     def get_torques(self, atoms: Atoms) -> Array:
-        """Return the torques on the balls, -dE/dphi, k d^2: (N,) if balls turn about z alone, else
-        (N, 3).
+        """Return the torques on the balls of ``atoms``, -dE/dphi, k d^2: (N,) if balls turn about z
+        alone, else (N, 3).
         """
         self.get_property("energy", atoms)
         return self._torques.copy()
@@ -784,20 +791,19 @@ class HertzMindlin(ContactCalculator):
         and (n,) whether the pair is near enough to be that contact.
 
         With finite overlap and balls that do not turn, the direction is that of the pair itself,
-        and the length of its vector alone decides.
+        and the length of its vector alone decides: however deep balls overlap, they are near.
 
         ``vector`` (n, m), d, joins the balls of each pair. ``extra`` (n,), d, is what the diameters
         of the two balls add to the distance at which balls touch. With ``at_sites`` the vectors
         join the sites of the balls, and only tell which balls touch.
 
-        Raises :class:`~granphon.base.errors.InputError` if balls touch in another direction, or if
-        the lattice is turned too far for contacts of fixed direction.
+        Raises :class:`~granphon.base.errors.InputError` if balls touch in another direction, if the
+        lattice is turned too far for contacts of fixed direction, or if two balls are at one place.
         """
         distance = np.linalg.norm(vector, axis=1)
         if self._has_free_directions:
-            is_near = np.abs(distance - self._spacing) < _CATCH
-            if at_sites:
-                is_near &= distance < self._midway
+            is_near = distance < (self._midway if at_sites else self._spacing + _CATCH)
+            require_apart(distance)
             return vector / distance[:, None], is_near
         nearest = np.argmax(vector @ self._directions.T, axis=1)
         normal = self._directions[nearest]
@@ -1198,8 +1204,8 @@ def _in_space(vectors: Array) -> Array:
 
 
 def contact_blocks(lattice: ContactLattice) -> Array:
-    """Return the force constants (n_c, 6, 6), k, of each contact alone, between the three
-    coordinates of ball i followed by the three of ball j.
+    """Return the force constants (n_c, 6, 6), k, of each contact of a ``lattice`` alone, between
+    the three coordinates of ball i followed by the three of ball j.
 
     The coordinates are (x, y, w) in the plane, (w_x, w_y, z) out of the plane, and (x, y, z) if
     balls move in space and do not turn. Force constants of coordinates without a motion are zero.

@@ -188,7 +188,7 @@ class Phonons:
         self.state: State = as_state(state)
         self.scales: Units = self.state.scales
         if not isinstance(atoms, Atoms | None):
-            raise InputError(f"atoms is {atoms!r}", mend="Give an ase.Atoms")
+            raise InputError(f"atoms is {brief(atoms)}", mend="Give an ase.Atoms")
         if atoms is None:
             # one cell of the lattice has the contacts of the state, so no search is needed
             self.lattice: ContactLattice = self.state.contact_lattice()
@@ -735,7 +735,7 @@ class Phonons:
             more than 1e12 from layer to layer; or some motions are passed on to the next layers
             across the axis and no further.
         InputError : the Atoms are another cell than that of the state, the axis has no period or no
-            contacts across it, or a number is not allowed.
+            contacts across it, a number is not allowed, or the waves do not fit into memory.
         """
         network = given_network(self.state)
         self._require_state_cell(with_stiffness=True)
@@ -794,7 +794,8 @@ class Phonons:
         points : number of frequencies, 12 or more, from zero to just above the top frequency.
 
         Raises :class:`~granphon.base.errors.InputError` for numbers out of range or too large for
-        the memory, for a ``sigma`` with the tetrahedron method, and if every branch vanishes.
+        the memory, for a ``sigma`` with the tetrahedron method, and if every branch vanishes; and
+        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
         """
         numbers = self._read_mesh(mesh)
         chosen_method = one_of("method", method, ("tetrahedron", "smearing"))
@@ -970,15 +971,16 @@ class Phonons:
 
     def find_gaps(self, mesh: Sequence[int] | None = None) -> tuple[Index, Array]:
         """Return the number of branches below each gap, (n,), and the gaps (n, 2), Hz, of
-        :meth:`gaps`, with the same ``mesh``. The number of branches identifies a gap when the load
-        changes.
+        :meth:`gaps`, with the same ``mesh`` and errors. The number of branches identifies a gap
+        when the load changes.
         """
         gaps = self._find_gap_edges(mesh)
         return gaps.branches_below, gaps.frequencies * self.scales.frequency
 
     def gap_sensitivities(self, mesh: Sequence[int] | None = None) -> FrequencySensitivities:
         """Return the derivatives of the edges (n, 2) of :meth:`gaps`, with the same ``mesh``, as
-        :meth:`sensitivities` returns those of frequencies, and the wave vectors of the edges.
+        :meth:`sensitivities` returns those of frequencies, and the wave vectors of the edges. The
+        errors are those of both.
 
         An edge is the greatest or the least frequency of a branch, so that a change of its wave
         vector does not matter to first order. If several wave vectors have the frequency of the
@@ -1035,10 +1037,10 @@ class Phonons:
         """Return the cut-off frequencies, (n_branches, 2) Hz: the lowest and the highest frequency
         of each branch in the whole zone. At each wave vector branches are ordered by frequency.
 
-        Cut-offs are sought as the edges of :meth:`gaps`, with the same ``mesh``, but from more of
-        its points. The cut-off of a branch inside other bands may lie where the branch crosses its
-        neighbour along a line, or in a hollow narrower than the mesh. Cut-offs of crystals in space
-        were found short by up to 5e-3 of the top frequency.
+        Cut-offs are sought as the edges of :meth:`gaps`, with the same ``mesh`` and errors, but
+        from more of its points. The cut-off of a branch inside other bands may lie where the branch
+        crosses its neighbour along a line, or in a hollow narrower than the mesh. Cut-offs of
+        crystals in space were found short by up to 5e-3 of the top frequency.
         """
         cutoffs, _ = self._find_cutoffs(mesh)
         return cutoffs

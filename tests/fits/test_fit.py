@@ -737,6 +737,15 @@ def test_the_standard_deviation_is_that_of_the_fitted_spread(spread):
 # -- the result ------------------------------------------------------------------------------------
 
 
+def test_equal_balls_have_one_velocity_in_every_medium():
+    """As in the fit of their modulus, every medium of equal balls is the averaged lattice."""
+    equal = replace(BALLS, spread=None)
+    velocity = gp.sound_velocities(gp.AveragedLattice(equal).at_force(FORCE)).longitudinal
+    fit = fit_width(equal, FORCE, velocity, 1.0, parameters=("young_modulus",))
+    for medium in ("ala", "ema", "simulation"):
+        assert_allclose(fit.velocity_at(FORCE, medium), velocity, rtol=1e-9)
+
+
 def test_the_result_is_plain_data_and_frozen(tmp_path):
     fit = fit_width(
         BALLS,

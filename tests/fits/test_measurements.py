@@ -183,6 +183,8 @@ def test_a_named_column_goes_before_one_found(tmp_path):
             "side_force, pressure",
         ),
         ("force (N),time (s)\n2,3\n", {"distance": -1.0}, "distance: found -1.0"),
+        ("force (N),time (s)\n2,3\n", {"distance": (1.0,)}, "(distance, standard error)"),
+        ("force (N),time (s)\n2,3\n", {"distance": (1.0, -0.1)}, "error of distance"),
         (
             "force (N),time (s),distance (m)\n2,3,4\n",
             {"distance": 0.5},
@@ -197,6 +199,11 @@ def test_a_named_column_goes_before_one_found(tmp_path):
             "force (N),velocity (m/s)\n2,3\n",
             {"distance": 0.5},
             "a velocity column",
+        ),
+        (
+            "force (N),cutoff (Hz)\n2,3\n",
+            {"distance": (0.5, 0.01), "carried": lambda _force, cutoff: cutoff},
+            "a cutoff column",
         ),
         (
             "force (N),v (m/s)\n2,3\n",

@@ -54,6 +54,22 @@ def test_without_noise_the_velocity_is_that_of_the_pulse(method: str) -> None:
     assert found.stderr < 1e-6 * VELOCITY
 
 
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("periods", [-0.5, 0.5, 7.25])
+def test_the_time_at_which_a_record_begins_does_not_count(method: str, periods: float) -> None:
+    """Half a period of the phase before the trigger moves no sensor by a period."""
+    places = (0.0, 0.1, 0.2, 0.3)
+    traces = make_traces(3, 0.01, places)
+    start = periods / METHODS["phase"]["frequency"]
+    later = gp.Traces(traces.times + start, traces.signals, traces.distances)
+    options = METHODS[method]
+    found, moved = (one.velocity(method, **options) for one in (traces, later))
+    assert moved.velocity == pytest.approx(found.velocity, rel=1e-9)
+    assert moved.chi2 == pytest.approx(found.chi2, rel=1e-6)
+    delay = 0.0 if method == "correlation" else start
+    np.testing.assert_allclose(moved.arrivals, found.arrivals + delay, atol=1e-12)
+
+
 def find_pulls(method: str, n_draws: int, noise: float, places: tuple[float, ...]) -> list[float]:
     """Errors of the velocity over its standard error, for several draws of the noise."""
     pulls = []
@@ -148,6 +164,22 @@ def test_hdf5_is_read(tmp_path: Path) -> None:
     read = gp.Traces.read(tmp_path / "traces.h5")
     np.testing.assert_allclose(read.times, traces.times, atol=1e-15)
     np.testing.assert_allclose(read.distances, traces.distances)
+    with h5py.File(tmp_path / "traces.h5", "a") as file:
+        file["names"] = np.array(["drive", "5 µm"], object)
+    assert gp.Traces.read(tmp_path / "traces.h5").names == ("drive", "5 µm")
+    with h5py.File(tmp_path / "traces.h5", "a") as file:
+        file.attrs["time_step"] = STEP
+    with pytest.raises(InputError, match="time_step"):  # times are given twice
+        gp.Traces.read(tmp_path / "traces.h5")
+
+
+def test_one_distance_is_that_of_one_sensor(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "one.h5", "w") as file:
+        file["signals"] = make_traces(5).signals[:1]
+        file.attrs["time_step"] = STEP
+    assert gp.Traces.read(tmp_path / "one.h5", distances=0.04).distances.tolist() == [0.04]
+    with pytest.raises(InputError, match="2 distances"):
+        gp.Traces.read(tmp_path / "one.h5", distances=[0.0, 0.04])
 
 
 @pytest.mark.parametrize(
@@ -222,6 +254,8 @@ def test_what_gives_no_velocity_is_refused() -> None:
         traces.velocity(threshold=0.01)
     with pytest.raises(InputError, match="correlation"):
         traces.velocity("corelation")
+    with pytest.raises(InputError, match="quiet"):
+        traces.velocity(quiet="early")
     with pytest.raises(InputError, match="lowpass"):
         traces.velocity(lowpass=6e5)
 

@@ -517,6 +517,8 @@ def test_headings_and_units_of_magnitudes(tmp_path, quantity, heading, value, ca
         ("f (Hz),H (um/N)\n1,2\n", {}, "Its columns are 'f (Hz)', 'H (um/N)'"),
         ("frequency (Hz),G (um/N)\n1,2\n", {}, "'real' and 'imag'"),
         ("frequency (Hz),H (kg)\n1,2\n", {"quantity": "force"}, "V/V"),
+        ("frequency (Hz),H (m/N)\n1,2\n", {"quantity": "speed"}, "accelera"),
+        ("frequency (Hz),H\n1,2\n", {"quantity": "speed"}, "accelera"),
         ("frequency (Hz),real (um/N),imag\n1,2,3\n", {}, "no unit of receptance"),
         ("frequency (Hz),real (um/N),imag (V/V)\n1,2,3\n", {}, "'um/N' and 'V/V'"),
     ],

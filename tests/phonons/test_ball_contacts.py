@@ -167,6 +167,9 @@ def test_what_cannot_be_served():
         gp.HertzMindlin({"X": BALLS["A"]}).get_property("stress", balls)
     with pytest.raises(InputError, match=r"Give a granphon\.Ball"):
         gp.HertzMindlin({})
+    with pytest.raises(InputError, match="friction"):  # it is no factor of the shear stiffness
+        gp.HertzMindlin(BALLS, friction=0.3)
+    assert gp.HertzMindlin(BALLS).get_property("energy", ase.Atoms()) == 0.0
     one = gp.HertzMindlin({"X": BALLS["A"]})
     pushed = abs(one.get_property("forces", balls)[0, 0])
     assert pushed == pytest.approx(

@@ -308,17 +308,27 @@ def test_smearing_wider_than_all_frequencies_is_refused(rough, sigma):
         rough.dos(mesh=(4, 4), method="smearing", sigma=sigma)
 
 
+def test_polarisations_at_a_copy_of_gamma_are_those_at_gamma(rough):
+    """Of sound along the path, not along the reciprocal vector that leads to the copy."""
+    home, copy = (rough.bands([[first, 0.0], [first, 0.4]], 5) for first in (0.0, 1.0))
+    for name in ("longitudinal_fraction", "transverse_fraction"):
+        np.testing.assert_allclose(getattr(copy, name)[:, 0], getattr(home, name)[:, 0], atol=1e-12)
+    assert sorted(home.longitudinal_fraction[0, 0].round(12)) == [0.0, 0.0, 1.0]
+
+
 @pytest.mark.parametrize("far", [1.1e15, 1e200, -1.7e308])
 def test_wave_vectors_so_far_out_that_no_digit_is_left_are_refused(rough, far):
     for find in (
         lambda q: rough.frequencies([q]),
         lambda q: rough.modes([q]),
-        lambda q: rough.lattice.frequencies([q]),
-        lambda q: rough.lattice.modes([q]),
         lambda q: rough.bands([[0.0, 0.0], q, [1e308, 0.0]], 5),
     ):
         with pytest.raises(PrecisionError, match="from Gamma"):
             find([far, 0.25])
+    at = np.clip(8.0 * far, -1e308, 1e308)  # 1/d, in which reciprocal vectors are 7.3 long
+    for find in (rough.lattice.frequencies, rough.lattice.modes):
+        with pytest.raises(PrecisionError, match="from Gamma"):
+            find([[at, 0.25]])
 
 
 def test_phonons_say_in_a_line_what_they_are(rough):

@@ -42,6 +42,20 @@ def at_overlap(lattice="fcc", finite_overlap=None, friction=True, relative=SOFT,
     return gp.AveragedLattice(balls).at_overlap(relative * DIAMETER, finite_overlap=finite_overlap)
 
 
+@pytest.mark.parametrize("distance", [0.98, 0.6, 0.2])
+def test_however_deep_balls_overlap_the_law_pushes_them_apart(distance):
+    state = at_overlap("fcc", finite_overlap=True, friction=False)
+    two = Atoms("Fe2", positions=[[0, 0, 0], [0, 0.6 * distance, 0.8 * distance]])
+    pair = gp.HertzMindlin(state).adopt(two)
+    unit = state.scales.force
+    push = float(state.law.force((1.0 - distance) * DIAMETER)) / unit
+    assert np.allclose(pair.get_forces()[1], [0.0, 0.6 * push, 0.8 * push], rtol=1e-12)
+    pair.positions[1] = 0.0
+    for calculator in (pair.calc, gp.HertzMindlin({"Fe": gp.Ball(STEEL, DIAMETER)})):
+        with pytest.raises(InputError, match="one place"):
+            calculator.get_property("forces", pair)
+
+
 # -- cells -----------------------------------------------------------------------------------------
 
 

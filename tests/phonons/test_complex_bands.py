@@ -180,6 +180,16 @@ def test_atoms_of_other_masses_or_in_another_order_are_refused():
         for cell in (heavy, None)
     ]
     assert_allclose(2.0 * found[0], found[1], rtol=1e-6, atol=1e-3)
+    # c/k of these dashpots follows from the masses and stiffnesses of the state
+    for losses in ({"restitution": 0.9}, {"dashpot": 0.1}):
+        with pytest.raises(InputError, match="another cell"):
+            gp.Phonons(state, heavy).damped([[0.1, 0.2]], **losses)
+        assert np.all(gp.Phonons(state).damped([[0.1, 0.2]], **losses).decay > 0.0)
+
+
+def test_drag_too_strong_for_digits_is_not_called_a_dashpot():
+    with pytest.raises(PrecisionError, match="drag"):
+        gp.Phonons(bulk("triangular")).damped([[0.1, 0.2]], drag=(1e13, 0.0))
 
 
 @pytest.mark.parametrize("lattice", ["chain", "triangular", "honeycomb", "fcc"])

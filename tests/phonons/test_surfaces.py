@@ -452,7 +452,7 @@ def test_the_winding_counts_the_motions_at_the_edges_that_cost_nothing(axis):
         (lambda: gp.Surface(bulk("honeycomb"), 0).winding([[0.1]]), "det C vanishes"),
         (
             lambda: gp.Surface(bulk("triangular"), 1).zak_phase([[0.0]]),
-            "the 1 lowest branches",
+            "above the lowest branch closes",
         ),
         (
             lambda: gp.Surface(pressed_square(), 0).zak_phase([[0.1]]),
