@@ -568,8 +568,9 @@ def test_the_estimate_and_the_check_of_a_simulation_count_the_same_memory(change
     )
     medium._require_memory(load)
     assert needed == [estimate(medium, load).working]
-    # contacts that turn, and those of a cell that shears, are listed
-    assert needed[0] > estimate(simulation(shape=(2048, 2048)), load).working
+    # contacts that turn are listed; those of a cell that shears stay a grid
+    at_rest = estimate(simulation(shape=(2048, 2048)), load).working
+    assert (needed[0] > at_rest) == ("geometry" in change)
 
 
 def test_an_estimate_is_in_the_geometry_that_the_load_chooses():
