@@ -58,6 +58,9 @@ _SAME_CENTRE = 1e-9
 _AT_COPY = 1e-15
 #: relative difference up to which two numbers are equal but for rounding
 _ROUNDED_EQUAL = 8.0 * float(np.finfo(np.float64).eps)
+#: the same of what balls at rest give, stiffnesses, forces and arms: rounding adds up over the
+#: steps of a search for rest
+_ROUNDED_AT_REST = 1e-13
 
 
 def _put_in_space(vectors: Array) -> Array:
@@ -698,15 +701,15 @@ class Compatibility:
         has_fixed_ends = np.any(self.contacts.j == self.n_balls)
         if has_fixed_ends or not len(self.contacts):
             return None
-        balls = np.column_stack([self.masses, self.gyration])
-        is_like_first = np.all(np.abs(balls - balls[0]) <= _ROUNDED_EQUAL * balls, axis=1)
+        balls, rounding = self._describe_balls()
+        is_like_first = np.all(np.abs(balls - balls[0]) <= rounding * balls, axis=1)
         for candidate in np.flatnonzero(is_like_first):
             inversion = self._invert_balls(int(candidate))
             if inversion is None:
                 continue
             image, cells = inversion
             is_involution = np.array_equal(image[image], np.arange(self.n_balls))
-            differ = np.any(np.abs(balls[image] - balls) > _ROUNDED_EQUAL * balls)
+            differ = np.any(np.abs(balls[image] - balls) > rounding * balls)
             if not is_involution or differ:
                 continue
             contact_images = self._invert_contacts(image, cells)
@@ -714,6 +717,19 @@ class Compatibility:
                 chosen = np.flatnonzero(contact_images > np.arange(len(contact_images)))
                 return image, chosen, contact_images[chosen]
         return None
+
+    def _describe_balls(self) -> tuple[Array, Array]:
+        """Return numbers (n, 4) of each ball, none below zero, that its image has too, and their
+        roundings (4,): mass, radius of gyration, and the sums of the stiffnesses and of the sizes
+        of the static forces of its contacts.
+        """
+        table = self.contacts
+        sums = [
+            np.bincount(table.i, sizes, self.n_balls) + np.bincount(table.j, sizes, self.n_balls)
+            for sizes in (self.stiffness, np.abs(self.prestress))
+        ]
+        balls = np.column_stack([self.masses, self.gyration, *sums])
+        return balls, np.repeat([_ROUNDED_EQUAL, _ROUNDED_AT_REST], 2)
 
     def _invert_balls(self, first: int) -> tuple[NDArray[np.intp], NDArray[np.intp]] | None:
         """Return the image (n,) of each ball under the inversion that takes ball 0 to ball
@@ -789,7 +805,7 @@ class Compatibility:
         for at_i, at_j in ((0, 1), (4, 5)):
             swapped[is_straight, at_i] = scalars[is_straight, at_j]
             swapped[is_straight, at_j] = scalars[is_straight, at_i]
-        if np.any(np.abs(swapped[images] - scalars) > _ROUNDED_EQUAL * np.abs(scalars)):
+        if np.any(np.abs(swapped[images] - scalars) > _ROUNDED_AT_REST * np.abs(scalars)):
             return False
         # a straight image has the same vectors, and any other the opposite ones; centres are
         # rounded in proportion to their distance from the origin
@@ -804,7 +820,7 @@ class Compatibility:
             # an inversion leaves torques as they are
             (self.contact_torque, largest_torque, -sign),
         ):
-            if np.any(np.abs(factor * vectors[images] - vectors) > _ROUNDED_EQUAL * largest):
+            if np.any(np.abs(factor * vectors[images] - vectors) > _ROUNDED_AT_REST * largest):
                 return False
         return True
 

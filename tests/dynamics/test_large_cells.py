@@ -4,6 +4,8 @@ the small cell.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -116,6 +118,36 @@ def test_frequencies_under_static_forces_are_those_of_the_matrix():
         squares = np.linalg.eigvalsh(lattice.dynamical_matrix(lattice.wavevectors([q]))[0])
         frequencies = lattice.frequencies(lattice.wavevectors([q]))[0]
         assert_allclose(frequencies**2, squares, atol=1e-12 * squares[-1])
+
+
+def test_a_pressed_supercell_has_an_inversion_although_its_forces_are_rounded():
+    """Its branches are those of the primitive cell at all wave vectors that fold onto one."""
+    ball = gp.Ball(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)
+    primitive = gp.Crystal.on("fcc", [ball], friction=False)
+    large = primitive.repeat((5, 5, 5)).at_pressure(1e5, finite_overlap=True)
+    forces = large.network.normal_force
+    assert 0.0 < np.ptp(forces) < 1e-13 * np.max(forces)
+    phonons = gp.Phonons(large)
+    assert phonons.lattice._images is not None
+    steps = np.stack(np.meshgrid(*[np.arange(5)] * 3), axis=-1).reshape(-1, 3)
+    q = np.array([0.1, 0.2, 0.3])
+    small = gp.Phonons(primitive.at_pressure(1e5, finite_overlap=True))
+    expected = np.sort(small.frequencies((q + steps) / 5.0).ravel())
+    assert_allclose(phonons.frequencies([q])[0], expected, rtol=1e-12)
+
+
+def test_contacts_that_differ_leave_no_inversion_and_are_told_by_their_balls(monkeypatch):
+    """No table of contacts is searched, of which each ball would need one."""
+    equal = gp.AveragedLattice(gp.Packing(gp.Material(2e11, 0.3, 8e3), 8e-3)).at_force(5.0).network
+    network = equal.repeat((6, 6))
+    factors = np.random.default_rng(1).uniform(0.9, 1.1, network.n_contacts)
+    uneven = replace(network, normal_stiffness=factors * network.normal_stiffness)
+    searches = []
+    monkeypatch.setattr(
+        ContactLattice, "_invert_contacts", lambda *arguments: searches.append(arguments)
+    )
+    assert gp.Phonons(uneven).lattice._images is None
+    assert len(searches) <= 1
 
 
 def test_a_cell_beyond_the_memory_is_refused_before_anything_is_made(sample):
