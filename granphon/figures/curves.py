@@ -933,12 +933,16 @@ def _draw_panel(dataset: Dataset, ax: Axes, variable: str, x: str) -> Panel:
 
 def _name_single_values(figure: Figure, dataset: Dataset, curve: Curve, x: str) -> None:
     """Write above a figure the values of the parameters that have one value in a data set, as those
-    of which a user has chosen one; ``curve`` is one of its curves.
+    of which a user has chosen one, and a single load over which nothing is drawn; ``curve`` is one
+    of the curves.
     """
     names = [name for name in list_parameters(dataset) if dataset[name].size == 1 and name != x]
     kinds = [describe_value(dataset, name, 0)[0] for name in names]
-    title = join_facts([curve.facts[kind] for kind in kinds], _LETTERS_OF_TITLE)
-    if title:
+    facts = [curve.facts[kind] for kind in kinds]
+    if dataset.sizes["load"] == 1 and x != find_load(dataset):
+        facts.append(_describe_first_load(dataset))
+    if facts:
+        title = join_facts(facts, _LETTERS_OF_TITLE)
         figure.suptitle(title, fontsize=STYLE["axes.titlesize"])
 
 
@@ -1933,8 +1937,12 @@ def _describe_state(run: Run) -> dict[str, str]:
     facts = {"name": run.name} if run.named else {}
     if run.dataset is None:
         return facts
-    load_kind = find_load(run.dataset)
-    load = float(run.dataset[load_kind].values[0])
-    load_text = write_value(load, _read_unit(run.dataset, load_kind))
     facts_of_state, _ = describe_lines(run.dataset, "force")[0]
-    return facts | facts_of_state | {"load": f"{load_kind} {load_text}"}
+    return facts | facts_of_state | {"load": _describe_first_load(run.dataset)}
+
+
+def _describe_first_load(dataset: Dataset) -> str:
+    """Return the kind and the value of the first load of a data set in words, "force 3 N"."""
+    kind = find_load(dataset)
+    load = float(dataset[kind].values[0])
+    return f"{kind} {write_value(load, _read_unit(dataset, kind))}"

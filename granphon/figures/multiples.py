@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from textwrap import fill
 from typing import Any, NamedTuple
 
 from granphon.figures.scales import add_legend, find_axis, styled_figure, thin_ticks
@@ -19,7 +18,7 @@ from matplotlib.lines import Line2D
 
 from granphon.figures.choices import MOST_COLUMNS, Layout, describe_value, list_parameters
 from granphon.figures.style import COLUMN_WIDTH, PAGE_WIDTH, STYLE
-from granphon.figures.words import join_facts
+from granphon.figures.words import join_facts, wrap_fact
 from granphon.runs.dataset import Dataset
 
 #: heights, inches: of a panel in a figure of several lines of panels; of the panels if there is one
@@ -83,7 +82,7 @@ def draw_panels(
         for ax in cells:
             ax.set_axis_off()
         _label_shared(axes, drawn, label)
-        _name_panels(drawn, dataset, layout, n_columns)
+        _name_panels(drawn, dataset, layout, n_columns, width / n_columns)
         _write_shared(figure, drawn, dataset, layout)
     return figure
 
@@ -139,9 +138,14 @@ def _name_all(panels: Sequence[Axes], which: str, label: str) -> None:
 
 
 def _name_panels(
-    drawn: Sequence[tuple[Axes, Panel]], dataset: Dataset, layout: Layout, n_columns: int
+    drawn: Sequence[tuple[Axes, Panel]],
+    dataset: Dataset,
+    layout: Layout,
+    n_columns: int,
+    width: float,
 ) -> None:
-    """Write the values of columns and rows beside the panels. That of a column stands above the
+    """Write the values of columns and rows beside the panels; a column has the ``width``, inches,
+    of the figure. That of a column stands above the
     panel of the first row, or above all panels that stand in lines; that of a row stands at the
     right of the last panel of the row.
     """
@@ -149,11 +153,10 @@ def _name_panels(
         row, column = divmod(number, n_columns)
         if layout.columns is not None and (row == 0 or layout.rows is None):
             text = panel.facts[_find_kind(dataset, layout.columns)]
-            letters = int(_LETTERS_PER_INCH * ax.figure.get_figwidth() / n_columns)
-            ax.set_title(fill(text, letters, break_long_words=False), pad=3.0)
+            ax.set_title(wrap_fact(text, int(_LETTERS_PER_INCH * width)), pad=3.0)
         if layout.rows is not None and column == n_columns - 1:
             ax.annotate(
-                fill(panel.facts[_find_kind(dataset, layout.rows)], _LETTERS_OF_ROW),
+                wrap_fact(panel.facts[_find_kind(dataset, layout.rows)], _LETTERS_OF_ROW),
                 (1.0, 0.5),
                 (4.0, 0.0),
                 "axes fraction",

@@ -207,3 +207,11 @@ def join_facts(facts: Iterable[str], letters: int) -> str:
     """
     text = ", ".join(facts).replace(" ", _NO_BREAK).replace(f",{_NO_BREAK}", ", ")
     return textwrap.fill(text, letters, break_long_words=False, break_on_hyphens=False)
+
+
+def wrap_fact(fact: str, letters: int) -> str:
+    """Return a fact in lines of ``letters``, or of a longer word; the name of a kind of balls stays
+    beside its "of".
+    """
+    text = fact.replace(" of ", f" of{_NO_BREAK}")
+    return textwrap.fill(text, letters, break_long_words=False, break_on_hyphens=False)

@@ -509,18 +509,25 @@ def _summarise_states(run: Any) -> dict[str, Any]:
     elif "tensor" in data:  # some lattice is not isotropic, and its velocities are along x
         is_plane = data.sizes["voigt_row"] == 3
         numbers["direction"] = [1.0, 0.0] if is_plane else [1.0, 0.0, 0.0]
-    has_velocities = "velocities" in run.scene.observe
-    told = [
-        name
-        for name, entry in CATALOGUE.items()
-        if entry.told and name in data and (has_velocities or entry.cost != "velocities")
-    ]
+    told = [name for name in list_told(run.scene.observe) if name in data]
     for name in told:
         if data[name].notnull().any():
             numbers[name] = [float(data[name].min()), float(data[name].max())]
     if run.scene.errors:
         numbers |= _list_errors(data, told)
     return numbers | {"valid": bool(data["valid"].all())}
+
+
+def list_told(observe: Collection[str]) -> list[str]:
+    """Return the names of the numbers that are told of a run that observes the words ``observe``;
+    velocities and moduli are told where velocities are observed.
+    """
+    has_velocities = "velocities" in observe
+    return [
+        name
+        for name, entry in CATALOGUE.items()
+        if entry.told and (has_velocities or entry.cost != "velocities")
+    ]
 
 
 def _list_errors(data: Dataset, names: Sequence[str]) -> dict[str, Any]:
@@ -1118,7 +1125,7 @@ for _row in (
         ("onsets.csv", "onsets.png"),
         observed="onsets",
         write=partial(_write_table, "onsets.csv", ("branch",), numbered=True),
-        draw=partial(_draw_dataset, "onsets"),
+        draw=partial(_draw_panels, "onsets"),
         words="cut-off frequency and curvature of each branch at Gamma; the frequencies over the"
         " load",
         caption="Cut-off frequencies from which waves begin, at Gamma",

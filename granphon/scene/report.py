@@ -6,6 +6,7 @@ and left out where the folder does not hold them. Nothing is computed again.
 
 from __future__ import annotations
 
+import json
 import math
 import os
 from collections.abc import Callable, Mapping
@@ -25,7 +26,7 @@ from granphon.base.text import join_alike, read_bytes, read_text, read_yaml, spe
 from granphon.figures.style import pick_evenly
 from granphon.observables.catalogue import CATALOGUE
 from granphon.page.document import Block, Code, Items, Link, Picture, Rows, Section, Text
-from granphon.scene.outputs import OUTPUTS, Export, read_summary
+from granphon.scene.outputs import OUTPUTS, Export, list_told, read_summary
 
 #: endings of the files of figures that a page can hold
 _PICTURES = (".png", ".svg")
@@ -284,10 +285,11 @@ def _read_states(source: Path) -> list[Block]:
         return []
     listed = pick_evenly(n_states, MOST_STATES)  # numbers of the states in the table
     load = find_load(dataset)
-    told = [name for name, entry in CATALOGUE.items() if entry.told and name != load]
+    observe = json.loads(dataset.attrs["observe"])
     names = [load, *map(str, dims[1:])]
-    for name in (*told, *_OTHER_COLUMNS):
-        if name in dataset.data_vars and dataset[name].dims == dims:
+    for name in (*list_told(observe), *_OTHER_COLUMNS):
+        is_unasked = name == "exponent" and "velocities" not in observe
+        if name in dataset.data_vars and dataset[name].dims == dims and not is_unasked:
             names.append(name)
     columns = [_write_column(dataset, name, listed) for name in names]
     headings = tuple(heading for heading, _ in columns)

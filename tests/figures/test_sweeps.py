@@ -44,6 +44,13 @@ def test_titles_of_columns_of_panels_stay_apart():
     assert all(left.x1 + letter < right.x0 for left, right in itertools.pairwise(boxes))
 
 
+def test_curves_over_a_parameter_tell_the_one_load(widths):
+    one = widths.isel(load=[0])
+    title = sweep_figure(one, variable="bulk").get_suptitle()
+    assert title.replace("\N{NO-BREAK SPACE}", " ") == "pressure 200 N/m"
+    assert "pressure" not in sweep_figure(widths, variable="bulk").get_suptitle()
+
+
 def test_lines_are_the_variable_in_order_of_the_load(media, ax):
     assert plot_sweep(media, ax, "normal_stiffness") is ax
     lines = drawn(ax, "normal_stiffness-all")
