@@ -13,11 +13,11 @@ SPREADS = {
     "normal.cutoff": "number of standard deviations at which it is cut",
     "discrete.diameters": "kinds of balls",
     "discrete.fractions": "fraction of each kind; they add up to 1",
-    "measured": "a table of diameters beside the scene; the first line heads its columns, as"
-    " `diameter (mm)`",
+    "measured": "a table of diameters beside the scene, whose first line heads its columns, as"
+    " `diameter (mm)`; or the diameters themselves, as `[8 mm, 8.01 mm]`",
     "measured.file": "the same, as a block: the table",
     "measured.column": "heading of its column, if that is neither `diameter` nor the only one",
-    "measured.diameters": "the diameters themselves",
+    "measured.diameters": "the diameters themselves, as a block",
 }
 #: the blocks among them, as short as may be
 SPREAD_BLOCKS = {

@@ -82,7 +82,7 @@ def draw_panels(
         for ax in cells:
             ax.set_axis_off()
         _label_shared(axes, drawn, label)
-        _name_panels(drawn, dataset, layout, n_columns)
+        _name_panels(drawn, dataset, layout, n_columns, width / n_columns)
         _write_shared(figure, drawn, dataset, layout)
     return figure
 
@@ -138,9 +138,14 @@ def _name_all(panels: Sequence[Axes], which: str, label: str) -> None:
 
 
 def _name_panels(
-    drawn: Sequence[tuple[Axes, Panel]], dataset: Dataset, layout: Layout, n_columns: int
+    drawn: Sequence[tuple[Axes, Panel]],
+    dataset: Dataset,
+    layout: Layout,
+    n_columns: int,
+    width: float,
 ) -> None:
-    """Write the values of columns and rows beside the panels. That of a column stands above the
+    """Write the values of columns and rows beside the panels; a column has the ``width``, inches,
+    of the figure. That of a column stands above the
     panel of the first row, or above all panels that stand in lines; that of a row stands at the
     right of the last panel of the row.
     """
@@ -148,8 +153,7 @@ def _name_panels(
         row, column = divmod(number, n_columns)
         if layout.columns is not None and (row == 0 or layout.rows is None):
             text = panel.facts[_find_kind(dataset, layout.columns)]
-            letters = int(_LETTERS_PER_INCH * ax.figure.get_figwidth() / n_columns)
-            ax.set_title(wrap_fact(text, letters), pad=3.0)
+            ax.set_title(wrap_fact(text, int(_LETTERS_PER_INCH * width)), pad=3.0)
         if layout.rows is not None and column == n_columns - 1:
             ax.annotate(
                 wrap_fact(panel.facts[_find_kind(dataset, layout.rows)], _LETTERS_OF_ROW),

@@ -725,20 +725,21 @@ class SceneSource(Places):
 
     @property
     def written_units(self) -> dict[str, str]:
-        """The units in which the document gives loads and swept parameters, by name; of several
-        values of a parameter, the unit of the first.
+        """The units in which the document gives loads and swept parameters, by name; empty where
+        values have different units.
         """
         if self.document is None:
             return {}
         data = self.document.data
         units = {}
         for name, values in (data.get("load", {}) | data.get("sweep", {})).items():
-            first = values
+            texts = [values]
             if isinstance(values, Mapping):
-                first = values.get("from")
+                texts = [values.get("from"), values.get("to")]
             elif isinstance(values, list):
-                first = values[0]
-            units[name] = find_written_unit(first)
+                texts = values
+            units_of_values = {find_written_unit(text) for text in texts}
+            units[name] = units_of_values.pop() if len(units_of_values) == 1 else ""
         return units
 
     # -- places in the file ------------------------------------------------------------------------

@@ -186,9 +186,11 @@ def _read_normal(value: Any, context: Context) -> Normal:
 
 def _read_measured(value: Any, context: Context) -> Measured:
     """Return the spread of measured diameters that a ``value`` gives: the name of a table, a block
-    {file, column} about a table, or a block {diameters} with a list. Tables are sought in the
-    folder of the scene.
+    {file, column} about a table, a list, or a block {diameters} with a list. Tables are sought in
+    the folder of the scene.
     """
+    if isinstance(value, list):
+        return Measured(_DIAMETERS.read(value, context))
     if isinstance(value, dict) and "diameters" in value:
         return Measured(_MEASURED.read(value, context)["diameters"])
     column = None
@@ -196,8 +198,10 @@ def _read_measured(value: Any, context: Context) -> Measured:
         settings = block(value, {"file": text, "column": text}, ("file",))
         name = settings["file"]
         column = settings.get("column")
-    else:
+    elif isinstance(value, str):
         name = text(value)
+    else:
+        raise Refused(show(value), "the name of a table, or a list such as [8 mm, 8.01 mm]")
     with refusing(name, "a table with a column of diameters"):
         return Measured.from_csv(context.folder / name, column, quoted=False)
 
@@ -246,8 +250,9 @@ def table_named(value: Any) -> str | None:
     without a table. The ``value`` is plain data of a valid scene file.
     """
     measured = value.get("measured") if isinstance(value, dict) else None
-    # {measured: FILE}, or {measured: {file: FILE, ...}}
-    return measured.get("file") if isinstance(measured, dict) else measured
+    # {measured: FILE}, {measured: {file: FILE, ...}}, or a list of diameters
+    name = measured.get("file") if isinstance(measured, dict) else measured
+    return name if isinstance(name, str) else None
 
 
 def is_long(spread: Any) -> bool:

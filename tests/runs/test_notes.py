@@ -122,6 +122,24 @@ def test_values_are_written_in_the_units_of_the_user(value, unit, written, text)
     assert find_written_unit(text) == (written or text.partition(" ")[2]) or written == "N"
 
 
+@pytest.mark.parametrize(
+    ("forces", "unit", "told"),
+    [
+        ("[5 mN, 1000 mN, 20000 mN]", "mN", "force 5 mN to 1000 mN"),
+        ("[5 mN, 1 N, 20 N]", "", "force 5 mN to 1 N"),
+        ("{from: 5 mN, to: 20 N, points: 3}", "", "force 5 mN to 316.23 mN"),
+    ],
+)
+def test_values_in_several_units_have_decimal_prefixes(forces, unit, told):
+    earlier = SCENE.partition("load: ")[2].partition("\n")[0]
+    text = SCENE.replace(earlier, f"{{force: {forces}}}")
+    scene = Scene.from_text(text)
+    assert scene.origin.written_units["force"] == unit
+    # the averaged lattice is not reliable at the first loads
+    texts, _ = scene.plan.foresee_warnings()
+    assert [words for words in texts if f"({told})" in words], texts
+
+
 def test_values_of_a_sweep_from_python_have_decimal_prefixes():
     steel = gp.Material(211.65e9, 0.276, 7840.0)
     data = gp.sweep(gp.Packing(steel, 8e-3), force=[0.5, 1.0, 50.0], width=[1e-6, 2e-6, 3e-6])

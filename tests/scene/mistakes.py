@@ -553,7 +553,7 @@ MISTAKES: dict[str, tuple[str, ...]] = {
         edit("friction: true", "spread: {measured: }"),
         "9: packing.spread.measured",
         "nothing",
-        "a name",
+        "the name of a table",
     ),
     # sweeps
     "misspelt parameter": (

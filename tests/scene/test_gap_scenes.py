@@ -113,7 +113,7 @@ def test_a_sweep_of_gaps_alone_shows_and_tells_nothing_of_sound(tmp_path, capsys
     assert "velocity" not in capsys.readouterr().out
     assert {path.name for path in out.glob("*.png")} == {"sweep_gaps.png"}
     assert main(["report", str(out)]) == 0
-    assert "velocity" not in (out / "report.md").read_text(encoding="utf-8")
+    assert "longitudinal" not in (out / "report.md").read_text(encoding="utf-8")
     assert redraw(out, force=True).name == "sweep_gaps.png"
     # what is asked for by name is drawn nevertheless
     assert redraw(out, tmp_path / "sweep.png").name == "sweep.png"

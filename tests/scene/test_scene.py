@@ -289,6 +289,7 @@ def with_load(load: str, spread: str = "{uniform: 2 um}") -> Scene:
             gp.Discrete((7e-3, 9e-3), (0.5, 0.5)),
         ),
         ("{measured: {diameters: [7.999 mm, 8.001 mm]}}", gp.Measured((7.999e-3, 8.001e-3))),
+        ("{measured: [7.999 mm, 8.001 mm]}", gp.Measured((7.999e-3, 8.001e-3))),
     ],
 )
 def test_spreads(text, spread):
