@@ -529,7 +529,8 @@ def _write_torques(network: Any) -> dict[str, Any]:
 
 def _write_box(network: Any) -> str:
     """Return the lines of a dump that give the box of a network: along periods the cell, from the
-    origin; along other axes as long as is needed to contain all balls.
+    origin; along other axes, which are those of the coordinates, as long as is needed to contain
+    all balls between its sides, which the periods tilt.
 
     Raises InputError for a cell that no box of a dump can be: its first vector must lie along x,
     and its second in the xy plane.
@@ -538,9 +539,13 @@ def _write_box(network: Any) -> str:
     is_open = ~np.asarray(network.pbc)
     is_ball = np.isfinite(network.radii)
     places = network.positions[is_ball]
-    radii = network.radii[is_ball, None]
-    low = np.where(is_open, np.min(places - radii, axis=0), 0.0)
-    sides = np.max(places + radii, axis=0) - low
+    cell[is_open] = np.eye(3)[is_open]
+    inverse = np.linalg.inv(cell)
+    # coordinates along the sides of the box, in m along open axes, and how far radii reach
+    along = places @ inverse
+    reach = network.radii[is_ball, None] * np.linalg.norm(inverse, axis=0)
+    low = np.where(is_open, np.min(along - reach, axis=0), 0.0)
+    sides = np.max(along + reach, axis=0) - low
     cell[is_open] = np.diag(sides)[is_open]
     lengths = np.diag(cell)
     if np.any(np.triu(cell, 1)) or not np.all(lengths > 0.0):

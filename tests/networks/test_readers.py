@@ -476,6 +476,29 @@ def test_dumps_of_lammps_are_not_replaced(which, tmp_path):
     assert len(list(tmp_path.iterdir())) == 2
 
 
+def test_a_box_that_periods_tilt_holds_all_balls(tmp_path):
+    """Along x, which is open, the sides of the box follow y, which is tilted; of extended XYZ the
+    box is across the periods.
+    """
+    network = gp.ContactNetwork.from_lammps(*dumps("disks"), GLASS)
+    kept = ~np.any(network.shift, axis=1)
+    fields = {name: getattr(network, name)[kept] for name in network.contact_fields}
+    cell = network.cell.copy()
+    cell[1, 0] += 1.7 * cell[0, 0]
+    ribbon = replace(network, cell=cell, pbc=(False, True, False), **fields)
+    ribbon.write_dumps(tmp_path / "atoms.dump", tmp_path / "pairs.dump")
+    lines = (tmp_path / "atoms.dump").read_text().splitlines()
+    start = next(n for n, line in enumerate(lines) if "BOX" in line) + 1
+    (low, high, tilt), (bottom, top, _), _ = (
+        map(float, line.split()) for line in lines[start : start + 3]
+    )
+    length = high - low - tilt  # the bounds are those of the orthogonal box around it
+    fraction = (ribbon.positions[:, 1] - bottom) / (top - bottom)
+    coordinate = ribbon.positions[:, 0] - low - tilt * fraction
+    assert np.min(coordinate - ribbon.radii) > 0.0
+    assert np.max(coordinate + ribbon.radii) < length
+
+
 def test_dumps_of_layers_lack_their_walls(tmp_path):
     network = written.layer_on_floor()
     files = tmp_path / "atoms.dump", tmp_path / "pairs.dump"
