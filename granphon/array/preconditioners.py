@@ -1,5 +1,5 @@
-"""Approximate inverses of tangents for GMRES, where few balls hold each other but nothing else holds
-them.
+"""Approximate inverses of a tangent for GMRES, where few balls hold each other but nothing else
+holds them.
 
 With friction, GMRES takes long where few balls hold each other and nothing else holds them. The
 lattice's Green's function does not know of such balls, and the inverse of the block of a single
