@@ -607,7 +607,7 @@ class LinearSteps:
                 most = _MOST_ITERATIONS - taken
             else:
                 self._weak = weak
-                self._put = self._patches.invert(weak, tangent)
+                self._put = self._patches.invert(weak, product)
                 renewed = True
         return Motion(solution[:size].reshape(pull.shape), float(solution[size])), taken
 

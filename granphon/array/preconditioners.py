@@ -1,5 +1,5 @@
-"""Approximate inverses of C^T D C for GMRES, where few balls hold each other but nothing else holds
-them.
+"""Approximate inverses of a tangent for GMRES, where few balls hold each other but nothing else
+holds them.
 
 With friction, GMRES takes long where few balls hold each other and nothing else holds them. The
 lattice's Green's function does not know of such balls, and the inverse of the block of a single
@@ -18,10 +18,10 @@ from functools import cached_property
 
 import numpy as np
 
+from granphon.array.pressed_place import PressedTangent
 from granphon.array.sparse_matrices import compose
 from granphon.array.stencils import HOLDING, Stencils, number_cells
 from granphon.base.arrays import Array, Index
-from granphon.contacts.friction import Tangent
 from granphon.dynamics.factors import factorise
 
 #: function of a force and an array of motions that writes the motions under the force of some balls
@@ -41,7 +41,7 @@ _LARGEST = (2**16, 12_288, 768)
 
 
 class Patches:
-    """Table of the contacts of each ball, with the rows of C, from which patches are cut."""
+    """Table of the contacts of each ball, from which patches are cut."""
 
     def __init__(self, stencils: Stencils) -> None:
         self.stencils = stencils
@@ -66,18 +66,6 @@ class Patches:
         contacts = order % self._ends.shape[1]
         balls = self._ends.ravel()[order]
         return contacts, np.searchsorted(balls, np.arange(self._balls + 1))
-
-    @cached_property
-    def _rows(self) -> Array:
-        """(2, kinds, rows, fields) coefficients, in the deformations of each kind of contact, of
-        the motions of ball j and, with the sign turned, of ball i.
-        """
-        kinds = self.stencils.n_contacts
-        head, tail = self.stencils.coefficients
-        rows = np.array([head, -tail]).reshape(2, -1, kinds, self.stencils.n_balls, self._fields)
-        kind = np.arange(kinds)
-        i, j = np.transpose(self.stencils.ends)
-        return np.array([rows[0][:, kind, j], rows[1][:, kind, i]]).swapaxes(1, 2)
 
     def find_worst(self, forces: Array) -> Index:
         """Return the numbers of the balls on which the largest ``forces`` (fields, L1, ..., Lp)
@@ -118,63 +106,50 @@ class Patches:
         starts = np.repeat(first[balls] - np.cumsum(counts) + counts, counts)
         return np.unique(contacts[starts + np.arange(starts.size)])
 
-    def invert(self, balls: Index, tangent: Tangent) -> Put | None:
+    def invert(self, balls: Index, tangent: PressedTangent) -> Put | None:
         """Return a function ``put(force, motion)`` that writes the motions of the ``balls`` of a
         patch under a force, while all other balls are held, into ``motion``; None if the matrix of
         the patch has no inverse.
 
-        The ``tangent`` has a mean stiffness of one. Forces and motions are (fields, L1, ..., Lp).
+        The matrix is the part of the ``tangent``, whose mean stiffness is one, between the balls of
+        the patch. Forces and motions are (fields, L1, ..., Lp).
         """
         from scipy.sparse import eye_array  # imported here: most simulations do not need it
 
         contacts = self._find_contacts(balls)
         place = np.full(self._balls, -1)
-        n = contacts.size
         place[balls] = np.arange(balls.size)
-        # C of these contacts, row after row of all, and of the balls of the patch, ball after ball
-        parts = []
-        rows = np.arange(self._rows.shape[2])
-        for ends, coefficients in zip(place[self._ends[:, contacts]], self._rows, strict=True):
-            inside = np.flatnonzero(ends >= 0)
-            row = (inside[:, None] + n * rows)[..., None]
-            column = (self._fields * ends[inside, None] + np.arange(self._fields))[:, None]
-            parts.append((row, column, coefficients[contacts[inside] // self._cells]))
-        c = compose(parts, (len(rows) * n, self._fields * balls.size))
-        d = compose(_list_tangent_entries(tangent, contacts), (c.shape[0], c.shape[0]))
-        matrix = c.T.tocsr() @ (d @ c) + HOLDING * eye_array(c.shape[1], format="csr")
+        end, start = place[self._ends[:, contacts]]
+        inside = (start >= 0) & (end >= 0)
+        i = start[inside]
+        j = end[inside]
+        alone = np.arange(balls.size)
+        blocks = tangent.product
+        across = contacts[inside]
+        # the places of the blocks, (line, column), and the blocks (m, m, number)
+        parts = (
+            (alone, alone, tangent.diagonal[..., balls]),
+            (i, j, blocks.forward[..., across]),
+            (j, i, blocks.backward[..., across].swapaxes(0, 1)),
+        )
+        m = self._fields
+        motions = np.arange(m)[:, None]
+        entries = (
+            (m * line + motions[:, None], m * column + motions, values.astype(float))
+            for line, column, values in parts
+        )
+        size = m * balls.size
+        matrix = compose(entries, (size, size)) + HOLDING * eye_array(size, format="csr")
         try:
             factors = factorise(matrix, symmetric=False, approximate=True)
         except RuntimeError:  # the matrix is singular to the last digit
             return None
         index = balls // self._cells, slice(None), balls % self._cells
-        shape = self.stencils.n_balls, self._fields, self._cells
+        shape = self.stencils.n_balls, m, self._cells
 
         def put(force: Array, motion: Array) -> None:
             """Set the motions of the balls of the patch, in place, to those under a ``force``."""
             solution = factors.solve(force.reshape(shape)[index].ravel())
-            motion.reshape(shape)[index] = solution.reshape(balls.size, self._fields)
+            motion.reshape(shape)[index] = solution.reshape(balls.size, m)
 
         return put
-
-
-def _list_tangent_entries(tangent: Tangent, contacts: Index) -> list[tuple[Index, Index, Array]]:
-    """Return the entries of D, the ``tangent``, of some ``contacts`` (n,), as triplets of rows,
-    columns and values.
-
-    The n elongations come first, then the n slips along each tangent. D is not symmetric, as a
-    force against slip depends on the elongation.
-    """
-    stiffness, springs, coupling, cross = (
-        values.reshape(-1, tangent.stiffness.size)[:, contacts]
-        for values in (tangent.stiffness, tangent.springs, tangent.coupling, tangent.cross)
-    )
-    n = contacts.size
-    elongation = np.arange(n)
-    slips = n * (1 + np.arange(len(springs)))[:, None] + elongation
-    entries = [(elongation, elongation, stiffness[0])]
-    entries += zip(slips, slips, springs, strict=True)
-    entries += [(slip, elongation, -values) for values, slip in zip(coupling, slips, strict=True)]
-    # in space two tangents, along which sliding couples slips both ways
-    for values in cross:
-        entries += [(slips[0], slips[1], -values), (slips[1], slips[0], -values)]
-    return entries

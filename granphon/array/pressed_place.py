@@ -195,12 +195,11 @@ class PressedPlace:
         """Return the vectors (contacts, 3), along the axes of space, of tangential forces whose
         components along the two tangents are ``shears`` (n_s, n_c, L1, ..., Lp).
         """
-        t = self.configuration.tangent
-        tangential = by_contact(shears, len(shears))
-        vectors = tangential[0][:, None] * t
-        if len(shears) == 2:
-            vectors += tangential[1][:, None] * np.cross(self.configuration.normal, t)
-        return np.asarray(vectors)
+        from granphon.contacts import slips  # imported here: averages need no Numba
+
+        vectors = np.empty_like(self.configuration.normal)
+        slips.turn_shears(self.configuration, by_contact(shears, len(shears)), vectors)
+        return vectors
 
     @property
     def boundary(self) -> float:
@@ -212,10 +211,17 @@ class PressedPlace:
         - T).e over contacts, with the normal forces ``forces`` (n_c, L1, ..., Lp) and the
         tangential ones ``shears`` (n_s, n_c, L1, ..., Lp).
         """
+        from granphon.contacts import slips  # imported here: averages need no Numba
+
         if not self.geometry.ratio:
             return float(np.mean(forces))
-        push = by_contact(forces)[:, None] * self.configuration.normal - self.turn(shears)
-        return float(np.einsum("ca,ca->", push, self.geometry.contacts.normal)) / len(push)
+        works = slips.sum_works(
+            self.geometry.contacts,
+            self.configuration,
+            by_contact(forces),
+            by_contact(shears, len(shears)),
+        )
+        return works / forces.size
 
     def linearise(
         self,

@@ -382,3 +382,51 @@ def add_forces(
         torque[j, 0] += arm_j * x
         torque[j, 1] += arm_j * y
         torque[j, 2] += arm_j * z
+
+
+@compiled
+def sum_works(
+    contacts: RollingContacts, at: Configuration, normal_force: Array, shears: Array
+) -> float:
+    """Return the sum over contacts of (f n - T).e, the work of the forces on balls j along the
+    directions e at touch; ``normal_force`` (n_c,) are f, and ``shears`` (n_s, n_c) the components
+    of T.
+    """
+    total = 0.0
+    for c in range(len(normal_force)):
+        size = normal_force[c]
+        along_t = shears[0, c]
+        along_b = shears[1, c] if len(shears) == 2 else 0.0
+        nx = at.normal[c, 0]
+        ny = at.normal[c, 1]
+        nz = at.normal[c, 2]
+        tx = at.tangent[c, 0]
+        ty = at.tangent[c, 1]
+        tz = at.tangent[c, 2]
+        x = size * nx - along_t * tx - along_b * (ny * tz - nz * ty)
+        y = size * ny - along_t * ty - along_b * (nz * tx - nx * tz)
+        z = size * nz - along_t * tz - along_b * (nx * ty - ny * tx)
+        ex = contacts.normal[c, 0]
+        ey = contacts.normal[c, 1]
+        ez = contacts.normal[c, 2]
+        total += x * ex + y * ey + z * ez
+    return total
+
+
+@compiled
+def turn_shears(at: Configuration, shears: Array, vectors: Array) -> None:
+    """Set ``vectors`` (n_c, 3) to the tangential forces along the axes of space whose components
+    along the two tangents of each contact are ``shears`` (n_s, n_c).
+    """
+    for c in range(len(vectors)):
+        along_t = shears[0, c]
+        along_b = shears[1, c] if len(shears) == 2 else 0.0
+        nx = at.normal[c, 0]
+        ny = at.normal[c, 1]
+        nz = at.normal[c, 2]
+        tx = at.tangent[c, 0]
+        ty = at.tangent[c, 1]
+        tz = at.tangent[c, 2]
+        vectors[c, 0] = along_t * tx + along_b * (ny * tz - nz * ty)
+        vectors[c, 1] = along_t * ty + along_b * (nz * tx - nx * tz)
+        vectors[c, 2] = along_t * tz + along_b * (nx * ty - ny * tx)

@@ -208,6 +208,32 @@ def weaken(stencils):
     )
 
 
+@pytest.mark.parametrize("ratio", [0.0, 0.01])
+def test_a_patch_is_inverted_as_the_whole_resists(ratio):
+    """Contacts that slide couple slip to elongation: the tangent is not symmetric."""
+    stencils = Stencils((6, 6), ETA)
+    draw = np.random.default_rng(4)
+    deviations = draw.uniform(-0.5, 0.5, stencils.shape)
+    place = PressedGeometry(stencils, deviations, ratio).place(
+        draw.normal(0.0, 0.1, (stencils.n_fields, *stencils.shape)), 0.5
+    )
+    shape = (stencils.n_contacts, *stencils.shape)
+    stiffness = draw.uniform(0.5, 1.5, shape)
+    coupling = draw.uniform(-0.3, 0.3, (1, *shape))
+    tangent = Tangent(stiffness, ETA * stiffness, 0.1 * stiffness[None], coupling)
+    product = place.linearise(tangent, stiffness, 0.2 * stiffness[None], free=False)
+    balls = np.array([0, 1, 2, 7, 8, 20, 35])
+    put = Patches(stencils).invert(balls, product)
+    assert put is not None
+    force = draw.normal(size=(3, 36))
+    motion = np.zeros((3, 36), np.float32)
+    put(force, motion)
+    assert not np.any(np.delete(motion, balls, axis=1))
+    back = np.empty((3, 36), np.float32)
+    product.resist(motion, 0.0, back)
+    np.testing.assert_allclose(back[:, balls], force[:, balls], rtol=0.0, atol=1e-3)
+
+
 class NoPatches(Patches):
     """No balls are found."""
 

@@ -19,6 +19,7 @@ from typing import Any
 
 import bench_arrays
 import bench_calculator
+import bench_compilation
 import bench_crystals
 import bench_effective
 import bench_motion
@@ -39,6 +40,7 @@ TABLES = {
     "effective": tuple(bench_effective.PARTS),
     "simulation": (*bench_simulation.PARTS, *bench_arrays.PARTS),
     "statics": tuple(part for part in bench_statics.PARTS if part != "limit"),
+    "compilation": tuple(bench_compilation.PARTS),
     "waves": (*bench_pulses.PARTS, *bench_waves.PARTS),
     "sensitivities": tuple(bench_sensitivities.PARTS),
     "motion": tuple(bench_motion.PARTS),
