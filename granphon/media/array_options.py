@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any, Self
 
@@ -239,7 +239,7 @@ def read_start(value: Any, load: Callable[[str, Any], float] | None = None) -> f
     if isinstance(value, Load):
         if value.size != 1:
             raise Refused(f"{value.size} loads", "one load")
-        return value
+        return replace(value, array=value.values[0])  # a list of one is a single load
     if value is None:
         return START_SPACING
     if isinstance(value, str) and value == GAS:

@@ -400,12 +400,16 @@ class MediumChoice:
 
     @cached_property
     def label(self) -> str:
-        """The name of the medium, with the options that are not at their default in brackets."""
+        """The name of the medium, with the options that are not at their default in brackets. Other
+        options make another label: numbers have all their digits.
+        """
 
         def write(value: Any) -> str:
             """Write the value of an option as a scene would: numbers separated by spaces."""
             if isinstance(value, Load):
-                return f"{value.kind} {value.values[0]:g}"
+                size = value.values[0]
+                short = f"{size:g}"
+                return f"{value.kind} {short if float(short) == size else size}"
             if isinstance(value, bool):
                 return str(value).lower()
             if isinstance(value, tuple):

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import granphon as gp
+from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError
 from granphon.media.choice import MEDIA, MediumChoice
@@ -154,3 +155,15 @@ def test_of_the_paper_s_local_field_nothing_is_known(steel):
     packing = gp.Packing(steel, 8e-3, gp.Uniform(2e-6))
     choice = MediumChoice.parse({"ema": {"local_field": "paper"}})
     assert choice.expected_error(packing, Load("force", [10.0, 20.0])).tolist() == [np.inf, np.inf]
+
+
+def test_starts_that_differ_have_labels_that_differ():
+    loaded = (("friction_history", True), ("friction_coefficient", 0.2))
+    sizes = (1.0, [1.0], 1.0000001)
+    first, listed, other = (
+        MediumChoice("simulation", (*loaded, ("start", Load("force", size)))) for size in sizes
+    )
+    assert first == listed
+    assert first.settings_on(TRIANGULAR) == listed.settings_on(TRIANGULAR)
+    assert "force 1" in first.label
+    assert "force 1.0000001" in other.label
