@@ -140,8 +140,8 @@ class ContactNetwork(Result):
         centres, so that no slip is left of a rotation of both balls together; a flat wall counts as
         the mirror image of the ball, and the arm at it ends there. The excess is of the order of
         the terms of static forces: without ``prestress`` both are neglected, and the levers are the
-        arms. Motions of any amplitude (:class:`~granphon.NonlinearWaves`) have the levers of
-        "radii" at any overlap.
+        arms. Motions of any amplitude (:class:`~granphon.NonlinearWaves`) have the levers
+        "arms" or "radii" alone.
 
     Raises
     ------

@@ -192,7 +192,8 @@ class NonlinearWaves:
     ------
     InputError : if there is no network; for contacts without force, whose overlap is not known; for
         a law that needs the balls of a crystal; for a network with ``prestress`` and the geometry
-        "lattice", in which its static forces act sideways; for numbers out of range.
+        "lattice", in which its static forces act sideways; for one with ``prestress`` and the
+        ``slip_levers`` "yade"; for numbers out of range.
     """
 
     def __init__(
@@ -219,6 +220,10 @@ class NonlinearWaves:
             raise InputError(
                 "static forces act sideways in this network", why, 'Give geometry="exact"'
             )
+        if network.prestress and network.slip_levers == "yade":
+            why = "Its slip is that of YADE, which motions of any amplitude do not have"
+            mend = 'Read it with slip_levers="radii", whose small motions differ by its overlaps'
+            raise InputError('the network has slip_levers="yade"', why, mend)
         self._laws = self._find_laws(
             law, state if isinstance(state, CrystalState) else None, isinstance(x, Crystal)
         )

@@ -759,6 +759,13 @@ def test_small_motions_of_a_network_of_lammps_are_its_modes(levers):
     assert (abs(found / by_arms - 1.0) > 5e-4) == (levers == "radii")
 
 
+def test_slip_of_yade_is_refused():
+    state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force(2.0)
+    network = replace(state.network.repeat((2, 2)), prestress=True, slip_levers="yade")
+    with pytest.raises(InputError, match="yade"):
+        gp.NonlinearWaves(network, geometry="exact")
+
+
 def test_a_history_in_the_directions_of_the_lattice_stays_at_rest():
     """Loads hold the balls against tangential forces too: nothing moves, and the energies stay
     zero.
