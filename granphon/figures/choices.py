@@ -30,6 +30,9 @@ from granphon.runs.dataset import Dataset, find_load
 _NEAR = 5e-3
 #: greatest number of shades of a colour that an eye tells apart
 MOST_SHADES = 8
+#: greatest number of combinations of several parameters, whose shades have no order by which an eye
+#: could find one
+_MOST_COMBINATIONS = 4
 #: greatest number of columns and of rows of panels that a figure chooses by itself; and greatest
 #: number of panels if one parameter alone has panels, which then stand in lines of MOST_COLUMNS
 MOST_COLUMNS = 3
@@ -339,7 +342,7 @@ def arrange(
 
     ``rows`` and ``columns`` name the dimensions whose values have rows and columns of panels.
     Without them there is one panel, unless several parameters have more combinations than the eye
-    tells shades of a colour apart. Then the parameters with the fewest values get the panels: the
+    finds among shades of a colour. Then the parameters with the fewest values get the panels: the
     first gets the columns, the second the rows, and any further one is held at its first value. If
     a parameter has more values than there is place for, some of them are drawn; so it is with the
     loads where ``x`` is a parameter. With ``alone`` each combination, also of media, has a panel of
@@ -363,7 +366,7 @@ def arrange(
     if shaded.get(load, 0) > MOST_SHADES:  # a curve for each load over a parameter
         limits[load] = _MOST_LOADS
         shaded[load] = _MOST_LOADS
-    most_curves = 1 if alone else MOST_SHADES
+    most_curves = 1 if alone else _MOST_COMBINATIONS
     while math.prod(shaded.values()) > most_curves and (alone or len(shaded) > 1):
         # the fewest values, and of several such parameters the last in the order of the scene
         name = min(reversed(shaded), key=shaded.__getitem__)

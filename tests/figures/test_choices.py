@@ -235,6 +235,20 @@ def test_of_many_values_some_have_panels_and_what_has_no_place_is_held():
         arrange(data, "longitudinal", "force", rows="poisson_ratio", columns="diameter")
 
 
+@pytest.mark.parametrize(
+    ("counts", "columns"),
+    [
+        # shades of one parameter have an order, those of combinations none
+        ({"width": 8, "density": 1}, None),
+        ({"width": 2, "density": 2}, None),
+        ({"width": 3, "density": 2}, "density"),
+    ],
+)
+def test_combinations_have_panels_before_an_eye_must_find_them_among_shades(counts, columns):
+    layout = arrange(frame(**counts), "longitudinal", "force")
+    assert (layout.columns, layout.rows) == (columns, None)
+
+
 def test_panels_of_one_combination_each_share_out_media_too():
     data = frame(width=3, density=3, diameter=3).isel(medium=[0, 0])
     layout = arrange(data, "longitudinal", "force", alone=True)
