@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 #: step in log f, to either side, for finite differences of moduli. The bias of an exponent is
 #: proportional to the square of the step: at f* = 1, where the statistical error is least, the bias
 #: is 2e-3 STEP^2 = 5e-6, as large as the standard error of a million balls. The variance grows only
-#: as -log STEP. The derivative itself, by one linear response in place of two equilibria, would be a
+#: as -log STEP. The derivative itself, by a linear response in place of two equilibria, would be a
 #: worse estimate: with a step of 0.002 exponents of 24^2 balls scatter up to 1.8 times as much, as
 #: contacts about to open or close count for more than their part
 STEP = 0.05
