@@ -40,12 +40,11 @@ class EquilibriumFollower:
     def __init__(self, state: Equilibrium, load: ReducedLoad) -> None:
         self._state = state
         self._load = load
-        # the load on a cell that shears is a pressure; if another load is given, the pressure that
-        # stands for that load is searched for
+        # the load on a cell that shears is a pressure, or in the directions of the lattice a size;
+        # in true directions the pressure that stands for another load is searched for
         self._is_pressed = state.strain is not None
-        self._is_searched = self._is_pressed and not (
-            load.overlap is None and (load.on_boundary or not state.ratio)
-        )
+        is_pressure = load.overlap is None and load.on_boundary
+        self._is_searched = self._is_pressed and bool(state.ratio) and not is_pressure
         self._stay_open = ~state.carries
         rest = self._restore()
         self._pressure = 0.0
@@ -123,6 +122,8 @@ class EquilibriumFollower:
         elif self._is_pressed:
             load = load._replace(on_boundary=True)
         applied = apply_load(assembly, load, scale, 1.0)
+        if self._is_pressed and load.overlap is not None:
+            applied = replace(applied, shears=True)
         boundary: Boundary = "stress" if self._is_pressed else "isotropic"
         return Problem(assembly, applied, "exact" if ratio else "lattice", boundary)
 

@@ -144,6 +144,7 @@ def test_weights_follow_the_density():
         pytest.param("lattice", "isotropic", {"force": 18.0}, marks=pytest.mark.slow),
         ("exact", "isotropic", {"pressure": 4e3}),
         ("lattice", "stress", {"force": 18.0}),
+        pytest.param("lattice", "stress", {"overlap": 1e-6}, marks=pytest.mark.slow),
         pytest.param("exact", "stress", {"force": 18.0}, marks=pytest.mark.slow),
         pytest.param("exact", "stress", {"overlap": 1e-6}, marks=pytest.mark.slow),
         pytest.param("exact", "isotropic", {"overlap": 1e-6}, marks=pytest.mark.slow),
