@@ -45,6 +45,8 @@ _VALUE = re.compile(rf"\s*({NUMBER})\s*(.*?)\s*", re.DOTALL)
 _ERROR = "_error"
 #: relative change of a number that is put down to rounding
 _ROUNDING = 1e-12
+#: the same of numbers that are less precise, by name: derivatives by parameters are differences
+_ROUNDINGS = {"sensitivity": 1e-8}
 #: second difference of a frequency, over the frequency and over its first difference, above which
 #: another peak has taken the place: a jump at one end makes both differences equal
 _JUMP = 1e-3
@@ -317,7 +319,8 @@ class Spread:
             if lower is None or upper is None or not lower.shape == upper.shape == base.shape:
                 self.lacking[name] = None
                 return None
-            changes.append(_find_change(lower, upper, base, unit, self.rounding) / part)
+            rounding = max(self.rounding, _ROUNDINGS.get(name, 0.0))
+            changes.append(_find_change(lower, upper, base, unit, rounding) / part)
         # (p, ...): the part of each parameter in the variance, its row of the double sum
         contributions = np.array(changes) * np.tensordot(self.correlations, changes, axes=1)
         # rounding may leave a sum of zero below zero

@@ -460,6 +460,13 @@ def test_contacts_of_a_motion_have_errors_in_their_table(tmp_path):
     assert result.column_errors["balls_in_motion"]["greatest_force"].tolist() == errors.tolist()
 
 
+def test_derivatives_that_are_constant_powers_have_no_errors():
+    """Differences of them are their own rounding."""
+    powers = xr.Dataset({"sensitivity": (("sensitivity_to",), np.array([1.0 / 3.0]))})
+    spread = Spread(["p"], [(powers * (1.0 - 1e-11), powers * (1.0 + 1e-11))], np.eye(1))
+    assert "sensitivity_error" not in spread.add_to(powers)
+
+
 def test_tables_along_a_time_are_compared_at_equal_times():
     """Signals that only run faster have the error of their slope."""
     times = np.linspace(0.0, 1.0, 11)
