@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from granphon.base.arrays import Array
 from granphon.base.progress import Progress, silent
 from granphon.base.text import counted
-from granphon.base.validation import finite_array, frequency_array, is_one_of, whole_number
+from granphon.base.validation import finite_array, frequency_array, whole_number
 from granphon.dynamics.damping import DampedModes, GivenLosses, Losses
 from granphon.media.cost import Cost
 from granphon.networks.network import ContactNetwork, given_network
@@ -562,7 +562,5 @@ class Waves:
             planes=planes,
             frames=frames,
         )
-        # other ends make another network, which gets an operator of its own
-        operator = self._stable_operator if is_one_of(ends, ("periodic",)) else None
-        pulse = transmit(self.network, request, operator, self._progress)
+        pulse = transmit(self.network, request, lambda: self._stable_operator, self._progress)
         return replace(pulse, warnings=(*self.warnings, *pulse.warnings))
