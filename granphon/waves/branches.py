@@ -25,15 +25,13 @@ def find_branches(operator: WaveOperator, q: ArrayLike, count: int) -> Array:
     """Return the ``count`` lowest frequencies (n_q, count), Hz, at wave vectors ``q`` (n_q, p), in
     fractions of the reciprocal cell; see :meth:`granphon.waves.waves.Waves.branches`.
 
-    Raises :class:`~granphon.base.errors.InputError` for more branches than there are, or than the
-    block of vectors of a large network can find.
+    Raises what :func:`read_count` and :func:`read_wavevectors` raise; and
+    :class:`~granphon.base.errors.InstabilityError` at the first wave vector at which a squared
+    frequency is below zero.
     """
-    count = whole_number("count", count, 1)
+    count = read_count(operator, count)
     wavevectors = read_wavevectors(operator, q)
     size = operator.size
-    if size_block(count) * 3 > size > DENSE or count > size:
-        fault = f"{counted(count, 'branch is', 'branches are')} asked for, of {size:,}"
-        raise InputError(fault, "Only the lowest ones are found", "Ask for fewer")
     squares = np.empty((len(wavevectors), count))
     for row, wavevector in zip(squares, wavevectors, strict=True):
         matrix = operator.at_wavevector(wavevector)
@@ -41,10 +39,25 @@ def find_branches(operator: WaveOperator, q: ArrayLike, count: int) -> Array:
             row[:] = np.linalg.eigvalsh(matrix.toarray())[:count]
         else:
             row[:] = find_lowest(operator, matrix, count, q=wavevector).values
-    _require_stable(operator, squares)
+        _require_stable(operator, row)
     is_rounding = squares <= (ZERO * operator.top) ** 2
     squares[is_rounding] = 0.0
     return np.asarray(np.sqrt(squares) / (2.0 * math.pi))
+
+
+def read_count(operator: WaveOperator, count: int) -> int:
+    """Return the number of branches that ``count`` gives.
+
+    Raises :class:`~granphon.base.errors.InputError` for a number that is not whole or below 1, for
+    more branches than there are, and for more than the block of vectors of a large network can
+    find, about a third.
+    """
+    count = whole_number("count", count, 1)
+    size = operator.size
+    if size_block(count) * 3 > size > DENSE or count > size:
+        fault = f"{counted(count, 'branch is', 'branches are')} asked for, of {size:,}"
+        raise InputError(fault, "Only the lowest ones are found", "Ask for fewer")
+    return count
 
 
 def read_wavevectors(operator: WaveOperator, q: ArrayLike) -> Array:
@@ -73,7 +86,8 @@ def read_wavevectors(operator: WaveOperator, q: ArrayLike) -> Array:
 
 def _require_stable(operator: WaveOperator, squares: Array) -> None:
     """Raise :class:`~granphon.base.errors.InstabilityError` if the lowest of the squared
-    frequencies ``squares``, (rad/s)^2, is below zero by more than :func:`find_allowed_fall`.
+    frequencies ``squares`` (count,), (rad/s)^2, of a wave vector is below zero by more than
+    :func:`find_allowed_fall`.
 
     Networks with static tangential forces pass: their stability is decided by
     :attr:`WaveOperator.whole`, and not by these eigenvalues.

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -219,6 +220,35 @@ class SpectralDensity(Refinable):
         :class:`~granphon.base.errors.InputError` if this result was read from data.
         """
         return self._known_work()(self.moments, vectors=whole_number("vectors", vectors, 1))
+
+
+class DensityRequest(NamedTuple):
+    """What is asked of a density of states: its ``kernel``, the number of random ``vectors``, and
+    the ``seed`` from which they are drawn.
+    """
+
+    kernel: Kernel
+    vectors: int
+    seed: int
+
+    @classmethod
+    def read(
+        cls,
+        operator: WaveOperator,
+        resolution: float | None,
+        vectors: int,
+        seed: int,
+        moments: int | None,
+    ) -> Self:
+        """Return the request with these arguments of ``Waves.dos`` for the network of the
+        ``operator``.
+
+        Raises :class:`~granphon.base.errors.InputError` for numbers out of range, and for more than
+        :data:`MOST_MOMENTS` moments of all random vectors.
+        """
+        kernel = Kernel.of(operator.top / (2.0 * math.pi), resolution, moments)
+        vectors = whole_number("vectors", vectors, 1, MOST_MOMENTS // kernel.moments)
+        return cls(kernel, vectors, whole_number("seed", seed, 0))
 
 
 class AllModes:

@@ -18,20 +18,21 @@ import numpy as np
 from granphon.array.sparse_matrices import estimate_factors
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
-from granphon.base.validation import frequency_array, one_of, whole_number
+from granphon.base.validation import finite_array, frequency_array, one_of
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.damping import GivenLosses, Losses
 from granphon.dynamics.iterative_relaxation import PROBES
 from granphon.dynamics.linalg import MANY_COLUMNS
 from granphon.dynamics.lowest_modes import size_block
 from granphon.media.cost import Cost, Units, time_once
-from granphon.waves.branches import read_wavevectors
+from granphon.waves.branches import read_count, read_wavevectors
 from granphon.waves.chebyshev import Kernel
+from granphon.waves.dos import DensityRequest
 from granphon.waves.lowest import estimate_lowest
-from granphon.waves.modes import DENSE, estimate_modes
+from granphon.waves.modes import DENSE, estimate_modes, require_countable
 from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import PulseSource, count_products
-from granphon.waves.response import TOLERANCE, ResponseWork
+from granphon.waves.response import TOLERANCE, Places, ResponseOptions, ResponseWork
 from granphon.waves.scattering import TransmissionWork
 from granphon.waves.spectral_functions import PlaneWaves
 
@@ -43,6 +44,8 @@ _STENCIL_BYTES = 200.0
 _STRIP_SHARE = 3.0
 #: vectors that a recursion holds: three polynomials, and one for the sums that are made of them
 _HELD_VECTORS = 4.0
+#: memory of the densities of states of one random vector, bytes for each moment
+_DENSITY_BYTES = 400.0
 #: time of a step of a Krylov space, with its sums, over that of a product
 _STEP_PRODUCTS = 2.0
 #: time, s, over n^3, of all eigenvalues and vectors of a dense symmetric matrix (n, n)
@@ -154,12 +157,16 @@ class WaveEstimate:
     ) -> Cost:
         """Return the cost of a density of states; arguments are those of ``Waves.dos``."""
         operator = self.operator
-        kernel = Kernel.of(operator.top / (2.0 * math.pi), resolution, moments)
+        request = DensityRequest.read(operator, resolution, vectors, seed, moments)
         if operator.size <= DENSE:
             return self._cost_dense("density of states")
-        n_starts = whole_number("vectors", vectors, 1) * (2 if operator.motions.rotate else 1)
+        n_moments = request.kernel.moments
+        n_starts = request.vectors * (2 if operator.motions.rotate else 1)
         together = min(operator.vectors_at_once, n_starts)
-        return self._cost_products("density of states", n_starts * (kernel.moments // 2), together)
+        memory = _DENSITY_BYTES * request.vectors * n_moments
+        return self._cost_products(
+            "density of states", n_starts * (n_moments // 2), together, memory
+        )
 
     def _find_spectra(
         self, q: Any, polarisation: Any = "longitudinal", resolution: float | None = None,
@@ -178,9 +185,7 @@ class WaveEstimate:
         """Return the cost of modes; arguments are those of ``Waves.modes``. If the modes would be
         filtered out of random vectors, their density of states is computed for the estimate.
         """
-        operator = self.operator
-        count = whole_number("count", count, 1)
-        work = estimate_modes(operator, count, nearest)
+        work = estimate_modes(self.operator, count, nearest)
         if work.is_dense:
             return self._cost_dense(counted(count, "mode"))
         if work.factors:
@@ -194,34 +199,47 @@ class WaveEstimate:
         complex numbers take twice the time.
         """
         operator = self.operator
+        count = read_count(operator, count)
         wavevectors = read_wavevectors(operator, q)
         words = (
             f"{counted(count, 'branch', 'branches')} at {counted(len(wavevectors), 'wave vector')}"
         )
         if operator.size <= DENSE:
             return self._cost_dense(words, float(len(wavevectors)))
-        together = size_block(whole_number("count", count, 1))
+        together = size_block(count)
         products, memory = estimate_lowest(operator, together)
         # vectors, boxes and factors of single balls are complex, and D itself is made anew
         memory = 3.0 * memory + 2.0 * self._matrix_bytes
         return self._cost_products(words, 2.0 * len(wavevectors) * products, together, memory)
 
     def _find_counts(self, frequencies: Any) -> Cost:
-        """Return the cost of the numbers of modes below ``frequencies``: factors for each."""
-        return self._cost_factors("modes below frequencies", float(np.size(frequencies)))
+        """Return the cost of the numbers of modes below ``frequencies``, Hz: factors for each that
+        is not above the top, as all modes are below such a frequency.
+        """
+        hertz = finite_array("frequencies", frequencies, "Hz", "above zero")
+        require_countable(self.operator)
+        n_factors = np.count_nonzero(2.0 * math.pi * hertz <= self.operator.top)
+        return self._cost_factors("modes below frequencies", float(n_factors))
 
     def _find_response(
-        self, frequencies: Any, _source: Any = None, _receiver: Any = None, *losses: Any,
-        method: str | None = None, tolerance: float = TOLERANCE, **options: Any,
+        self, frequencies: Any, _source: Any = None, _receiver: Any = None,
+        damping: Any = 0.0, loss_factor: Any = 0.0, *, drag: Any = 0.0, dashpot: Any = 0.0,
+        restitution: Any = 1.0, quantity: str = "displacement", direction: Any = None,
+        polarisation: Any = "longitudinal", distance: float | None = None,
+        method: str | None = None, tolerance: float = TOLERANCE,
     ) -> Cost:  # fmt: skip
         """Return the cost of a response; arguments are those of ``Waves.response``, of which source
         and receiver do not matter.
         """
         operator = self.operator
         hertz = frequency_array("frequencies", frequencies)
-        losses_of_network = Losses.of(operator.network, GivenLosses.take(options, *losses))
-        work = ResponseWork(operator, losses_of_network, 2.0 * math.pi * hertz, tolerance)
-        by_factors, seconds = work.choose(method)
+        options = ResponseOptions.read(quantity, method, tolerance)
+        losses = Losses.of(
+            operator.network, GivenLosses(damping, loss_factor, drag, dashpot, restitution)
+        )
+        Places(operator.network, direction, polarisation, distance)  # refuses wrong numbers
+        work = ResponseWork(operator, losses, 2.0 * math.pi * hertz, options.tolerance)
+        by_factors, seconds = work.choose(options.method)
         n_factors = int(np.count_nonzero(by_factors))
         words = f"response at {counted(hertz.size, 'frequency', 'frequencies')}"
         total = self._cost_factors(words, n_factors) if n_factors else Cost()

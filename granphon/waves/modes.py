@@ -788,14 +788,16 @@ def estimate_modes(operator: WaveOperator, count: int, nearest: float | None) ->
     zero modes goes on with filters, which are not counted.
 
     Where modes are filtered, this function computes the density of states, which is a small part of
-    the search. Raises :class:`~granphon.base.errors.InputError` for modes that take too much.
+    the search. Raises :class:`~granphon.base.errors.InputError` for modes that take too much, and
+    what :func:`read_request` raises.
     """
+    count, target = read_request(operator, count, nearest)
     problem = Problem.of(operator)
     if _is_dense(problem, count):
+        _require_dense(problem, count)
         return ModesWork(is_dense=True)
     if problem.has_factors:
         return ModesWork(factors=_FACTORS_OF_MODES)
-    target = _read_target(nearest)
     if target <= ZERO * problem.top:
         together = size_block(count + _count_rigid(operator))
         products, memory = estimate_lowest(operator, together)
@@ -1103,17 +1105,8 @@ def find_modes(operator: WaveOperator, count: int, nearest: float | None) -> Net
 
     The caller has made sure by :func:`require_stable` that the network is stable.
     """
-    count = whole_number("count", count, 1)
-    target = _read_target(nearest)
-    if target > operator.top:
-        top = operator.top / (2.0 * math.pi)
-        raise InputError(
-            f"the network has no modes near {nearest:g} Hz",
-            f"All frequencies are below {top:.6g} Hz",
-        )
+    count, target = read_request(operator, count, nearest)
     problem = Problem.of(operator)
-    size = problem.live.size
-    require_motions(count, size)
     if _is_dense(problem, count):
         pairs = _find_dense(problem, count, target)
     elif problem.has_factors:
@@ -1137,6 +1130,26 @@ def find_modes(operator: WaveOperator, count: int, nearest: float | None) -> Net
         residual=pairs.residual,
         network=network,
     )
+
+
+def read_request(operator: WaveOperator, count: int, nearest: float | None) -> tuple[int, float]:
+    """Return the number of modes, and the angular frequency, rad/s, of a request for ``count``
+    modes, the lowest or those nearest to the frequency ``nearest``, Hz.
+
+    Raises :class:`~granphon.base.errors.InputError` for a number that is not whole or below 1, for
+    more modes than motions that some spring holds, and for a frequency below zero or above the
+    bound of all frequencies of the network of the ``operator``.
+    """
+    count = whole_number("count", count, 1)
+    target = _read_target(nearest)
+    if target > operator.top:
+        top = operator.top / (2.0 * math.pi)
+        raise InputError(
+            f"the network has no modes near {nearest:g} Hz",
+            f"All frequencies are below {top:.6g} Hz",
+        )
+    require_motions(count, Problem.of(operator).live.size)
+    return count, target
 
 
 def _read_target(nearest: float | None) -> float:
@@ -1431,8 +1444,11 @@ def _diagonalise_whole(
             raise explain_too_few(chosen.size, count)
         return squares[chosen].astype(complex), vectors[:, chosen].astype(complex)
     if size > LARGEST_UNSYMMETRIC[operator.network.dimension]:
-        fault = f"the matrix of {size:,} motions is not symmetric, and too large to be factorised"
-        raise InputError(fault, mend="Ask for modes of its symmetric part, or take fewer balls")
+        raise InputError(
+            f"{size:,} motions are too many for modes with all forces",
+            "The whole matrix may not be symmetric, and takes larger factors",
+            "Ask for modes() of its symmetric part, or take fewer balls",
+        )
     shift = -_SHIFT if target <= ZERO else target**2
     n_searched = count + _SPARE
     while n_searched * _ALL_OVER_FOUND <= size:
@@ -1599,14 +1615,22 @@ def _diagonalise(problem: Problem, count: int) -> tuple[Array, Array]:
     """
     from scipy.linalg import eigh
 
-    if problem.live.size > _LARGEST_DENSE:
-        fault = (
-            f"{count} modes of {problem.live.size} motions, with those without energy, are too"
-            f" many to be found"
-        )
-        raise InputError(fault, mend="Ask for fewer")
+    _require_dense(problem, count)
     squares, vectors = eigh(problem.shifted(0.0).toarray())
     return squares, vectors
+
+
+def _require_dense(problem: Problem, count: int) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if the motions of the ``problem`` are too
+    many for a dense matrix; the message says that ``count`` modes were requested.
+    """
+    if problem.live.size <= _LARGEST_DENSE:
+        return
+    fault = (
+        f"{count} modes of {problem.live.size} motions, with those without energy, are too"
+        f" many to be found"
+    )
+    raise InputError(fault, mend="Ask for fewer")
 
 
 def _find_dense(problem: Problem, count: int, target: float) -> Eigenpairs:
@@ -1746,22 +1770,31 @@ def _prove_complete(
     return problem.count_below(zero**2) if is_complete else None
 
 
+def require_countable(operator: WaveOperator) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if the network of the ``operator`` is too
+    large to be factorised, so that its modes cannot be counted.
+    """
+    problem = Problem.of(operator)
+    if problem.has_factors:
+        return
+    limit = LARGEST_FACTORS[operator.network.dimension]
+    raise InputError(
+        f"modes of {problem.live.size:,} motions are too many to be counted",
+        f"Matrices are factorised up to {limit:,}",
+        "Integrate the density of states, waves.dos()",
+    )
+
+
 def count_modes(operator: WaveOperator, frequencies: Array) -> NDArray[np.intp]:
     """Return the numbers (n_f,) of modes below each of the ``frequencies`` (n_f,), Hz, in a network
     that is stable; see :meth:`granphon.waves.waves.Waves.count_modes`.
 
-    Zero modes count, also those of motions that no spring holds. Raises
-    :class:`~granphon.base.errors.InputError` for a network too large to be factorised.
+    Zero modes count, also those of motions that no spring holds. Raises what
+    :func:`require_countable` raises.
     """
+    require_countable(operator)
     problem = Problem.of(operator)
     size = problem.live.size
-    if not problem.has_factors:
-        limit = LARGEST_FACTORS[operator.network.dimension]
-        raise InputError(
-            f"modes of {size:,} motions are too many to be counted",
-            f"Matrices are factorised up to {limit:,}",
-            "Integrate the density of states, waves.dos()",
-        )
     omega = np.maximum(2.0 * math.pi * frequencies, ZERO * problem.top)
     counts = np.full(omega.size, size)  # all modes are below the top frequency
     with operator.progress.step("modes below frequencies", omega.size) as step:

@@ -373,6 +373,62 @@ class Propagation:
         return signals
 
 
+@dataclass(frozen=True)
+class Spans:
+    """The spans of time in which a network whose motions are damped unevenly is propagated: so
+    short that polynomials, which grow where damping is strong, lose no digits.
+
+    Attributes
+    ----------
+    half_damping, radius : c/2 and R of the polynomials, both 1/s; see the head of this module.
+    """
+
+    half_damping: float
+    radius: float
+
+    @classmethod
+    def of(cls, operator: WaveOperator, burst: ToneBurst, losses: Losses) -> Spans:
+        """Return the spans of the network of the ``operator`` with its ``losses`` under a
+        ``burst``.
+        """
+        greatest_damping = np.max(losses.times) * operator.top**2 + np.max(losses.drag)
+        _, omegas = burst.waves
+        radius = max(operator.top, float(np.max(omegas)))
+        return cls(0.5 * float(greatest_damping), radius)
+
+    @property
+    def longest(self) -> float:
+        """The longest span, s."""
+        longest = _LONGEST_PHASE / self.radius
+        if self.half_damping > 0.0:
+            longest = min(_LONGEST_DECAY / self.half_damping, longest)
+        return longest
+
+    def find_order(self, span: float) -> int:
+        """Return the number of polynomials that are summed in a ``span``, s.
+
+        Terms that are left out are at most :data:`_LEAST_TERM` at the end of the span.
+        """
+        phase = self.radius * span
+        # more orders than needed are tried: terms fall off beyond an order of about the phase
+        n_orders = math.ceil(2.0 * phase + 3.0 * self.half_damping * span) + 80
+        orders = np.arange(n_orders)
+        # of the polynomials, for each order
+        growth_rate = math.asinh(self.half_damping / self.radius)
+        growth = np.exp(np.minimum(orders * growth_rate, _LARGEST_LOG))
+        terms = np.abs(jv(orders, phase)) * growth
+        last = int(np.flatnonzero(terms > _LEAST_TERM)[-1])
+        return last + 2
+
+    def count_products(self, end: float) -> float:
+        """Return a bound of the number of products with D that the propagation up to the time
+        ``end``, s, takes.
+        """
+        longest = min(self.longest, end)
+        n_spans = math.ceil(end / longest) + 1  # the end of the burst divides one span
+        return float(n_spans * (self.find_order(longest) + 1))
+
+
 class ViscousPropagation:
     """Responses of a network, whose motions are damped unevenly, to a burst of force; see
     :class:`Propagation` for those that are damped evenly.
@@ -394,13 +450,10 @@ class ViscousPropagation:
         self.operator = operator
         self.burst = burst
         self._viscous = operator.resist(losses)
-        # c/2 and R of the polynomials, and alpha of the source; see the head of this module
-        self._half_damping = 0.5 * float(
-            np.max(losses.times) * operator.top**2 + np.max(losses.drag)
-        )
+        self._spans = Spans.of(operator, burst, losses)
         amplitudes, self._omegas = burst.waves
-        self._radius = max(operator.top, float(np.max(self._omegas)))
-        self._alpha = _SOURCE_SIZE * float(np.linalg.norm(push)) / self._radius
+        # alpha of the source; see the head of this module
+        self._alpha = _SOURCE_SIZE * float(np.linalg.norm(push)) / self._spans.radius
         # the burst is the imaginary part of the sum of amplitude (cos + i sin)
         factors = np.concatenate([np.imag(amplitudes), np.real(amplitudes)])
         self._push = push
@@ -420,30 +473,20 @@ class ViscousPropagation:
         product[size : 2 * size] = force - self._viscous @ v - spring_force
         cosines, sines = np.split(source, 2)
         product[2 * size :] = np.concatenate([-self._omegas * sines, self._omegas * cosines])
-        product += self._half_damping * z
-        product /= self._radius
+        product += self._spans.half_damping * z
+        product /= self._spans.radius
         return product
 
     def _expand(self, span: float, times: Array) -> Array:
         """Return the coefficients (n_t, order) of the polynomials P_n z of the state z at the
         beginning of a ``span``, s, in the states at ``times`` (n_t,), s, after this beginning.
-
-        Terms that are left out are at most :data:`_LEAST_TERM` at the end of the span.
         """
-        phase = self._radius * span
-        # more orders than needed are tried: terms fall off beyond an order of about the phase
-        n_orders = math.ceil(2.0 * phase + 3.0 * self._half_damping * span) + 80
-        orders = np.arange(n_orders)
-        growth_rate = math.asinh(
-            self._half_damping / self._radius
-        )  # of the polynomials, for each order
-        growth = np.exp(np.minimum(orders * growth_rate, _LARGEST_LOG))
-        terms = np.abs(jv(orders, phase)) * growth
-        last = int(np.flatnonzero(terms > _LEAST_TERM)[-1])
-        kept = np.arange(last + 2)
+        half_damping = self._spans.half_damping
+        radius = self._spans.radius
+        kept = np.arange(self._spans.find_order(span))
         multiplicity = np.where(kept, 2.0, 1.0)  # orders above zero count twice
-        bessel = multiplicity * jv(kept, self._radius * times[:, None])
-        return np.asarray(bessel * np.exp(-self._half_damping * times)[:, None])
+        bessel = multiplicity * jv(kept, radius * times[:, None])
+        return np.asarray(bessel * np.exp(-half_damping * times)[:, None])
 
     def follow(
         self, listen: Callable[[Array], Array], times: Array, frames: Array
@@ -490,9 +533,7 @@ class ViscousPropagation:
         """Yield the first and the last time, s, of each span in which the state is propagated at
         once, up to the time ``end``; the burst ends between two of these spans.
         """
-        longest = _LONGEST_PHASE / self._radius
-        if self._half_damping > 0.0:
-            longest = min(_LONGEST_DECAY / self._half_damping, longest)
+        longest = self._spans.longest
         first = 0.0
         has_burst_ended = False
         while first < end:

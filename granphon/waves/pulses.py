@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Self
@@ -47,7 +47,7 @@ from granphon.dynamics.linalg import lanczos_converges
 from granphon.networks.network import ContactNetwork, number_pieces
 from granphon.waves.modes import find_allowed_fall, find_falling_motions, is_stable, require_stable
 from granphon.waves.operator import WaveOperator, make_operator
-from granphon.waves.propagation import Propagation, ToneBurst, ViscousPropagation
+from granphon.waves.propagation import Propagation, Spans, ToneBurst, ViscousPropagation
 from granphon.waves.settings import ENDS, READINGS, PulseSettings
 
 #: relative length below which the part of a period along a direction is zero but for rounding
@@ -115,8 +115,7 @@ _RECORD_LENGTH = 3.0
 _SURELY_REACHED = 0.45
 #: most products with D that a record may take
 _MOST_PRODUCTS = 2**20
-#: products with D and with the matrix of dashpots that a record takes if motions are damped
-#: unevenly, for each radian of the top frequency
+#: products of a step if motions are damped unevenly: with D, and with the matrix of dashpots
 _UNEVEN_PRODUCTS = 2.0
 #: largest viscosity of a contact over its stiffness, times the highest frequency
 _MOST_DAMPED = 1e12
@@ -173,8 +172,10 @@ class Course:
         begins halfway between two planes of balls, or half a diameter before the first ball.
 
         Raises :class:`~granphon.base.errors.InputError` for a direction that leaves the line or the
-        plane of the balls.
+        plane of the balls, and if no ball moves.
         """
+        if not np.any(network.moving):
+            raise InputError("no ball of this network moves", "All have an infinite mass")
         if np.any(np.abs(direction[network.dimension :]) > _ZERO_LENGTH):
             mend = f"Give {network.dimension} numbers"
             raise InputError(
@@ -608,13 +609,16 @@ def find_arrivals(
 
 def _correlate(signal: Array, sent: Array) -> float:
     """Return the shift, in readings, at which the cross-correlation of a ``signal`` (n_t,) and the
-    ``sent`` one (n_t,) is greatest; nan if that is the first or the last shift.
+    ``sent`` one (n_t,) is greatest: 0 if that is the first shift, and nan if it is the last one,
+    beyond which the correlation may be greater.
     """
     from scipy.signal import correlate
 
     correlation = correlate(signal, sent)[sent.size - 1 :]  # shifts from zero on
     greatest = int(np.argmax(correlation))
-    if not 0 < greatest < correlation.size - 1:
+    if greatest == 0:
+        return 0.0
+    if greatest == correlation.size - 1:
         return math.nan
     # the extreme of the parabola through the values around the greatest
     low, middle, high = correlation[greatest - 1 : greatest + 2]
@@ -1055,8 +1059,10 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
     sample. Warnings are those of all pulses that do not judge their velocity, and those that judge
     the velocity of the mean.
 
-    Raises :class:`~granphon.base.errors.InputError` if there is no pulse, or if the pulses were not
-    sent with the same settings.
+    Raises :class:`~granphon.base.errors.InputError` if there is no pulse, and for pulses that
+    differ in frequency, cycles, direction, polarisation, drag or burst, or by more than a tenth in
+    their dampings or in the distances of planes. Pulses do not hold their ends, nor whether one
+    ball or a plane was pushed: the caller has to see to these.
     """
     if not pulses:
         raise InputError("there is no pulse to average", mend="Give one or more")
@@ -1106,7 +1112,8 @@ def _require_same_settings(pulse: Pulse, first: Pulse, count: int) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if a ``pulse`` was not sent with the settings
     of the ``first``; of the bursts, ``count`` times are compared.
 
-    Dampings and distances, which differ from sample to sample, need only be similar.
+    Dampings and the distances of all planes, which differ from sample to sample, need only be
+    similar.
     """
     settings = (
         "frequency",
@@ -1118,12 +1125,11 @@ def _require_same_settings(pulse: Pulse, first: Pulse, count: int) -> None:
     unlike = [
         name for name in settings if not np.array_equal(getattr(pulse, name), getattr(first, name))
     ]
-    if len(pulse.planes) != len(first.planes):
+    if not _are_similar(pulse.plane_distances, first.plane_distances):
         unlike.append("plane_distances")
     # what depends on the balls differs a little from sample to sample
     for name in ("damping", "tangential_damping", "distance"):
-        size = getattr(first, name)
-        if not unlike and abs(getattr(pulse, name) - size) > _SIMILAR * size:
+        if not unlike and not _are_similar(getattr(pulse, name), getattr(first, name)):
             unlike.append(name)
     rounding = _ROUNDING * np.max(np.abs(first.sent))
     if not unlike and not np.allclose(pulse.sent[:count], first.sent[:count], atol=rounding):
@@ -1131,6 +1137,15 @@ def _require_same_settings(pulse: Pulse, first: Pulse, count: int) -> None:
     if unlike:
         fault = f"the pulses differ in {', '.join(unlike)}"
         raise InputError(fault, mend="Average pulses that were sent alike")
+
+
+def _are_similar(values: ArrayLike, reference: ArrayLike) -> bool:
+    """Return whether ``values`` (...), none below zero, have the shape of a ``reference`` and
+    differ from it by at most :data:`_SIMILAR` times the reference.
+    """
+    if np.shape(values) != np.shape(reference):
+        return False
+    return bool(np.allclose(values, reference, rtol=_SIMILAR, atol=0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -1172,8 +1187,9 @@ class PulseSource:
             unit_vector = np.zeros(3)
             unit_vector[:periods] = vector / np.linalg.norm(vector)
             course = Course.along(network, unit_vector)
-            course.require_period(2.0 * course.spacing, "A pulse goes half of that way")
             share = 0.25 if settings.ends == "periodic" else 0.5
+            part = "a quarter" if settings.ends == "periodic" else "half"
+            course.require_period(2.0 * course.spacing, f"A pulse goes {part} of that way")
             distance = share * course.period - _DISTANCE_REDUCTION * course.spacing
         return cls(
             settings.frequency,
@@ -1221,8 +1237,8 @@ class Route:
 
         A ``margin`` above one says that the pulse is meant for another network, in which waves may
         be slower or faster by this factor: a request is then refused only if it fails for all of
-        these. Raises what :meth:`~granphon.waves.waves.Waves.transmit` raises, but for frequencies
-        that the network does not have.
+        these. Raises what :meth:`~granphon.waves.waves.Waves.transmit` raises, but for losses, for
+        frequencies that the network does not have, and for records and frames that take too much.
         """
         hertz = positive("frequency", request.frequency, "Hz")
         distance = positive("distance", request.distance, "m")
@@ -1356,8 +1372,9 @@ def _find_fastest(
     (3,), and in the stiffest direction.
 
     The bounds are the velocities of waves in which all balls move in proportion to a plane wave,
-    without the relative motions by which a network gives way, and without rotations. Of the pieces
-    that join the ``sources`` to the ``receivers``, the fastest counts.
+    without the relative motions by which a network gives way, without rotations, and without the
+    static forces of pressed contacts. Of the pieces that join the ``sources`` to the ``receivers``,
+    the fastest counts.
 
     Raises :class:`~granphon.base.errors.InputError` if no contacts join sources and receivers, or
     none resists ``push``; if ``may_have_fallen``, as balls were left out between free ends,
@@ -1407,6 +1424,10 @@ def _find_stiffnesses(course: Course, piece_of_ball: Index, chosen: Index) -> Ar
     # along the course
     squared_lengths = (network.vector @ course.direction) ** 2
     shear = network.shear_stiffness
+    if network.prestress:
+        # contacts that pull resist motions across them, as strings do; pressed ones only slow waves
+        normal_force, _ = network.static_forces
+        shear = shear + np.maximum(-normal_force, 0.0) / network.distance
     normals = network.normal.T
     excess = (network.normal_stiffness - shear) * squared_lengths
     stiffness = np.zeros((len(axes), len(axes), n_pieces))
@@ -1459,33 +1480,36 @@ def require_sendable(network: ContactNetwork, request: PulseSource) -> None:
     limit = MARGIN * operator.top / (2.0 * math.pi)
     if burst.frequency > limit:
         raise _explain_unreachable(burst.frequency, f"which is below {limit:.4g} Hz")
-    _require_short(operator, route.last / MARGIN)
+    _require_short(operator, burst, route.last / MARGIN)
 
 
 def transmit(
     network: ContactNetwork,
     request: PulseSource,
-    operator: WaveOperator | None = None,
+    find_operator: Callable[[], WaveOperator] | None = None,
     progress: Progress = silent,
 ) -> Pulse:
     """Send the pulse of a ``request`` through a ``network`` and return it; see
     :meth:`granphon.waves.waves.Waves.transmit`, which says what is raised.
 
-    ``operator`` is that of the network, which then is known to be stable, or None. If it is None,
-    or the ends change the network, a new operator is made, whose work ``progress`` is told of.
+    ``find_operator`` returns the operator of the network after a check that the network is stable;
+    it is called once, and only if the ends leave the network as it is. Else, and if it is None, a
+    new operator is made, whose work ``progress`` is told of.
     """
     route = Route.of(network, request)
     course = route.course
     burst = route.burst
     receivers = route.groups[0]
-    if operator is None or operator.network is not course.network:
+    losses = Losses.of(course.network, request.losses)
+    if find_operator is not None and course.network is network:
+        operator = find_operator()
+    else:
         operator = make_operator(course.network, progress)
         if not course.at_rest:
             require_stable(operator)
-    _require_reached(operator, burst.frequency)
-    losses = Losses.of(course.network, request.losses)
-    _require_short(operator, route.last, losses)
+    _require_short(operator, burst, route.last, losses)
     _require_frames_memory(len(route.frames), network.n_balls, operator.size)
+    _require_reached(operator, burst.frequency)
     motions = _propagate(route, operator, losses)
     distances = [course.find_distance(route.start, balls) for balls in route.groups]
     fallen = np.zeros(0, np.intp)
@@ -1527,10 +1551,11 @@ def count_products(operator: WaveOperator, request: PulseSource) -> float:
     """
     route = Route.of(operator.network, request)
     losses = Losses.of(route.course.network, request.losses)
-    _require_short(operator, route.last, losses)
+    _require_short(operator, route.burst, route.last, losses)
     even_losses = losses.find_even()
     if even_losses is None:
-        return _UNEVEN_PRODUCTS * operator.top * route.last
+        spans = Spans.of(operator, route.burst, losses)
+        return _UNEVEN_PRODUCTS * spans.count_products(route.last)
     _, time, drag = even_losses
     no_push = np.zeros(0)
     return float(Propagation(operator, no_push, route.burst, route.last, time, drag).order)
@@ -1745,7 +1770,8 @@ def _find_transverse(network: ContactNetwork, along: Array) -> Array:
     """Return a unit vector (3,) perpendicular to the unit vector ``along`` (3,): in a plane the one
     in the plane, in space the part across ``along`` of the axis that is farthest from it.
 
-    Raises :class:`~granphon.base.errors.InputError` if balls move along less than two of the axes.
+    Raises :class:`~granphon.base.errors.InputError` if balls move along less than two of the axes
+    among which it is sought: x and y on a line and in a plane, all three in space.
     """
     axes = network.ball_motions.translations
     candidates = [axis for axis in range(max(network.dimension, 2)) if axis in axes]
@@ -1766,34 +1792,26 @@ def _explain_unreachable(hertz: float, limit: str) -> UnreachableFrequencyError:
     )
 
 
-def _require_short(operator: WaveOperator, duration: float, losses: Losses | None = None) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if a record of a ``duration``, s, takes more
-    than :data:`_MOST_PRODUCTS` products with D, or if ``losses`` are so strong that nothing moves.
+def _require_short(
+    operator: WaveOperator, burst: ToneBurst, duration: float, losses: Losses | None = None
+) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if the propagation of a ``burst`` over a
+    ``duration``, s, takes more than :data:`_MOST_PRODUCTS` products with D, or if ``losses`` are so
+    strong that nothing moves.
     """
-    damping = 0.0
-    drag = 0.0
-    is_uneven = False
+    top = write_quantity(operator.top / (2.0 * math.pi), "Hz", 3)
     if losses is not None:
         damping = float(np.max(losses.times))
-        drag = float(np.max(losses.drag))
-        is_uneven = losses.find_even() is None
-    tau = write_quantity(damping, "s", 3)
-    top = write_quantity(operator.top / (2.0 * math.pi), "Hz", 3)
-    ratio = operator.top * damping
-    if ratio > _MOST_DAMPED:
-        longest_damping = write_quantity(_MOST_DAMPED / operator.top, "s", 3)
-        raise InputError(
-            f"with a damping of {tau} nothing moves at frequencies up to {top}",
-            mend=f"Give {longest_damping} at most",
-        )
-    viscous_products = (ratio * operator.top + drag) * duration
-    if is_uneven and viscous_products > _MOST_PRODUCTS:
-        fault = f"a damping of {tau} takes {viscous_products:.3g} products"
-        raise InputError(
-            f"{fault} with the matrix of the network",
-            "Different dampings are propagated in steps of the most damped motion",
-            "Give less, or one for both",
-        )
+        if operator.top * damping > _MOST_DAMPED:
+            tau = write_quantity(damping, "s", 3)
+            longest_damping = write_quantity(_MOST_DAMPED / operator.top, "s", 3)
+            raise InputError(
+                f"with a damping of {tau} nothing moves at frequencies up to {top}",
+                mend=f"Give {longest_damping} at most",
+            )
+        if losses.find_even() is None:
+            _require_few_spans(Spans.of(operator, burst, losses), duration, f"up to {top}")
+            return
     products = 0.5 * operator.top * duration
     if products > _MOST_PRODUCTS:
         record = write_quantity(duration, "s", 3)
@@ -1803,3 +1821,22 @@ def _require_short(operator: WaveOperator, duration: float, losses: Losses | Non
             f"Its frequencies go up to {top}, and {_MOST_PRODUCTS:,} products reach {longest}",
             "Use a higher frequency, fewer cycles, or a shorter distance or duration",
         )
+
+
+def _require_few_spans(spans: Spans, duration: float, frequencies: str) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if the propagation over a ``duration``, s, in
+    ``spans`` takes more than :data:`_MOST_PRODUCTS` products with D; ``frequencies`` are those of
+    the network, in words.
+    """
+    products = spans.count_products(duration)
+    if products <= _MOST_PRODUCTS:
+        return
+    record = write_quantity(duration, "s", 3)
+    raise InputError(
+        f"a record of {record} takes {products:.3g} products with the matrix of the network,"
+        f" and {_MOST_PRODUCTS:,} at most are made",
+        f"Losses that differ are propagated in steps of the fastest motion, and here frequencies"
+        f" go {frequencies} and motions decay by up to {2.0 * spans.half_damping:.3g} 1/s",
+        "Give less damping or drag, the same for all contacts and motions, or a shorter distance"
+        " or duration",
+    )

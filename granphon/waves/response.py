@@ -356,7 +356,7 @@ class ResponseOptions(NamedTuple):
 
 
 def find_response(
-    operator: WaveOperator,
+    find_operator: Callable[[], WaveOperator],
     hertz: Array,
     source: Any,
     receiver: Any,
@@ -368,24 +368,28 @@ def find_response(
     ascending.
 
     ``source`` and ``receiver`` are those of :meth:`granphon.waves.waves.Waves.response`, which also
-    says what is raised; ``places`` finds their balls and directions in the network. The response
-    keeps functions that compute its derivatives and, unless nothing loses energy, its values at
-    other frequencies.
+    says what is raised; ``places`` finds their balls and directions in the network. Then
+    ``find_operator`` is called, which returns D after a check that the network is stable.
+
+    The response keeps functions that compute its derivatives and, unless nothing loses energy, its
+    values at other frequencies.
     """
     options = options._replace(quantity=places.refine(options.quantity, source))
     is_moved = options.quantity in OF_MOVED_WALL
     sources, pushes = places.find("source", source, held=is_moved)
-    problem: _Problem
+    sensors: list[Sensor] = []
     partners = None
-    driven = _DrivenNetwork.of(operator, losses, (sources, pushes), is_moved)
     if options.quantity in OF_FORCE:
         sensors = places.find_sensors(receiver)
         receivers = np.array([sensor.body for sensor in sensors])
         directions = np.array([sensor.direction for sensor in sensors])
         partners = np.array([sensor.partner for sensor in sensors])
-        problem = _Problem.of_sensors(driven, sensors)
     else:
         receivers, directions = places.find("receiver", receiver)
+    driven = _DrivenNetwork.of(find_operator(), losses, (sources, pushes), is_moved)
+    if sensors:
+        problem = _Problem.of_sensors(driven, sensors)
+    else:
         problem = _Problem.of_balls(driven, receivers, directions)
     require_memory(
         f"responses of {len(receivers):,} balls at {hertz.size:,} frequencies",
@@ -582,16 +586,16 @@ class Places:
         ``held``, unless they do not move and touch balls that move.
         """
         network = self.network
-        why_no_space = balls[network.moving[balls] == held]
-        if why_no_space.size and held:
+        unfit = balls[network.moving[balls] == held]
+        if unfit.size and held:
             raise InputError(
-                f"ball {why_no_space[0]} of the {name} moves",
+                f"ball {unfit[0]} of the {name} moves",
                 "A wall or floor is moved here, and no ball",
                 "Give a body of infinite mass",
             )
-        if why_no_space.size:
+        if unfit.size:
             raise InputError(
-                f"ball {why_no_space[0]} of the {name} does not move",
+                f"ball {unfit[0]} of the {name} does not move",
                 "It is held: its mass is infinite",
                 "Ask for the transmissibility, to move it" if name == "source" else "",
             )
@@ -846,14 +850,19 @@ class ResponseWork:
 
         With the ``method`` "direct" the matrix is factorised at all frequencies, also if no space
         serves, and if no method is named and the network is small. Raises
+        :class:`~granphon.base.errors.InputError` for the method "krylov" if no space serves;
         :class:`~granphon.base.errors.ConvergenceError` if the network is too large for factors that
         are needed, or the steps of the space are too many, and if no method is named and the time
         is above an hour.
         """
+        if self.why_no_space and method == "krylov":
+            raise InputError(
+                "no Krylov space serves all frequencies", self.why_no_space, "Use the direct method"
+            )
         is_small = method is None and self.operator.size <= _ALWAYS_FACTORISED
         if method == "direct" or self.why_no_space or is_small:
             if not math.isfinite(self.factor_time):
-                raise self.explain("is not found by factors")
+                raise self._explain_no_factors()
             by_factors = np.ones(self.omega.size, bool)
             seconds = self.factor_time * self.omega.size
         else:
@@ -906,6 +915,16 @@ class ResponseWork:
         if "longer" in failure:
             mend += "; or name the method, to wait for it"
         return ConvergenceError(fault, self.why_no_space or why, mend)
+
+    def _explain_no_factors(self) -> ConvergenceError:
+        """Return the error of a network that is too large for the factors that are needed."""
+        fault = f"the response of {self.operator.size:,} motions is not found by factors"
+        why = "The network is too large to be factorised"
+        if self.why_no_space:
+            return ConvergenceError(
+                fault, f"{why}. {self.why_no_space}", "Damp all contacts alike, or take fewer balls"
+            )
+        return ConvergenceError(fault, why, "Leave the method out, or take fewer balls")
 
     def _list_methods(self, steps: float) -> list[str]:
         """Return for each method that is possible words that say how long it takes; ``steps`` is
@@ -1129,16 +1148,12 @@ class _Problem:
         solve the frequencies that a Krylov space has not found, and those that it has found with
         too large an error if this takes little time.
 
-        Raises :class:`~granphon.base.errors.InputError` if a Krylov space is named and cannot solve
-        all frequencies, and for the frequency of a mode without losses. Raises
-        :class:`~granphon.base.errors.ConvergenceError` as :meth:`ResponseWork.choose` does, and if
-        a Krylov space finds no values and was named, or the network is too large for factors.
+        Raises what :meth:`ResponseWork.choose` raises;
+        :class:`~granphon.base.errors.InputError` for the frequency of a mode without losses; and
+        :class:`~granphon.base.errors.ConvergenceError` if a Krylov space finds no values and was
+        named, or the network is too large for factors.
         """
         work = ResponseWork(self.operator, self.losses, omega, tolerance)
-        if work.why_no_space and method == "krylov":
-            raise InputError(
-                "no Krylov space serves all frequencies", work.why_no_space, "Use the direct method"
-            )
         by_factors, _ = work.choose(method)
         values = np.zeros((omega.size, len(self.heard_motions)), complex)
         error = np.full(omega.size, np.inf)  # infinite where no value is found yet

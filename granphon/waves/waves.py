@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from granphon.base.arrays import Array
 from granphon.base.progress import Progress, silent
 from granphon.base.text import counted
-from granphon.base.validation import finite_array, frequency_array, is_one_of, whole_number
+from granphon.base.validation import finite_array, frequency_array
 from granphon.dynamics.damping import DampedModes, GivenLosses, Losses
 from granphon.media.cost import Cost
 from granphon.networks.network import ContactNetwork, given_network
@@ -24,8 +24,8 @@ from granphon.observables.validity import network_warnings
 from granphon.waves.branches import find_branches
 from granphon.waves.chebyshev import Kernel
 from granphon.waves.dos import (
-    MOST_MOMENTS,
     AllModes,
+    DensityRequest,
     LocalDensity,
     RandomVectors,
     SpectralDensity,
@@ -38,6 +38,8 @@ from granphon.waves.modes import (
     find_damped,
     find_modes,
     find_whole,
+    read_request,
+    require_countable,
     require_stable,
 )
 from granphon.waves.operator import WaveOperator, make_operator
@@ -107,6 +109,12 @@ class Waves:
         require_stable(self.operator)
         return self.operator
 
+    def _require_stable(self) -> None:
+        """Raise :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below
+        zero; the network is examined once.
+        """
+        _ = self._stable_operator
+
     def estimate(self, name: str, *arguments: Any, **options: Any) -> Cost:
         """Return an estimate of the time and memory that a result takes on one processor of this
         machine.
@@ -160,10 +168,10 @@ class Waves:
         for more than 2^26 moments of all random vectors;
         :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
         """
+        kernel, vectors, seed = DensityRequest.read(
+            self.operator, resolution, vectors, seed, moments
+        )
         operator = self._stable_operator
-        vectors = whole_number("vectors", vectors, 1, MOST_MOMENTS)
-        seed = whole_number("seed", seed, 0)
-        kernel = Kernel.of(operator.top / (2.0 * math.pi), resolution, moments)
         if operator.size <= DENSE:
             return AllModes(operator, seed).find(kernel.moments, vectors)
         return RandomVectors(operator, seed, vectors).find(kernel.moments, vectors)
@@ -228,9 +236,10 @@ class Waves:
         message names the nearest one, and for a polarisation in which balls do not move;
         :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
         """
-        operator = self._stable_operator
-        kernel = Kernel.of(operator.top / (2.0 * math.pi), resolution, moments)
-        return PlaneWaves(operator, q, polarisation, direction).find(kernel.moments)
+        kernel = Kernel.of(self.operator.top / (2.0 * math.pi), resolution, moments)
+        plane_waves = PlaneWaves(self.operator, q, polarisation, direction)
+        self._require_stable()
+        return plane_waves.find(kernel.moments)
 
     def modes(self, count: int = 10, nearest: float | None = None) -> NetworkModes:
         """Return the lowest modes, or those nearest to a frequency, without those that cost no
@@ -263,6 +272,7 @@ class Waves:
         modes turn out to take more, as when hundreds of modes have one frequency, or a gap around
         ``nearest`` is wide.
         """
+        read_request(self.operator, count, nearest)  # refuses before the long check of stability
         return find_modes(self._stable_operator, count, nearest)
 
     def whole_modes(self, count: int = 10, nearest: float | None = None) -> DampedModes:
@@ -334,6 +344,7 @@ class Waves:
         :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
         """
         hertz = finite_array("frequencies", frequencies, "Hz", "above zero")
+        require_countable(self.operator)  # refuses before the long check of stability
         counts = count_modes(self._stable_operator, np.ravel(hertz)).reshape(hertz.shape)
         return counts if hertz.shape else int(counts)
 
@@ -416,13 +427,17 @@ class Waves:
             hour.
         InstabilityError : a squared frequency is below zero.
         """
-        operator = self._stable_operator
         hertz = frequency_array("frequencies", frequencies)
         options = ResponseOptions.read(quantity, method, tolerance)
         given = GivenLosses(damping, loss_factor, drag, dashpot, restitution)
         losses = Losses.of(self.network, given)
         places = Places(self.network, direction, polarisation, distance)
-        return find_response(operator, hertz, source, receiver, options, losses, places)
+
+        def find_operator() -> WaveOperator:
+            """Return D of the network, after a check that it is stable."""
+            return self._stable_operator
+
+        return find_response(find_operator, hertz, source, receiver, options, losses, places)
 
     def damped_modes(
         self,
@@ -562,7 +577,5 @@ class Waves:
             planes=planes,
             frames=frames,
         )
-        # other ends make another network, which gets an operator of its own
-        operator = self._stable_operator if is_one_of(ends, ("periodic",)) else None
-        pulse = transmit(self.network, request, operator, self._progress)
+        pulse = transmit(self.network, request, lambda: self._stable_operator, self._progress)
         return replace(pulse, warnings=(*self.warnings, *pulse.warnings))

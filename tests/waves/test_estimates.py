@@ -137,3 +137,54 @@ def test_iterations_of_moduli_are_estimated(network, monkeypatch):
     monkeypatch.setattr(IterativeRelaxation, "_solve", count_products)
     gp.moduli(balls)
     assert count(cost) == pytest.approx(sum(applied), rel=0.7)
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "options"),
+    [
+        ("dos", (), {"seed": -1}),
+        ("dos", (), {"vectors": 2**40}),
+        ("modes", (10**5,), {}),
+        ("modes", (10, 1e12), {}),
+        ("branches", ([0.0, 0.0], 10**5), {}),
+        ("count_modes", ([-1.0],), {}),
+        ("response", ([100.0], (0, "x"), (1, "x")), {"method": "fast"}),
+        ("response", ([100.0], (0, "x"), (1, "x")), {"tolerance": -1.0}),
+        ("response", ([100.0], (0, "x"), (1, "x")), {"quantity": "speed"}),
+        (
+            "response",
+            ([100.0], (0, "x"), (1, "x")),
+            {"method": "krylov", "damping": (1e-6, 0.0)},
+        ),
+    ],
+)
+def test_estimates_refuse_what_the_results_refuse(network, name, arguments, options):
+    waves = gp.Waves(network)
+    with pytest.raises(InputError):
+        getattr(waves, name)(*arguments, **options)
+    with pytest.raises(InputError):
+        waves.estimate(name, *arguments, **options)
+
+
+def test_numbers_of_modes_above_the_top_take_no_factors(network):
+    waves = gp.Waves(network)
+    top = waves.operator.top / (2.0 * np.pi)
+    costs = [waves.estimate("count_modes", [0.5 * top, factor * top]) for factor in (0.6, 2.0)]
+    assert costs[0].seconds > 1.5 * costs[1].seconds
+
+
+def test_modes_are_refused_before_the_network_is_found_stable(network, monkeypatch):
+    def refuse(_operator):
+        raise AssertionError("stability was examined first")
+
+    monkeypatch.setattr("granphon.waves.waves.require_stable", refuse)
+    waves = gp.Waves(network)
+    for name, arguments in (
+        ("modes", (0,)),
+        ("dos", (-1.0,)),
+        ("count_modes", ([0.0],)),
+        ("spectral_function", ([1.0],)),
+        ("response", ([100.0], (0, "x"), (10**9, "x"))),
+    ):
+        with pytest.raises(InputError):
+            getattr(waves, name)(*arguments)

@@ -15,10 +15,10 @@ from scipy.special import jv
 import granphon as gp
 from granphon.balls.motions import allowed_motions
 from granphon.base.errors import InputError, InstabilityError, UnreachableFrequencyError
-from granphon.dynamics.damping import GivenLosses
+from granphon.dynamics.damping import GivenLosses, Losses
 from granphon.waves.modes import is_stable
 from granphon.waves.operator import WaveOperator, make_operator
-from granphon.waves.propagation import Propagation, ToneBurst
+from granphon.waves.propagation import Propagation, Spans, ToneBurst, ViscousPropagation
 from granphon.waves.pulses import (
     Course,
     Pulse,
@@ -1029,7 +1029,7 @@ def test_what_is_damped_too_much_to_swing_is_a_warning(disordered):
         ({"cycles": 1e308}, "is read more than"),
         ({"duration": 1e308}, "is read more than"),
         ({"frequency": 1e-7 * HERTZ}, "products with the matrix"),
-        ({"damping": 0.0, "tangential_damping": 1e6 / HERTZ}, "a damping of .* products"),
+        ({"damping": 0.0, "tangential_damping": 1e6 / HERTZ}, "record of .* products"),
         ({"damping": 1e200}, "damping up to"),
         ({"damping": 1e30, "tangential_damping": 0.0}, "nothing moves"),
         ({"distance": 1e308}, "would meet itself"),
@@ -1122,3 +1122,81 @@ def test_transmit_takes_the_arguments_of_a_sending():
         assert own.parameters[name].default == one.default, name
     assert own.parameters["source"].kind is inspect.Parameter.KEYWORD_ONLY
     assert own.return_annotation == "Pulse"
+
+
+def test_contacts_that_pull_carry_transverse_waves_as_strings_do():
+    network = ideal("square", (60, 6), 0.0)
+    pull = 0.05 * network.normal_stiffness * D
+    stretched = replace(network, adhesive=True, normal_force=-pull, prestress=True)
+    pulse = gp.Waves(stretched).transmit(
+        0.1 * HERTZ, (1, 0), 20.0 * D, 2, polarisation="transverse", ends="walls"
+    )
+    velocity = math.sqrt(pull[0] * D / network.masses[0])
+    # of 60 planes one is the wall, whose mass does not count
+    assert np.isclose(pulse.fastest[0], velocity * math.sqrt(60.0 / 59.0), rtol=1e-12)
+    # the branch of the string is sin(q d/2) times its top, of which the frequency is this share
+    share = 0.1 / math.sqrt(0.05 * 4.0)
+    assert np.isclose(pulse.velocity, velocity * math.sqrt(1.0 - share**2), rtol=0.01)
+
+
+def test_pulses_with_planes_at_other_distances_have_no_mean():
+    waves = gp.Waves(chain(60))
+    near, far = (
+        waves.transmit(0.3 * HERTZ, (1,), 20.0 * D, 2, planes=[distance * D]) for distance in (5, 9)
+    )
+    with pytest.raises(InputError, match="plane_distances"):
+        average_pulses([near, far])
+
+
+def test_correlation_at_the_first_shift_says_that_the_signal_comes_too_early():
+    times = np.arange(200) / (24.0 * HERTZ)
+    sent = ToneBurst(HERTZ, 2.0)(times)
+    flights, reasons = find_arrivals(times, sent[None], sent, 2.0 / HERTZ, "correlation", 0.1)
+    assert np.isnan(flights[0])
+    assert "after the burst" in reasons[0]
+
+
+@pytest.mark.parametrize(
+    "losses",
+    [
+        {"damping": (1.0 / HERTZ, 0.0)},
+        {"damping": (1e-3 / HERTZ, 0.0)},
+        {"drag": (3.0 * HERTZ, 0.0)},
+    ],
+)
+def test_products_of_uneven_losses_are_counted_by_the_rule_of_the_propagation(losses, monkeypatch):
+    network = ideal("square", (12, 4))
+    operator = make_operator(network)
+    network_losses = Losses.of(network, GivenLosses(**losses))
+    burst = ToneBurst(0.3 * HERTZ, 2.0)
+    propagation = ViscousPropagation(operator, np.ones(operator.size), burst, network_losses)
+    count = 0
+    apply = propagation._apply
+
+    def count_and_apply(z):
+        nonlocal count
+        count += 1
+        return apply(z)
+
+    monkeypatch.setattr(propagation, "_apply", count_and_apply)
+    end = 2.0 * burst.duration
+    propagation.follow(lambda v: v[:1], np.linspace(0.0, end, 50), np.zeros(0))
+    expected = Spans.of(operator, burst, network_losses).count_products(end)
+    assert 0.5 * expected <= count <= expected
+
+
+def test_what_cannot_be_sent_is_refused_before_the_network_is_found_stable(monkeypatch):
+    def refuse(_operator):
+        raise AssertionError("stability was examined first")
+
+    monkeypatch.setattr("granphon.waves.waves.require_stable", refuse)
+    waves = gp.Waves(ideal("square", (12, 4)))
+    with pytest.raises(InputError, match="distance"):
+        waves.transmit(0.3 * HERTZ, (1, 0), -1.0, ends="periodic")
+
+
+def test_a_network_without_a_ball_that_moves_sends_no_pulse():
+    network = ideal("square", (12, 4))
+    held = replace(network, masses=np.full(network.n_balls, np.inf))
+    with pytest.raises(InputError, match="no ball"):
+        gp.Waves(held).transmit(0.3 * HERTZ, (1, 0), 4.0 * D)
