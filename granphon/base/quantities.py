@@ -417,7 +417,8 @@ def split_error(text: str) -> tuple[Any, str] | None:
 
 def read_with_error(text: str, quantity: Quantity) -> tuple[float, float]:
     """Return the value of a ``quantity`` and its standard error, SI, of a text such as "8 mm +- 4
-    um"; the error of "8 mm" is zero. :class:`~granphon.base.errors.Refused` for another text.
+    um"; the error of "8 mm" is zero. :class:`~granphon.base.errors.Refused` for another text, and
+    for an error that is below zero or not finite.
     """
     parts = split_error(text)
     if parts is None:
@@ -425,8 +426,9 @@ def read_with_error(text: str, quantity: Quantity) -> tuple[float, float]:
     value = quantity.read(parts[0])
     error = parts[1]
     if error.endswith(PERCENT):
-        return value, 0.01 * abs(value) * float(error.removesuffix(PERCENT))
-    return value, quantity.read(error)
+        return value, abs(value) * _PART.read(error)
+    of_error = replace(quantity, least="zero or above", negative="negative")
+    return value, of_error.read(error)
 
 
 def find_factor(unit: str, wanted: str) -> float | None:
@@ -487,6 +489,8 @@ def _find_unit(name: str) -> tuple[Fraction, Counter[str]]:
     raise KeyError(name)
 
 
+#: a standard error as a part of its value
+_PART = Quantity("standard error", "1", "1 %", PERCENT, "zero or above")
 LENGTH = Quantity("length", "m", "8 mm", "m, cm, mm, um, nm, inch")
 MODULUS = Quantity("pressure", "Pa", "211.65 GPa", "Pa, kPa, MPa, GPa, bar, psi")
 DENSITY = Quantity("density", "kg/m^3", "7840 kg/m^3", "kg/m^3, g/cm^3")

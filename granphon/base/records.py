@@ -50,11 +50,12 @@ def hold(file: BinaryIO) -> None:
 
 
 class RecordFile:
-    """A file that is being written. A file that is at the path is replaced.
+    """A file that is being written. A file that is at the path is emptied, and locked against other
+    runs until :meth:`close`.
 
     Parameters
     ----------
-    path : the path of the file, or an open binary file.
+    path : the path of the file, or an open binary file, which is not locked.
     fixed : for each variable that does not grow its array and the names of its dimensions.
     growing : for each variable that grows the shape of its entry in one record, and the names of
         the dimensions of that entry.
@@ -73,7 +74,7 @@ class RecordFile:
         units: Mapping[str, str],
         about: Mapping[str, str],
     ) -> None:
-        """Open and lock the file, and write its head, with no record yet."""
+        """Open and lock the file, unless it is open, and write its head, with no record yet."""
         self._count = 0
         self._growing = growing
         head = _write_head(fixed, growing, units, about)

@@ -70,6 +70,7 @@ class Registry(Mapping[str, T]):
         """Add an entry of granphon itself, in place of a former entry of this ``name``."""
         entries: dict[str, Any] = self._entries  # in which an entry for later keeps its place
         entries[name] = entry
+        self._later.pop(name, None)
         if isinstance(entry, Later):
             self._later[name] = entry
 
@@ -118,7 +119,7 @@ class Registry(Mapping[str, T]):
     def remove(self, name: str) -> None:
         """Take out an entry that was added; nothing if there is none of this name."""
         if self.is_added(name):
-            del self._entries[name], self._sources[name]
+            del self._entries[name], self._sources[name], self._identities[name]
 
     def peek(self, name: str) -> T | None:
         """Return the entry of a name if it is there by now: nothing is loaded for it."""
@@ -131,7 +132,9 @@ class Registry(Mapping[str, T]):
 
     @property
     def added(self) -> dict[str, T]:
-        """The entries that are not granphon's own, by name, as they are now."""
+        """The entries that are not granphon's own, by name, as they are now; plug-ins are loaded
+        first.
+        """
         load_plugins()
         return {name: self._entries[name] for name in self._sources}
 
@@ -146,7 +149,7 @@ class Registry(Mapping[str, T]):
     @property
     def failures(self) -> str:
         """A sentence on plug-ins that failed, as one of them may have a name that is missing here;
-        empty if no plug-in failed.
+        empty if no plug-in failed. Plug-ins are loaded first.
         """
         clauses = []
         for plugin, why in load_plugins().items():
@@ -159,7 +162,7 @@ class Registry(Mapping[str, T]):
         """Take out all entries of a plug-in."""
         names = [name for name, origin in self._sources.items() if origin == source]
         for name in names:
-            del self._entries[name], self._sources[name]
+            del self._entries[name], self._sources[name], self._identities[name]
 
     def __getitem__(self, name: str) -> T:
         """Return the entry of a name; KeyError if there is none. Plug-ins are loaded for a name

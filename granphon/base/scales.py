@@ -98,7 +98,7 @@ def write_unit(unit: str) -> str:
 
 def write_uncertain(value: float, error: float, unit: str) -> str:
     """Return the text of a value with its standard error, both in the SI unit ``unit``, such as
-    "1.11180 +/- 0.00039 km/s": the error has two digits.
+    "1.11180 +/- 0.00039 km/s": the error has two digits, three from a hundred multiples on.
 
     Value and error have one multiple of the unit, that of the larger of the two. An error below a
     millionth of the value, or of a thousand multiples and more, has a multiple of its own.
@@ -317,8 +317,9 @@ def read_header(path: object, block: Mapping[str, Any]) -> tuple[float, Units]:
     """Return the unit of frequency, Hz, and the scales from the ``block`` of the file ``path`` that
     :func:`file_header` made.
 
-    Raises :class:`~granphon.base.errors.SchemaError` for another schema, and
-    :class:`~granphon.base.errors.InputError` for a frequency unit or scales that cannot be right.
+    Raises :class:`~granphon.base.errors.SchemaError` for another schema,
+    :class:`~granphon.base.errors.InputError` for a frequency unit or scales that cannot be right,
+    and KeyError for another entry that is missing.
     """
     require_schema(path, block["schema"], _HEADER_SCHEMA)
     hertz = HertzPrefix.named(block["frequency_unit"]).hertz

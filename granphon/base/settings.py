@@ -30,6 +30,7 @@ from granphon.base.validation import (
     choice,
     each,
     number,
+    read_words,
     require,
     whole,
     zero_or_above,
@@ -194,12 +195,12 @@ def block_of(kinds: Mapping[str, Kind], needed: Sequence[str] = ()) -> Kind:
 
 def read_counts(value: Any, what: str, low: int, high: int) -> tuple[int, ...]:
     """Return the whole numbers, from ``low`` to ``high``, that ``value`` holds: one number, a list
-    of numbers, or a text of numbers parted by spaces. ``what`` is the plural for the numbers in
-    messages.
+    of numbers, or a text of numbers of at most nine digits, parted by spaces. ``what`` is the
+    plural for the numbers in messages.
     """
     counts = value if isinstance(value, list | tuple) else [value]
     if isinstance(value, str):
-        counts = [int(word) if word.isdecimal() else word for word in value.split()]
+        counts = read_words(value)
     return each(counts, partial(whole, low=low, high=high), what)
 
 

@@ -70,7 +70,11 @@ else:
 
 
 def has_locks(descriptor: int) -> bool:
-    """Whether the file system of an open file supports the locks of POSIX, which SQLite uses."""
+    """Whether the file system of an open file supports the locks of POSIX, which SQLite uses.
+
+    The shared lock that shows this stays on the file until this process closes any descriptor of
+    the file.
+    """
     try:
         if sys.platform != "win32":
             fcntl.lockf(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -519,7 +523,7 @@ def write_text(path: StrPath, text: str, replace: bool = False) -> None:
 def write_texts(files: Sequence[tuple[StrPath, str]], replace: bool = False) -> None:
     """Write several ``files``, each a path and its text, that belong together, as
     :func:`write_text` writes one. All of them are checked, then written beside their places, and
-    only then moved there: a fault of one of them leaves all places as they were.
+    only then moved there: a fault of one of them before the moves leaves all places as they were.
 
     Raises
     ------
@@ -587,21 +591,32 @@ def _are_of_one_kind(old_head: bytes, new_head: bytes) -> bool:
 
 
 @contextmanager
+def _null_character_as_fault() -> Iterator[None]:
+    """Raise OSError where the block, which takes a path, raises ValueError: a null character is
+    part of the path.
+    """
+    try:
+        yield
+    except ValueError as error:
+        raise OSError(str(error)) from None
+
+
+@contextmanager
 def put_beside(target: Path) -> Iterator[Path]:
     """Give the path of a temporary file in the folder of ``target``: the file takes the place of
     ``target`` after the block, or is removed if the block fails.
 
     The folder is made if need be. Raises :class:`~granphon.base.errors.OutputError` for a failure
-    of the file system.
+    of the file system; other errors of the block pass as they are.
     """
     temporary = target.with_name(f".granphon-{uuid4().hex}")
     with explaining(target):
         try:
-            target.parent.mkdir(parents=True, exist_ok=True)
+            with _null_character_as_fault():
+                target.parent.mkdir(parents=True, exist_ok=True)
             yield temporary
-            os.replace(temporary, target)
-        except ValueError as error:  # a null character in the name
-            raise OSError(str(error)) from None
+            with _null_character_as_fault():
+                os.replace(temporary, target)
         finally:
             with suppress(OSError, ValueError):
                 temporary.unlink()

@@ -16,10 +16,12 @@ def standard_error(values: Array, axis: int) -> Array:
 
 
 def jackknife(of: Callable[[Array], Array], values: Array) -> Array:
-    """Return the standard error of a function of means (..., m) over two or more independent rows
-    of ``values`` (..., n, m).
+    """Return the standard error (...) of the value that the function ``of`` has at the mean (..., m)
+    of two or more independent rows of ``values`` (..., n, m); ``of`` takes an array (..., m) and
+    returns an array (...).
 
-    It is estimated from the values of the function with each row left out in turn.
+    The error is estimated from the values of ``of`` at means from which each row is left out in
+    turn (the jackknife, J. W. Tukey, 1958).
     """
     count = values.shape[-2]
     without = of((np.sum(values, axis=-2, keepdims=True) - values) / (count - 1))

@@ -296,6 +296,14 @@ def whole(value: Any, low: int, high: int | None = None) -> int:
     raise Refused(show(value), allowed)
 
 
+def read_words(text: str) -> list[int | str]:
+    """Return the words of a text between spaces: whole numbers of at most nine digits as such, and
+    other words as they are, for a rule to refuse.
+    """
+    is_count = re.compile(r"[0-9]{1,9}").fullmatch
+    return [int(word) if is_count(word) else word for word in text.split()]
+
+
 def grid(value: Any, low: int, high: int, example: str, periods: int = 2) -> tuple[int, ...]:
     """Return as many whole numbers from ``low`` to ``high`` as there are ``periods``, 1 to 3, from
     "64 64", [64, 64], (64, 64) or an array of two.
@@ -310,8 +318,7 @@ def grid(value: Any, low: int, high: int, example: str, periods: int = 2) -> tup
     allowed = f"{allowed_count} from {low} to {high}{allowed_ones}, such as {example}"
     numbers: Any = value.tolist() if hasattr(value, "tolist") else value
     if isinstance(value, str):
-        is_digits = re.compile(r"[0-9]{1,9}").fullmatch
-        numbers = [int(word) if is_digits(word) else word for word in value.split()]
+        numbers = read_words(value)
     if not isinstance(numbers, list | tuple) or not periods <= len(numbers) <= most:
         raise Refused(show(value), allowed)
     if not all(map(is_whole, numbers)):

@@ -87,7 +87,8 @@ class Analysis:
     ----------
     state : the state of a packing, a sample or a crystal, at one load or many.
     direction : that of the velocities, Cartesian, (p,) or (n, p) for many; None for x.
-    failed : why registered observables could not be found, by their names.
+    failed : by the names of registered observables, why their values could not be found, or at how
+        many loads they are nan.
     """
 
     state: ContactState
@@ -884,8 +885,8 @@ def register_observable(
     Raises
     ------
     InputError : a name that another ``find`` has, that data sets or scenes have for something else,
-        or that is no such word; a unit that is not SI; empty ``words``; another ``cost``; a
-        ``find`` that cannot be called.
+        or that is no such word; a unit that is not SI; ``words`` or a ``label`` that are no text,
+        or blank; another ``cost``; a ``find`` that cannot be called.
     """
     # of each text: its value, the condition that it meets, and that condition in words
     requirements: dict[str, tuple[Any, Callable[[str], bool], str]] = {
@@ -895,8 +896,10 @@ def register_observable(
             "a word of letters, digits and underscores that scenes and data sets do not have yet",
         ),
         "unit": (unit, is_si, 'a unit of SI without a factor, such as "N/m", or "1"'),
-        "words": (words, bool, "a text"),
+        "words": (words, _is_not_blank, "a text"),
     }
+    if label:
+        requirements["label"] = (label, _is_not_blank, "a text")
     for argument, (value, is_allowed, allowed) in requirements.items():
         if not (isinstance(value, str) and is_allowed(value)):
             raise InputError(
@@ -909,6 +912,11 @@ def register_observable(
         )
     entry = Observable(name, unit, words, label, find=find, cost=cost, told=told)
     return CATALOGUE.add(name, entry, find)
+
+
+def _is_not_blank(text: str) -> bool:
+    """Return whether a text has more than white space."""
+    return bool(text.strip())
 
 
 def is_free(name: str) -> bool:
@@ -969,7 +977,8 @@ def find_all(
     their values in SI units by name.
 
     With ``swept`` only those that sweeps store. A registered observable that fails is left out, and
-    ``failed`` of the analysis says why; the failure of an ``observed`` one is an error.
+    ``failed`` of the analysis says why; the failure of an ``observed`` one is an
+    :class:`~granphon.base.errors.InputError`.
     """
     values = {}
     added = CATALOGUE.added
@@ -988,8 +997,8 @@ def find_all(
 
 
 def _find_added(analysis: Analysis, entry: Observable, observed: Container[str]) -> Any:
-    """Return the value of a registered observable, a number of the shape of the load; None where
-    the state has no such value, or where its function fails.
+    """Return the value of a registered observable, a real number of the shape of the load; None
+    where the state has no such value, or where its function fails.
 
     The failure is written into ``failed`` of the analysis, and so is at how many loads a value is
     nan; the failure of an ``observed`` one is an :class:`InputError`. Raises
@@ -1009,6 +1018,8 @@ def _find_added(analysis: Analysis, entry: Observable, observed: Container[str])
             return None
         if np.shape(value) != shape:
             raise ValueError(f"it has the shape {np.shape(value)}, and the load {shape}")
+        if np.iscomplexobj(value):  # NumPy would drop the imaginary part
+            raise ValueError("it is complex")
         numbers = np.asarray(value, float) if shape else float(value)
     except Exception as error:  # the function is the user's, and may raise anything
         fault = f"{description} fails: {type(error).__name__}: {error}"

@@ -19,7 +19,7 @@ from granphon.base.errors import InputError
 from granphon.base.progress import Progress, silent
 from granphon.base.results import Result, held, result_class
 from granphon.base.validation import finite_array
-from granphon.dynamics.elasticity import voigt_names
+from granphon.dynamics.elasticity import voigt_names, voigt_pairs
 from granphon.media.state import as_state
 from granphon.networks.network import ContactNetwork, given_network
 
@@ -55,15 +55,17 @@ def find_nonaffine(
 
     Parameters
     ----------
-    x : a :class:`~granphon.ContactNetwork`, a state of a medium or a sample.
+    x : a :class:`~granphon.ContactNetwork`, a state of a medium at one load, or a sample.
     strain : (1,), (3,) or (6,) in Voigt order, along the axes of the moduli; by default a shear of
         the first two axes by an angle of one, and on a line an extension of one.
     progress : is told how far the relaxation of many balls has come.
 
     Raises :class:`~granphon.base.errors.InputError` for a strain of another shape or that is not
-    finite, and what :func:`~granphon.moduli` raises.
+    finite, for a state of several loads or of samples, each of which has a network of its own, and
+    what :func:`~granphon.moduli` raises.
     """
     state = as_state(x)
+    network = given_network(x)
     lattice = state.contact_lattice()
     lattice.require_motions_along()
     p = lattice.periods
@@ -74,7 +76,7 @@ def find_nonaffine(
     gradients[:p] = _make_strain(voigt, p)
     # (balls, motions), reduced, beside the displacements that the strain itself makes
     motions = np.einsum("bmg,g->bm", lattice.gradient_motions, gradients.ravel())
-    displacements, rotations = _spread_motions(motions, given_network(x), state)
+    displacements, rotations = _spread_motions(motions, network, state)
     return NonaffineMotion(voigt, displacements, rotations)
 
 
@@ -121,9 +123,9 @@ def _make_strain(voigt: Array, periods: int) -> Array:
     Voigt order: the diagonal of the tensor, and then the angles of shear, which are twice its other
     components.
     """
-    strain = np.diag(voigt[:periods])
-    pairs_of_axes = {1: [], 2: [(0, 1)], 3: [(1, 2), (0, 2), (0, 1)]}[periods]
-    for (a, b), angle in zip(pairs_of_axes, voigt[periods:].tolist(), strict=True):
-        strain[a, b] = 0.5 * angle
-        strain[b, a] = 0.5 * angle
+    strain = np.zeros((periods, periods))
+    for (a, b), component in zip(voigt_pairs(periods), voigt.tolist(), strict=True):
+        # each pair of different axes stands once, for two entries
+        strain[a, b] += 0.5 * component
+        strain[b, a] += 0.5 * component
     return strain

@@ -28,7 +28,7 @@ from granphon.base.results import Result, held, result_class
 from granphon.base.validation import real_array, texts
 from granphon.media.arrangement import Arrangement, Balls, given_balls
 from granphon.media.choice import MediumChoice
-from granphon.media.medium import Change
+from granphon.media.medium import SIMULATION, Change
 from granphon.networks.network import given_network
 
 #: the ratio of shear to normal stiffness, which no state has as a parameter: it is changed in the
@@ -89,15 +89,15 @@ def parameter_sensitivities(
         "A.young_modulus", and of walls and springs to the ground, "wall.young_modulus" and
         "on_site"; the kind of the load, "force"; and "mindlin_ratio", the ratio of shear to normal
         stiffness of all contacts, which gives ``find`` a network in place of a state. All of them
-        by default; those of simulated samples without the ratio, as each sample has a network of
-        its own.
-    medium : name of the medium of a packing; "ema" by default.
-    finite_overlap : as for the state.
+        by default, but the ratio only where contacts resist slip. Simulated samples have no such
+        ratio, as each sample has a network of its own.
+    medium : name of the medium of a packing; "ema" by default. A crystal has the medium "crystal".
+    finite_overlap : whether states have terms of the relative order of overlap over diameter.
     load : the load by its kind, as ``force=18.4`` (N).
 
     Raises :class:`~granphon.base.errors.InputError` for unknown names, parameters that are no
-    numbers, several loads, and arrays of ``find`` whose shape changes; and what the states and
-    ``find`` raise.
+    numbers, the ratio of simulated samples, several loads, and arrays of ``find`` whose shape
+    changes; and what the states and ``find`` raise.
     """
     balls = given_balls(x)
     function: Any = find
@@ -133,6 +133,8 @@ def find_parameter_sensitivities(
     """
     flat = replace(load, array=np.ravel(load.array)[0])
     change_state = {MINDLIN_RATIO: change_ratio} | dict(changes_of_states or {})
+    if names is not None and MINDLIN_RATIO in names:
+        _require_one_ratio(choice, balls, flat)  # before the statics, which take long
     all_names = list_parameters(balls, flat) if names is None else names
     of_statics = [name for name in all_names if name not in change_state]
     changes = [_change_parameter(choice, balls, flat, name) for name in of_statics]
@@ -147,6 +149,18 @@ def find_parameter_sensitivities(
     divisor = np.where(value == 0.0, np.nan, value)  # what is zero has no logarithm
     slopes = [_find_slope(find, course_of[name], name, value.shape) / divisor for name in all_names]
     return ParameterSensitivities(tuple(all_names), np.array(slopes), value)
+
+
+def _require_one_ratio(choice: MediumChoice, balls: Balls, load: Load) -> None:
+    """Raise InputError if the medium of a ``choice`` simulates samples of the ``balls`` at the
+    ``load``: each sample has a network of its own, and no state has all.
+    """
+    if any(serving.medium.name == SIMULATION for serving in choice.choose(balls, load)):
+        raise InputError(
+            f"the states of a simulation have no parameter {MINDLIN_RATIO}",
+            "Each sample has a network of its own",
+            "Leave it out, or take another medium",
+        )
 
 
 def _change_parameter(

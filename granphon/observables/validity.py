@@ -276,8 +276,10 @@ def _check_contact_radius(network: ContactNetwork) -> tuple[Check, ...]:
 
     The overlap is found from force and stiffness, 3 f/2 k, which holds for Hertz's law alone. Its
     contacts are told by k^3/(f d*), which is the same for all in one material: its logarithm varies
-    less than the logarithm of the forces.
+    less than the logarithm of the forces. Contacts that all have one force are taken for Hertz's,
+    as nothing tells their law.
     """
+    # a contact with a flat wall, whose centre is infinitely far, may be of another material
     is_pressed = (network.normal_force > 0.0) & np.isfinite(network.distance)
     if not np.any(is_pressed):
         return ()

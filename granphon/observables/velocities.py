@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,8 +33,6 @@ from granphon.observables.sensitivities import (
 )
 from granphon.observables.validity import find_warnings
 
-#: a result of several loads
-Found = TypeVar("Found", "SoundVelocities", "Moduli")
 #: largest deviation, over the bulk modulus, of the stress under a strain that is the same along all
 #: axes from a pressure, which is taken for rounding
 _EVEN = 1e-10
@@ -473,7 +471,7 @@ class Moduli(Result):
     @property
     def hill(self) -> AveragedModuli:
         """The means of :attr:`voigt` and :attr:`reuss` (R. Hill, Proc. Phys. Soc. A 65, 349,
-        1952).
+        1952); raises what these raise.
         """
         upper = self.voigt
         lower = self.reuss
@@ -509,8 +507,10 @@ def moduli(state: Any, *, progress: Progress = silent) -> Moduli:
     how far it is, as in :func:`sound_velocities`. Of a network that repeats along one axis, such as
     a ribbon, the modulus is the force over the strain, N; along two, such as a slab of any
     thickness, moduli are the force per length over the strain and one mean diameter, Pa. Raises
-    :class:`~granphon.base.errors.InputError` if balls do not move along the lattice, and
-    :class:`~granphon.base.errors.MechanismError` if a motion of the lattice costs no energy.
+    :class:`~granphon.base.errors.InputError` if balls do not move along the lattice, if springs to
+    the ground hold the balls or resist their rotations, and for a network that repeats nowhere or
+    has bodies that do not move; and :class:`~granphon.base.errors.MechanismError` if a motion of
+    the lattice costs no energy.
 
     With finite overlap these are the coefficients between Cauchy stress and strain under the static
     pressure, for which equation (16) still holds. Under a static stress that is no pressure, as in
@@ -574,8 +574,11 @@ def pulse_velocities(
 ) -> PulseVelocities:
     """Return phase and group velocity of the acoustic branches at a given frequency, m/s.
 
-    Both are below the velocity of long waves, except where that is zero: waves of finite length
-    travel across a plane or a chain of balls if contacts resist torsion or bending.
+    Both differ from the velocity of long waves. Mostly they are below it, and fall as the frequency
+    rises; along some rows of balls that rotate a transverse branch rises faster than its long wave,
+    as along x in the square lattice, and both are above. Where the velocity of long waves is zero,
+    waves of finite length travel across a plane or a chain of balls if contacts resist torsion or
+    bending.
 
     Parameters
     ----------
@@ -798,7 +801,8 @@ def _explain_unreachable(
     branch: AcousticBranch, target: Array, unit: Array
 ) -> UnreachableFrequencyError:
     """Return the error for angular frequencies ``target`` (m,), of which some are above the top of
-    the branch; ``unit`` (m,) is the unit of each, rad/s.
+    the branch; ``unit`` (m,) is the unit of each, rad/s. Of the frequencies above, the error names
+    the highest, and the top of the branch at the load of this frequency.
     """
     components = ", ".join(f"{component:.6g}" for component in branch.direction)
     along = f"in direction ({components})"
@@ -816,11 +820,13 @@ def _explain_unreachable(
             " zero",
             f"{remedy.capitalize()}, or name other branches",
         )
-    highest = float(np.max(target / (2.0 * np.pi) * unit))
-    top = float(np.min(branch.top * unit)) / (2.0 * np.pi)
-    at_load = " at the least load" if np.ptp(unit) > 0.0 else ""
+    hertz = target / (2.0 * np.pi) * unit
+    # a load at which the branch reaches its own, higher frequency has no part in the message
+    pulse = int(np.argmax(np.where(target > branch.top, hertz, -np.inf)))
+    top = branch.top / (2.0 * np.pi) * unit[pulse]
+    at_load = " at the load of this frequency" if np.ptp(unit) > 0.0 else ""
     return UnreachableFrequencyError(
-        f"the {branch.name} branch does not reach {highest:.6g} Hz {along}",
+        f"the {branch.name} branch does not reach {hertz[pulse]:.6g} Hz {along}",
         f"It ends at {top:.6g} Hz{at_load}",
         "Lower the frequency, or name the branches that reach it",
     )

@@ -23,6 +23,7 @@ from granphon.base.settings import (
     make_rules,
     one_or_more,
     read_block,
+    read_counts,
     setting,
     whole_from,
     with_unit,
@@ -182,3 +183,10 @@ def test_every_block_of_waves_is_declared_whole(block_class):
         if default not in (None, (), dataclasses.MISSING):
             written = declared.kind.write(default, WRITTEN)
             assert declared.kind.read(written, WRITTEN) == default
+
+
+def test_counts_of_very_many_digits_are_refused():
+    assert read_counts("3 5", "numbers", 1, 10) == (3, 5)
+    for text in ("1" * 5000, "3 x", "\u0663"):
+        with pytest.raises(Refused):
+            read_counts(text, "numbers", 1, 10)

@@ -19,13 +19,14 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from granphon.base.errors import FileExistsInRunError, OutputError
+from granphon.base.errors import FileExistsInRunError, InputError, OutputError
 from granphon.base.staging import (
     LIST,
     LOCK,
     NEW,
     PREFIX,
     ResultFiles,
+    put_beside,
     read_written_files,
     write_text,
 )
@@ -578,3 +579,12 @@ def test_pipes_and_links_in_the_place_of_our_files_are_not_followed(tmp_path: Pa
 def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="cannot be written"):
         put(tmp_path / ("b" * 300), a="a")
+
+
+def test_an_error_of_the_input_is_not_told_as_one_of_the_file_system(tmp_path: Path) -> None:
+    target = tmp_path / "a.txt"
+    with pytest.raises(InputError, match="the input is wrong"), put_beside(target):
+        raise InputError("the input is wrong")
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(OutputError, match="null"), put_beside(tmp_path / "a\0b"):
+        pass

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import granphon as gp
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import (
     ADHESION,
     DENSITY,
@@ -24,6 +24,7 @@ from granphon.base.quantities import (
     PUSH,
     TIME,
     VELOCITY,
+    read_with_error,
 )
 from granphon.base.scales import HertzPrefix, WidthUnits, prefixed, write_quantity, write_uncertain
 
@@ -232,3 +233,14 @@ def test_few_digits_are_written_without_an_exponent():
         "120 m/s",
         "1 m/s",
     ]
+
+
+def test_a_standard_error_is_zero_or_above_and_finite():
+    assert read_with_error("8 mm", LENGTH) == (8e-3, 0.0)
+    assert read_with_error("8 mm +- 0 um", LENGTH) == (8e-3, 0.0)
+    assert read_with_error("-2 N +- 1 N", PUSH) == (-2.0, 1.0)
+    value, error = read_with_error("-2 N +- 5 %", PUSH)
+    assert (value, error) == (-2.0, pytest.approx(0.1))
+    for text in ("2 N +- -1 N", "2 N +- -5 %", "2 N +- 1e999 %", "2 N +- 1e999 N"):
+        with pytest.raises(Refused, match=r"negative|not finite|not a finite"):
+            read_with_error(text, PUSH)

@@ -106,3 +106,15 @@ def test_an_axis_says_what_and_in_which_unit():
     # of a file that says so
     assert axis_label("longitudinal", "km/s") == "Longitudinal velocity (km/s)"
     assert axis_label("of_another_program", "K") == "Of another program (K)"
+
+
+def test_a_complex_value_is_left_out_with_its_reason():
+    """NumPy would drop the imaginary part."""
+    analysis = Analysis(gp.AveragedLattice(PACKING).at_force([1.0, 2.0]))
+    try:
+        gp.observables.register("twisted", "1", "a number", lambda of: 1j * of.state.force)
+        found = find_all(analysis, ["state"])
+    finally:
+        CATALOGUE.remove("twisted")
+    assert "twisted" not in found
+    assert "complex" in analysis.failed["twisted"]

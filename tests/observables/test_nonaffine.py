@@ -75,6 +75,9 @@ def test_a_lattice_moves_as_the_strain_says():
     assert np.max(motion.sizes) < 1e-14
     with pytest.raises(InputError, match="xy"):
         gp.find_nonaffine(state.network, [1.0, 0.0])
+    loads = gp.AveragedLattice(gp.Packing(packings.MATERIAL, 2e-3)).at_force([1.0, 2.0])
+    with pytest.raises(InputError, match="2 loads"):
+        gp.find_nonaffine(loads)
 
 
 def test_a_turned_network_has_turned_motions():

@@ -244,6 +244,14 @@ def test_branches_that_reach_are_given_in_the_order_asked(state):
         gp.pulse_velocities(state, 35000.0)
 
 
+def test_the_error_names_a_frequency_that_is_out_of_reach(packing):
+    """Not the higher one of another load, at which the branch reaches it."""
+    states = gp.AveragedLattice(packing).at_force([0.01, 1000.0])
+    gp.pulse_velocities(states[1], 25000.0)
+    with pytest.raises(UnreachableFrequencyError, match="does not reach 10000 Hz"):
+        gp.pulse_velocities(states, [10000.0, 25000.0])
+
+
 @pytest.mark.parametrize("frequency", [1e300, 1e308, [1.0, 1.7e308]])
 def test_frequencies_near_the_largest_number_are_out_of_reach(state, frequency):
     with pytest.raises(UnreachableFrequencyError, match=r"branch .*e\+30"):

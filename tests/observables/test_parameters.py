@@ -98,6 +98,8 @@ def test_all_parameters_of_a_packing_by_default():
         ("no number", {"parameters": "lattice", "force": 1.0}),
         ("no number", {"parameters": "friction", "force": 1.0}),
         ("no number", {"parameters": "spread", "force": 1.0}),
+        # before any array comes to rest
+        ("samples?", {"parameters": "mindlin_ratio", "medium": "simulation", "force": 1.0}),
     ],
 )
 def test_mistakes_are_refused(word, options):
