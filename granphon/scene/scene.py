@@ -580,6 +580,12 @@ class RunResult(Results):
             self.values[name] = row.find_value(self)
         return super().__getitem__(name)
 
+    def find_errors(self, name: str) -> dict[str, Any]:
+        """Return the standard errors of the numbers in the table of the output ``name``, as
+        :meth:`Results.find_errors` does; in the result of a run they are never read.
+        """
+        return self.column_errors.get(name, {}) if self.rows else super().find_errors(name)
+
     @property
     def bands(self) -> Bands | None:
         """Of a single state, frequencies along the path, Hz; None if they were not asked for."""
