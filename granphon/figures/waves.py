@@ -536,7 +536,13 @@ def sweep_dos_figure(dataset: Dataset) -> Figure:
     for colour, read_variable in states:
         frequencies = read_variable("dos_frequency")
         total = read_variable("dos_total")
-        curves.append((colour, "", frequencies, total, read_variable("dos_error")))
+        errors = read_variable("dos_error")
+        if "dos_total_error" in dataset:
+            # the errors of parameters and those of samples add up
+            errors = np.hypot(errors, np.nan_to_num(read_variable("dos_total_error")))
+        curves.append((colour, "", frequencies, total, errors))
+    if any(np.any(errors > 0.0) for *_, errors in curves):
+        handles.append(make_error_handle())
     with styled_figure(2.8) as figure:
         draw_densities(figure.subplots(), curves)
         add_legend(figure, handles, room=1)

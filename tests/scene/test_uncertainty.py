@@ -468,6 +468,35 @@ pulse: {frequency: 6 kHz, distance: 15 mm}
 """
 
 
+def test_densities_of_a_sweep_have_the_difference_of_both_ends(tmp_path):
+    """Of two loads, each at the frequencies of its own density."""
+    swept = re.sub("(spectrum|pulse): {.*}\n", "", ARRAY).replace("18.4 N", "[2 N, 20 N]")
+    swept = swept.replace("dos, spectrum, pulse", "dos")
+    run = gp.Scene.from_text(swept).run(tmp_path, figures=False)
+    data = run.dataset
+    names = ["dos_frequency", "dos_total"]
+    ends = [
+        gp.Scene.from_text(swept.replace("211 +- 4", young)).sweep()[names]
+        for young in ("207", "215")
+    ]
+    for load in range(2):
+        frequencies, _ = (data[name].values[load, 0] for name in names)
+        lower, upper = (
+            np.interp(frequencies, *(end[name].values[load, 0] for name in names), right=np.nan)
+            for end in ends
+        )
+        errors = data["dos_total_error"].values[load, 0]
+        assert_allclose(errors, 0.5 * np.abs(upper - lower), rtol=1e-9, atol=1e-18)
+        assert np.nanmax(errors) > 0.0
+    assert "dos_total_error (1/Hz)" in (tmp_path / "sweep_dos.csv").read_text().split("\n")[0]
+    (panel,) = OUTPUTS["sweep_dos"].make_figure(Results(tmp_path)).axes
+    bands = [part for part in panel.collections if part.get_gid() == "errors"]
+    both = np.hypot(data["dos_error"], np.nan_to_num(data["dos_total_error"])).values[:, 0]
+    for band, errors in zip(bands, both, strict=True):
+        widths = np.diff(read_edges(band))[:, 0]
+        assert_allclose(widths, 2e3 * errors, rtol=1e-9, atol=1e-12)
+
+
 @pytest.mark.slow
 def test_figures_of_arrays_have_bands_of_errors_also_when_they_are_drawn_again(tmp_path):
     run = gp.Scene.from_text(ARRAY).run(tmp_path, figures=False)
