@@ -29,7 +29,7 @@ from granphon.media import cost as costs
 from granphon.media.cost import Cost
 from granphon.media.network_file import TABLES
 from granphon.observables.catalogue import CATALOGUE, WAVE_COSTS, CostClass, is_free
-from granphon.runs.plan import CostPart
+from granphon.runs.plan import PLACE_OF_EDGE, CostPart
 from granphon.runs.workers import packages
 from granphon.waves.settings import RESPONSES
 
@@ -680,6 +680,14 @@ def _cost_dos(scene: Any) -> CostPart:
     return ("phonopy", "mesh"), "Take a coarser mesh", cost
 
 
+def _cost_surface(scene: Any) -> CostPart:
+    """Return the cost of the map of an edge, with its key and how it is made smaller."""
+    from granphon.runs.edge_costs import estimate_map  # other runs do not need it
+
+    cost = estimate_map(scene.serving, scene.observed_settings("surface"))
+    return PLACE_OF_EDGE, "Take fewer points or balls", cost
+
+
 def _cost_design(scene: Any) -> CostPart:
     """Return the cost of the search for a design, with its key and how it is made smaller."""
     return ("design",), "Take fewer balls, steps or restarts", scene.posed_design.cost
@@ -1282,6 +1290,7 @@ for _row in (
         observed="surface",
         states="one",
         find=_find_surface,
+        cost=_cost_surface,
         write=_write_surface,
         of_states=True,
         read=partial(_read_json, "SurfaceSpectrum"),
