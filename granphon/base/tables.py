@@ -262,6 +262,15 @@ class Table:
             ) from None
         return np.array(values)
 
+    def list_errors(self) -> dict[str, NDArray[np.float64]]:
+        """Return the columns (rows,) of standard errors, "peak_error (Hz)" or "total_error_per_Hz",
+        by the names of the columns whose errors they are, "peak" and "total"; nan is taken.
+
+        Raises :class:`~granphon.base.errors.InputError` as :meth:`numbers` does.
+        """
+        matches = [re.fullmatch(r"(.+)_error(_per_Hz)?", head.name) for head in self.headings]
+        return {match[1]: self.numbers(match[0]) for match in matches if match}
+
     def unit(self, name: str) -> str:
         """Return the unit of the column called ``name``: the unit in ``name`` if there is one, else
         that of the heading.

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from granphon.figures.scales import (
@@ -647,7 +647,12 @@ def _find_long_waves(
 
 
 def plot_dos(
-    dos: DensityOfStates, ax: Axes, *, horizontal: bool = True, unit: HertzPrefix | None = None
+    dos: DensityOfStates,
+    ax: Axes,
+    *,
+    horizontal: bool = True,
+    unit: HertzPrefix | None = None,
+    errors: Mapping[str, ArrayLike] | None = None,
 ) -> Axes:
     """Draw the density of states per ball: its translational and rotational part filled, the total
     as a line.
@@ -656,7 +661,9 @@ def plot_dos(
     otherwise the frequency is to the right. ``unit`` of frequency is as in :func:`plot_bands`. The
     lines are labelled for a legend. An axis of frequency that is shared with a neighbour, as in
     ``subplots(1, 2, sharey=True)``, has no label. If peaks of flat branches would hide the rest of
-    the density, the axis of the density ends below the peaks, and its label gives their height.
+    the density, the axis of the density ends below the peaks, and its label gives their height. The
+    standard errors (n,), 1/Hz, of the total under "total" in ``errors``, nan where unknown, are a
+    grey field about it.
     """
     unit = _choose_unit(dos) if unit is None else unit
     frequency = dos.frequencies / unit.hertz
@@ -676,6 +683,11 @@ def plot_dos(
             line_width = 1.0
         x, y = (density, frequency) if horizontal else (frequency, density)
         ax.plot(x, y, color=colour, linewidth=line_width, label=name)
+    if errors and "total" in errors:
+        total_errors = real_array("errors", errors["total"]) * unit.hertz
+        total = dos.total * unit.hertz
+        draw_error_band(ax, frequency, total, total_errors, _ERRORS, "errors", upright=horizontal)
+        ax.add_line(make_error_handle())
     _set_dos_axes(ax, dos, horizontal, unit)
     return ax
 
@@ -732,6 +744,7 @@ def bands_figure(
     bulk: ArrayLike | None = None,
     edges: bool = False,
     errors: ArrayLike | None = None,
+    dos_errors: Mapping[str, ArrayLike] | None = None,
     title: str | None = None,
 ) -> Figure:
     """Draw a figure of bands with the Brillouin zone, and the density of states beside them on the
@@ -739,8 +752,8 @@ def bands_figure(
 
     The figure is one column wide. The zone is an inset, and in space a panel beneath the bands; a
     cluster has none. Bands or densities may be left out; ``asymptotes``, ``gaps``, ``bulk``,
-    ``edges`` and ``errors`` are as in :func:`plot_bands`. Raises
-    :class:`~granphon.base.errors.InputError` if both are left out.
+    ``edges`` and ``errors`` are as in :func:`plot_bands`, and ``dos_errors`` as the errors of
+    :func:`plot_dos`. Raises :class:`~granphon.base.errors.InputError` if both are left out.
     """
     main_result = dos if bands is None else bands
     if main_result is None:
@@ -761,7 +774,7 @@ def bands_figure(
         grid = rows[0].subgridspec(1, len(widths), width_ratios=widths)
         axes = grid.subplots(sharey=has_both, squeeze=False)[0]
         if dos is not None:
-            plot_dos(dos, axes[-1], horizontal=bands is not None, unit=unit)
+            plot_dos(dos, axes[-1], horizontal=bands is not None, unit=unit, errors=dos_errors)
         if bands is not None:
             plot_bands(
                 bands,

@@ -203,7 +203,8 @@ def _choose_of_dataset(result: Any, dataset: Any) -> tuple[Picture, dict[str, An
         spectra = {name: result[name] for name in ("bands", "dos")}
         if any(spectrum is not None for spectrum in spectra.values()):
             errors = dataset.get("frequencies_error")
-            return PICTURES["phonons.bands.Bands"], spectra | {"errors": errors}
+            of_spectra = {"errors": errors, "dos_errors": result.find_errors("dos")}
+            return PICTURES["phonons.bands.Bands"], spectra | of_spectra
         for name in ("surface", "balls_in_motion"):
             if result[name] is not None:
                 return _choose_of_object(result[name])

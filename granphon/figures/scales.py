@@ -288,9 +288,11 @@ def draw_error_band(
     colour: Any,
     gid: str,
     convert: Callable[[Array], Array] | None = None,
+    *,
+    upright: bool = False,
 ) -> None:
     """Draw the band of the standard errors of a curve, ``values`` over ``x``, (n,); of a single
-    point a bar.
+    point a bar. Of an ``upright`` curve ``x`` is on the axis of y.
 
     ``errors`` are (n,), nan where unknown, or (2, n), below and above the curve; without an error
     above zero nothing is drawn. ``convert`` turns values into numbers on the axis of y.
@@ -301,9 +303,11 @@ def draw_error_band(
     edges = [values - below, values + above]
     lower, upper = edges if convert is None else map(convert, edges)
     if values.size == 1:
-        ax.vlines(x, lower, upper, color=colour, linewidth=0.8, gid=gid)
+        bar = ax.hlines if upright else ax.vlines
+        bar(x, lower, upper, color=colour, linewidth=0.8, gid=gid)
     else:
-        ax.fill_between(x, lower, upper, color=colour, alpha=0.3, linewidth=0.0, gid=gid)
+        fill = ax.fill_betweenx if upright else ax.fill_between
+        fill(x, lower, upper, color=colour, alpha=0.3, linewidth=0.0, gid=gid)
 
 
 def make_error_handle() -> Line2D:

@@ -8,7 +8,7 @@ between crystals.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -74,6 +74,8 @@ _ROWS = 600
 _BEYOND_BANDS = 1.08
 #: a line below this part of the highest peak is not drawn
 _LEAST_LINE = 1e-3
+#: greatest height of a trace of a pulse, whose rows are 1 apart, so that a gap to the next is left
+_HEIGHT = 0.45
 #: a line counts as resolved if its width is resolved in this part of the samples
 _RESOLVED = 0.5
 #: number of receivers up to which each receiver has a colour and an entry of the legend
@@ -369,18 +371,24 @@ def _draw_surface_branches(
             ax.plot(wave_vectors, frequencies, "o", **style)
 
 
-def spectrum_figure(spectra: PathSpectra) -> Figure:
+def spectrum_figure(spectra: PathSpectra, errors: Mapping[str, ArrayLike] | None = None) -> Figure:
     """Draw a figure of all polarisations of a path, one under the other, and of their attenuation,
     one column wide.
 
-    The attenuation is left out if fewer than two lines are resolved.
+    The attenuation is left out if fewer than two lines are resolved. The standard ``errors`` of the
+    numbers of all lines, by the names of :attr:`~granphon.waves.path_spectra.PathSpectra.numbers`,
+    are bars about the attenuations.
     """
     count = len(spectra.spectra)
     resolved = [
-        spectrum
-        for spectrum in spectra.spectra
+        (number, spectrum)
+        for number, spectrum in enumerate(spectra.spectra)
         if np.sum(spectrum.resolved & (spectrum.width > 0.0)) > 1
     ]
+    tables = {
+        name: real_array("errors", table).reshape(count, -1)
+        for name, table in (errors or {}).items()
+    }
     height = 0.3 + 2.8 * count  # inches
     ratios = [1.4] * count
     if resolved:
@@ -390,21 +398,28 @@ def spectrum_figure(spectra: PathSpectra) -> Figure:
         panels = figure.subplots(len(ratios), 1, squeeze=False, height_ratios=ratios)[:, 0]
         for number, ax in enumerate(panels[:count]):
             plot_spectrum(spectra, ax, number)
-        for spectrum, colour in zip(resolved, (BLUE, VERMILION, PURPLE), strict=False):
-            plot_attenuation(spectrum, panels[-1], colour=colour)
+        for (number, spectrum), colour in zip(resolved, (BLUE, VERMILION, PURPLE), strict=False):
+            of_lines = {name: table[number] for name, table in tables.items()}
+            plot_attenuation(spectrum, panels[-1], colour=colour, errors=of_lines)
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
 
 def plot_attenuation(
-    spectrum: SpectralFunction, ax: Axes, *, power: float | None = None, colour: str = BLUE
+    spectrum: SpectralFunction,
+    ax: Axes,
+    *,
+    power: float | None = None,
+    colour: str = BLUE,
+    errors: Mapping[str, ArrayLike] | None = None,
 ) -> Axes:
     """Draw the attenuation of resolved lines over their frequency, both logarithmic, with a power
     law beside the lines.
 
     ``power`` is by default that of Rayleigh's scattering by small disorder: omega^(d+1) in d
     dimensions, where d is the number of components of q. Lines of rotations, which are no sound,
-    have no law by default.
+    have no law by default. The standard errors (n,) of frequencies, Hz, and of attenuations, 1/m,
+    under "peak" and "attenuation" in ``errors``, nan where unknown, are bars.
     """
     is_drawn = spectrum.resolved & (spectrum.width > 0.0)
     unit = HertzPrefix.for_top(float(spectrum.peak.max()))
@@ -413,6 +428,21 @@ def plot_attenuation(
     ax.plot(
         frequencies, attenuations, "o", markersize=3.0, color=colour, label=spectrum.polarisation
     )
+    if errors:
+        unknown = np.zeros(is_drawn.shape)
+        bars = [
+            np.nan_to_num(real_array("errors", errors.get(name, unknown)))[is_drawn]
+            for name in ("peak", "attenuation")
+        ]
+        ax.errorbar(
+            frequencies,
+            attenuations,
+            _limit_bars(attenuations, bars[1]),
+            _limit_bars(frequencies, bars[0] / unit.hertz),
+            fmt="none",
+            ecolor=colour,
+            elinewidth=0.7,
+        )
     is_rotation = spectrum.polarisation.startswith("rot")
     has_law = power is not None or not is_rotation
     if frequencies.size > 1 and has_law:
@@ -464,20 +494,30 @@ def plot_lines(spectrum: SpectralFunction, ax: Axes) -> Axes:
     return ax
 
 
-def plot_sample_dos(dos: SpectralDensity, ax: Axes) -> Axes:
-    """Draw the density of states of a network per ball: the total, with its standard error as a
-    band, and the parts of translation and rotation.
+def plot_sample_dos(
+    dos: SpectralDensity, ax: Axes, *, errors: Mapping[str, ArrayLike] | None = None
+) -> Axes:
+    """Draw the density of states of a network per ball: the total and the parts of translation and
+    rotation, with their standard errors as bands.
+
+    ``errors`` are further standard errors (n,), 1/Hz, nan where unknown, by the names of the
+    densities: those that errors of parameters cause, which add up with the density's own.
     """
     frequencies = dos.frequencies
-    curves: list[tuple[Any, str, Array, Array, Array]] = [
-        ("black", "total", frequencies, dos.total, dos.error)
-    ]
+    densities = [("black", "total", dos.total, dos.error)]
     if np.any(dos.rotational > 0.0):
-        curves.append(
-            (COLOURS[0], "translation", frequencies, dos.translational, dos.translational_error)
-        )
-        curves.append((ORANGE, "rotation", frequencies, dos.rotational, dos.rotational_error))
+        translational = dos.translational, dos.translational_error
+        densities.append((COLOURS[0], "translational", *translational))
+        densities.append((ORANGE, "rotational", dos.rotational, dos.rotational_error))
+    labels = {"translational": "translation", "rotational": "rotation"}
+    curves = []
+    for colour, name, density, own_error in densities:
+        further = real_array("errors", (errors or {}).get(name, 0.0 * density))
+        error = np.hypot(own_error, np.nan_to_num(further))
+        curves.append((colour, labels.get(name, name), frequencies, density, error))
     draw_densities(ax, curves)
+    if any(np.any(error > 0.0) for *_, error in curves):
+        ax.add_line(make_error_handle())
     ax.legend()
     return ax
 
@@ -496,7 +536,13 @@ def sweep_dos_figure(dataset: Dataset) -> Figure:
     for colour, read_variable in states:
         frequencies = read_variable("dos_frequency")
         total = read_variable("dos_total")
-        curves.append((colour, "", frequencies, total, read_variable("dos_error")))
+        errors = read_variable("dos_error")
+        if "dos_total_error" in dataset:
+            # the errors of parameters and those of samples add up
+            errors = np.hypot(errors, np.nan_to_num(read_variable("dos_total_error")))
+        curves.append((colour, "", frequencies, total, errors))
+    if any(np.any(errors > 0.0) for *_, errors in curves):
+        handles.append(make_error_handle())
     with styled_figure(2.8) as figure:
         draw_densities(figure.subplots(), curves)
         add_legend(figure, handles, room=1)
@@ -698,13 +744,16 @@ def _list_states(dataset: Dataset, name: str) -> tuple[list[str], list[dict[str,
     return labels, indices
 
 
-def plot_seismogram(pulse: Pulse, ax: Axes, balls: int = 6) -> Axes:
+def plot_seismogram(
+    pulse: Pulse, ax: Axes, balls: int = 6, *, errors: Mapping[str, ArrayLike] | None = None
+) -> Axes:
     """Draw the burst of the source, the coherent signal, and the signals of some single balls, one
     above the other.
 
     Means over further planes are drawn too, if the pulse has such planes. Each trace is over time;
     traces of balls and of means are over the greatest signal. A mark shows the time of flight by
-    the envelope, if the time of flight is known.
+    the envelope, if the time of flight is known. The standard errors (n,), m/s, under "coherent" in
+    ``errors``, nan where unknown, are a band about the mean.
     """
     seconds, unit = prefixed(float(pulse.times[-1]), "s")
     times = pulse.times / seconds
@@ -723,8 +772,11 @@ def plot_seismogram(pulse: Pulse, ax: Axes, balls: int = 6) -> Axes:
         for n in drawn_balls
     ]
     for row, (_, trace, colour) in enumerate(curves):
-        # rows are 1 apart: a trace of 0.45 at most leaves a gap to the next row
-        ax.plot(times, 0.45 * trace - row, color=colour, linewidth=0.7)
+        ax.plot(times, _HEIGHT * trace - row, color=colour, linewidth=0.7)
+    if errors and "coherent" in errors:
+        heights = _HEIGHT * real_array("errors", errors["coherent"]) / greatest_signal
+        mean = ax.lines[1].get_ydata()
+        draw_error_band(ax, times, np.asarray(mean), heights, BLUE, "errors")
     ax.set_yticks(-np.arange(len(curves)), [name for name, _, _ in curves])
     ax.tick_params(axis="y", length=0)
     arrival = ": its arrival is not known"
@@ -738,19 +790,29 @@ def plot_seismogram(pulse: Pulse, ax: Axes, balls: int = 6) -> Axes:
     return ax
 
 
-def pulse_figure(pulse: Pulse) -> Figure:
-    """Draw a figure, one column wide: the seismogram, and the coherent part beside the speckle."""
+def pulse_figure(pulse: Pulse, errors: Mapping[str, ArrayLike] | None = None) -> Figure:
+    """Draw a figure, one column wide: the seismogram, and the coherent part beside the speckle.
+
+    The standard ``errors`` (n,), m/s, of the signals "coherent", "envelope" and "speckle" over
+    time, nan where unknown, are bands.
+    """
     with styled_figure(4.2) as figure:
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.9, 1.0])
-        plot_seismogram(pulse, above)
+        plot_seismogram(pulse, above, errors=errors)
         above.tick_params(axis="x", labelbottom=True)  # a shared axis would hide them
         highest = float(max(pulse.envelope.max(), pulse.speckle_amplitude.max()))
         size, unit = prefixed(highest, "m/s")
-        t = above.lines[0].get_xdata()
-        below.plot(t, pulse.envelope / size, color=BLUE, linewidth=1.0, label="coherent, envelope")
-        below.plot(
-            t, pulse.speckle_amplitude / size, color=VERMILION, linewidth=1.0, label="speckle, rms"
-        )
+        t = np.asarray(above.lines[0].get_xdata())
+        for name, values, colour, label in (
+            ("envelope", pulse.envelope, BLUE, "coherent, envelope"),
+            ("speckle", pulse.speckle_amplitude, VERMILION, "speckle, rms"),
+        ):
+            below.plot(t, values / size, color=colour, linewidth=1.0, label=label)
+            if errors and name in errors:
+                heights = real_array("errors", errors[name]) / size
+                draw_error_band(below, t, values / size, heights, colour, f"{name}-errors")
+        if errors:
+            below.add_line(make_error_handle())
         below.set(
             xlabel=above.get_xlabel(), ylabel=f"Velocity ({write_unit(unit)})", ylim=(0.0, None)
         )

@@ -31,29 +31,46 @@ _CORNERS = (1, 2, 4)
 _TIMED_FREQUENCIES = 128
 
 
-def estimate_edge(
-    serving: ServingMedium, settings: SurfaceSettings, *, has_map: bool
-) -> costs.Cost:
+def estimate_edge(serving: ServingMedium, settings: SurfaceSettings) -> costs.Cost:
     """Return the estimated memory and time of the waves of an edge along its path, of the states of
-    a medium that simulates no arrays, at all its loads; with ``has_map`` also of the spectra of the
-    map of a single state.
+    a medium that simulates no arrays, at all its loads.
     """
-    from granphon.phonons.surfaces import N_FREQUENCIES, estimate_waves_memory
+    from granphon.phonons.surfaces import estimate_waves_memory
 
     balls = serving.packing
-    dimension = balls.structure.dimension
-    n_segments = _SEGMENTS[dimension - 1]
-    n_points = 1 + n_segments * (settings.points - 1)
+    n_points = _count_points(serving, settings)
     n_motions = balls.ball_motions.count * balls.structure.n_balls
-    measured = (dimension, balls.structure.n_balls, balls.friction)
-    n_searches = serving.load.size * n_points / _CORNERS[dimension - 1]
-    units = [costs.Units(n_searches, partial(measure_corners, *measured))]
-    if has_map:
-        n_spectra = n_points * N_FREQUENCIES
-        units.append(costs.Units(n_spectra, partial(_measure_spectrum, *measured)))
+    n_searches = serving.load.size * n_points / _CORNERS[balls.structure.dimension - 1]
+    units = costs.Units(n_searches, partial(measure_corners, *_list_measured(serving)))
     words = f"waves of an edge at {n_points:,} wave vectors"
     memory = estimate_waves_memory(n_motions, n_points)
-    return costs.Cost(memory, units=tuple(units), parts=(words,))
+    return costs.Cost(memory, units=(units,), parts=(words,))
+
+
+def estimate_map(serving: ServingMedium, settings: SurfaceSettings) -> costs.Cost:
+    """Return the estimated time of the spectra of an edge along its path, of the one state of a
+    medium that simulates no arrays.
+    """
+    from granphon.phonons.surfaces import N_FREQUENCIES
+
+    n_points = _count_points(serving, settings)
+    measure = partial(_measure_spectrum, *_list_measured(serving))
+    words = f"spectra of an edge at {n_points:,} wave vectors"
+    return costs.Cost(units=(costs.Units(n_points * N_FREQUENCIES, measure),), parts=(words,))
+
+
+def _count_points(serving: ServingMedium, settings: SurfaceSettings) -> int:
+    """Return the number of wave vectors on the path along an edge."""
+    n_segments = _SEGMENTS[serving.packing.structure.dimension - 1]
+    return 1 + n_segments * (settings.points - 1)
+
+
+def _list_measured(serving: ServingMedium) -> tuple[int, int, bool]:
+    """Return what the time of an edge depends on: the dimension, the number of balls in a layer,
+    and whether there is friction.
+    """
+    structure = serving.packing.structure
+    return structure.dimension, structure.n_balls, serving.packing.friction
 
 
 def estimate_corners_memory(dimension: int, n_motions: int) -> float:

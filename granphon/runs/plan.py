@@ -71,6 +71,8 @@ if TYPE_CHECKING:
 #: a part of the work: the path of the key that asks for it, how the user can make it smaller, and
 #: its cost
 CostPart = tuple[tuple[str, ...], str, Cost]
+#: the path of the key by which the cost of an edge is known
+PLACE_OF_EDGE = ("surface", "points")
 #: greatest number of cases that are all checked; of more cases, only the ends of the axes are
 MOST_CASES = 100
 #: greatest number of states that are all solved by a survey; of more states, the survey solves the
@@ -935,8 +937,8 @@ class Plan:
         return [(("observe",), mend, replace(total, parts=total.parts[:1]))]
 
     def _cost_waves_of_edge(self) -> list[CostPart]:
-        """Return the part of the work that finds the waves of an edge, and the map of a single
-        state; empty if the scene observes none.
+        """Return the part of the work that finds the waves of an edge; empty if the scene observes
+        none.
         """
         surface = self.grid.request.surface
         if surface is None:
@@ -944,7 +946,7 @@ class Plan:
         from granphon.runs.edge_costs import estimate_edge  # other runs do not need it
 
         works = [
-            estimate_edge(serving, surface, has_map=not self.grid.swept)
+            estimate_edge(serving, surface)
             for case in self.checked_cases
             for serving in case.serving_media
             if not serving.arrays
@@ -953,7 +955,7 @@ class Plan:
             return []
         total = self._add_over_cases(works)
         mend = "Take fewer points, loads or balls"
-        return [(("surface", "points"), mend, replace(total, parts=total.parts[:1]))]
+        return [(PLACE_OF_EDGE, mend, replace(total, parts=total.parts[:1]))]
 
 
 def _estimate_waves(medium: DirectSimulation, load: Load, settings: WaveSettings) -> Iterator[Cost]:

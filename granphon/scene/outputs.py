@@ -23,13 +23,13 @@ import numpy as np
 
 from granphon.base.errors import GranphonError, InputError, brief, one_line
 from granphon.base.registry import Registry
-from granphon.base.tables import Heading, table_text
+from granphon.base.tables import Heading, Table, table_text
 from granphon.base.text import dump_yaml, parse_yaml, read_yaml, require_schema
 from granphon.media import cost as costs
 from granphon.media.cost import Cost
 from granphon.media.network_file import TABLES
 from granphon.observables.catalogue import CATALOGUE, WAVE_COSTS, CostClass, is_free
-from granphon.runs.plan import CostPart
+from granphon.runs.plan import PLACE_OF_EDGE, CostPart
 from granphon.runs.workers import packages
 from granphon.waves.settings import RESPONSES
 
@@ -85,8 +85,8 @@ class Export:
     write : function that writes the files of numbers of the results into a folder.
     read : function that returns the value from the path of the file ``source``.
     columns : function of the results of a run that returns the numbers of its tables, arrays by
-        name, of which standard errors are found if parameters have them; ``write`` finds these in
-        the attribute ``column_errors`` of the results.
+        name, of which standard errors are found if parameters have them: those that
+        :meth:`Results.find_errors` gives to ``write`` and ``draw``.
     along : the name of that of the ``columns`` at whose values all others are compared, such as a
         time.
     of_states : whether the files have the standard errors that the data set of the states has.
@@ -202,6 +202,16 @@ class Export:
         assert self.cost is not None
         return self._call(self.cost, scene)  # type: ignore[no-any-return]
 
+    def read_errors(self, folder: Path) -> dict[str, Any]:
+        """Return the standard errors that the table of the output in a ``folder`` has, arrays by
+        the names of its columns; empty without such a table.
+        """
+        if self.columns is None:
+            return {}
+        paths = [folder / name for name in self.numbers if name.endswith(".csv")]
+        tables = [Table.read(path) for path in paths if path.is_file()]
+        return tables[0].list_errors() if tables else {}
+
     def find_value(self, run: Any) -> Any:
         """Return the value of the output, found from the results of a ``run``; None for an output
         without a value of its own.
@@ -283,7 +293,7 @@ class Results:
     folder : the folder of the results.
     values : the values that have been found or read, by the names of outputs.
     column_errors : standard errors of the numbers of tables, by the names of outputs and then by
-        those of columns; empty of results that were read.
+        those of columns, as far as they were found or read so far.
     """
 
     folder: Path
@@ -304,6 +314,14 @@ class Results:
             else:
                 self.values[name] = row.find_value(self)
         return self.values[name]
+
+    def find_errors(self, name: str) -> dict[str, Any]:
+        """Return the standard errors of the numbers in the table of the output ``name``, arrays by
+        the names of columns; empty without errors. They are read from the table, and kept.
+        """
+        if name not in self.column_errors:
+            self.column_errors[name] = OUTPUTS[name].read_errors(self.folder)
+        return self.column_errors[name]
 
     @property
     def dataset(self) -> Dataset:
@@ -662,6 +680,14 @@ def _cost_dos(scene: Any) -> CostPart:
     return ("phonopy", "mesh"), "Take a coarser mesh", cost
 
 
+def _cost_surface(scene: Any) -> CostPart:
+    """Return the cost of the map of an edge, with its key and how it is made smaller."""
+    from granphon.runs.edge_costs import estimate_map  # other runs do not need it
+
+    cost = estimate_map(scene.serving, scene.observed_settings("surface"))
+    return PLACE_OF_EDGE, "Take fewer points or balls", cost
+
+
 def _cost_design(scene: Any) -> CostPart:
     """Return the cost of the search for a design, with its key and how it is made smaller."""
     return ("design",), "Take fewer balls, steps or restarts", scene.posed_design.cost
@@ -728,7 +754,7 @@ def _write_motion(run: Any, folder: Path) -> None:
 
     motion = run["balls_in_motion"]
     motion.write(folder / "motion.nc")
-    errors = run.column_errors.get("balls_in_motion")
+    errors = run.find_errors("balls_in_motion")
     write_contacts(motion, folder / "motion_contacts.csv", run.scene.motion, errors)
 
 
@@ -745,7 +771,7 @@ def _write_with_table(name: str, run: Any, folder: Path) -> None:
     itself, with standard errors, as NAME.csv.
     """
     _write_json(run[name], folder / f"{name}.json")
-    run[name].write_csv(folder / f"{name}.csv", errors=run.column_errors.get(name))
+    run[name].write_csv(folder / f"{name}.csv", errors=run.find_errors(name))
 
 
 def _write_surface(run: Any, folder: Path) -> None:
@@ -804,7 +830,7 @@ def _write_fields(
     _write_json(run[name], folder / f"{name}.json")
     headings = [Heading(heading, unit) for heading, unit, _ in columns]
     of_columns = {heading.name: heading for heading in headings}
-    errors = run.column_errors.get(name, {})
+    errors = run.find_errors(name)
     headings += [of_columns[heading].of_error for heading in errors]
     values = [*_list_fields(name, columns, run).values(), *errors.values()]
     rows = np.transpose(values).tolist()
@@ -821,7 +847,7 @@ def _list_fields(name: str, columns: Sequence[tuple[str, str, str]], run: Any) -
 
 def _write_dos(run: Any, folder: Path) -> None:
     """Write the density of states with its standard errors as dos.csv."""
-    run["dos"].write_csv(folder / "dos.csv", errors=run.column_errors.get("dos"))
+    run["dos"].write_csv(folder / "dos.csv", errors=run.find_errors("dos"))
 
 
 def _write_design(run: Any, folder: Path) -> None:
@@ -915,6 +941,15 @@ def _plot(name: str, results: Any) -> Any:
     from granphon.figures.plot import plot
 
     return plot(results[name])
+
+
+def _plot_with_errors(name: str, results: Any) -> Any:
+    """Return the figure by which :func:`granphon.plot` shows the value of the output ``name``, with
+    the standard errors that its table has.
+    """
+    from granphon.figures.plot import plot
+
+    return plot(results[name], errors=results.find_errors(name))
 
 
 def _plot_sample(run: Any) -> Any:
@@ -1031,7 +1066,14 @@ def _draw_bands(results: Any, asymptotes: Any = None) -> Any:
     lattice = None if bands is None else asymptotes
     data = results["states"]
     errors = None if bands is None or data is None else data.get("frequencies_error")
-    return bands_figure(bands, results["dos"], asymptotes=lattice, gaps=gaps, errors=errors)
+    return bands_figure(
+        bands,
+        results["dos"],
+        asymptotes=lattice,
+        gaps=gaps,
+        errors=errors,
+        dos_errors=results.find_errors("dos"),
+    )
 
 
 # -- the table -------------------------------------------------------------------------------------
@@ -1050,6 +1092,7 @@ _PULSE_COLUMNS = (
     ("time", "s", "times"),
     ("force_sent", "N", "sent"),
     ("coherent", "m/s", "coherent"),
+    ("envelope", "m/s", "envelope"),
     ("speckle", "m/s", "speckle_amplitude"),
 )
 for _row in (
@@ -1247,6 +1290,7 @@ for _row in (
         observed="surface",
         states="one",
         find=_find_surface,
+        cost=_cost_surface,
         write=_write_surface,
         of_states=True,
         read=partial(_read_json, "SurfaceSpectrum"),
@@ -1384,7 +1428,7 @@ for _row in (
         columns=partial(_list_fields, "sample_dos", _DENSITY_COLUMNS[:-1]),
         along="frequency",
         read=partial(_read_json, "SpectralDensity"),
-        draw=partial(_plot, "sample_dos"),
+        draw=partial(_plot_with_errors, "sample_dos"),
         occasion="`dos`, a simulation, one state",
         words="density of states of the first sample: `gp.SpectralDensity.from_dict`",
         caption="Density of states of the simulated arrays",
@@ -1400,7 +1444,7 @@ for _row in (
         write=partial(_write_with_table, "spectrum"),
         columns=lambda run: run["spectrum"].numbers,
         read=partial(_read_json, "PathSpectra"),
-        draw=partial(_plot, "spectrum"),
+        draw=partial(_plot_with_errors, "spectrum"),
         words="spectral functions of the first sample; their peaks, widths, mean free paths; map",
         caption="Spectral functions of the simulated arrays",
     ),
@@ -1416,7 +1460,7 @@ for _row in (
         columns=partial(_list_fields, "pulse", _PULSE_COLUMNS),
         along="time",
         read=partial(_read_json, "Pulse"),
-        draw=partial(_plot, "pulse"),
+        draw=partial(_plot_with_errors, "pulse"),
         words="what was sent and heard: `gp.Pulse.from_dict`; force, coherent signal, speckle;"
         " figure",
         caption="A pulse through the simulated arrays",

@@ -42,7 +42,7 @@ from granphon.observables.validity import Validity
 from granphon.observables.velocities import Moduli, SoundVelocities
 from granphon.runs.execution import Means
 from granphon.runs.finished_tasks import Store, open_store
-from granphon.runs.plan import CostPart, Plan, keep_incomplete
+from granphon.runs.plan import PLACE_OF_EDGE, CostPart, Plan, keep_incomplete
 from granphon.runs.tasks import Grid, Request, Written
 from granphon.runs.workers import packages
 from granphon.scene import file_keys
@@ -460,7 +460,19 @@ class Scene(SceneValues):
 
     def _list_parts(self, rows: Sequence[Export]) -> list[CostPart]:
         """Return the :attr:`parts` of the work, of which those on outputs are of the ``rows``."""
-        return [*self.plan.parts, *(row.estimate_cost(self) for row in rows if row.cost)]
+        n_errors = len(self.errors)
+        # the scene itself, the two shifted scenes of each parameter with an error, and for waves of
+        # an edge two more, with a small change
+        counted = [
+            (part, 1 + (4 if part[0] == PLACE_OF_EDGE else 2) * n_errors)
+            for part in self.plan.parts
+        ]
+        counted += [
+            (row.estimate_cost(self), 1 + 2 * n_errors * _is_uncertain(row))
+            for row in rows
+            if row.cost
+        ]
+        return [(path, mend, cost.times(count)) for (path, mend, cost), count in counted]
 
     def cost(self) -> Cost | None:
         """Memory and time that the scene will take, its parts done one after the other; None if
@@ -473,18 +485,19 @@ class Scene(SceneValues):
 
     def _add_costs(self, rows: Sequence[Export]) -> Cost | None:
         """Return the :meth:`cost` of the scene, whose outputs are the ``rows``."""
-        cost = self.plan.add_costs(self._list_parts(rows))
-        if cost is None or not self.errors:
-            return cost
-        # the scene itself, and the two shifted scenes of each parameter with an error
-        return cost.times(1.0 + 2.0 * len(self.errors))
+        return self.plan.add_costs(self._list_parts(rows))
 
 
 def _list_uncertain(scene: Scene) -> list[Export]:
     """Return the rows of those outputs of a ``scene`` that have numbers for the summary or tables,
     whose standard errors are found.
     """
-    return [row for row in list_outputs(scene) if row.summarise or row.columns]
+    return [row for row in list_outputs(scene) if _is_uncertain(row)]
+
+
+def _is_uncertain(row: Export) -> bool:
+    """Whether an output has numbers whose standard errors are found from those of parameters."""
+    return row.summarise is not None or row.columns is not None
 
 
 def _list_columns(row: Export, result: RunResult) -> dict[str, Any]:
@@ -579,6 +592,12 @@ class RunResult(Results):
         if is_of_run and self.rows:
             self.values[name] = row.find_value(self)
         return super().__getitem__(name)
+
+    def find_errors(self, name: str) -> dict[str, Any]:
+        """Return the standard errors of the numbers in the table of the output ``name``, as
+        :meth:`Results.find_errors` does; in the result of a run they are never read.
+        """
+        return self.column_errors.get(name, {}) if self.rows else super().find_errors(name)
 
     @property
     def bands(self) -> Bands | None:

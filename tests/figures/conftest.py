@@ -26,6 +26,14 @@ def with_gid(ax, gid):
     return next(artist for artist in ax.get_children() if artist.get_gid() == gid)
 
 
+def read_edges(band):
+    """The least and the greatest y of a band at each x, (n, 2)."""
+    corners = band.get_paths()[0].vertices
+    return np.array(
+        [[f(corners[corners[:, 0] == x, 1]) for f in (min, max)] for x in np.unique(corners[:, 0])]
+    )
+
+
 def assert_inside_page(figure):
     """Nothing sticks out of the page."""
     tight = figure.get_tightbbox()

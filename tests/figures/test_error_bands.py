@@ -15,6 +15,7 @@ from granphon.figures.bands import bands_figure, plot_bands
 from granphon.figures.curves import plot_sweep
 from granphon.figures.gaps import cutoffs_figure
 from granphon.figures.waves import responses_figure
+from tests.figures.conftest import read_edges
 
 STEEL = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)
 FORCE = np.array([2.0, 8.0, 32.0])
@@ -24,14 +25,6 @@ def find(ax, gid):
     """The one collection of an Axes with a group id."""
     (drawn,) = [part for part in ax.collections if part.get_gid() == gid]
     return drawn
-
-
-def read_edges(band):
-    """The least and the greatest y of a band at each x, (n, 2)."""
-    corners = band.get_paths()[0].vertices
-    return np.array(
-        [[f(corners[corners[:, 0] == x, 1]) for f in (min, max)] for x in np.unique(corners[:, 0])]
-    )
 
 
 def test_a_band_reaches_from_curve_minus_error_to_curve_plus_error():

@@ -16,10 +16,11 @@ from granphon.base.text import read_yaml
 from granphon.cli.main import main
 from granphon.figures.motions import motions_figure
 from granphon.fits.measurements import Measurements
-from granphon.scene.outputs import OUTPUTS
+from granphon.scene.outputs import OUTPUTS, Results
 from granphon.scene.report import read_report
 from granphon.scene.uncertainty import Spread
 from tests.conftest import one_error
+from tests.figures.conftest import read_edges, with_gid
 from tests.scene.mistakes import BALLS
 
 SCENE = (
@@ -442,6 +443,89 @@ def test_bands_and_densities_of_one_state_have_errors_in_their_files(files):
     expected = 0.5 * np.abs(scaled[1] - scaled[0])
     largest = np.max(expected[known])
     assert_allclose(found["total_error_per_Hz"][known], expected[known], atol=1e-6 * largest)
+
+
+def test_a_density_that_is_drawn_again_has_the_band_of_its_table(files):
+    results = Results(files)
+    errors = results.find_errors("dos")["total"]
+    dos = results["dos"]
+    row = OUTPUTS["bands"]
+    _, beside, *_ = row.make_figure(results).axes
+    corners = with_gid(beside, "errors").get_paths()[0].vertices
+    widths = [np.ptp(corners[corners[:, 1] == y, 0]) for y in dos.frequencies / 1e3]
+    assert_allclose(widths, 2e3 * np.nan_to_num(errors), rtol=1e-9, atol=1e-12)
+    assert "total_error" not in results["dos"].to_dict()
+
+
+ARRAY = """
+material: {young_modulus: 211 +- 4 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing: {diameter: 8 mm, spread: {uniform: 4 um}}
+load: {force: 18.4 N}
+medium: {simulation: {shape: 3 6, samples: 1, seed: 1}}
+observe: [dos, spectrum, pulse]
+spectrum: {points: 3, polarisation: [longitudinal, transverse]}
+pulse: {frequency: 6 kHz, distance: 15 mm}
+"""
+
+
+def test_densities_of_a_sweep_have_the_difference_of_both_ends(tmp_path):
+    """Of two loads, each at the frequencies of its own density."""
+    swept = re.sub("(spectrum|pulse): {.*}\n", "", ARRAY).replace("18.4 N", "[2 N, 20 N]")
+    swept = swept.replace("dos, spectrum, pulse", "dos")
+    run = gp.Scene.from_text(swept).run(tmp_path, figures=False)
+    data = run.dataset
+    names = ["dos_frequency", "dos_total"]
+    ends = [
+        gp.Scene.from_text(swept.replace("211 +- 4", young)).sweep()[names]
+        for young in ("207", "215")
+    ]
+    for load in range(2):
+        frequencies, _ = (data[name].values[load, 0] for name in names)
+        lower, upper = (
+            np.interp(frequencies, *(end[name].values[load, 0] for name in names), right=np.nan)
+            for end in ends
+        )
+        errors = data["dos_total_error"].values[load, 0]
+        assert_allclose(errors, 0.5 * np.abs(upper - lower), rtol=1e-9, atol=1e-18)
+        assert np.nanmax(errors) > 0.0
+    assert "dos_total_error (1/Hz)" in (tmp_path / "sweep_dos.csv").read_text().split("\n")[0]
+    (panel,) = OUTPUTS["sweep_dos"].make_figure(Results(tmp_path)).axes
+    bands = [part for part in panel.collections if part.get_gid() == "errors"]
+    both = np.hypot(data["dos_error"], np.nan_to_num(data["dos_total_error"])).values[:, 0]
+    for band, errors in zip(bands, both, strict=True):
+        widths = np.diff(read_edges(band))[:, 0]
+        assert_allclose(widths, 2e3 * errors, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_figures_of_arrays_have_bands_of_errors_also_when_they_are_drawn_again(tmp_path):
+    run = gp.Scene.from_text(ARRAY).run(tmp_path, figures=False)
+    for results in (run, Results(tmp_path)):
+        pulse = results.find_errors("pulse")
+        above, below = OUTPUTS["pulse"].make_figure(results).axes
+        for name in ("envelope", "speckle"):
+            edges = read_edges(with_gid(below, f"{name}-errors"))
+            expected = 2.0 * np.nan_to_num(pulse[name])
+            assert_allclose(np.diff(edges)[:, 0], expected * 1e3, atol=1e-9)
+        assert with_gid(above, "errors").get_paths()
+        (density,) = OUTPUTS["sample_dos"].make_figure(results).axes
+        bands = [part for part in density.collections if part.get_gid() == "errors"]
+        assert len(bands) == 3
+        of_lines = results.find_errors("spectrum")["attenuation"].reshape(2, -1)
+        expected = []
+        for line, errors in zip(results["spectrum"].spectra, of_lines, strict=True):
+            is_drawn = line.resolved & (line.width > 0.0)
+            above_line = errors[is_drawn]
+            # the axis is logarithmic: bars do not reach zero
+            expected.extend(above_line + np.minimum(above_line, 0.9 * line.attenuation[is_drawn]))
+        bars = [
+            np.ptp(segment[:, 1])
+            for part in OUTPUTS["spectrum"].make_figure(results).axes[2].collections
+            for segment in part.get_segments()
+            if np.ptp(segment[:, 0]) == 0.0
+        ]
+        assert len(bars) > 1
+        assert_allclose(np.sort(bars), np.sort(expected), rtol=1e-9)
 
 
 @pytest.mark.claim("errors-files")
