@@ -88,8 +88,8 @@ def measure_turned(
 
 @compiled
 def measure_distances(vector: Array, length: Array, normal: Array, loss: Array) -> None:
-    """Set the ``normal`` of contacts (n_c, d) to the direction of their ``vector`` r (n_c, d), and
-    the ``loss`` |r| - l of overlaps (n_c,).
+    """Set the ``normal`` of contacts (n_c, d) to the direction of their ``vector`` r (n_c, d), or to
+    zero where r is zero and has none, and the ``loss`` |r| - l of overlaps (n_c,).
     """
     d = vector.shape[1]
     for contact in range(len(vector)):
@@ -97,8 +97,9 @@ def measure_distances(vector: Array, length: Array, normal: Array, loss: Array) 
         for axis in range(d):
             square += vector[contact, axis] * vector[contact, axis]
         distance = math.sqrt(square)
+        divisor = distance if distance > 0.0 else 1.0
         for axis in range(d):
-            normal[contact, axis] = vector[contact, axis] / distance
+            normal[contact, axis] = vector[contact, axis] / divisor
         loss[contact] = distance - length[contact]
 
 

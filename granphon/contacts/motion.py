@@ -460,7 +460,8 @@ def _find_arms(network: ContactNetwork, pairs: MetPairs) -> Array:
 
 def _find_ratios(network: ContactNetwork, pairs: MetPairs, punch: Array) -> Array:
     """Return the stiffnesses of contacts and pairs against slip (3, n_c), or against slip, twist
-    and roll (7, n_c) if some contact resists twist or roll, over those of flat punches.
+    and roll (7, n_c) if some contact resists twist or roll, or has a static torque on balls that
+    rotate, over those of flat punches.
 
     The ratios of twist and roll of a pair, m^2, are the square of the distance of its balls at
     touch times the mean over contacts of the ratio over that square.
@@ -471,6 +472,8 @@ def _find_ratios(network: ContactNetwork, pairs: MetPairs, punch: Array) -> Arra
         np.append(stiffness / punch, np.mean(stiffness / punch / squares) * pair_squares)
         for stiffness in (network.torsion_stiffness, network.bending_stiffness)
     )
-    if np.any(twist) or np.any(roll):
+    has_torque = network.contact_torque is not None and np.any(network.contact_torque)
+    turns_balls = has_torque and network.ball_motions.rotations
+    if turns_balls or np.any(twist) or np.any(roll):
         return np.array([slip, slip, slip, twist, roll, roll, roll])
     return np.array([slip, slip, slip])

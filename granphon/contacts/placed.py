@@ -25,7 +25,7 @@ def find_overlaps(
     vector: Array, length: float | Array, at_length: float | Array, normal: Array | None = None
 ) -> tuple[Array, Array]:
     """Return the overlaps (n_c,) of contacts, and the directions (n_c, d) along which they push
-    balls j.
+    balls j; the direction of a contact along ``vector`` is zero where the centres coincide.
 
     Parameters
     ----------

@@ -55,6 +55,13 @@ _LEVEL = 1e-9
 _MOST_ERROR = 6e-2
 #: least difference from one of the ratio of all overlaps to those of places, with a warning
 _LEAST_WARNED_RATIO = 0.049
+#: factor between the overlap of a single contact and that of its places, with a warning
+_FAR = 10.0
+#: least overlap, and least force of the law at an overlap, over the mean of all contacts, for which
+#: single contacts are told: weaker contacts may have opened since
+_LEAST_TOLD = 1e-2
+#: most contacts that a warning names
+_NAMED = 3
 #: least tangential force over the force of a contact for which force vectors are more than normal
 _ACROSS = 1e-3
 #: least component of the direction of a normal along the line of the centres for which a body that
@@ -309,7 +316,7 @@ class Source:
         ``positions`` are (n, 3), m; ``pbc`` (3,) says along which vectors of the cell the network
         repeats. Raises one InputError that tells all balls and contacts that cannot be used; with
         ``drops``, if only contacts are at fault, these are left out, with one warning. InputError,
-        too, for a cell out of range, or whose periods are not independent.
+        too, for a cell out of range, or whose periods are not independent, and without a ball.
         """
         lengths = np.max(np.abs(self.cell), axis=1)
         is_in_range = (lengths < LARGEST) & ((lengths > 1.0 / LARGEST) | ~self.pbc)
@@ -319,6 +326,9 @@ class Source:
         if len(periods) and np.linalg.matrix_rank(periods) < len(periods):
             problem = "the periodic vectors of the cell are not independent of each other"
             raise InputError(problem, mend="Give other vectors, or name fewer as periodic")
+        if np.all(self.balls.radii == np.inf):
+            what = "flat walls alone" if len(self.balls.radii) else "no rows"
+            raise InputError(f"{self.balls.name} has no balls: {what}", mend="Give one or more")
         ball_faults = self.balls.find_faults()
         places = _Places(self.balls, positions, self.cell, pbc, ball_faults.is_bad)
         joinings = [_Joining(places, contacts, self.adhesive) for contacts in self.contacts]
@@ -700,7 +710,7 @@ class _Joined:
         """Return the fields of the contacts of the network, by name, each (m,) or (m, 3), SI.
 
         Where stiffnesses follow from Hertz's law, contacts without force are open: they are left
-        out.
+        out. Warns if the balls of such contacts overlap (:func:`_warn_of_open`).
         """
         contacts = self.contacts
         pairs = self.pairs
@@ -726,6 +736,9 @@ class _Joined:
         if torque is not None:
             fields_of_contacts["contact_torque"] = torque
         if contacts.normal_stiffness is None:
+            if self.normal_force is not None and completion.material is not None:
+                coefficient = pairs.find_coefficient(completion.material)
+                _warn_of_open(contacts, balls, pairs, coefficient, force)
             return _leave_out(fields_of_contacts, force <= 0.0)
         return fields_of_contacts
 
@@ -867,20 +880,15 @@ def _judge_errors(
     errors come from the rounding of the overlaps of the source, or else of its places and radii.
     Of smaller errors the network itself warns (:mod:`granphon.networks.consistency`).
     """
-    if contacts.overlap is None:
-        rounded = f"places of {balls.name}"
-        _greatest, error = _find_errors(balls, pairs)
-    else:
-        rounded = "the overlaps"
-        # rounding errors are uniform up to the greatest one: the standard error is that over root 3
-        error = find_rounding(contacts.overlap) / math.sqrt(3.0)
+    rounded = f"places of {balls.name}" if contacts.overlap is None else "the overlaps"
+    _greatest, error = _find_errors(contacts, balls, pairs)
     if not error.size:
         return
     force_error = float(np.sum(find_force(error) - find_force(-error))) / 2.0
     total_force = float(np.sum(find_force()))
-    error_share = force_error / total_force if force_error < total_force else 1.0
-    if error_share <= _MOST_ERROR:
+    if force_error <= _MOST_ERROR * total_force:  # both may be zero, of balls that just touch
         return
+    error_share = min(force_error / total_force, 1.0) if total_force else 1.0
     raise InputError(
         f"{contacts.name} has no forces, and those of the overlaps are off by {error_share:.0%}, as"
         f" {rounded} are rounded: {float(np.max(error)):.2g} m in an overlap",
@@ -890,9 +898,20 @@ def _judge_errors(
     )
 
 
-def _find_errors(balls: Balls, pairs: _Pairs) -> tuple[Array, Array]:
+def _find_errors(contacts: Contacts, balls: Balls, pairs: _Pairs) -> tuple[Array, Array]:
+    """Return the greatest and the standard errors, each (n_c,), m, that rounding leaves in the
+    overlaps of ``pairs``: those of the source, or else those of places and radii.
+    """
+    if contacts.overlap is None:
+        return _find_errors_of_places(balls, pairs)
+    # rounding errors are uniform up to the greatest one: the standard error is that over root 3
+    greatest = find_rounding(contacts.overlap)
+    return greatest, greatest / math.sqrt(3.0)
+
+
+def _find_errors_of_places(balls: Balls, pairs: _Pairs) -> tuple[Array, Array]:
     """Return the greatest and the standard errors, each (n_c,), m, that the rounding of places and
-    radii leaves in the overlaps of ``pairs``.
+    radii leaves in the overlaps that follow from these.
     """
     return find_errors_of_overlaps(
         balls.rounding, balls.radius_rounding, pairs.i, pairs.j, pairs.normal
@@ -900,20 +919,74 @@ def _find_errors(balls: Balls, pairs: _Pairs) -> tuple[Array, Array]:
 
 
 def _compare_overlaps(contacts: Contacts, balls: Balls, pairs: _Pairs) -> None:
-    """Warn if the median ratio of the overlaps of the source to those of places and radii differs
-    from one by 5 % or more; pairs whose overlap is uncertain by that much from rounding alone do
-    not count.
+    """Warn if the overlaps of the source are not those of places and radii, ``pairs.overlap``.
+
+    First the median of their ratio is compared with one, to 5 %; pairs whose overlap is uncertain
+    by that much from rounding alone do not count. If the median is near to one, single overlaps
+    that are ten times those of places, or a tenth, are told.
     """
     assert contacts.overlap is not None
-    greatest, _standard = _find_errors(balls, pairs)
+    greatest, _standard = _find_errors_of_places(balls, pairs)
     is_clear = pairs.has_overlap & (pairs.overlap * _LEAST_WARNED_RATIO > greatest)
-    if not np.any(is_clear):
+    if np.any(is_clear):
+        ratio = float(np.median(contacts.overlap[is_clear] / pairs.overlap[is_clear]))
+        if abs(ratio - 1.0) >= _LEAST_WARNED_RATIO:
+            fault = f"{contacts.name}: the overlaps are {ratio:.4g} times those of places and radii"
+            mend = "Compare their units, and those of places and radii"
+            warn_caller(message(fault, mend=mend), InconsistencyWarning)
+            return
+    _warn_of_single_overlaps(contacts, pairs, greatest)
+
+
+def _warn_of_single_overlaps(contacts: Contacts, pairs: _Pairs, greatest: Array) -> None:
+    """Warn of overlaps of the source that are ten times those of places and radii or a tenth, also
+    if the latter have the ``greatest`` errors (n_c,), m, and that are not small beside others.
+    """
+    assert contacts.overlap is not None
+    own = np.maximum(contacts.overlap, 0.0)
+    lowest = np.maximum(pairs.overlap - greatest, 0.0)
+    highest = np.maximum(pairs.overlap + greatest, 0.0)
+    is_far = (own > _FAR * highest) | (lowest > _FAR * own)
+    least_told = _LEAST_TOLD * float(np.sum(own)) / max(len(own), 1)
+    is_large = np.maximum(own, lowest) > least_told
+    odd = np.flatnonzero(pairs.has_overlap & is_far & is_large)
+    if not odd.size:
         return
-    ratio = float(np.median(contacts.overlap[is_clear] / pairs.overlap[is_clear]))
-    if abs(ratio - 1.0) >= _LEAST_WARNED_RATIO:
-        fault = f"{contacts.name}: the overlaps are {ratio:.4g} times those of places and radii"
-        mend = "Compare their units, and those of places and radii"
-        warn_caller(message(fault, mend=mend), InconsistencyWarning)
+    shown = [
+        f"{contacts.describe(row)}, {contacts.overlap[row]:.3g} m where places have"
+        f" {pairs.overlap[row]:.3g} m"
+        for row in odd[:_NAMED].tolist()
+    ]
+    fault = (
+        f"{contacts.name}: {counted(odd.size, 'overlap is', 'overlaps are')} more than ten times"
+        f" that of places and radii, or less than a tenth: {'; '.join(shown)}"
+    )
+    warn_caller(message(fault, "The overlaps count"), InconsistencyWarning)
+
+
+def _warn_of_open(
+    contacts: Contacts, balls: Balls, pairs: _Pairs, coefficient: Array, force: Array
+) -> None:
+    """Warn of contacts whose ``force`` (n_c,), N, is zero, and whose balls overlap: Hertz's law
+    with the ``coefficient`` (n_c,), N/m^(3/2), gives a force that is not small beside others, also
+    at the least overlap that rounding allows.
+    """
+    greatest, _standard = _find_errors(contacts, balls, pairs)
+    force_of_law = _force_of_overlap(coefficient, pairs.overlap, -greatest)
+    least_told = _LEAST_TOLD * float(np.sum(np.abs(force))) / max(len(force), 1)
+    odd = np.flatnonzero(pairs.has_overlap & (force == 0.0) & (force_of_law > least_told))
+    if not odd.size:
+        return
+    shown = [
+        f"{contacts.describe(row)}, where the overlap makes {force_of_law[row]:.3g} N"
+        for row in odd[:_NAMED].tolist()
+    ]
+    fault = (
+        f"{contacts.name}: {counted(odd.size, 'contact has', 'contacts have')} no force, though"
+        f" the balls overlap: {'; '.join(shown)}"
+    )
+    why = "Such contacts are left out as open ones"
+    warn_caller(message(fault, why, "Compare the column of forces"), InconsistencyWarning)
 
 
 def _leave_out(fields: Mapping[str, Any], is_open: Flags) -> dict[str, Any]:

@@ -24,7 +24,7 @@ from granphon.balls.material import Material
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InconsistencyWarning, message, warn_caller
 from granphon.base.text import counted
-from granphon.networks.sources import find_errors_of_overlaps, find_rounding
+from granphon.networks.sources import LARGEST, find_errors_of_overlaps, find_rounding
 
 #: sum of the forces on a ball, over the mean force of a contact, up to which they are in balance
 #: where static forces act: programs of discrete elements leave 1e-4 or less, and weights, walls or
@@ -256,9 +256,10 @@ class _Overlaps:
     def of(cls, network: Any) -> Self:
         """Return the overlaps of a network."""
         force = network.normal_force
-        contacts = np.flatnonzero(
-            (force > 0.0) & network.moving[network.i] & network.moving[network.j]
-        )
+        # a force that is so small that the overlap underflows is none
+        has_force = force / network.normal_stiffness > 1.0 / LARGEST
+        both_move = network.moving[network.i] & network.moving[network.j]
+        contacts = np.flatnonzero(has_force & both_move)
         i = network.i[contacts]
         j = network.j[contacts]
         reading = network.reading

@@ -7,6 +7,7 @@ The formats are those of MercuryDPM's documentation and source (``BaseInteractio
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -34,6 +35,8 @@ _OF_BALLS = {
 }
 #: lines of the heading of a time in .fstat
 _HEADING = 3
+#: no file has as many balls or contacts
+_MOST = 1e12
 #: greatest relative difference of times that are one: files have some ten digits
 _SAME_TIME = 1e-6
 
@@ -86,7 +89,8 @@ class _Data(_Times):
         while not lines.at_end:
             number, *further_numbers = _read_numbers(lines)
             n_bounds = len(further_numbers) - 1
-            if n_bounds not in _OF_BALLS or not 0.0 <= number < 1e12 or number % 1.0:
+            is_count = 0.0 <= number < _MOST and not number % 1.0
+            if n_bounds not in _OF_BALLS or not is_count or not math.isfinite(further_numbers[0]):
                 fault = f"{lines.where}: found {1 + len(further_numbers)} numbers"
                 why = "A time begins with the number of balls, the time and the bounds of the box"
                 raise InputError(
@@ -118,7 +122,7 @@ class _Fstat(_Times):
         for start, end in pairwise([*starts.tolist(), len(lines)]):
             lines.place = start
             words = lines.read().lstrip("#").split()
-            frame = Frame(lines.name, _read_word(lines, ["time", *words], "time")[0], kind)
+            frame = Frame(lines.name, _read_time(lines, ["time", *words]), kind)
             lines.place = min(start + _HEADING, end)
             lines.read_list(frame, _OF_CONTACTS, end - lines.place, kind)
             yield frame
@@ -154,6 +158,8 @@ def read_mercury(
     """
     time = None if time is None else not_negative("time", time, "s")
     state = _read_state(particles, time, pbc, frozen)
+    if not len(state.balls.radii):
+        raise InputError(f"{state.name} has no ball at the time {state.time:g} s")
     touching = _Fstat.open(fstat, "entries").find(state.time)
     contacts, fixed = _read_contacts(touching, state.balls, springs)
     balls = state.balls
@@ -271,14 +277,13 @@ def _read_restart(
     while not lines.at_end:
         words = lines.read().split()
         if "timeMax" in words:
-            time = _read_word(lines, words, "time")[0]
+            time = _read_time(lines, words)
         if "particleDimensions" in words:
             is_plane = _read_word(lines, words, "particleDimensions")[0] == 2.0
         if words[:1] == ["PeriodicBoundary"]:
             shift = _read_word(lines, words, "shift", 3)
-            main_axis = int(
-                np.argmax(np.abs(shift))
-            )  # vectors of the cell are in the order x, y, z
+            # vectors of the cell are in the order x, y, z
+            main_axis = int(np.argmax(np.abs(shift)))
             cell[main_axis] = shift
         elif words[:1] and words[0].endswith("Boundary"):
             notes.append(f"{lines.where}: not read, as the network has no such edge: {words[0]}.")
@@ -286,12 +291,12 @@ def _read_restart(
             break
     else:
         raise InputError(f"{lines.name} ends before its particles", "The file is not whole")
-    n_balls = int(_read_word(lines, words, "Particles")[0])
+    n_balls = _read_count(lines, words, "Particles")
     balls = _read_particles(lines, n_balls, is_plane=is_plane)
     words = lines.read().split()
     interactions = None
     if words[:1] == ["Interactions"]:
-        interactions = int(_read_word(lines, words, "Interactions")[0])
+        interactions = _read_count(lines, words, "Interactions")
     pbc_of_network = _read_pbc(pbc, np.any(cell != 0.0, axis=1))
     return _State(lines.name, time, balls, cell, pbc_of_network, tuple(notes), interactions)
 
@@ -342,6 +347,27 @@ def _read_word(lines: Lines, words: Sequence[str], name: str, count: int = 1) ->
         fault = f"{lines.where}: found no {name} with {count} numbers"
         raise InputError(fault, mend="Is this a file .restart of MercuryDPM, and whole?")
     return numbers
+
+
+def _read_time(lines: Lines, words: Sequence[str]) -> float:
+    """Return the time, s, that follows the word "time" among the ``words`` of the line that was
+    read last; InputError if it is not there, or not finite.
+    """
+    time = _read_word(lines, words, "time")[0]
+    if not math.isfinite(time):
+        raise InputError(f"{lines.where}: found the time {time:g} s", mend="Run it again")
+    return time
+
+
+def _read_count(lines: Lines, words: Sequence[str], name: str) -> int:
+    """Return the whole number, zero or above, that follows the word ``name`` among the ``words`` of
+    the line that was read last; InputError if it is not there, or another number.
+    """
+    number = _read_word(lines, words, name)[0]
+    if not 0.0 <= number < _MOST or number % 1.0:
+        fault = f"{lines.where}: found {name} {number:g}, where a whole number is needed"
+        raise InputError(fault, mend="Is this a file .restart of MercuryDPM, and whole?")
+    return int(number)
 
 
 def _read_pbc(pbc: Any, default: Flags) -> Flags:

@@ -251,6 +251,12 @@ def test_springs_at_places_exert_what_the_tangent_says(dimension):
     np.testing.assert_allclose(by_strain, on_strains, atol=1e-12)
 
 
+def test_balls_at_one_place_have_no_direction():
+    overlap, normal = find_overlaps(np.zeros((2, 3)), np.array([1.0, 2.0]), 0.25)
+    np.testing.assert_array_equal(overlap, [1.25, 2.25])
+    np.testing.assert_array_equal(normal, np.zeros((2, 3)))
+
+
 @given(st.integers(0, 10_000))
 def test_overlaps_at_places_are_those_of_the_distances(seed):
     generator = np.random.default_rng(seed)

@@ -12,6 +12,7 @@ import pytest
 
 import granphon as gp
 from granphon.base.errors import InconsistencyWarning
+from granphon.networks.consistency import compare_numbers
 from tests import packings
 
 CELL = [5.5e-3] * 3
@@ -233,6 +234,17 @@ def test_a_force_of_another_contact_is_counted():
     check = failing(replace(network, normal_force=force))["single forces"]
     pair = network.name_ball(network.i[strongest]), network.name_ball(network.j[strongest])
     assert (check.value, check.worst) == (1.0, (pair,))
+
+
+def test_a_force_that_underflows_is_none():
+    network = read("disks")
+    force = network.normal_force.copy()
+    found = []
+    for least in (1e-320, 0.0):
+        force[0] = least
+        comparisons = compare_numbers(replace(network, normal_force=force))
+        found.append({each.name: each.value for each in comparisons})
+    assert found[0] == found[1]
 
 
 @pytest.mark.parametrize("factor", [1e-2, 1e2])

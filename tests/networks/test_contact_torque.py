@@ -81,9 +81,15 @@ def test_bands_have_the_symmetric_part():
     assert np.max(np.abs(still - matrix)) > 1e-7 * np.max(matrix)
 
 
-def test_small_motions_are_those_of_the_whole_matrix():
-    """What torques add to the spins after a short time is what they add to the acceleration."""
+@pytest.mark.parametrize("has_springs", [True, False])
+def test_small_motions_are_those_of_the_whole_matrix(has_springs):
+    """What torques add to the spins after a short time is what they add to the acceleration, also
+    where nothing resists rolling or twist.
+    """
     network = twisted()
+    if not has_springs:
+        free = np.zeros(network.n_contacts)
+        network = replace(network, torsion_stiffness=free, bending_stiffness=free)
     n = network.n_balls
     both = network, replace(network, contact_torque=None)
     rng = np.random.default_rng(2)

@@ -156,6 +156,23 @@ def test_a_file_of_mercury_that_is_cut_between_two_lines_is_told_by_the_restart(
         gp.ContactNetwork.from_mercury(fstat, restart, GLASS, held_by=1)
 
 
+@pytest.mark.parametrize(
+    ("pattern", "text", "told"),
+    [
+        ("Particles [0-9]+", "Particles 0", "no ball at the time"),
+        ("Particles [0-9]+", "Particles nan", "restart:[0-9]+: found Particles nan"),
+        ("Particles [0-9]+", "Particles -3", "restart:[0-9]+: found Particles -3"),
+        ("Interactions [0-9]+", "Interactions inf", "restart:[0-9]+: found Interactions inf"),
+        (" time [0-9.]+", " time nan", "restart:2: found the time nan"),
+    ],
+)
+def test_counts_and_times_of_mercury_are_numbers(pattern, text, told, tmp_path):
+    fstat, _data, restart = written.write_mercury(written.glass_packing(), tmp_path)
+    restart.write_text(re.sub(pattern, text, restart.read_text()))
+    with pytest.raises(InputError, match=told):
+        gp.ContactNetwork.from_mercury(fstat, restart, GLASS)
+
+
 def test_rows_of_contacts_of_mercury_that_have_run_together_are_told(tmp_path):
     network = written.glass_packing()
     fstat, data, _restart = written.write_mercury(network, tmp_path)
@@ -417,6 +434,10 @@ def test_overlaps_and_force_vectors_take_the_place_of_few_digits(tmp_path):
         gp.ContactNetwork.from_table(
             exact, ends | vectors | {"overlap": 2.0 * deltas["overlap"]}, **options
         )
+    one_off = deltas["overlap"].copy()
+    one_off[3] = 0.0
+    with pytest.warns(InconsistencyWarning, match=f"balls {network.i[3]} and {network.j[3]}, 0 m"):
+        gp.ContactNetwork.from_table(exact, ends | vectors | {"overlap": one_off}, **options)
     in_mm = {"overlap": 1e3 * deltas["overlap"]}
     with pytest.raises(InputError, match=r"an overlap .* places"):
         gp.ContactNetwork.from_table(exact, ends | vectors | in_mm, **options)

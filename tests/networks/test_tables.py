@@ -933,3 +933,18 @@ def test_elements_or_types_of_a_dump_are_kinds(columns, kinds, tmp_path):
         keep_rattlers=True,
     )
     assert network.kinds == kinds
+
+
+@pytest.mark.parametrize(
+    ("balls", "told"),
+    [
+        ({"x": [], "radius": []}, "no rows"),
+        ({"x": [0.0], "radius": [np.inf], "mass": [np.inf]}, "flat walls alone"),
+        ({"x": [0.0, 2e-3], "radius": [1e-3, 1e-3]}, "carry no load"),  # they just touch
+    ],
+)
+def test_tables_without_a_ball_or_a_force(balls, told):
+    ends = [0, 1] if len(balls["x"]) == 2 else []
+    contacts = {"i": ends[:1], "j": ends[1:]}
+    with pytest.raises(InputError, match=told):
+        gp.ContactNetwork.from_table(balls, contacts, material=GLASS)
