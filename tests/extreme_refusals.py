@@ -115,7 +115,8 @@ def unusable_wavevectors() -> Iterable[Callable[[], Any]]:
     lattice = gp.ContactLattice.of("triangular", 0.84)
     state = gp.AveragedLattice(gp.Packing(STEEL, D)).at_force(18.0)
     for q in (math.nan, math.inf, 1.1e15, 1e200, -1.7e308):
-        yield lambda q=q: lattice.frequencies([[q, 0.0]])
+        # a wave vector of the lattice, 1/d, has up to two pi times the number of reciprocal vectors
+        yield lambda q=q: lattice.frequencies([[2.0 * math.pi * q, 0.0]])
         yield lambda q=q: gp.Phonons(state).frequencies([[q, 0.0]])
     yield lambda: lattice.modes([[0.0, 0.0]])
     yield lambda: lattice.modes([[1.0, 0.0]], (0.0, 0.0))

@@ -440,10 +440,8 @@ class Crystal(Result):
         """
         kinds = list_balls(balls)
         find_kinds(kinds)  # raises for an entry that is no ball
-        is_chain = lattice == "chain"
-        if isinstance(lattice, Lattice):
-            is_chain = lattice == LATTICES["chain"]
-        if is_chain:
+        structure = find_structure(lattice)
+        if structure == LATTICES["chain"]:
             radii = np.array([ball.radius for ball in kinds])
             # each ball touches the next, and the last touches the first of the next cell
             next_centres = np.cumsum(radii + np.roll(radii, -1))
@@ -451,7 +449,6 @@ class Crystal(Result):
             period = float(next_centres[-1])
             options = {"name": "chain"} | options
             return cls(kinds, [[period]], positions, **options)
-        structure = find_structure(lattice)
         n = structure.n_balls
         if len(kinds) > n or n % len(kinds):
             raise InputError(

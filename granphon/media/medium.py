@@ -513,6 +513,11 @@ class AveragedForce(LawMedium):
             return packing.law
         return AveragedLaw(packing.law.coefficient, packing.width, packing.spread.shape)
 
+    @in_newtons  # the averaged law knows forces as f*
+    def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
+        """Return the state at a load, see :meth:`LawMedium.at`."""
+        return super().at(load, finite_overlap=finite_overlap)
+
 
 @dataclass(frozen=True, init=False)
 class EffectiveMedium(LawMedium):

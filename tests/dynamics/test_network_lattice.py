@@ -317,8 +317,9 @@ def test_loose_balls_are_set_aside(force, shape, seed):
     lattice = ContactLattice.from_network(sample.network)
     moduli = gp.moduli(network)
     sound = gp.sound_velocities(network, direction=(1, 0))
+    # the sample's tensor is found by iteration, to ten digits
     assert_allclose(
-        moduli.tensor, sample.elastic_tensor, rtol=0.0, atol=1e-12 * np.max(moduli.tensor)
+        moduli.tensor, sample.elastic_tensor, rtol=0.0, atol=1e-10 * np.max(moduli.tensor)
     )
     count = lattice.free_branches
     assert count >= 3 * len(network.rattlers) > 0

@@ -384,7 +384,8 @@ def test_mean_of_samples_leaves_out_those_that_cannot_be_read():
 
 
 def test_array_too_large_for_the_memory_is_refused_with_an_estimate(memory, monkeypatch):
-    text = ALL.replace("[4, 18]", "[3000, 3000]").replace("points: 3", "points: 5")
+    shape = "[3000, 3000], geometry: lattice"
+    text = ALL.replace("[4, 18]", shape).replace("points: 3", "points: 5")
     scene = gp.Scene.from_text(text)
     alone = gp.Scene.from_text(text.replace("[dos, spectrum, pulse]", "[velocities]"))
     # 27 million contacts
