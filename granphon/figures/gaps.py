@@ -219,8 +219,9 @@ def _draw_panels(
     columns: str | None = None,
     tell: Callable[[str], object] | None = None,
 ) -> Figure:
-    """Draw a panel for each medium and combination of parameters, with shared axes, of which that
-    of y reaches to the greatest value of the ``variable``; the other arguments are those of
+    """Return a figure with a panel for each medium and combination of parameters of a sweep, which
+    ``draw`` draws, with shared axes, of which that of y reaches to the greatest value of the
+    ``variable``, Hz, and with a legend of the ``handles``. The other arguments are those of
     :func:`sweep_gaps_figure`.
     """
     x_name = choose_x(dataset, x)
