@@ -134,7 +134,8 @@ def _draw_field(ax: Axes, x: Array, lower: Array, upper: Array, gid: str) -> Non
     is no field.
 
     A point whose neighbours have no field would have no area: there a bar is drawn, with marks at
-    its ends, so that a short bar is seen.
+    its ends, so that a short bar is seen. ``gid`` names the field in an SVG file, and begins the
+    names of its edges.
     """
     ax.fill_between(x, lower, upper, gid=gid, **_FIELD)
     ends = np.flatnonzero(_find_alone(np.isfinite(lower))).tolist()

@@ -408,7 +408,7 @@ def plot_attenuation(
 
     ``power`` is by default that of Rayleigh's scattering by small disorder: omega^(d+1) in d
     dimensions, where d is the number of components of q. Lines of rotations, which are no sound,
-    have no law by default.
+    have no law by default. Points and law have one ``colour``.
     """
     is_drawn = spectrum.resolved & (spectrum.width > 0.0)
     unit = HertzPrefix.for_top(float(spectrum.peak.max()))
@@ -582,7 +582,8 @@ def _draw_attenuation(
     frequency, with bars of the standard errors where all are known; return the frequencies (m,) of
     the lines in this ``unit``.
 
-    ``read_variable`` and ``number`` are as in :func:`_draw_line_frequencies`.
+    ``read_variable`` and ``number`` are as in :func:`_draw_line_frequencies`; ``has_errors`` says
+    whether the data set has standard errors.
     """
     attenuation = read_variable("attenuation", number)
     is_resolved = read_variable("line_resolved", number) >= _RESOLVED
