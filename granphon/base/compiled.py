@@ -164,7 +164,9 @@ _issued_warnings: list[str] = []
 
 
 def _warn_of_cache(reason: str) -> None:
-    """Issue, once in a process, the warning that loops are compiled which a cache should hold."""
+    """Issue, once in a process, the warning that loops are compiled which a cache should hold, with
+    the ``reason``, a sentence.
+    """
     if not _issued_warnings:
         warning = message(
             "what numba has compiled cannot be read, or not be kept",

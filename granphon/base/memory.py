@@ -64,7 +64,9 @@ def _read_number(path: Path, name: str = "") -> float | None:
 
 
 def _free_memory(root: Path) -> float:
-    """Return the memory of the machine that is available, bytes; infinite if that is not known."""
+    """Return the memory of the machine that is available, bytes; infinite if that is not known.
+    ``root``, here and below, is that of :func:`available_memory`.
+    """
     kibibytes = _read_number(root / "proc/meminfo", "MemAvailable:")
     if kibibytes is not None:
         return kibibytes * _KIBIBYTE

@@ -16,7 +16,7 @@ def standard_error(values: Array, axis: int) -> Array:
 
 
 def jackknife(of: Callable[[Array], Array], values: Array) -> Array:
-    """Return the standard error (...) of the value that the function ``of`` has at the mean (..., m)
+    """Return the standard error (...) of the value that a function ``of`` has at the mean (..., m)
     of two or more independent rows of ``values`` (..., n, m); ``of`` takes an array (..., m) and
     returns an array (...).
 

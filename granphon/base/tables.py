@@ -399,8 +399,9 @@ def _read_headings(where: str, head: str, separator: str, may_quote: bool) -> tu
 def _split_evenly(
     lines: list[str], separator: str, count: int
 ) -> tuple[tuple[str, ...], ...] | None:
-    """Return ``count`` columns of cells, one cell for each line, split from all lines at once,
-    which is fast; None if lines have quotes, other numbers of cells, or may be too long.
+    """Return ``count`` columns of cells, one cell for each line, split from all lines at once at
+    the ``separator``, which is fast; None if lines have quotes, other numbers of cells, or may be
+    too long.
     """
     joined = separator.join(lines)
     if '"' in joined:
@@ -415,8 +416,9 @@ def _split_evenly(
 def _split_columns(
     name: str, lines: list[tuple[int, str]], separator: str, count: int
 ) -> tuple[tuple[str, ...], ...]:
-    """Return ``count`` columns of cells, split line by line; InputError names the file ``name`` and
-    the line that has too many cells. ``lines`` are pairs of a number and a text.
+    """Return ``count`` columns of cells, split line by line at the ``separator``; InputError names
+    the file ``name`` and the line that has too many cells. ``lines`` are pairs of a number and a
+    text.
 
     A short line is filled with empty cells; of a long line, only empty cells are dropped.
     """
@@ -440,8 +442,9 @@ def _split_columns(
 
 
 def _split_cells(where: str, line: str, separator: str) -> tuple[str, ...]:
-    """Return the cells of a line, without spaces around them; InputError, which names the place
-    ``where``, for wrong quotes.
+    """Return the cells of a line, parted by the ``separator``, without spaces around them;
+    InputError, which names the place ``where``, for a line that csv cannot read, as one with a
+    cell that is too long.
     """
     if '"' not in line and len(line) < _LONGEST_CELL:
         # str.split gives the same cells as csv, at a tenth of the cost

@@ -331,12 +331,17 @@ def _read_parameters(names: Sequence[str] | None) -> tuple[str, ...]:
 
 def _read_columns(options: Sequence[str] | None) -> dict[str, str]:
     """Return the names of columns by what they hold, {"velocity": "v (km/s)"}, from options such as
-    "velocity=v (km/s)".
+    "velocity=v (km/s)"; InputError for an option without kind or name, and for a kind that is given
+    twice.
     """
     columns = dict[str, str]()
     for option in options or ():
-        kind, _equals, name = option.partition("=")
-        columns[kind.strip()] = name
+        kind, _equals, name = (text.strip() for text in option.partition("="))
+        if not kind or not name or kind in columns:
+            fault = "is given twice" if kind in columns else "is no KIND=NAME"
+            mend = "Write --column 'velocity=v (km/s)', once for each kind"
+            raise InputError(f"--column {option} {fault}", mend=mend)
+        columns[kind] = name
     return columns
 
 

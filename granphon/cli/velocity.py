@@ -88,6 +88,8 @@ def find_velocity(
     target = Path(out)
     if not target.suffix:
         raise InputError(f"--out is {out}, without an ending", mend="Use .png, .pdf or .svg")
+    files = ResultFiles(target.parent, [target.name], force, inputs=data)
+    files.require_free()  # before the traces are read, and their velocity is found many times
     # without the option, the distances are those in the headings of the table
     places, errors = (None, []) if distances is None else _read_distances(distances)
     step = None if time_step is None else require("--time-step", TIME.read, time_step)
@@ -113,7 +115,6 @@ def find_velocity(
         # the errors of the distances are independent of each other and of that of the arrivals
         effects = _find_effects(traces, errors, **options)
         velocity = replace(velocity, stderr=math.hypot(velocity.stderr, *effects))
-    files = ResultFiles(target.parent, [target.name], force, inputs=data)
     with files.open() as locked, locked.staging() as stage:
         _draw(traces, velocity, stage / target.name)
     warn(velocity.warnings)

@@ -339,10 +339,15 @@ def plot_bands(
     edges : whether colours are those of the energy at the lower edge and at the upper edge of a
         cut, mixed with grey.
     errors : (s, p, b) standard errors of the frequencies, Hz, in ascending order of these, as the
-        variable ``frequencies_error`` of a data set has them: a grey field about each branch.
+        variable ``frequencies_error`` of a data set has them, also with further axes of length 1: a
+        grey field about each branch.
     unit : unit of frequency; by default the decimal unit of hertz in which the top frequency lies
         between 1 and 1000.
     colorbar : whether to draw the colour bar, above the axes.
+
+    Raises :class:`~granphon.base.errors.InputError` for ``gaps``, ``bulk`` or ``errors`` of another
+    shape, gaps that are not finite, ``edges`` of bands of no cut, and what :func:`plot_asymptotes`
+    raises.
     """
     unit = _choose_unit(bands) if unit is None else unit
     # the eigenvectors that connect branches do not tell coinciding waves of two edges apart
@@ -359,7 +364,7 @@ def plot_bands(
     if bulk is not None:
         _draw_bulk(bands, ax, real_array("bulk", bulk), unit)
     if errors is not None:
-        branch_errors = real_array("errors", errors).reshape(frequencies.shape) / unit.hertz
+        branch_errors = _read_errors(errors, frequencies.shape) / unit.hertz
         if is_followed:
             branch_errors = np.take_along_axis(branch_errors, bands.connection, 2)
         _draw_errors(bands, ax, frequencies, branch_errors)
@@ -382,6 +387,17 @@ def plot_bands(
     elif colorbar and has_colours:
         _add_fraction_bar(ax, bands)
     return ax
+
+
+def _read_errors(errors: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """Return standard errors as an array of a ``shape`` (s, p, b); InputError for errors of another
+    shape, from which axes of length 1 may differ.
+    """
+    values = real_array("errors", errors)
+    long_axes = tuple(length for length in values.shape if length > 1)
+    if long_axes != tuple(length for length in shape if length > 1):
+        raise InputError(f"errors have the shape {values.shape}", mend=f"Give {shape}")
+    return values.reshape(shape)
 
 
 def _draw_errors(bands: Bands, ax: Axes, frequencies: Array, errors: Array) -> None:
@@ -573,7 +589,7 @@ def plot_asymptotes(
     reach: float = 0.5,
 ) -> Axes:
     """Draw the long waves near Gamma, dashed: omega = v q, and the optical branch omega^2 =
-    omega_0^2 (1 - c q^2).
+    omega_0^2 (1 - c q^2), with the velocity v and the curvature c of each wave.
 
     ``velocities`` are velocities of sound at one load
     (:class:`~granphon.base.errors.InputError` for several loads) that are the same in every

@@ -351,7 +351,8 @@ def draw_curve(ax: Axes, curve: Curve, look: Look, gid: str) -> None:
     simulation, with bars of their errors; the errors of a line are a band.
 
     A path joins its points, and triangles mark the points that are reached by a fall of x. On an
-    automatic medium each kind of mark stands for the medium that served.
+    automatic medium each kind of mark stands for the medium that served. The names of the drawn
+    parts in an SVG file begin with ``gid``.
     """
     is_point = curve.simulated | curve.as_points
     has_bar = is_point & (curve.error > 0.0)
@@ -392,7 +393,7 @@ def draw_curve(ax: Axes, curve: Curve, look: Look, gid: str) -> None:
 def _mark_media(ax: Axes, curve: Curve, colour: Any, gid: str) -> None:
     """Draw marks on the curve of an automatic medium, which show the medium that served at a load:
     at the first and the last load, at some between, and on both sides of each change of the
-    medium. A mark is hollow where the medium is not valid.
+    medium. A mark is hollow where the medium is not valid. ``gid`` is that of :func:`draw_curve`.
     """
     n = curve.x.size
     media = np.array([label.partition("(")[0] for label in curve.served])
@@ -432,7 +433,9 @@ def label_axes(ax: Axes, curves: Sequence[Curve], x: str, y: str) -> None:
 
 
 def _make_handle(look: Look, label: str, *, is_points: bool) -> Line2D:
-    """Return the entry of a legend for a line of this look or, if ``is_points``, for points."""
+    """Return the entry of a legend, with a ``label``, for a line of this look or, if ``is_points``,
+    for points.
+    """
     if is_points:
         style: dict[str, Any] = {"marker": look.marker} | _POINTS
     else:
@@ -527,7 +530,9 @@ def read_curve(
     facts: dict[str, str] | None = None,
 ) -> Curve:
     """Return the curve of a variable over ``x`` at an ``index`` of each dimension besides the load;
-    ``run`` names the data set in messages.
+    ``run`` names the data set in messages, and ``facts`` are those of the curve.
+
+    Raises what :func:`read_values` raises.
     """
 
     def select(values: Any) -> Any:
@@ -1127,8 +1132,9 @@ def _draw_run_in_panels(
     balls_per_side: int | None = None,
     distance: float | tuple[float, float] | None = None,
 ) -> Figure | None:
-    """Draw the sweep of a run in small panels, with measured points in each; None if it has so few
-    curves that each has a colour.
+    """Return a figure of the sweep of a run in small panels, with measured points in each; None if
+    the sweep has so few curves that each has a colour. ``rows``, ``columns`` and ``tell`` are those
+    of :func:`comparison_figure`, and the other arguments those of :func:`plot_together`.
     """
     dataset: Any = run.dataset
     turned_dataset = turn_over(dataset, x and x.strip())
@@ -1167,8 +1173,8 @@ def _draw_together(
     balls_per_side: int | None = None,
     distance: float | tuple[float, float] | None = None,
 ) -> _Drawn:
-    """Draw the curves of :func:`plot_together`; return the entries of the legend, and the facts
-    that all curves share.
+    """Draw the curves of ``runs``; return the entries of the legend, and the facts that all curves
+    share. The other arguments are those of :func:`plot_together`.
     """
     data_sets = _list_data(data)
     may_be_spectra = x is None and y is None and not data_sets
@@ -1216,8 +1222,8 @@ def _read_curves_of_run(run: Run, x: str, y: str) -> list[Curve]:
 
 
 def _draw_bands_together(runs: Sequence[Run], all_bands: Sequence[Bands], ax: Axes) -> _Drawn:
-    """Draw the bands of each run over those of the others; return the entries of the legend, and
-    the facts that all runs share. InputError if the paths of the bands differ.
+    """Draw the bands of each run, ``all_bands``, over those of the others; return the entries of
+    the legend, and the facts that all runs share. InputError if the paths of the bands differ.
     """
     first = all_bands[0]
     for run, bands in zip(runs[1:], all_bands[1:], strict=True):
@@ -1541,7 +1547,9 @@ def _read_points(
     distance: float | tuple[float, float] | None,
 ) -> Curve:
     """Return the curve of measured velocities over the load ``x``, from a file or
-    :class:`~granphon.fits.measurements.Measurements`; InputError if ``y`` is no velocity.
+    :class:`~granphon.fits.measurements.Measurements`; InputError if ``y`` is no velocity, or the
+    loads of the points cannot be converted to ``x`` from ``runs``. ``balls_per_side`` and
+    ``distance`` are those of :func:`plot_together`.
     """
     entry = CATALOGUE.get(y)
     is_velocity = entry is not None and entry.cost in ("velocities", "pulse")
@@ -1756,8 +1764,8 @@ def _tabulate_by(
 def _draw_table(
     ax: Axes, curves: Sequence[Curve], table: _CurveTable, variable: str
 ) -> list[Line2D]:
-    """Draw the curves of a ``table`` with its colours, shades and dashes; return the entries of the
-    legend: the colours, then shades and dashes in grey.
+    """Draw the curves of a ``variable`` with the colours, shades and dashes of their ``table``;
+    return the entries of the legend: the colours, then shades and dashes in grey.
     """
     colours, shades, dashes = table.labels
     looks = []

@@ -10,7 +10,14 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Literal
 
-from granphon.figures.scales import FORCES, ROW_HEIGHT, add_title, name_axis, styled_figure
+from granphon.figures.scales import (
+    FORCES,
+    ROW_HEIGHT,
+    add_title,
+    list_balls,
+    name_axis,
+    styled_figure,
+)
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -135,15 +142,18 @@ def plot_forces(
     window : the left, lower, right and upper edge of the window, in diameters, or m of a network;
         by default the 24 diameters in the middle.
     color : what the balls of a network are coloured by: "force", the mean normal force of the
-        contacts of each ball, "overlap", their mean overlap by the places, "nonaffine", the length
+        contacts of each ball, "overlap", their mean overlap by the places, without contacts with
+        flat walls, whose overlap places do not show, "nonaffine", the length
         of :func:`~granphon.find_nonaffine` under a shear of one, "spin", the rotation about z under
         this shear, or "contacts", their number; or (n,) numbers of your own, as those of a mode. A
         bar says what colours mean; of balls as of contacts, the dark ones have the large numbers.
         None for kinds.
 
     If ``ax`` is not given, a new figure, one column wide, is made. Raises
-    :class:`~granphon.base.errors.InputError` for another word of ``show``, for a window without a
-    ball, and for an object that is neither a sample nor a network.
+    :class:`~granphon.base.errors.InputError` for another word of ``show`` or ``color``, a color of
+    a sample, numbers that are not one of each ball, a window without a ball, a network without a
+    contact, and an object that is neither a sample nor a network; and what
+    :func:`~granphon.find_nonaffine` raises for the colors that need it.
     """
     one_of("show", show, _SHOWS)
     source: Any = sample
@@ -158,8 +168,8 @@ def plot_forces(
         if isinstance(sample, Sample):
             mend = "Give its network: plot(sample.network, color=...)"
             raise InputError("the balls of a sample have no colours", mend=mend)
-        values = _BallValues.of(sample, color)
-        layer = replace(layer, colours=values.find_colours(layer.shown), kinds={})
+        values = _BallValues.of(sample, color).take(layer.shown)
+        layer = replace(layer, colours=values.find_colours(), kinds={})
     shown = _choose_show(layer, window) if show == "auto" else show
     edges = _choose_window(layer, window) if shown == "window" else layer.edges
     if ax is None:
@@ -197,8 +207,8 @@ class _BallValues:
 
     @classmethod
     def of(cls, network: ContactNetwork, color: Any) -> _BallValues:
-        """Return the numbers of a ``color`` of :func:`plot_forces`; InputError for another word,
-        and for numbers that are not one of each ball.
+        """Return the numbers of a ``color`` of :func:`plot_forces`, one of each ball and wall;
+        InputError for another word, and for numbers that are not one of each.
         """
         if not isinstance(color, str):
             numbers = finite_array("color", color)
@@ -215,16 +225,26 @@ class _BallValues:
                 mend = 'Colour them by "nonaffine", or read the network with friction'
                 raise InputError("the balls of the network do not turn about z", mend=mend)
             return cls(motion.rotations[:, 2], name, unit)
+        i = network.i
+        j = network.j
         contacts = np.ones(network.n_contacts)
         if color == "force":
             contacts = network.normal_force
         elif color == "overlap":
-            touch = network.radii[network.i] + network.radii[network.j]
-            at_wall = np.isinf(network.distance)  # of flat walls, whose radii are infinite too
-            contacts = np.where(at_wall, 0.0, touch) - np.where(at_wall, 0.0, network.distance)
-        sums, counts = _sum_forces(network.i, network.j, contacts, network.n_balls)
+            # the places of a ball and a flat wall, whose centre is infinitely far, have no overlap
+            has_centres = np.isfinite(network.distance)
+            i = i[has_centres]
+            j = j[has_centres]
+            contacts = network.radii[i] + network.radii[j] - network.distance[has_centres]
+        sums, counts = _sum_forces(i, j, contacts, network.n_balls)
         numbers = sums if color == "contacts" else sums / np.maximum(counts, 1)
         return cls(numbers, name, unit)
+
+    def take(self, shown: NDArray[np.intp]) -> _BallValues:
+        """Return the numbers (m,) of the balls with the indices ``shown`` (m,), by which alone the
+        scale of the colours is chosen: a flat wall has many contacts, and is not coloured.
+        """
+        return replace(self, numbers=self.numbers[shown])
 
     @property
     def mapping(self) -> ScalarMappable:
@@ -237,10 +257,10 @@ class _BallValues:
         # dark where numbers are large, as the colours of forces are
         return ScalarMappable(Normalize(low, high if high > low else low + 1.0), "cividis_r")
 
-    def find_colours(self, shown: NDArray[np.intp]) -> Any:
-        """Return the colours (m,) of the balls with the indices ``shown`` (m,)."""
-        colours = np.empty(len(shown), object)
-        colours[:] = [tuple(colour) for colour in self.mapping.to_rgba(self.numbers[shown])]
+    def find_colours(self) -> Any:
+        """Return the colours (n,) of the balls."""
+        colours = np.empty(len(self.numbers), object)
+        colours[:] = [tuple(colour) for colour in self.mapping.to_rgba(self.numbers)]
         return colours
 
     def add_bar(self, ax: Axes) -> None:
@@ -622,9 +642,7 @@ def _sum_forces(
 def _find_map_of_network(network: ContactNetwork) -> _Map:
     """Return the balls and contacts of a network, seen along z."""
     sums, counts = _sum_forces(network.i, network.j, network.normal_force, network.n_balls)
-    # balls without the flat walls, the lowest first, so that the highest are drawn last
-    balls = np.flatnonzero(np.isfinite(network.radii))
-    shown = balls[np.argsort(network.positions[balls, 2], kind="stable")]
+    shown = list_balls(network)
     places = network.positions[shown, :2]
     radii = network.radii[shown]
     low = np.min(places - radii[:, None], axis=0)

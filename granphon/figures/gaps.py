@@ -134,7 +134,8 @@ def _draw_field(ax: Axes, x: Array, lower: Array, upper: Array, gid: str) -> Non
     is no field.
 
     A point whose neighbours have no field would have no area: there a bar is drawn, with marks at
-    its ends, so that a short bar is seen.
+    its ends, so that a short bar is seen. ``gid`` names the field in an SVG file, and begins the
+    names of its edges.
     """
     ax.fill_between(x, lower, upper, gid=gid, **_FIELD)
     ends = np.flatnonzero(_find_alone(np.isfinite(lower))).tolist()
@@ -219,8 +220,9 @@ def _draw_panels(
     columns: str | None = None,
     tell: Callable[[str], object] | None = None,
 ) -> Figure:
-    """Draw a panel for each medium and combination of parameters, with shared axes, of which that
-    of y reaches to the greatest value of the ``variable``; the other arguments are those of
+    """Return a figure with a panel for each medium and combination of parameters of a sweep, which
+    ``draw`` draws, with shared axes, of which that of y reaches to the greatest value of the
+    ``variable``, Hz, and with a legend of the ``handles``. The other arguments are those of
     :func:`sweep_gaps_figure`.
     """
     x_name = choose_x(dataset, x)

@@ -4,6 +4,7 @@ harmonics.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
@@ -52,7 +53,8 @@ def plot_motion(
 
     Positions are along ``axis``, 0 to 2, by default the first axis along which the array does not
     repeat. Positions and values are means over a layer of balls, or over the contacts from one
-    layer to the next. An oblique cell is drawn as a rectangle.
+    layer to the next. An oblique cell is drawn as a rectangle. Raises
+    :class:`~granphon.base.errors.InputError` for another word of ``show``, and another ``axis``.
     """
     network = motion.network
     if show not in ("velocities", "forces") or axis not in (None, 0, 1, 2):
@@ -194,7 +196,9 @@ def plot_snapshot(motion: Motion, ax: Axes, frame: int = -1, *, most: float | No
     """Draw the balls at one of the frames, coloured by their speed; an array in space is seen along
     z.
 
-    ``most`` is the speed, m/s, of the darkest colour; by default the greatest speed of the frame.
+    ``frame`` is counted from 0, or from the end below 0, and ``most`` is the speed, m/s, of the
+    darkest colour, by default the greatest speed of the frame. Raises
+    :class:`~granphon.base.errors.InputError` if the motion has no such frame.
     """
     if not -len(motion.times) <= frame < len(motion.times):
         raise InputError(
@@ -222,12 +226,16 @@ def _draw_speeds(motion: Motion, ax: Axes, frame: int, limit: float) -> tuple[An
 
 
 def plot_ball_spectrum(motion: Motion, ax: Axes, ball: int, *, axis: int = 0) -> Axes:
-    """Draw the amplitudes of the motion of a ball along an axis over frequency, on a logarithmic
-    scale.
+    """Draw the amplitudes of the motion of a ball along an axis, 0 to 2, over frequency, on a
+    logarithmic scale, up to the highest frequency with a millionth of the greatest amplitude.
+
+    ``ball`` and ``axis``, and what is raised, are those of :meth:`granphon.Motion.spectrum`.
     """
     frequencies, amplitudes = motion.spectrum(ball, axis)
     greatest = max(float(amplitudes.max()), _TINY)
-    top = float(frequencies[amplitudes > _LEAST * greatest][-1])
+    # all frequencies of a ball that stays where it is, with no amplitude at any of them
+    is_seen = amplitudes >= _LEAST * float(amplitudes.max())
+    top = float(frequencies[is_seen][-1])
     prefix = HertzPrefix.for_top(top)
     scale, unit = prefixed(greatest, "m")
     # a logarithmic axis has no zero: smaller amplitudes are drawn far below the axes
@@ -258,7 +266,8 @@ def plot_harmonics(
     scale, unit = prefixed(float(amplitudes.max()), "m")
     order = np.argsort(positions, kind="stable")
     distances = (positions - positions.min())[order]
-    for number, (amplitude, colour) in enumerate(zip(amplitudes, COLOURS, strict=False), 1):
+    colours = itertools.cycle(COLOURS)
+    for number, (amplitude, colour) in enumerate(zip(amplitudes, colours, strict=False), 1):
         label = f"{number} f" if number > 1 else "f"
         ax.plot(
             distances / metres,

@@ -144,10 +144,10 @@ def _name_panels(
     n_columns: int,
     width: float,
 ) -> None:
-    """Write the values of columns and rows beside the panels; a column has the ``width``, inches,
-    of the figure. That of a column stands above the
-    panel of the first row, or above all panels that stand in lines; that of a row stands at the
-    right of the last panel of the row.
+    """Write the values of columns and rows beside the panels ``drawn``, of which ``n_columns``
+    stand in a line, each ``width`` inches wide. The value of a column stands above the panel of the
+    first row, or above each panel if panels stand in lines; the value of a row stands at the right
+    of the last panel of the row.
     """
     for number, (ax, panel) in enumerate(drawn):
         row, column = divmod(number, n_columns)

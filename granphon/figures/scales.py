@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granphon.base.arrays import Array
+from granphon.base.arrays import Array, Index
 from granphon.base.errors import FigureError, InputError, MissingPackageError, needing
 from granphon.base.scales import HertzPrefix, prefixed
 from granphon.figures.style import (
@@ -342,15 +342,24 @@ def draw_densities(
     ax.set(xlim=(0.0, 1.03 * top / unit.hertz), ylim=(0.0, None))
 
 
+def list_balls(network: ContactNetwork) -> Index:
+    """Return the indices of the balls of a network, without its flat walls, in the order in which
+    they are drawn: in space the nearest to the viewer, who looks along z, come last.
+    """
+    balls = np.flatnonzero(np.isfinite(network.radii))
+    if network.dimension < 3:
+        return balls
+    return balls[np.argsort(network.positions[balls, 2], kind="stable")]
+
+
 def draw_balls(
     network: ContactNetwork, values: Array, ax: Axes, colours: object, norm: Normalize
 ) -> EllipseCollection:
     """Draw the balls of a network, seen along z, in the ``colours`` of their ``values`` (n,), one
-    for each ball and wall; axes are in mm. Return the drawn balls.
+    for each ball and wall; axes are in mm. Return the drawn balls, in the order of
+    :func:`list_balls`.
     """
-    shown = np.flatnonzero(np.isfinite(network.radii))  # without flat walls
-    if network.dimension == 3:  # the nearest balls are drawn last
-        shown = shown[np.argsort(network.positions[shown, 2], kind="stable")]
+    shown = list_balls(network)
     diameters = 2.0 * _MM_PER_M * network.radii[shown]
     centres = _MM_PER_M * network.positions[shown, :2]
     repeats_along_x = network.pbc[0] and not np.any(network.cell[0, 1:])

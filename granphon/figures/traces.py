@@ -26,14 +26,14 @@ _MOST_DRAWN = 4000
 
 
 def plot_traces(traces: Traces, ax: Axes, velocity: TraceVelocity | None = None) -> Axes:
-    """Draw each trace at the height of the distance of its sensor, over the time, all scaled by
-    their own greatest magnitude; with a ``velocity`` its arrivals, with their standard errors, and
-    the straight line through them.
+    """Draw each trace at the height of the distance of its sensor, over the time: its deviations
+    from its median, over the greatest of them. With a ``velocity``, its arrivals are drawn, with
+    their standard errors, and the straight line through them.
     """
     time_unit, time_name = prefixed(float(np.max(np.abs(traces.times))), "s")
     length_unit, length_name = prefixed(float(np.max(np.abs(traces.distances))), "m")
     gaps = np.diff(traces.distances)
-    height = _HEIGHT * float(np.min(gaps, initial=np.inf)) if gaps.size else 1.0
+    height = _HEIGHT * float(np.min(gaps)) if gaps.size else 1.0
     for distance, signal in zip(traces.distances, traces.signals, strict=True):
         deviations = signal - np.median(signal)
         scaled = deviations / (np.max(np.abs(deviations)) or 1.0)

@@ -176,8 +176,9 @@ class Painter:
         self.add(nearness_of_arrow, path, face=color, edge="white", width=0.25)
 
     def draw(self, ax: Axes, gid: str, *, fade: float = 0.0, **options: Any) -> PathCollection:
-        """Draw all shapes as one collection of paths, and return the collection; the part ``fade``
-        of the farthest colour is white.
+        """Draw all shapes as one collection of paths, named ``gid`` in an SVG file, and return the
+        collection; the part ``fade`` of the farthest colour is white. ``options`` are those of
+        ``PathCollection``.
         """
         shapes = sorted(self._shapes, key=lambda shape: shape[0])
         nearnesses, paths, faces, edges, widths = zip(*shapes, strict=True)

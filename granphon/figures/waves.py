@@ -20,6 +20,7 @@ from granphon.figures.scales import (
     draw_balls,
     draw_densities,
     draw_error_band,
+    list_balls,
     make_error_handle,
     scale_axis,
     styled_figure,
@@ -36,7 +37,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.scales import HertzPrefix, prefixed, write_quantity
-from granphon.base.validation import real_array
+from granphon.base.validation import real_array, whole_number
 from granphon.figures.bands import name_corners
 from granphon.figures.choices import choose_held, describe_value, list_parameters
 from granphon.figures.curves import describe_lines
@@ -110,8 +111,11 @@ def plot_spectrum(
     spectra : the spectral functions along the path.
     number : number of the polarisation, from 0.
     bands, peaks : whether to draw the bands and the peaks.
+
+    Raises :class:`~granphon.base.errors.InputError` if there is no polarisation of this ``number``.
     """
-    spectrum = spectra.spectra[number]
+    count = len(spectra.spectra)
+    spectrum = spectra.spectra[whole_number("number", number, 0, count - 1)]
     order = np.argsort(spectra.distances, kind="stable")
     # a packing has no bands
     has_bands = spectra.bands.size > 0
@@ -418,8 +422,9 @@ def plot_attenuation(
 
     ``power`` is by default that of Rayleigh's scattering by small disorder: omega^(d+1) in d
     dimensions, where d is the number of components of q. Lines of rotations, which are no sound,
-    have no law by default. The standard errors (n,) of frequencies, Hz, and of attenuations, 1/m,
-    under "peak" and "attenuation" in ``errors``, nan where unknown, are bars.
+    have no law by default. Points and law have one ``colour``. The standard errors (n,) of
+    frequencies, Hz, and of attenuations, 1/m, under "peak" and "attenuation" in ``errors``, nan
+    where unknown, are bars.
     """
     is_drawn = spectrum.resolved & (spectrum.width > 0.0)
     unit = HertzPrefix.for_top(float(spectrum.peak.max()))
@@ -624,7 +629,8 @@ def _draw_attenuation(
     frequency, with bars of the standard errors where all are known; return the frequencies (m,) of
     the lines in this ``unit``.
 
-    ``read_variable`` and ``number`` are as in :func:`_draw_line_frequencies`.
+    ``read_variable`` and ``number`` are as in :func:`_draw_line_frequencies`; ``has_errors`` says
+    whether the data set has standard errors.
     """
     attenuation = read_variable("attenuation", number)
     is_resolved = read_variable("line_resolved", number) >= _RESOLVED
@@ -824,7 +830,7 @@ def pulse_figure(pulse: Pulse, errors: Mapping[str, ArrayLike] | None = None) ->
 def plot_frame(
     network: ContactNetwork, pulse: Pulse, frame: int, ax: Axes, most: float | None = None
 ) -> Axes:
-    """Draw the balls of a network in the plane, coloured by their velocity along the polarisation
+    """Draw the balls of a network, seen along z, coloured by their velocity along the polarisation
     at one of the frames.
 
     ``most`` is the velocity, m/s, of the strongest colour; by default the greatest velocity of the
@@ -862,11 +868,11 @@ def animate_pulse(
         )
         plot_frame(network, pulse, 0, ax, speed_limit)
     (balls,) = ax.collections
-    has_radius = np.isfinite(network.radii)
+    order = list_balls(network)
 
     def show(frame: int) -> Any:
         """Colour the balls by their velocities in a frame; return what has changed."""
-        balls.set_array((pulse.velocities[frame] @ pulse.polarisation)[has_radius])
+        balls.set_array((pulse.velocities[frame] @ pulse.polarisation)[order])
         ax.set_title(f"{1e3 * pulse.frames[frame]:.3f} ms")
         return (balls,)
 

@@ -170,7 +170,7 @@ def _label_points(ax: Axes, points: Sequence[MeasuredPoint], slowest: float, col
     """Write the settings of several points of a method beside the points; of points that are close
     together the first has a label, so that labels can be read.
 
-    ``slowest`` is the longest time of all methods, s.
+    ``slowest`` is the longest time of all methods, s, and ``colour`` that of the method.
     """
     labelled: list[MeasuredPoint] = []
     for point in points if len(points) > 1 else ():

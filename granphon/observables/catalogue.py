@@ -227,8 +227,8 @@ def _exclude_finite_overlap(find: Callable[[ContactState], Any]) -> Callable[[An
 
 
 def _make_state_entry(name: str, title: str, **fields: Any) -> Observable:
-    """Make the entry of an attribute of the state; its value is None for states that do not have
-    the attribute.
+    """Make the entry of the attribute ``name`` of the state, with a ``title`` and ``fields`` of
+    :class:`Observable`; its value is None for states that do not have the attribute.
 
     The unit is that of simulated states, which have the attributes of all states of packings and
     those of samples.
@@ -245,8 +245,8 @@ def _make_state_entry(name: str, title: str, **fields: Any) -> Observable:
 
 
 def _make_velocity_entry(name: str, title: str, **fields: Any) -> Observable:
-    """Make the entry of an attribute of the sound velocities; its value is None if there is no such
-    wave.
+    """Make the entry of the attribute ``name`` of the sound velocities, with a ``title`` and
+    ``fields`` of :class:`Observable`; its value is None if there is no such wave.
 
     Where there are two transverse waves, "transverse" holds both and its value is None, as each
     wave has an entry of its own.
@@ -266,8 +266,9 @@ def _make_velocity_entry(name: str, title: str, **fields: Any) -> Observable:
 
 
 def _make_modulus_entry(name: str, title: str, **fields: Any) -> Observable:
-    """Make the entry of an attribute of the moduli; its value is None if the lattice has no such
-    modulus.
+    """Make the entry of the attribute ``name`` of the moduli, a modulus or its standard error, with
+    a ``title`` and ``fields`` of :class:`Observable`; its value is None if the lattice has
+    no such modulus.
     """
     modulus_name = name.removesuffix("_error")
 
@@ -289,8 +290,9 @@ def _make_modulus_entry(name: str, title: str, **fields: Any) -> Observable:
 
 
 def _make_load_error_entry(name: str, title: str) -> Observable:
-    """Make the entry of the standard error over samples of "force" or "overlap"; its value is None
-    where all samples have the same force, or the same overlap.
+    """Make the entry of the standard error over samples of ``name``, "force" or "overlap", with a
+    ``title``; its value is None where all samples have the same force, or the same overlap, and of
+    fewer than two samples.
     """
     error_name = f"{name}_error"
     return Observable(
@@ -303,8 +305,8 @@ def _make_load_error_entry(name: str, title: str) -> Observable:
 
 
 def _make_cubic_entry(name: str, title: str, **fields: Any) -> Observable:
-    """Make the entry of a pure number of the moduli of a square or cubic lattice; its value is None
-    for another lattice.
+    """Make the entry of the pure number ``name`` of the moduli of a square or cubic lattice, with a
+    ``title`` and ``fields`` of :class:`Observable`; its value is None for another lattice.
     """
 
     def find(analysis: Analysis) -> Any:
@@ -944,7 +946,7 @@ def entry_of(name: str, packing: Balls) -> Observable:
 
     The units of pressure, density and moduli depend on the number of periods of the lattice: 1, 2
     or 3. A parameter of a kind of ball, "A.diameter", has the entry of the parameter, with the kind
-    in its title.
+    in its title. KeyError for a name that the catalogue does not have.
     """
     kind, _, parameter = name.rpartition(".")
     if kind == ON_SITE:
@@ -1038,8 +1040,8 @@ def _find_added(analysis: Analysis, entry: Observable, observed: Container[str])
 
 
 def axis_label(name: str, unit: str | None = None) -> str:
-    """Return the label of an axis: the quantity ``name`` in words, with its unit in brackets, if it
-    has one.
+    """Return the label of an axis: the quantity ``name`` in words, and in brackets its unit, unless
+    the quantity has none.
 
     ``unit`` replaces the unit of the catalogue, as for a file that states its own. A quantity that
     the catalogue does not have has no unit by default.

@@ -388,7 +388,7 @@ def _simulate(
 
     if medium.friction_history:  # the samples carry no load below that of their start
         start = _find_start(find_state, low, InputError)
-        low = start or low
+        low = low if start is None else start
     loads = np.linspace(low, EXPONENT * np.log(greatest_force), _SIMULATED)
     state = find_state(loads)
     overlap = np.asarray(state.overlap) / width

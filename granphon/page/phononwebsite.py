@@ -23,7 +23,7 @@ _DIAMETER = 2.5
 #: positions of the marks of a ball that turns, from its centre, in diameters of a homogeneous ball:
 #: two marks that are not on one axis show any rotation
 _MARKS = np.array([[0.35, 0.0, 0.0], [0.0, 0.35, 0.0]])
-#: empty length across a line or a layer, in diameters
+#: empty length across a line or a layer, beside its own extent, in diameters
 _EMPTY = 6.0
 #: cells along each period, for one, two and three periods
 _REPETITIONS = {1: 10, 2: 6, 3: 3}
@@ -45,8 +45,10 @@ def write_phononwebsite(bands: Bands, name: str) -> str:
     segments, points, branches = bands.frequencies.shape
     # across a line or a layer the viewer needs a cell with empty space
     cell = bands.cell.copy()
+    centres = (bands.positions @ bands.cell)[:, None]  # (n, 1, 3)
+    extent = np.ptp(centres[:, 0], axis=0)
     for axis in range(periods, 3):
-        cell[axis] = _EMPTY * np.eye(3)[axis]
+        cell[axis] = (extent[axis] + _EMPTY) * np.eye(3)[axis]
     marks = _place_marks(bands)
     balls = name_balls(bands.masses, bands.kinds)
     mark_symbols = [free_symbol("H", balls)] * marks.shape[1]
@@ -54,7 +56,6 @@ def write_phononwebsite(bands: Bands, name: str) -> str:
     for ball in balls:
         symbols += [ball, *mark_symbols]
     numbers = [atomic_numbers[symbol] for symbol in symbols]
-    centres = (bands.positions @ bands.cell)[:, None]  # (n, 1, 3)
     positions = np.concatenate([centres, centres + marks], axis=1).reshape(-1, 3)
     vectors = _displace_atoms(bands, marks).reshape(segments * points, branches, -1, 3)
     data = {

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from numpy.testing import assert_allclose
 
 import granphon as gp
+from granphon.base.errors import InputError
 from granphon.figures.bands import bands_figure, plot_bands
 from granphon.figures.curves import plot_sweep
 from granphon.figures.gaps import cutoffs_figure
@@ -63,6 +64,8 @@ def test_branches_have_bands_also_where_they_cross():
     for s, b in np.ndindex(len(bands.distances), bands.n_branches):
         edges = read_edges(find(ax, f"errors-{s}-{b}"))
         assert_allclose(np.diff(edges)[:, 0], 2e-3 * connected[s, :, b], atol=1e-9)
+    with pytest.raises(InputError, match="errors have the shape"):
+        plot_bands(bands, Figure().subplots(), errors=errors[..., :1])
     legend = bands_figure(bands, errors=errors).legends[0]
     assert "standard error" in [text.get_text() for text in legend.get_texts()]
 

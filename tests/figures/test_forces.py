@@ -14,6 +14,7 @@ import granphon as gp
 from granphon.balls.lattices import TRIANGULAR
 from granphon.base.errors import InputError
 from granphon.figures.forces import (
+    _BallValues,
     forces_figure,
     plot_directions,
     plot_force_distribution,
@@ -497,3 +498,20 @@ def test_rigidity_is_drawn_over_the_contacts_above_the_isostatic_number():
     assert ratios[1] > 0.9
     with pytest.raises(InputError, match="no network"):
         plot_rigidity([])
+
+
+def test_a_wall_has_no_part_in_the_colours_of_balls():
+    """Its contacts are many, and the places of balls and walls show no overlap."""
+    bed = gp.Crystal.on("square", [gp.Ball(STEEL, 8e-3)]).repeat((6, 1))
+    pressed = bed.cut(1, 3, edges=("floor", "free")).at_pressure(100.0)
+    network = pressed.network
+    walls = np.flatnonzero(np.isinf(network.radii))
+    counts = np.bincount(np.concatenate([network.i, network.j]), minlength=network.n_balls)
+    assert counts[walls[0]] > np.max(np.delete(counts, walls))
+    ax = plot_forces(network, color="contacts")
+    bar = ax.get_figure().axes[-1]
+    assert bar.get_ylim()[1] == np.max(np.delete(counts, walls))
+    # every contact of two balls has the overlap 1e-6 m, and so has their mean at each ball
+    near = replace(network, radii=network.radii + 0.5e-6)
+    numbers = _BallValues.of(near, "overlap").numbers
+    assert_allclose(np.delete(numbers, walls), 1e-6, rtol=1e-6)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from numpy.testing import assert_allclose
 
 import granphon as gp
@@ -16,6 +19,7 @@ from granphon.figures.motions import (
     plot_motion,
     plot_snapshot,
 )
+from granphon.figures.waves import animate_pulse, plot_frame
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 
@@ -126,6 +130,28 @@ def test_spectra_and_harmonics_are_those_of_the_motion(chain, ax):
     assert len(ax.lines) == 2
     found = np.abs(chain.harmonics(1e4, 2, 0, 2))
     assert_allclose(ax.lines[1].get_ydata() / ax.lines[0].get_ydata(), found[1] / found[0])
+    # more harmonics than colours, and an axis along which nothing moves
+    assert len(plot_harmonics(chain, Figure().subplots(), 1e4, count=8, periods=2).lines) == 8
+    still = plot_ball_spectrum(chain, Figure().subplots(), 3, axis=1)
+    assert still.get_xlim()[1] == pytest.approx(x[-1])
+
+
+def test_pictures_of_a_pulse_in_space_colour_each_ball_by_its_own_velocity(grains):
+    """In the order in which balls are drawn, which is not that of their numbers."""
+    network = grains.network
+    velocities = np.zeros((2, network.n_balls, 3))
+    velocities[1, :, 0] = np.arange(network.n_balls)
+    pulse = SimpleNamespace(
+        frames=[1e-6, 2e-6], velocities=velocities, polarisation=np.array([1.0, 0.0, 0.0])
+    )
+    ax = plot_frame(network, pulse, 1, Figure().subplots())
+    figure = Figure()
+    animation = animate_pulse(network, pulse, figure=figure)
+    (balls,) = animation._func(1)
+    animation._draw_was_started = True  # nothing is to be saved
+    (alone,) = ax.collections
+    assert_allclose(balls.get_array(), alone.get_array())
+    assert_allclose(balls.get_offsets(), alone.get_offsets())
 
 
 @pytest.mark.parametrize(("name", "panels"), [("chain", 2), ("array", 4), ("grains", 4)])

@@ -1197,6 +1197,8 @@ def test_the_width_may_be_named_among_the_parameters(folder, capsys):
             "side_force",
         ),
         (("scene.yaml", "data.csv", "--column", "forse=F"), "Did you mean force"),
+        (("scene.yaml", "data.csv", "--column", "velocity"), "is no KIND=NAME"),
+        (("scene.yaml", "data.csv", *2 * ("--column", "force=F")), "is given twice"),
         (
             ("scene.yaml", "data.csv", "--frequency", "6.5"),
             "'6.5', without a unit",

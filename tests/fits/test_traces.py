@@ -323,6 +323,9 @@ def test_the_command_prints_and_draws(
     found = gp.Traces.read("traces.csv").velocity()
     assert f"{found.velocity:.1f}"[:4] in printed
     assert Path("velocity.png").stat().st_size > 1000
+    # what may not be written is told before anything is read
+    assert main(["velocity", "none.csv"]) == 1
+    assert "already holds velocity.png" in capsys.readouterr().err
     assert main(["velocity", "traces.csv", "--lowpass", "6 MHz", "--force"]) == 2
     assert "lowpass" in capsys.readouterr().err
     # two distances with errors make a relative error of their difference

@@ -753,6 +753,18 @@ def test_a_mechanism_is_an_error_where_the_scene_asks_for_its_medium_and_else_a_
 # -- phononwebsite ---------------------------------------------------------------------------------
 
 
+def test_phononwebsite_leaves_room_beside_a_wide_ribbon():
+    """The cell of the viewer holds the whole ribbon, and the empty room."""
+    packing = gp.Packing(STEEL, 8e-3, friction=False)
+    ribbon = gp.AveragedLattice(packing).at_force(10.0).network.cut(1, 10)
+    data = json.loads(write_phononwebsite(gp.Phonons(ribbon).bands(npoints=3), "ribbon"))
+    across = np.array(data["atom_pos_red"])[:, 1]
+    width = data["lattice"][1][1]
+    # 9 rows of the height sqrt(3)/2, and six diameters
+    assert width == pytest.approx(2.5 * (9.0 * 3.0**0.5 / 2.0 + 6.0))
+    assert np.ptp(across) * width == pytest.approx(2.5 * 9.0 * 3.0**0.5 / 2.0)
+
+
 @pytest.mark.parametrize(
     ("lattice", "motions"),
     [("triangular", None), ("kagome", "all"), ("fcc", None), ("chain", None)],
