@@ -32,17 +32,25 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     ----------
     x : a state at one load, or a network that repeats, without ``prestress``.
     q : (p,) or (3,), wave vector in fractions of the reciprocal cell.
-    branch : number of the branch, in ascending frequency.
+    branch : number of the branch, from 0 on in ascending frequency.
     law : the law of normal forces, as for :class:`NonlinearWaves`.
 
-    Raises :class:`~granphon.base.errors.InputError` for a law that is no power of the overlap; for
-    a branch whose frequency at q is zero or that of another branch, or in which balls only turn;
-    and where a wave of wave vector 2 q has twice the frequency.
+    Raises :class:`~granphon.base.errors.InputError` for what :class:`NonlinearWaves` refuses, for a
+    network that does not repeat, and for ``q`` of another shape; for a law that is no power of the
+    overlap, and contacts without an overlap; for a branch whose frequency at q is zero or that of
+    another branch, or in which balls only turn; and where a wave of wave vector 2 q has twice the
+    frequency.
     """
     waves = NonlinearWaves(x, law)
     if not isinstance(waves.normal, Powers):
         raise InputError(
             "the law of the contacts is no power", "Its second and third derivatives are not known"
+        )
+    if not np.all(waves.overlap > 0.0):
+        raise InputError(
+            "some contacts have no overlap",
+            "The amplitude is told over the overlap",
+            "Press the balls against each other first",
         )
     network = waves.network
     operator = WaveOperator(network)

@@ -249,11 +249,15 @@ class WaveEstimate:
         return total
 
     def _find_transmission(
-        self, left: Any, right: Any, frequencies: Any, *, axis: Any = 0, q: Any = (), **_losses: Any
-    ) -> Cost:
+        self, left: Any, right: Any, frequencies: Any, *, axis: Any = 0, q: Any = (),
+        damping: Any = 0.0, loss_factor: Any = 0.0, drag: Any = 0.0, dashpot: Any = 0.0,
+        restitution: Any = 1.0,
+    ) -> Cost:  # fmt: skip
         """Return the cost of a transmission through the network, between the leads ``left`` and
         ``right``; the other arguments are those of :func:`granphon.transmission`.
         """
+        given = GivenLosses(damping, loss_factor, drag, dashpot, restitution)
+        Losses.of(self.operator.network, given)  # refuses wrong numbers
         work = TransmissionWork.of(left, self.operator.network, right, frequencies, axis, q)
         count = work.hertz.size
         seconds = 2.0 * _EIGEN_TIME * (2.0 * work.lead_size) ** 3  # waves of both leads

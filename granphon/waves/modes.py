@@ -1180,8 +1180,8 @@ def find_damped(
             vectors=vectors,
             warnings=losses.find_warnings(highest),
         )
-    count = whole_number("count", count, 1)
-    omega, shapes = _find_unevenly_damped(operator, losses, count, _read_target(nearest))
+    count, target = read_request(operator, count, nearest)
+    omega, shapes = _find_unevenly_damped(operator, losses, count, target)
     vectors = np.zeros((count, operator.network.n_balls, operator.motions.count), complex)
     vectors[:, operator.balls] = np.moveaxis(operator.values(shapes), -1, 0)
     # warnings need the highest frequency without losses: Rayleigh's quotient of each shape
@@ -1406,10 +1406,8 @@ def find_whole(operator: WaveOperator, count: int, nearest: float | None) -> Dam
     Arnoldi's method finds the eigenvalues nearest to the squared frequency, more and more of them
     until enough cost energy.
     """
-    count = whole_number("count", count, 1)
-    target = _read_target(nearest)
+    count, target = read_request(operator, count, nearest)
     live = Problem.of(operator).live
-    require_motions(count, live.size)
     whole = operator.matrix if operator.whole is None else operator.whole
     matrix = (whole / operator.top**2).tocsr()[live][:, live]
     squares, columns = _diagonalise_whole(operator, matrix, count, target / operator.top)

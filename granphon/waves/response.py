@@ -911,6 +911,8 @@ class ResponseWork:
             "Modes of a large network lie close together, and with little damping the response is"
             " that of each by itself"
         )
+        if not np.all(self.distance > 0.0):
+            why = "Where nothing loses energy, nothing bounds the error of a Krylov space"
         mend = self._suggest_damping()
         if "longer" in failure:
             mend += "; or name the method, to wait for it"

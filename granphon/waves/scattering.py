@@ -222,7 +222,7 @@ def _require_strip(operator: WaveOperator, leads: Sequence[_Lead]) -> None:
     if operator.whole is not None:
         raise InputError(
             "the strip has static tangential forces, or slip by levers that exceed the arms",
-            "With prestress, these have no potential",
+            "These have no potential, so that the energies of waves would not add up",
         )
 
 
@@ -703,14 +703,22 @@ class TransmissionWork:
     hertz : (n_f,) frequencies, Hz.
     first, last : the lead that waves come from, and the lead behind the strip.
     operator : D of the strip.
-    ends : for each lead, the matrix S of :meth:`_Lead.map_to_block`.
+    ends : for the lower and for the upper end, the matrix S of :meth:`_Lead.map_to_block`.
+
+    The constructor raises :class:`~granphon.base.errors.InputError` for leads and a strip that do
+    not fit.
     """
 
     def __init__(self, hertz: Array, first: _Lead, last: _Lead, operator: WaveOperator) -> None:
+        _require_strip(operator, [first, last])
         self.hertz = hertz
         self.first = first
         self.last = last
         self.operator = operator
+        self.ends = (
+            first.map_to_block(operator, lower=True),
+            last.map_to_block(operator, lower=False),
+        )
 
     @classmethod
     def of(
@@ -729,14 +737,7 @@ class TransmissionWork:
             # contacts between the leads then have the stiffness of those of the left lead
             middle = last.space.network.cut(axis, last.space.reach + 1)
         operator = WaveOperator(given_network(middle))
-        _require_strip(operator, [first, last])
         return cls(hertz, first, last, operator)
-
-    @cached_property
-    def ends(self) -> tuple[Any, Any]:
-        """The matrices S of the lower and of the upper end; see :meth:`_Lead.map_to_block`."""
-        lower = self.first.map_to_block(self.operator, lower=True)
-        return lower, self.last.map_to_block(self.operator, lower=False)
 
     @property
     def lead_size(self) -> int:

@@ -99,9 +99,9 @@ class SensorPlaces:
         is_along = cosines > _ACROSS
         if not np.any(is_along):
             raise InputError(
-                f"ball {body} has no contact along the direction of the sensor",
-                "A sensor adds up the normal forces of the contacts of its ball",
-                "Give another ball or direction",
+                f"body {body} has no contact along the direction of the sensor",
+                "A sensor adds up the normal forces of the contacts of its ball or wall",
+                "Give another body or direction",
             )
         share = 0.5 if self.moving[body] else 1.0
         return Sensor(body, -1, direction, contacts[is_along], share * cosines[is_along])
@@ -134,11 +134,17 @@ def is_contact(value: Any) -> bool:
     return all(isinstance(n, int | np.integer) and not isinstance(n, bool) for n in value)
 
 
-def find_open_axis(network: ContactNetwork) -> Array:
-    """Return the unit vector (3,) of the first axis along which a ``network`` does not repeat, or
-    of x if it repeats along all axes.
+def list_open_axes(network: ContactNetwork) -> list[int]:
+    """Return the axes, 0 to 2 for x to z, of the space of a ``network`` along which the network
+    does not repeat: those along which no period has a component.
     """
-    # an axis along which the network repeats has a component of a period
-    open_axes = [axis for axis in range(network.dimension) if not np.any(network.cell[:, axis])]
+    return [axis for axis in range(network.dimension) if not np.any(network.cell[:, axis])]
+
+
+def find_open_axis(network: ContactNetwork) -> Array:
+    """Return the unit vector (3,) of the first of :func:`list_open_axes` of a ``network``, or of x
+    if there is none.
+    """
+    open_axes = list_open_axes(network)
     axis = open_axes[0] if open_axes else 0
     return np.asarray(np.eye(3)[axis])

@@ -77,7 +77,7 @@ from granphon.base.validation import (
 )
 from granphon.dynamics.damping import LEAST_RESTITUTION, read_loss
 from granphon.networks.network import ContactNetwork
-from granphon.waves.sensors import FLOOR
+from granphon.waves.sensors import FLOOR, list_open_axes
 
 #: names of the results of the waves in a simulated array
 WAVES = ("dos", "spectrum", "pulse")
@@ -807,7 +807,7 @@ class Signal:
         # only samples beside the times of the signal matter, as elsewhere the signal is straight
         step_numbers = np.floor(np.divide(self.times, step))
         sample_times = step * np.union1d(step_numbers, step_numbers + 1.0)
-        times = np.union1d([*self.times, end], sample_times)
+        times = np.unique(np.clip([0.0, *self.times, *sample_times, end], 0.0, end))
         signal = np.interp(times, self.times, self.values)
         samples = np.interp(sample_times, self.times, self.values)
         differences = signal - np.interp(times, sample_times, samples)
@@ -952,14 +952,16 @@ class DriveSettings(Block):
         """
         if not isinstance(self.balls, str):
             return np.array(self.balls, np.intp)
-        axis = int(np.sum(network.pbc))  # the first axis across the periods
-        if axis >= network.dimension:
+        n_periods = int(np.sum(network.pbc))
+        if n_periods >= network.dimension:
             fault = f"the array has no {self.balls} face"
             raise InputError(
                 fault,
                 "It repeats along all its axes",
                 "Cut it (motion.cut), or give numbers of balls",
             )
+        # where periods are oblique to all axes, the last axis leads out of the network
+        axis = min(list_open_axes(network), default=n_periods)
         sign = -1.0 if self.balls == FACES[0] else 1.0
         return _find_face(network, sign * network.positions[:, axis])
 

@@ -94,10 +94,7 @@ def read_wavevectors(network: ContactNetwork, q: ArrayLike) -> Array:
             f" waves.nearest_wavevectors(q) finds it for any q"
         )
         if not np.any(nearest[row]):
-            mend = (
-                f"It is shorter than those of this cell, of which the shortest is"
-                f" {_find_shortest(network):.6g} 1/m"
-            )
+            mend = f"The nearest is zero, and the shortest other {_find_shortest(network):.6g} 1/m"
         why = "Along each of its vectors L, q . L must be a multiple of 2 pi"
         raise InputError(fault, why, mend)
     return nearest
@@ -204,11 +201,12 @@ def _as_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) -> Arr
 
 
 def _find_shortest(network: ContactNetwork | PeriodicCell) -> float:
-    """Return the length, 1/m, of the shortest reciprocal basis vector of the periodic cell of the
-    ``network``.
+    """Return the length, 1/m, of the shortest wave vector but zero that the periodic cell of the
+    ``network`` has.
     """
     periods = network.cell[list(network.pbc), : network.dimension]
-    return float(2.0 * np.pi * np.min(np.linalg.norm(np.linalg.pinv(periods), axis=0)))
+    reciprocal = 2.0 * np.pi * np.asarray(np.linalg.pinv(periods).T, float)
+    return float(np.linalg.norm(shortest_vectors(reciprocal)[0]))
 
 
 def _find_nearest_of_cell(network: ContactNetwork | PeriodicCell, q: Array) -> Array:
@@ -655,14 +653,20 @@ class SpectralFunction(Refinable):
         Raises :class:`~granphon.base.errors.InputError` for q = 0, and for a q at which all balls
         move as at q = 0.
         """
+        self._require_travelling("velocity")
+        return np.asarray(2.0 * math.pi * self.peak / self.wavenumber)
+
+    def _require_travelling(self, quantity: str) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if in one of the waves all balls move
+        together, so that this wave has no such ``quantity``, a word for the message.
+        """
         rounding = _SAME_WAVEVECTOR * np.linalg.norm(self.q, axis=1)
         if np.any(self.wavenumber <= rounding):
             why = (
                 "Where exp(i q . r) is the same at all sites of a lattice, all balls move"
                 " together, as at q = 0"
             )
-            raise InputError("a wave with q = 0 has no velocity", why, "Give other wave vectors")
-        return np.asarray(2.0 * math.pi * self.peak / self.wavenumber)
+            raise InputError(f"a wave with q = 0 has no {quantity}", why, "Give other wave vectors")
 
     @property
     def mean_free_path(self) -> Array:
@@ -671,14 +675,14 @@ class SpectralFunction(Refinable):
 
         The energy of a coherent wave falls as exp(-2 pi width t). Where bands bend, the wave
         travels at a group velocity that is not the phase velocity: its path is then longer or
-        shorter than this number by the ratio of both.
+        shorter than this number by the ratio of both. Raises what :attr:`phase_velocity` raises.
         """
         return find_mean_free_path(self.phase_velocity, self.width)
 
     @property
     def attenuation(self) -> Array:
         """(n,) attenuation of the amplitude, 1/m (neper per metre): half the inverse mean free
-        path.
+        path; infinite where the velocity is zero. Raises what :attr:`phase_velocity` raises.
         """
         return find_attenuation(self.phase_velocity, self.width)
 
@@ -691,8 +695,10 @@ class SpectralFunction(Refinable):
         lengths of wave vectors, the frequency lies between the first wave with a smaller product
         and the one before it; the logarithm of peak/width is interpolated between their peaks.
         Raises :class:`~granphon.base.errors.InputError` if already the shortest wave vector has a
-        smaller product, and for a ``product`` that is not above zero.
+        smaller product, for a ``product`` that is not above zero, and for q = 0 as
+        :attr:`phase_velocity` does.
         """
+        self._require_travelling("mean free path")
         return find_ioffe_regel(self.wavenumber, self.peak, self.width, product)
 
     # -- more of it --------------------------------------------------------------------------------
@@ -822,7 +828,7 @@ class PlaneWaves:
             np.add.at(sums, self._numbers, self._waves.first(moments, step))
         squared_norms = sums[:, :1]  # the moments of order zero
         if not np.all(squared_norms > 0.0):
-            why = "The wave vector or the polarisation is wrong"
+            why = "Balls without contacts take no part, as no wave reaches them"
             raise InputError("no ball that touches others moves in this wave", why)
         return SpectralFunction(
             q=self._q,

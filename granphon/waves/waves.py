@@ -295,10 +295,11 @@ class Waves:
         in the plane and 12,000 in space, are factorised, and nothing proves that no mode is
         missing.
 
-        Raises :class:`~granphon.base.errors.InputError` for more motions, for more modes than cost
-        energy, and for more than a third of all modes of a large network; and
-        :class:`~granphon.base.errors.InstabilityError` as :meth:`modes` does.
+        Raises :class:`~granphon.base.errors.InputError` for a frequency above the top, for more
+        motions, for more modes than cost energy, and for more than a third of all modes of a large
+        network; and :class:`~granphon.base.errors.InstabilityError` as :meth:`modes` does.
         """
+        read_request(self.operator, count, nearest)  # refuses before the long check of stability
         return find_whole(self._stable_operator, count, nearest)
 
     def branches(self, q: ArrayLike, count: int = 6) -> Array:
@@ -470,15 +471,17 @@ class Waves:
         complex plane. Modes that creep fast are far away there, though their real part is zero, and
         may then be missing.
 
-        Raises :class:`~granphon.base.errors.InputError` for a damping below zero, for more modes
-        than there are, or than can be found in a large network, and if losses differ and there are
-        more motions than are factorised; :class:`~granphon.base.errors.PrecisionError` for dashpots
-        that differ and are far stiffer than springs;
+        Raises :class:`~granphon.base.errors.InputError` for a damping below zero, for a frequency
+        above the top, for more modes than there are, or than can be found in a large network, and
+        if losses differ and there are more motions than are factorised;
+        :class:`~granphon.base.errors.PrecisionError` for dashpots that differ and are far stiffer
+        than springs;
         :class:`~granphon.base.errors.ConvergenceError` if the iteration does not end; and what
         :meth:`modes` raises.
         """
         given = GivenLosses(damping, loss_factor, drag, dashpot, restitution)
         losses = Losses.of(self.network, given)
+        read_request(self.operator, count, nearest)  # refuses before the long check of stability
         return find_damped(self._stable_operator, count, nearest, losses)
 
     def nearest_wavevectors(self, q: ArrayLike) -> Array:

@@ -572,3 +572,12 @@ def test_without_static_forces_modes_of_the_whole_are_the_modes():
     found = waves.whole_modes(5)
     assert not np.any(found.frequencies.imag)
     np.testing.assert_allclose(found.frequencies.real, waves.modes(5).frequencies, rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["modes", "damped_modes", "whole_modes"])
+def test_no_modes_are_near_a_frequency_above_the_top(name):
+    waves = gp.Waves(gp.ContactLattice.of("square", 0.8).contact_network(UNITS).repeat((4, 4)))
+    options = {"damping": (1e-7, 0.0)} if name == "damped_modes" else {}
+    top = waves.operator.top / (2.0 * np.pi)
+    with pytest.raises(InputError, match="no modes near"):
+        getattr(waves, name)(2, 2.0 * top, **options)

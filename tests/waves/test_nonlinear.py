@@ -189,6 +189,12 @@ def test_amplitude_shift_of_a_chain_in_closed_form(exponent, cell):
             assert_allclose(found, wanted, rtol=1e-11)
 
 
+def test_balls_that_only_touch_have_no_amplitude_shift():
+    ball = gp.Ball(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)
+    with pytest.raises(InputError, match="overlap"):
+        gp.amplitude_shift(gp.Crystal.on("chain", [ball]), [0.2])
+
+
 @pytest.mark.claim("amplitude-shift")
 def test_amplitude_shift_of_a_plane_in_time():
     """The upper branch of a triangular array without friction: the run has the shift of

@@ -1000,7 +1000,7 @@ def test_other_calls_refuse_what_they_cannot_find():
     held = gp.Waves(chain(6, ("clamped", "free")))
     with pytest.raises(InputError, match="ball 0 does not move"):
         held.local_dos(0, [1.0])
-    with pytest.raises(InputError, match="only 5 cost energy"):
+    with pytest.raises(InputError, match="5 motions"):
         held.damped_modes(6, damping=np.linspace(0.0, 1e-6, 5))
     with pytest.raises(InputError, match="damping: found -1"):
         gp.Phonons(ideal("chain", 0.0)).damped([[0.1]], damping=-1.0)
@@ -1016,3 +1016,13 @@ def test_other_calls_refuse_what_they_cannot_find():
     # a chain that nothing holds answers a steady force without bound
     with pytest.raises(InputError, match="has no bound"):
         gp.Waves(chain(6)).response([0.0], (0, "x"), (1, "x"))
+
+
+def test_reasons_of_what_is_not_found_are_true(monkeypatch):
+    waves = gp.Waves(gp.ContactLattice.of("square", 0.8).contact_network(UNITS).repeat((4, 4)))
+    place = (0, "x")
+    with pytest.raises(ConvergenceError, match="loses energy"):
+        waves.response([100.0], place, place, method="krylov")
+    monkeypatch.setattr("granphon.waves.response.estimate_factors", lambda *_: (math.inf, math.inf))
+    with pytest.raises(ConvergenceError, match="too large to be factorised"):
+        waves.response([100.0], place, place, damping=1e-6, method="direct")

@@ -605,3 +605,16 @@ def test_leads_and_strips_too_wide_for_the_memory_are_refused(monkeypatch):
     monkeypatch.setattr("granphon.dynamics.half_space.available_memory", lambda: np.inf)
     monkeypatch.setattr("granphon.base.memory.available_memory", lambda: np.inf)
     assert HalfSpace(lead, 2).size == 3 * 2 * lead.n_balls
+
+
+def test_a_strip_that_does_not_fit_is_refused_before_waves_of_leads_are_found(monkeypatch):
+    def refuse(*_arguments):
+        raise AssertionError("waves of leads were found first")
+
+    monkeypatch.setattr("granphon.waves.scattering.find_bloch_waves", refuse)
+    lead = bulk("square")
+    strip = bulk("square").repeat((1, 2)).cut(0, 4)  # twice as wide as the lead
+    with pytest.raises(InputError, match="does not fit"):
+        gp.transmission(lead, strip, lead, [100.0])
+    with pytest.raises(InputError, match="does not fit"):
+        gp.Waves(strip).estimate("transmission", lead, lead, [100.0])

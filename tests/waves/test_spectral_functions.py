@@ -22,6 +22,7 @@ from granphon.waves.chebyshev import Kernel, Moments
 from granphon.waves.spectral_functions import (
     PeriodicCell,
     SpectralFunction,
+    _find_shortest,
     find_lines,
     find_true_width,
     fold_wavevectors,
@@ -921,3 +922,41 @@ def test_the_reduced_density_of_long_waves_is_that_of_debye():
     debye = 2.0 * math.pi * area * (v.longitudinal**-2 + v.transverse**-2)
     is_low = (dos.frequencies > 0.12 * dos.top) & (dos.frequencies < 0.25 * dos.top)
     np.testing.assert_allclose(np.mean(dos.reduced[is_low]), debye, rtol=0.05)
+
+
+def test_a_wave_vector_nearest_to_zero_is_told_the_shortest_of_the_cell():
+    network = square_array((40, 4))
+    lengths = np.diag(network.cell)[:2]
+    shortest = 2.0 * np.pi / np.max(lengths)
+    # longer than the shortest wave vector, and yet nearest to zero
+    q = (0.0, 0.45 * 2.0 * np.pi / np.min(lengths))
+    assert q[1] > shortest
+    with pytest.raises(InputError) as caught:
+        gp.Waves(network).spectral_function(q)
+    assert f"{shortest:.6g}" in str(caught.value)
+    assert "shorter" not in str(caught.value)
+
+
+def test_the_shortest_wave_vector_of_an_oblique_cell_is_no_vector_of_its_basis():
+    network = square_array((6, 6))
+    cell = np.array(network.cell)
+    oblique = PeriodicCell(
+        np.array([cell[0], cell[1] + 3.0 * cell[0], cell[2]]), (True, True, False), 2
+    )
+    expected = 2.0 * np.pi / np.max(np.diag(cell)[:2])
+    assert np.isclose(_find_shortest(oblique), expected, rtol=1e-12)
+
+
+def test_waves_of_zero_wave_vector_have_no_ioffe_regel_frequency():
+    network = square_array((12, 4))
+    wavevectors = [(0.0, 0.0), (2.0 * np.pi / network.cell[0, 0], 0.0)]
+    found = gp.Waves(network).spectral_function(wavevectors, (1.0, 0.0), moments=64)
+    with pytest.raises(InputError, match="q = 0"):
+        found.ioffe_regel()
+
+
+def square_array(shape):
+    """A periodic array of a square lattice."""
+    return (
+        gp.ContactLattice.of("square", 0.8).contact_network(gp.Units(8e-3, 3e6, 2e-3)).repeat(shape)
+    )

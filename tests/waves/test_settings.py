@@ -1,0 +1,56 @@
+"""Settings of waves: signals of drives, and the faces of arrays that they move."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import granphon as gp
+from granphon.waves.settings import DriveSettings, Signal
+
+BALL = gp.Ball(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)
+
+
+def integrate_lost(signal, step, end):
+    """The share of the area that is lost, by sums over a fine mesh."""
+    times = (np.arange(2_000_000) + 0.5) / 2_000_000 * end
+    samples = step * np.arange(int(end / step) + 2)
+    values = np.interp(times, signal.times, signal.values)
+    lines = np.interp(times, samples, np.interp(samples, signal.times, signal.values))
+    area = np.sum(np.abs(values))
+    return np.sum(np.abs(values - lines)) / area if area else 0.0
+
+
+@pytest.mark.parametrize(
+    ("times", "values"),
+    [
+        ((1.0, 1.0001), (5.0, 0.0)),  # the signal has a value before its first time
+        ((0.0, 1.0, 1.001, 1.002, 50.0), (1.0, 1.0, 0.0, 1.0, 1.0)),  # and goes on after the end
+        ((0.0, 0.01, 0.02), (0.0, 1.0, 0.0)),
+    ],
+)
+@pytest.mark.parametrize("end", [0.5, 2.0, 10.0])
+def test_lost_area_is_that_from_the_start_to_the_end(times, values, end):
+    signal = Signal(times, values)
+    expected = integrate_lost(signal, 0.1, end)
+    assert np.isclose(signal.lost(0.1, end), expected, rtol=1e-2, atol=1e-6)
+
+
+def test_faces_are_across_the_periods_whichever_axis_these_are_along():
+    strip = gp.Crystal.on("square", [BALL]).at_force(1.0).network.cut(0, 5)
+    drive = DriveSettings(balls="upper", impact=0.1)
+    upper = drive.find_balls(strip)
+    assert np.allclose(strip.positions[upper, 1], np.max(strip.positions[:, 1]))
+    # the same strip with x and y exchanged
+    order = [1, 0, 2]
+    turned = replace(
+        strip,
+        cell=strip.cell[np.ix_(order, order)],
+        pbc=(False, True, False),
+        positions=strip.positions[:, order],
+        normal=strip.normal[:, order],
+        shift=strip.shift[:, order],
+    )
+    assert np.array_equal(drive.find_balls(turned), upper)
