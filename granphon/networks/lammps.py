@@ -39,8 +39,8 @@ _VECTORS = {
     "rolling_force": ("rx", "ry", "rz"),
 }
 #: columns of pairs that are read
-_NAMES = ("i", "j", "force", "delta", *_VECTORS["vector"], *_VECTORS["tangential_force"],
-          *_VECTORS["force"], *_VECTORS["rolling_force"], "twist")  # fmt: skip
+OF_PAIRS = ("i", "j", "force", "delta", *_VECTORS["vector"], *_VECTORS["tangential_force"],
+            *_VECTORS["force"], *_VECTORS["rolling_force"], "twist")  # fmt: skip
 #: columns of atoms that are read, or that a network has no use for
 _OF_ATOMS = ("id", "type", "element", "radius", "diameter", "mass")
 _WRITE_ATOMS = "Write it with: dump 1 all custom 1000 atoms.dump id x y z radius mass"
@@ -162,7 +162,7 @@ def read_dumps(
         label = -number
         lists.append(_read_wall(atoms, balls, str(wall), label, scales, springs))
         balls = add_wall(balls, label, str(wall))
-    notes = [note_columns(touching, _NAMES)]
+    notes = [note_columns(touching, OF_PAIRS)]
     notes += note_atoms(atoms, names_of_walls, frozen)
     return replace(make_source(atoms, scales, balls, lists, notes), slip_levers="radii")
 
@@ -209,7 +209,7 @@ def find_frames(dump: Any, pairs: Any, step: int | None) -> tuple[Frame, Frame]:
 def read_contacts(pairs: Frame, scales: Scales, springs: Springs) -> Contacts:
     """Return the contacts of a dump of pairs, in SI units; InputError without ids."""
     require_columns(pairs, ("i", "j"), _NAME_PAIRS)
-    names_read = [name for name in _NAMES if name in pairs.names]
+    names_read = [name for name in OF_PAIRS if name in pairs.names]
     columns = pairs.read(names_read)
     # programs write the vector from j to i and the forces on i; in Contacts the vector leads from i
     # to j and the forces act on j: all change their signs
@@ -243,7 +243,7 @@ def read_names(columns: Any, touching: Frame) -> tuple[str, ...]:
     if are_texts and len(names) == len(touching.names):
         return names
     shown = f"{touching.name} has {len(touching.names)}: {list_names(touching.names)}"
-    mend = f"Give a name for each; those that count are {', '.join(_NAMES)}"
+    mend = f"Give a name for each; those that count are {', '.join(OF_PAIRS)}"
     raise InputError(f"columns are {brief(columns)}, and {shown}", mend=mend)
 
 
@@ -451,7 +451,7 @@ def note_columns(frame: Frame, read: Collection[str]) -> str:
     if not names:
         return ""
     listed = list_names(names)
-    return f"{frame.name}: not read, as a network has no such quantity: {listed}."
+    return f"{frame.name}: not read, as the reader takes nothing from them: {listed}."
 
 
 def note_atoms(atoms: Frame, walls: Collection[str], frozen: Mapping[str, Any] | None) -> list[str]:

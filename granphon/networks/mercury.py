@@ -236,7 +236,7 @@ def _read_data(
         still=None if frozen is None else find_frozen(frame, frozen),
         lines=frame.first + 1 + np.arange(frame.count),
     )
-    note = f"{frame.name}: not read, as a network has no such quantity: velocities and angles."
+    note = f"{frame.name}: not read, as a network has no such quantities: velocities and angles."
     pbc_of_network = _read_pbc(pbc, np.zeros(3, bool))
     return _State(frame.name, frame.step, balls, frame.cell, pbc_of_network, (note,))
 
