@@ -845,13 +845,15 @@ class _Joined:
         """
         contacts = self.contacts
         normal = self.pairs.normal
-        torque = contacts.contact_torque
-        if torque is None and contacts.rolling_force is not None:
+        if contacts.contact_torque is not None:
+            return contacts.contact_torque
+        parts = list[Array]()
+        if contacts.rolling_force is not None:
             radii = self.pairs.reduced_radii[:, None]
-            torque = -radii * np.cross(normal, contacts.rolling_force)
-            if contacts.twisting_torque is not None:
-                torque = torque + contacts.twisting_torque[:, None] * normal
-        return torque
+            parts.append(-radii * np.cross(normal, contacts.rolling_force))
+        if contacts.twisting_torque is not None:
+            parts.append(contacts.twisting_torque[:, None] * normal)
+        return sum(parts[1:], start=parts[0]) if parts else None
 
 
 def _warn_of_missing_forces(contacts: Contacts) -> None:

@@ -162,7 +162,7 @@ def read_dumps(
         label = -number
         lists.append(_read_wall(atoms, balls, str(wall), label, scales, springs))
         balls = add_wall(balls, label, str(wall))
-    notes = [note_columns(touching, OF_PAIRS)]
+    notes = note_pairs(touching, springs)
     notes += note_atoms(atoms, names_of_walls, frozen)
     return replace(make_source(atoms, scales, balls, lists, notes), slip_levers="radii")
 
@@ -207,9 +207,13 @@ def find_frames(dump: Any, pairs: Any, step: int | None) -> tuple[Frame, Frame]:
 
 
 def read_contacts(pairs: Frame, scales: Scales, springs: Springs) -> Contacts:
-    """Return the contacts of a dump of pairs, in SI units; InputError without ids."""
+    """Return the contacts of a dump of pairs, in SI units; InputError without ids.
+
+    Static torques are read of laws alone that the ``springs`` have (:func:`list_lawless`).
+    """
     require_columns(pairs, ("i", "j"), _NAME_PAIRS)
-    names_read = [name for name in OF_PAIRS if name in pairs.names]
+    lawless = list_lawless(pairs, springs)
+    names_read = [name for name in OF_PAIRS if name in pairs.names and name not in lawless]
     columns = pairs.read(names_read)
     # programs write the vector from j to i and the forces on i; in Contacts the vector leads from i
     # to j and the forces act on j: all change their signs
@@ -231,6 +235,34 @@ def read_contacts(pairs: Frame, scales: Scales, springs: Springs) -> Contacts:
         **vectors,
         **springs.of(pairs.count),
     )
+
+
+def list_lawless(pairs: Frame, springs: Springs) -> dict[str, str]:
+    """Return the columns of static torques in a dump of ``pairs`` for which the ``springs`` have no
+    law of rolling or twisting, each with the argument that would give one.
+
+    LAMMPS does not set the rolling force and the torque of twist where no such law acts: it then
+    writes what stands in its memory (``PairGranular::single``).
+    """
+    lawless = {}
+    if springs.rolling is None:
+        lawless |= dict.fromkeys(_VECTORS["rolling_force"], "rolling_stiffness")
+    if springs.twisting is None:
+        lawless["twist"] = "twisting_stiffness"
+    return {name: argument for name, argument in lawless.items() if name in pairs.names}
+
+
+def note_pairs(pairs: Frame, springs: Springs) -> list[str]:
+    """Return the notes on columns of a dump of ``pairs`` that are not read."""
+    notes = [note_columns(pairs, OF_PAIRS)]
+    lawless = list_lawless(pairs, springs)
+    for argument in dict.fromkeys(lawless.values()):
+        names = [name for name in lawless if lawless[name] == argument]
+        notes.append(
+            f"{pairs.name}: not read without {argument}, as programs leave any numbers there where"
+            f" no such law acts: {list_names(names)}."
+        )
+    return notes
 
 
 def read_names(columns: Any, touching: Frame) -> tuple[str, ...]:

@@ -18,7 +18,6 @@ from granphon.base.validation import texts
 from granphon.networks.building import Source
 from granphon.networks.dumps import Dump, Frame
 from granphon.networks.lammps import (
-    OF_PAIRS,
     Scales,
     Springs,
     add_wall,
@@ -27,6 +26,7 @@ from granphon.networks.lammps import (
     make_source,
     note_atoms,
     note_columns,
+    note_pairs,
     read_balls,
     read_contacts,
     read_ids,
@@ -86,7 +86,7 @@ def read_liggghts(
         touching = _name_columns(touching, keywords)
     balls = read_balls(atoms, scales, frozen)
     lists = [read_contacts(touching, scales, springs)]
-    notes = [note_columns(touching, OF_PAIRS), *note_atoms(atoms, (), frozen)]
+    notes = [*note_pairs(touching, springs), *note_atoms(atoms, (), frozen)]
     if walls is not None:
         at_walls = _name_columns(Dump.open(walls, "entries").find(atoms.step), keywords)
         at_walls = replace(at_walls, names=_rename_wall(at_walls.names))

@@ -1112,8 +1112,10 @@ class ContactNetwork(Result):
             of ``compute pair/local`` (default: to the nearest image); tx, ty, tz, the tangential
             force on i, as p1, p2, p3 (default: not known); fx, fy, fz, the force on i, from which
             normal and tangential forces follow where they are not given; delta, the overlap
-            (default: that of places and radii); and rx, ry, rz, the rolling force on i, as p5, p6,
-            p7, with twist, the torque of twist, as p9 (default: none).
+            (default: that of places and radii); rx, ry, rz, the rolling force on i, as p5, p6, p7,
+            with a ``rolling_stiffness``; and twist, the torque of twist, as p9, with a
+            ``twisting_stiffness`` (default: none). Where a law of rolling or twisting does not act,
+            LAMMPS leaves any numbers in these columns: without the stiffness they are not read.
         material : the one that the contacts of ``hertz/material`` have in the simulation; None for
             constant stiffnesses.
         units : "si", "cgs", "micro" or "nano", LAMMPS' style of units; or the scales of "lj" units.
@@ -1419,9 +1421,10 @@ class ContactNetwork(Result):
         force, the sum of the normal forces on the ball, N. ``pairs`` has a bond for each contact: i
         and j, the ids of its balls, force, N, dx, dy, dz, the vector from j to i, m, and tx, ty,
         tz, the tangential force on i, N, if these are known, with rx, ry, rz, the rolling force on
-        i, N, and twist, the torque of twist, N m, if contacts have static torques. Flat walls and
-        their contacts are left out, and stiffnesses, which follow from the material. Folders are
-        made if need be.
+        i, N, and twist, the torque of twist, N m, if contacts have static torques;
+        :meth:`from_lammps` reads these with a ``rolling_stiffness`` and a ``twisting_stiffness``,
+        which may be 0. Flat walls and their contacts are left out, and stiffnesses, which follow
+        from the material. Folders are made if need be.
 
         Raises :class:`~granphon.base.errors.InputError` for a cell whose first vector is not along
         x or whose second one leaves the xy plane, and for two names of one file, and OutputError

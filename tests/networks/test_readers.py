@@ -460,6 +460,7 @@ def test_torques_of_pairs_stay_where_walls_are_read_too(tmp_path):
     for name, text in texts.items():
         (tmp_path / name).write_text(text)
     options = {"normal_stiffness": 1e6, "shear_stiffness": 1e6, "keep_rattlers": True}
+    options |= {"rolling_stiffness": 1e5, "twisting_stiffness": 0.1}
     network = gp.ContactNetwork.from_lammps(
         tmp_path / "atoms", tmp_path / "pairs", walls="lid", **options
     )
