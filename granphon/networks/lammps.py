@@ -19,7 +19,7 @@ from granphon.base.errors import InputError, brief
 from granphon.base.scales import Units
 from granphon.base.staging import write_texts
 from granphon.base.text import join_numbers, list_names, require_path
-from granphon.base.validation import choice, not_negative, positive, require, whole_number
+from granphon.base.validation import choice, not_negative, positive, require, texts, whole_number
 from granphon.networks.building import Source
 from granphon.networks.dumps import OWN, Dump, Frame
 from granphon.networks.sources import Balls, Contacts, find_rounding
@@ -31,6 +31,8 @@ _STYLES = {
 }  # fmt: skip
 #: greatest relative difference of boxes that are one: the dumps may be written with few digits
 _SAME_BOX = 1e-5
+#: the last time step that LAMMPS counts
+_LAST_STEP = 2**63 - 1
 #: names of the vectors of pairs, each with its components
 _VECTORS = {
     "vector": ("dx", "dy", "dz"),
@@ -154,14 +156,14 @@ def read_dumps(
         not_negative("rolling_stiffness", springs.rolling, "N/m")
     if columns is not None:
         touching.names = read_names(columns, touching)
-    names_of_walls = (walls,) if isinstance(walls, str) else tuple(walls)
+    names_of_walls = _read_walls(walls)
     contacts = read_contacts(touching, scales, springs)
     balls = read_balls(atoms, scales, frozen)
     lists = [contacts]
     for number, wall in enumerate(names_of_walls, 1):
         label = -number
-        lists.append(_read_wall(atoms, balls, str(wall), label, scales, springs))
-        balls = add_wall(balls, label, str(wall))
+        lists.append(_read_wall(atoms, balls, wall, label, scales, springs))
+        balls = add_wall(balls, label, wall)
     notes = note_pairs(touching, springs)
     notes += note_atoms(atoms, names_of_walls, frozen)
     return replace(make_source(atoms, scales, balls, lists, notes), slip_levers="radii")
@@ -189,7 +191,7 @@ def find_frames(dump: Any, pairs: Any, step: int | None) -> tuple[Frame, Frame]:
     ``dump`` and ``pairs`` are paths, or files that are open
     (:class:`~granphon.networks.dumps.Dump`).
     """
-    step = None if step is None else whole_number("step", step, 0)
+    step = None if step is None else whole_number("step", step, 0, _LAST_STEP)
     atoms = Dump.open(dump, "atoms").find(step)
     touching = Dump.open(pairs, "entries").find(step)
     if atoms.step != touching.step:
@@ -354,7 +356,7 @@ def find_frozen(atoms: Frame, frozen: Any) -> Flags:
     """Return (n,) whether each ball does not move: ``frozen`` maps names of columns to a value or
     several, and a ball that has one of the values in such a column is frozen.
 
-    InputError for what is no such mapping, for an unknown column, and for values that no ball has.
+    InputError for what is no such mapping, for an unknown column, and for a value that no ball has.
     """
     if not isinstance(frozen, Mapping) or not frozen:
         mend = "Give a column of the dump with the values there: frozen={'type': 2}"
@@ -363,15 +365,28 @@ def find_frozen(atoms: Frame, frozen: Any) -> Flags:
     for column, values in frozen.items():
         require_columns(atoms, (str(column),), "Give a column that it has")
         is_single = isinstance(values, str) or not isinstance(values, Collection)
-        listed = [values] if is_single else values
-        has_value = np.isin(atoms.read_words(column), [str(value) for value in listed])
-        if not np.any(has_value):
-            raise InputError(f"{atoms.name} has no ball with {column} = {brief(values)}")
-        is_frozen |= has_value
+        words = np.array(atoms.read_words(column))
+        for value in [values] if is_single else values:
+            is_whole = isinstance(value, float) and value.is_integer()  # 2.0 stands there as 2
+            has_value = words == str(int(value) if is_whole else value)
+            if not np.any(has_value):
+                raise InputError(f"{atoms.name} has no ball with {column} = {brief(value)}")
+            is_frozen |= has_value
     return is_frozen
 
 
 # -- walls -----------------------------------------------------------------------------------------
+
+
+def _read_walls(walls: Any) -> tuple[str, ...]:
+    """Return the names of walls, one or a list; InputError for what is none, and for a name that is
+    given twice.
+    """
+    names = texts("walls", walls)
+    for place, name in enumerate(names):
+        if name in names[:place]:
+            raise InputError(f"walls name {brief(name)} twice", "Its contacts would count twice")
+    return names
 
 
 def _read_wall(

@@ -376,7 +376,8 @@ def _read_pbc(pbc: Any, default: Flags) -> Flags:
     """
     if pbc is None:
         return default
-    flags = list(pbc) if isinstance(pbc, Sequence | np.ndarray) else []
+    values = pbc.tolist() if isinstance(pbc, np.ndarray) else pbc
+    flags = list(values) if isinstance(values, Sequence) else []
     if not 1 <= len(flags) <= 3:
         raise InputError(f"pbc is {brief(pbc)}", mend="Give a truth value for each axis")
     flags = [require("pbc", truth, flag) for flag in flags]

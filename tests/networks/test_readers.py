@@ -398,10 +398,20 @@ def test_notes_name_what_is_passed_over(tmp_path):
     for frozen, said in (
         ({"type": 9}, "type"),
         ({"id": 99}, "no ball with id = 99"),
+        ({"id": [1, 99]}, "no ball with id = 99"),
         (3, "frozen is 3"),
     ):
         with pytest.raises(InputError, match=said):
             gp.ContactNetwork.from_lammps(atoms, pairs, GLASS, frozen=frozen)
+    still = gp.ContactNetwork.from_lammps(atoms, pairs, GLASS, frozen={"id": [1, 2.0]})
+    assert still.labels[~still.moving].tolist() == [1, 2]
+    for options, said in (
+        ({"walls": 3}, "walls: found 3"),
+        ({"walls": ["lid", "lid"]}, "'lid' twice"),
+        ({"step": 10**400}, "step: found"),
+    ):
+        with pytest.raises(InputError, match=said):
+            gp.ContactNetwork.from_lammps(tmp_path / "atoms", pairs, GLASS, **options)
     balls = {"x": [0.0, 1.9], "radius": [1.0, 1.0], "mass": [1.0, 1.0], "colour": [1, 2]}
     contacts = {"i": [0], "j": [1], "normal_stiffness": [1.0], "normal_force": [0.1]}
     found = gp.ContactNetwork.from_table(balls, contacts, friction=False, keep_rattlers=True)
