@@ -88,8 +88,8 @@ def measure_turned(
 
 @compiled
 def measure_distances(vector: Array, length: Array, normal: Array, loss: Array) -> None:
-    """Set the ``normal`` of contacts (n_c, d) to the direction of their ``vector`` r (n_c, d), or to
-    zero where r is zero and has none, and the ``loss`` |r| - l of overlaps (n_c,).
+    """Set the ``normal`` of contacts (n_c, d) to the direction of their ``vector`` r (n_c, d), or
+    to zero where r is zero and has none, and the ``loss`` |r| - l of overlaps (n_c,).
     """
     d = vector.shape[1]
     for contact in range(len(vector)):

@@ -233,10 +233,15 @@ class Source:
 
         ``positions`` are (n, 3), m; ``pbc`` (3,) says along which vectors the network repeats. The
         tangential forces are left out if in every list they are absent, or are nothing but the
-        rounding of normal forces. Contacts with faults raise or warn (:meth:`_join_balls`).
+        rounding of normal forces. Where some lists have static torques of rolling and twist, those
+        of the others are zero. Contacts with faults raise or warn (:meth:`_join_balls`).
         """
         joined_lists = self._join_balls(positions, pbc, drops=completion.bad == "drop")
         fields_of_lists = [joined.complete(self.balls, completion) for joined in joined_lists]
+        if any("contact_torque" in fields_of_list for fields_of_list in fields_of_lists):
+            for fields_of_list in fields_of_lists:
+                no_torques = np.zeros((len(fields_of_list["i"]), 3))
+                fields_of_list.setdefault("contact_torque", no_torques)
         contact_fields = _concatenate(fields_of_lists)
         if all(joined.is_normal or joined.tangential_force is None for joined in joined_lists):
             contact_fields.pop("tangential_force", None)
@@ -840,13 +845,15 @@ class _Joined:
         """
         contacts = self.contacts
         normal = self.pairs.normal
-        torque = contacts.contact_torque
-        if torque is None and contacts.rolling_force is not None:
+        if contacts.contact_torque is not None:
+            return contacts.contact_torque
+        parts = list[Array]()
+        if contacts.rolling_force is not None:
             radii = self.pairs.reduced_radii[:, None]
-            torque = -radii * np.cross(normal, contacts.rolling_force)
-            if contacts.twisting_torque is not None:
-                torque = torque + contacts.twisting_torque[:, None] * normal
-        return torque
+            parts.append(-radii * np.cross(normal, contacts.rolling_force))
+        if contacts.twisting_torque is not None:
+            parts.append(contacts.twisting_torque[:, None] * normal)
+        return sum(parts[1:], start=parts[0]) if parts else None
 
 
 def _warn_of_missing_forces(contacts: Contacts) -> None:

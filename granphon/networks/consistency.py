@@ -96,8 +96,8 @@ def compare_numbers(network: Any) -> tuple[Comparison, ...]:
 
     The sums of static forces on balls are compared with prestress; without prestress they are
     compared if all static forces are known, and the network has no open ends. The sums of torques
-    are compared, too, if tangential forces are known; not if contacts resist rolling or twist,
-    whose static torques are not known. Overlaps, stiffnesses and masses are compared in networks
+    are compared, too, if tangential forces are known; not if contacts resist rolling or twist, and
+    their static torques are not known. Overlaps, stiffnesses and masses are compared in networks
     that were read: in granphon's own networks the contacts follow their law, and balls need not be
     solid.
     """
@@ -145,14 +145,14 @@ def _list_comparisons(network: Any) -> Iterator[Comparison]:
 
 
 def _can_balance(network: Any) -> bool:
-    """Whether the static forces on each ball are compared with zero: if there are any, and with
-    prestress, by which they act on waves.
+    """Whether the static forces on each ball that moves are compared with zero: if there are any,
+    and with prestress, by which they act on waves.
 
     Without prestress they are compared only if they are complete: tangential forces are known or
     cannot be, and the network repeats along all axes or has bodies that do not move, so that
     nothing outside of it holds its balls.
     """
-    if not np.any(network.normal_force):
+    if not np.any(network.normal_force) or not np.any(network.moving):
         return False
     bears_no_tangential = network.dimension == 1 or not np.any(network.shear_stiffness)
     is_known = bears_no_tangential or network.tangential_force is not None
@@ -726,7 +726,8 @@ def _compare_coordination(network: Any, is_held: Array) -> Comparison:
     as many deformations are resisted as there are motions (Maxwell's count).
 
     The balls and their motions are counted where ``is_held`` (n,) is true; the contacts are those
-    among these balls, and with bodies that do not move. If no contact resists a deformation, each
+    among these balls, and with bodies that do not move. Springs to the ground resist motions, too,
+    so that fewer contacts are needed. If no contact resists a deformation, each
     is counted as one that resists one.
     """
     motions = network.ball_motions
@@ -750,10 +751,17 @@ def _compare_coordination(network: Any, is_held: Array) -> Comparison:
         for name, number in n_deformations.items()
     )
     n_needed = motions.count * n_held - _count_rigid_motions(network)
-    per_ball = 2.0 * n_contacts / n_held
-    n_soft = n_needed - n_resisted
+    if network.on_site is not None:  # a spring to the ground resists one motion of its ball
+        n_needed -= int(np.count_nonzero(network.on_site[is_held, : motions.count]))
+    n_soft = max(n_needed - n_resisted, 0)
     resisted_by_contact = n_resisted / n_contacts if n_resisted else 1.0
-    isostatic = 2.0 * n_needed / (n_held * resisted_by_contact)
+    n_isostatic = max(n_needed, 0) / resisted_by_contact  # contacts of the network
+    # a contact with a body that does not move is one of one ball alone
+    n_ends = np.count_nonzero(is_held[network.i] & is_counted)
+    n_ends += np.count_nonzero(is_held[network.j] & is_counted)
+    balls_of_contact = n_ends / n_contacts if n_contacts else 2.0
+    per_ball = balls_of_contact * n_contacts / n_held
+    isostatic = balls_of_contact * n_isostatic / n_held
     return Comparison(
         name="contacts",
         meaning="contacts per ball, of those that are held, against the isostatic number",
@@ -776,10 +784,11 @@ def _count_rigid_motions(network: Any) -> int:
     """Return the number of rigid motions, translations and rotations of the whole network that
     deform no contact.
 
-    There are none where bodies that do not move hold the balls. A network turns in a plane only if
-    its balls move along both axes of the plane, and it repeats along neither.
+    There are none where bodies that do not move, or springs to the ground, hold the balls. A
+    network turns in a plane only if its balls move along both axes of the plane, and it repeats
+    along neither.
     """
-    if not np.all(network.moving):
+    if not np.all(network.moving) or network.on_site is not None:
         return 0
     translations = network.ball_motions.translations
     planes = ((1, 2), (2, 0), (0, 1))

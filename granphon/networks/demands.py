@@ -79,7 +79,7 @@ def _list_demands_on_ends(network: Any) -> Iterator[_Demand]:
 
 def _list_demands_on_forces(network: Any) -> Iterator[_Demand]:
     """Yield the demands that normals have the length one, that forces and stiffnesses are in their
-    ranges, that tangential forces are across the normals, and that arms are finite.
+    ranges, that tangential forces are across the normals, and that torques and arms are finite.
     """
     # squares of larger numbers might overflow
     length = np.linalg.norm(np.clip(network.normal, -2.0, 2.0), axis=1)

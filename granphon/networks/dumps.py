@@ -169,14 +169,14 @@ class Dump:
         if self.fault is not None:
             if step is None or not frames:
                 last = self.frames[-1].step
-                why = f"The last {self.word} that can be read is {last:.12g}"
-                raise InputError(str(self.fault), why, f"Give {self.argument}={last:.12g}")
-            fault = f"{self.name} is read at the {self.word} {step:.12g}, and cannot be read to its"
+                why = f"The last {self.word} that can be read is {last:.15g}"
+                raise InputError(str(self.fault), why, f"Give {self.argument}={last:.15g}")
+            fault = f"{self.name} is read at the {self.word} {step:.15g}, and cannot be read to its"
             text = message(f"{fault} end: {self.fault}")
             warn_caller(text, StoppedEarlyWarning)
         if not frames:
             why = f"It has {_describe_steps(self.steps)}"
-            raise InputError(f"{self.name} has no {self.word} {step:.12g}", why)
+            raise InputError(f"{self.name} has no {self.word} {step:.15g}", why)
         return frames[-1]
 
 
@@ -210,8 +210,8 @@ def share_steps(balls: OneDump, contacts: OneDump) -> tuple[list[float], OneDump
 def _describe_steps(steps: list[float]) -> str:
     """Return ascending time steps in words: the step, or the first, the last and the number."""
     if len(steps) == 1:
-        return f"{steps[0]:.12g} alone"
-    return f"{steps[0]:.12g} to {steps[-1]:.12g}, {len(steps)} in all"
+        return f"{steps[0]:.15g} alone"
+    return f"{steps[0]:.15g} to {steps[-1]:.15g}, {len(steps)} in all"
 
 
 class Lines:

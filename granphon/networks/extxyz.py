@@ -57,9 +57,10 @@ def find_box(network: Any) -> tuple[Array, Array]:
     is_open = ~np.asarray(network.pbc)
     is_ball = np.isfinite(network.radii)
     radii = network.radii[is_ball, None]
-    # unit vectors across all periods
+    # unit vectors across all periods, whose largest components are positive
     across = np.linalg.svd(vectors[~is_open])[2][np.count_nonzero(~is_open) :]
-    across *= np.sign(np.sum(across, axis=1, keepdims=True))
+    largest = np.argmax(np.abs(across), axis=1)[:, None]
+    across *= np.sign(np.take_along_axis(across, largest, axis=1))
     heights = network.positions[is_ball] @ across.T
     low = np.min(heights - radii, axis=0)
     high = np.max(heights + radii, axis=0)
@@ -84,7 +85,7 @@ def frame_text(columns: Mapping[str, Array], network: Any, remark: Mapping[str, 
     properties = ["species:S:1"]  # of all balls X, which is no element
     cells: list[Sequence[str]] = [["X"] * n_rows]
     for name, values in grouped.items():
-        flat = values.reshape(n_rows, -1)
+        flat = values if values.ndim == 2 else values[:, None]
         properties.append(f"{name}:{_TYPES[values.dtype.kind]}:{flat.shape[1]}")
         encode = quote if values.dtype.kind == "U" else repr
         cells += [list(map(encode, column.tolist())) for column in flat.T]

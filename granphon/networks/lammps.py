@@ -19,7 +19,7 @@ from granphon.base.errors import InputError, brief
 from granphon.base.scales import Units
 from granphon.base.staging import write_texts
 from granphon.base.text import join_numbers, list_names, require_path
-from granphon.base.validation import choice, not_negative, positive, require, whole_number
+from granphon.base.validation import choice, not_negative, positive, require, texts, whole_number
 from granphon.networks.building import Source
 from granphon.networks.dumps import OWN, Dump, Frame
 from granphon.networks.sources import Balls, Contacts, find_rounding
@@ -31,6 +31,8 @@ _STYLES = {
 }  # fmt: skip
 #: greatest relative difference of boxes that are one: the dumps may be written with few digits
 _SAME_BOX = 1e-5
+#: the last time step that LAMMPS counts
+_LAST_STEP = 2**63 - 1
 #: names of the vectors of pairs, each with its components
 _VECTORS = {
     "vector": ("dx", "dy", "dz"),
@@ -39,8 +41,8 @@ _VECTORS = {
     "rolling_force": ("rx", "ry", "rz"),
 }
 #: columns of pairs that are read
-_NAMES = ("i", "j", "force", "delta", *_VECTORS["vector"], *_VECTORS["tangential_force"],
-          *_VECTORS["force"], *_VECTORS["rolling_force"], "twist")  # fmt: skip
+OF_PAIRS = ("i", "j", "force", "delta", *_VECTORS["vector"], *_VECTORS["tangential_force"],
+            *_VECTORS["force"], *_VECTORS["rolling_force"], "twist")  # fmt: skip
 #: columns of atoms that are read, or that a network has no use for
 _OF_ATOMS = ("id", "type", "element", "radius", "diameter", "mass")
 _WRITE_ATOMS = "Write it with: dump 1 all custom 1000 atoms.dump id x y z radius mass"
@@ -154,15 +156,15 @@ def read_dumps(
         not_negative("rolling_stiffness", springs.rolling, "N/m")
     if columns is not None:
         touching.names = read_names(columns, touching)
-    names_of_walls = (walls,) if isinstance(walls, str) else tuple(walls)
+    names_of_walls = _read_walls(walls)
     contacts = read_contacts(touching, scales, springs)
     balls = read_balls(atoms, scales, frozen)
     lists = [contacts]
     for number, wall in enumerate(names_of_walls, 1):
         label = -number
-        lists.append(_read_wall(atoms, balls, str(wall), label, scales, springs))
-        balls = add_wall(balls, label, str(wall))
-    notes = [note_columns(touching, _NAMES)]
+        lists.append(_read_wall(atoms, balls, wall, label, scales, springs))
+        balls = add_wall(balls, label, wall)
+    notes = note_pairs(touching, springs)
     notes += note_atoms(atoms, names_of_walls, frozen)
     return replace(make_source(atoms, scales, balls, lists, notes), slip_levers="radii")
 
@@ -189,7 +191,7 @@ def find_frames(dump: Any, pairs: Any, step: int | None) -> tuple[Frame, Frame]:
     ``dump`` and ``pairs`` are paths, or files that are open
     (:class:`~granphon.networks.dumps.Dump`).
     """
-    step = None if step is None else whole_number("step", step, 0)
+    step = None if step is None else whole_number("step", step, 0, _LAST_STEP)
     atoms = Dump.open(dump, "atoms").find(step)
     touching = Dump.open(pairs, "entries").find(step)
     if atoms.step != touching.step:
@@ -207,9 +209,13 @@ def find_frames(dump: Any, pairs: Any, step: int | None) -> tuple[Frame, Frame]:
 
 
 def read_contacts(pairs: Frame, scales: Scales, springs: Springs) -> Contacts:
-    """Return the contacts of a dump of pairs, in SI units; InputError without ids."""
+    """Return the contacts of a dump of pairs, in SI units; InputError without ids.
+
+    Static torques are read of laws alone that the ``springs`` have (:func:`list_lawless`).
+    """
     require_columns(pairs, ("i", "j"), _NAME_PAIRS)
-    names_read = [name for name in _NAMES if name in pairs.names]
+    lawless = list_lawless(pairs, springs)
+    names_read = [name for name in OF_PAIRS if name in pairs.names and name not in lawless]
     columns = pairs.read(names_read)
     # programs write the vector from j to i and the forces on i; in Contacts the vector leads from i
     # to j and the forces act on j: all change their signs
@@ -233,6 +239,34 @@ def read_contacts(pairs: Frame, scales: Scales, springs: Springs) -> Contacts:
     )
 
 
+def list_lawless(pairs: Frame, springs: Springs) -> dict[str, str]:
+    """Return the columns of static torques in a dump of ``pairs`` for which the ``springs`` have no
+    law of rolling or twisting, each with the argument that would give one.
+
+    LAMMPS does not set the rolling force and the torque of twist where no such law acts: it then
+    writes what stands in its memory (``PairGranular::single``).
+    """
+    lawless = {}
+    if springs.rolling is None:
+        lawless |= dict.fromkeys(_VECTORS["rolling_force"], "rolling_stiffness")
+    if springs.twisting is None:
+        lawless["twist"] = "twisting_stiffness"
+    return {name: argument for name, argument in lawless.items() if name in pairs.names}
+
+
+def note_pairs(pairs: Frame, springs: Springs) -> list[str]:
+    """Return the notes on columns of a dump of ``pairs`` that are not read."""
+    notes = [note_columns(pairs, OF_PAIRS)]
+    lawless = list_lawless(pairs, springs)
+    for argument in dict.fromkeys(lawless.values()):
+        names = [name for name in lawless if lawless[name] == argument]
+        notes.append(
+            f"{pairs.name}: not read without {argument}, as programs leave any numbers there where"
+            f" no such law acts: {list_names(names)}."
+        )
+    return notes
+
+
 def read_names(columns: Any, touching: Frame) -> tuple[str, ...]:
     """Return the names of the columns of pairs from ``columns``, a list or a text of words;
     InputError unless there is one name for each column of the dump.
@@ -243,7 +277,7 @@ def read_names(columns: Any, touching: Frame) -> tuple[str, ...]:
     if are_texts and len(names) == len(touching.names):
         return names
     shown = f"{touching.name} has {len(touching.names)}: {list_names(touching.names)}"
-    mend = f"Give a name for each; those that count are {', '.join(_NAMES)}"
+    mend = f"Give a name for each; those that count are {', '.join(OF_PAIRS)}"
     raise InputError(f"columns are {brief(columns)}, and {shown}", mend=mend)
 
 
@@ -322,7 +356,7 @@ def find_frozen(atoms: Frame, frozen: Any) -> Flags:
     """Return (n,) whether each ball does not move: ``frozen`` maps names of columns to a value or
     several, and a ball that has one of the values in such a column is frozen.
 
-    InputError for what is no such mapping, for an unknown column, and for values that no ball has.
+    InputError for what is no such mapping, for an unknown column, and for a value that no ball has.
     """
     if not isinstance(frozen, Mapping) or not frozen:
         mend = "Give a column of the dump with the values there: frozen={'type': 2}"
@@ -331,15 +365,28 @@ def find_frozen(atoms: Frame, frozen: Any) -> Flags:
     for column, values in frozen.items():
         require_columns(atoms, (str(column),), "Give a column that it has")
         is_single = isinstance(values, str) or not isinstance(values, Collection)
-        listed = [values] if is_single else values
-        has_value = np.isin(atoms.read_words(column), [str(value) for value in listed])
-        if not np.any(has_value):
-            raise InputError(f"{atoms.name} has no ball with {column} = {brief(values)}")
-        is_frozen |= has_value
+        words = np.array(atoms.read_words(column))
+        for value in [values] if is_single else values:
+            is_whole = isinstance(value, float) and value.is_integer()  # 2.0 stands there as 2
+            has_value = words == str(int(value) if is_whole else value)
+            if not np.any(has_value):
+                raise InputError(f"{atoms.name} has no ball with {column} = {brief(value)}")
+            is_frozen |= has_value
     return is_frozen
 
 
 # -- walls -----------------------------------------------------------------------------------------
+
+
+def _read_walls(walls: Any) -> tuple[str, ...]:
+    """Return the names of walls, one or a list; InputError for what is none, and for a name that is
+    given twice.
+    """
+    names = texts("walls", walls)
+    for place, name in enumerate(names):
+        if name in names[:place]:
+            raise InputError(f"walls name {brief(name)} twice", "Its contacts would count twice")
+    return names
 
 
 def _read_wall(
@@ -451,7 +498,7 @@ def note_columns(frame: Frame, read: Collection[str]) -> str:
     if not names:
         return ""
     listed = list_names(names)
-    return f"{frame.name}: not read, as a network has no such quantity: {listed}."
+    return f"{frame.name}: not read, as the reader takes nothing from them: {listed}."
 
 
 def note_atoms(atoms: Frame, walls: Collection[str], frozen: Mapping[str, Any] | None) -> list[str]:

@@ -26,6 +26,7 @@ from granphon.networks.lammps import (
     make_source,
     note_atoms,
     note_columns,
+    note_pairs,
     read_balls,
     read_contacts,
     read_ids,
@@ -55,8 +56,7 @@ _KEYWORDS = {
 }  # fmt: skip
 #: what the computes give without keywords
 _DEFAULT = ("pos", "vel", "id", "force", "torque", "history", "contactArea")
-#: columns of pairs, and of contacts with walls, that are read
-_OF_PAIRS = ("i", "j", "fx", "fy", "fz", "delta")
+#: columns of contacts with walls that are read
 _OF_WALLS = ("mesh", "ball", *_KEYWORDS["pos"], "fx", "fy", "fz")
 
 
@@ -86,7 +86,7 @@ def read_liggghts(
         touching = _name_columns(touching, keywords)
     balls = read_balls(atoms, scales, frozen)
     lists = [read_contacts(touching, scales, springs)]
-    notes = [note_columns(touching, _OF_PAIRS), *note_atoms(atoms, (), frozen)]
+    notes = [*note_pairs(touching, springs), *note_atoms(atoms, (), frozen)]
     if walls is not None:
         at_walls = _name_columns(Dump.open(walls, "entries").find(atoms.step), keywords)
         at_walls = replace(at_walls, names=_rename_wall(at_walls.names))

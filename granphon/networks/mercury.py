@@ -236,7 +236,7 @@ def _read_data(
         still=None if frozen is None else find_frozen(frame, frozen),
         lines=frame.first + 1 + np.arange(frame.count),
     )
-    note = f"{frame.name}: not read, as a network has no such quantity: velocities and angles."
+    note = f"{frame.name}: not read, as a network has no such quantities: velocities and angles."
     pbc_of_network = _read_pbc(pbc, np.zeros(3, bool))
     return _State(frame.name, frame.step, balls, frame.cell, pbc_of_network, (note,))
 
@@ -376,7 +376,8 @@ def _read_pbc(pbc: Any, default: Flags) -> Flags:
     """
     if pbc is None:
         return default
-    flags = list(pbc) if isinstance(pbc, Sequence | np.ndarray) else []
+    values = pbc.tolist() if isinstance(pbc, np.ndarray) else pbc
+    flags = list(values) if isinstance(values, Sequence) else []
     if not 1 <= len(flags) <= 3:
         raise InputError(f"pbc is {brief(pbc)}", mend="Give a truth value for each axis")
     flags = [require("pbc", truth, flag) for flag in flags]

@@ -291,7 +291,8 @@ class ContactNetwork(Result):
 
     def _reverse_wall_contacts(self) -> None:
         """Let each contact with a flat wall lead from the ball to the wall: where ball i is the
-        wall, exchange the two ends, and reverse shift, normal and tangential force, in place.
+        wall, exchange the two ends, and reverse shift, normal, tangential force and torque, in
+        place.
         """
         walls = np.flatnonzero(np.isinf(self.radii))
         is_reversed = np.isin(self.i, walls) & ~np.isin(self.j, walls)
@@ -534,7 +535,9 @@ class ContactNetwork(Result):
 
     @cached_property
     def mean_force(self) -> float:
-        """Mean size of the static forces of contacts, N."""
+        """Mean size of the static forces of contacts, N; zero without contacts."""
+        if not self.n_contacts:
+            return 0.0
         normal_force, across = self.static_forces
         return float(np.mean(np.hypot(normal_force, np.linalg.norm(across, axis=1))))
 
@@ -544,10 +547,11 @@ class ContactNetwork(Result):
 
         Where some balls do not move, the others may be held against gravity, whose direction and
         size the network does not know. The uniform acceleration that leaves the least sum of
-        squares of the forces is then subtracted, times the mass of each ball.
+        squares of the forces is then subtracted, times the mass of each ball. Without a ball that
+        moves all forces are zero.
         """
         forces, _torques = self.unbalanced
-        if np.all(self.moving):
+        if np.all(self.moving) or not np.any(self.moving):
             return forces
         masses = np.where(self.moving, self.masses, 0.0)
         acceleration = masses @ forces / (masses @ masses)
@@ -672,8 +676,10 @@ class ContactNetwork(Result):
 
     @property
     def coordination(self) -> float:
-        """Mean number of contacts of a ball."""
-        return 2.0 * self.n_contacts / self.n_balls
+        """Mean number of contacts of a ball that moves; zero if none moves."""
+        n_moving = int(np.count_nonzero(self.moving))
+        n_ends = np.count_nonzero(self.moving[self.i]) + np.count_nonzero(self.moving[self.j])
+        return float(n_ends / max(n_moving, 1))
 
     @property
     def fabric(self) -> Array:
@@ -1001,19 +1007,19 @@ class ContactNetwork(Result):
         ``kind``, names of their kinds, and ``on_site_x``, ``on_site_y``, ``on_site_z``,
         ``on_site_rotation_x`` and so on, springs to the ground (default: 0). Contacts have ``i``
         and ``j``, which name two balls, and if need be ``normal_force`` (default: Hertz's at the
-        overlap of the two balls),
-        ``normal_stiffness`` and ``shear_stiffness`` (default: those of Hertz and Mindlin under this
-        force), ``torsion_stiffness`` and ``bending_stiffness`` (default: 0), ``nx``, ``ny``, ``nz``
-        (default: along the line of the centres), ``arm_i`` and ``arm_j`` (default: the radii less
-        half the overlap; zero of a flat wall), ``shift_1``,
-        ``shift_2``, ``shift_3``, whole cells by which ball j is displaced (default: to where it is
-        nearest, or to where the normal leads at a body that does not move and at an image of ball
-        i), ``tangential_x``, ``tangential_y``, ``tangential_z``, the static force across the
-        contact with which ball i acts on ball j (default: not known), ``torque_x``, ``torque_y``,
-        ``torque_z``, the static torque of rolling and twist with which ball i acts on ball j
-        (default: none), ``force_x``, ``force_y``, ``force_z``, the whole static force, from which
-        the normal and the tangential one follow where they are not given, and ``overlap`` (default:
-        that of places and radii). Other columns are not read: :attr:`notes` name them.
+        overlap of the two balls), ``normal_stiffness`` and ``shear_stiffness`` (default: those of
+        Hertz and Mindlin under this force), ``torsion_stiffness`` and ``bending_stiffness``
+        (default: 0), ``nx``, ``ny``, ``nz`` (default: along the line of the centres), ``arm_i`` and
+        ``arm_j`` (default: the radii less half the overlap, where a flat wall counts as of radius
+        zero), ``shift_1``, ``shift_2``, ``shift_3``, whole cells by which ball j is displaced
+        (default: to where it is nearest, or to where the normal leads at a body that does not move
+        and at an image of ball i), ``tangential_x``, ``tangential_y``, ``tangential_z``, the static
+        force across the contact with which ball i acts on ball j (default: not known),
+        ``torque_x``, ``torque_y``, ``torque_z``, the static torque of rolling and twist with which
+        ball i acts on ball j (default: none), ``force_x``, ``force_y``, ``force_z``, the whole
+        static force, from which the normal and the tangential one follow where they are not given,
+        and ``overlap`` (default: that of places and radii). Other columns are not read:
+        :attr:`notes` name them.
 
         Parameters
         ----------
@@ -1052,8 +1058,9 @@ class ContactNetwork(Result):
         warning tells a density or a Young modulus that seems to be in another unit than SI.
 
         Contacts without force are left out where their stiffness follows from the force. Files of
-        :meth:`write_tables` also give cell, pbc, dimension, motions and prestress, where these are
-        not given here; pbc for their own cell only. Such files have a digest. An
+        :meth:`write_tables` also give cell, pbc, dimension, motions, prestress, tangential_law and
+        slip_levers, where these are not given here, pbc for their own cell only; and the fields
+        left_out, adhesive and contact_model. Such files have a digest. An
         :class:`~granphon.base.errors.UnverifiedFileWarning` tells that one of the two files has
         lost its digest, or that a file of another program may be cut, as there is no line break at
         its end.
@@ -1105,8 +1112,10 @@ class ContactNetwork(Result):
             of ``compute pair/local`` (default: to the nearest image); tx, ty, tz, the tangential
             force on i, as p1, p2, p3 (default: not known); fx, fy, fz, the force on i, from which
             normal and tangential forces follow where they are not given; delta, the overlap
-            (default: that of places and radii); and rx, ry, rz, the rolling force on i, as p5, p6,
-            p7, with twist, the torque of twist, as p9 (default: none).
+            (default: that of places and radii); rx, ry, rz, the rolling force on i, as p5, p6, p7,
+            with a ``rolling_stiffness``; and twist, the torque of twist, as p9, with a
+            ``twisting_stiffness`` (default: none). Where a law of rolling or twisting does not act,
+            LAMMPS leaves any numbers in these columns: without the stiffness they are not read.
         material : the one that the contacts of ``hertz/material`` have in the simulation; None for
             constant stiffnesses.
         units : "si", "cgs", "micro" or "nano", LAMMPS' style of units; or the scales of "lj" units.
@@ -1122,7 +1131,8 @@ class ContactNetwork(Result):
             default contacts twist freely.
         walls : names of the ``fix wall/gran ... contacts``, whose columns f_NAME[1] to f_NAME[7]
             the dump of atoms has. A wall is a body that does not move, of infinite radius, with the
-            label -1, the next one -2, and so on.
+            label -1, the next one -2, and so on. Its contacts have no static torques of rolling and
+            twist, which the fix does not write.
         frozen : columns of the dump of atoms, each with a value or values there: such balls do not
             move. {"type": 2}, as of ``fix freeze``; {"id": [1, 2]}. By default all move.
         dimension : 1, 2 or 3; by default 2 where z is the same for all balls, else 3.
@@ -1298,10 +1308,11 @@ class ContactNetwork(Result):
         ``program`` is "lammps" or "liggghts", whose steps are whole numbers, or "mercury", whose
         files .fstat and .data have times, s. ``dump`` and ``pairs`` are the two paths that its
         reader takes, and ``options`` are the reader's but ``step`` or ``time``.
-        Each file is read once. Frames that are cut, as a killed program leaves the last one, end
-        the series, with a :class:`~granphon.base.errors.StoppedEarlyWarning`. Raises
-        :class:`~granphon.base.errors.InputError` for another program, for files without a common
-        step, and as the reader.
+        Each file is read once, when the first network is asked for; not before,
+        :class:`~granphon.base.errors.InputError` is raised for another program, and for files
+        without a common step. Errors of the reader are raised at the step of which they are. Frames
+        that are cut, as a killed program leaves the last one, end the series, with a
+        :class:`~granphon.base.errors.StoppedEarlyWarning`.
         """
         steps: list[float]
         first: Any
@@ -1410,9 +1421,10 @@ class ContactNetwork(Result):
         force, the sum of the normal forces on the ball, N. ``pairs`` has a bond for each contact: i
         and j, the ids of its balls, force, N, dx, dy, dz, the vector from j to i, m, and tx, ty,
         tz, the tangential force on i, N, if these are known, with rx, ry, rz, the rolling force on
-        i, N, and twist, the torque of twist, N m, if contacts have static torques. Flat walls and
-        their contacts are left out, and stiffnesses, which follow from the material. Folders are
-        made if need be.
+        i, N, and twist, the torque of twist, N m, if contacts have static torques;
+        :meth:`from_lammps` reads these with a ``rolling_stiffness`` and a ``twisting_stiffness``,
+        which may be 0. Flat walls and their contacts are left out, and stiffnesses, which follow
+        from the material. Folders are made if need be.
 
         Raises :class:`~granphon.base.errors.InputError` for a cell whose first vector is not along
         x or whose second one leaves the xy plane, and for two names of one file, and OutputError

@@ -237,7 +237,11 @@ class _Columns:
                     kinds += map(sys.intern, table.columns[table.keys.index(key)])
                     self.kinds = ()
                 else:
-                    cells = _read_cells(table, name, heading, quantity)
+                    # a table without rows is refused as cut, unless its digest says it is whole
+                    is_empty = self.sealed and not table.lines
+                    cells = np.zeros(0)
+                    if not is_empty:
+                        cells = _read_cells(table, name, heading, quantity)
                     arrays_of_columns.setdefault(name, []).append(cells)
                     self._units[name] = table.unit(heading)
         if lines:

@@ -212,6 +212,31 @@ def test_a_network_without_contacts_has_a_check_of_them(lattice):
     assert check.reason.startswith(f"{2 * n - 2} modes")
 
 
+def test_a_contact_with_a_wall_is_one_of_one_ball():
+    """Of a row of two balls on each of two walls: two contacts each, three in all."""
+    places = np.outer([0.0, 1.0, 2.0, 3.0], [2e-3, 0.0, 0.0])
+    mass = np.array([np.inf, 1.0, 1.0, np.inf])
+    balls = {"x": places[:, 0], "y": places[:, 1], "radius": np.full(4, 1e-3), "mass": mass}
+    contacts = {"i": [0, 1, 2], "j": [1, 2, 3], "normal_force": [1.0] * 3}
+    contacts |= {"normal_stiffness": [1e6] * 3, "shear_stiffness": [0.0] * 3}
+    network = gp.ContactNetwork.from_table(balls, contacts)
+    assert network.coordination == 2.0
+    check = {each.name: each for each in compare_numbers(network)}["contacts"]
+    # four displacements against three contacts, which have four ends at balls that move
+    assert (check.value, check.limit) == (2.0, pytest.approx(4.0 / 3.0 * 2.0))
+    assert check.reason.startswith("1 mode")
+    held = replace(network, on_site=np.full((4, network.named_motions.count), [0.0, 1.0, 0.0]))
+    check = {each.name: each for each in compare_numbers(held)}["contacts"]
+    assert check.holds
+    assert check.limit == pytest.approx(4.0 / 3.0)
+
+
+def test_bodies_that_do_not_move_have_no_balance(lattice):
+    still = replace(lattice, masses=np.full(lattice.n_balls, np.inf))
+    assert not np.any(still.residual_forces)
+    assert "balance" not in {each.name for each in compare_numbers(still)}
+
+
 def test_too_few_contacts_are_told_of_no_lattice(tmp_path):
     """Two rows of a square lattice shear freely; without one of their contacts they are none."""
     units = gp.Units(1.0, 1.0, 1.0)

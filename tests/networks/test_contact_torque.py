@@ -138,11 +138,21 @@ def test_dumps_hold_torques(tmp_path):
     turned.write_dumps(*files)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InconsistencyWarning)  # radii are random here
-        read = gp.ContactNetwork.from_lammps(
-            *files, normal_stiffness=1e6, shear_stiffness=1e6, keep_rattlers=True
+        options = {"normal_stiffness": 1e6, "shear_stiffness": 1e6, "keep_rattlers": True}
+        read, free = (
+            gp.ContactNetwork.from_lammps(*files, **options, **laws)
+            for laws in ({"rolling_stiffness": 1e5, "twisting_stiffness": 0.0}, {})
         )
+    # where no law of rolling acts LAMMPS writes any numbers
+    assert free.contact_torque is None
+    assert sum("not read without" in note for note in free.notes) == 2
     scale = np.max(np.abs(network.contact_torque))
     np.testing.assert_allclose(read.contact_torque, turned.contact_torque, atol=1e-12 * scale)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InconsistencyWarning)
+        twist = gp.ContactNetwork.from_lammps(*files, twisting_stiffness=0.0, **options)
+    along = np.einsum("ca,ca->c", turned.contact_torque, turned.normal)[:, None] * turned.normal
+    np.testing.assert_allclose(twist.contact_torque, along, atol=1e-12 * scale)
 
 
 def test_torques_of_reversed_contacts_and_of_repeated_cells():

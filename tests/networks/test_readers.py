@@ -390,15 +390,28 @@ def test_notes_name_what_is_passed_over(tmp_path):
     (tmp_path / "atoms").write_text("\n".join([*lines, ""]))
     notes = gp.ContactNetwork.from_lammps(tmp_path / "atoms", pairs, GLASS).notes
     assert [bool(re.search("fix lid|: vx", note)) for note in notes] == [True, True]
+    # the same columns by the reader of LIGGGHTS, which a dump may name as that of LAMMPS
+    named = gp.ContactNetwork.from_liggghts(atoms, pairs, GLASS)
+    assert not any("pairs.dump" in note for note in named.notes)
     with pytest.raises(InputError, match=r"no column f_floor\[1\]"):
         gp.ContactNetwork.from_lammps(tmp_path / "atoms", pairs, GLASS, walls="floor")
     for frozen, said in (
         ({"type": 9}, "type"),
         ({"id": 99}, "no ball with id = 99"),
+        ({"id": [1, 99]}, "no ball with id = 99"),
         (3, "frozen is 3"),
     ):
         with pytest.raises(InputError, match=said):
             gp.ContactNetwork.from_lammps(atoms, pairs, GLASS, frozen=frozen)
+    still = gp.ContactNetwork.from_lammps(atoms, pairs, GLASS, frozen={"id": [1, 2.0]})
+    assert still.labels[~still.moving].tolist() == [1, 2]
+    for options, said in (
+        ({"walls": 3}, "walls: found 3"),
+        ({"walls": ["lid", "lid"]}, "'lid' twice"),
+        ({"step": 10**400}, "step: found"),
+    ):
+        with pytest.raises(InputError, match=said):
+            gp.ContactNetwork.from_lammps(tmp_path / "atoms", pairs, GLASS, **options)
     balls = {"x": [0.0, 1.9], "radius": [1.0, 1.0], "mass": [1.0, 1.0], "colour": [1, 2]}
     contacts = {"i": [0], "j": [1], "normal_stiffness": [1.0], "normal_force": [0.1]}
     found = gp.ContactNetwork.from_table(balls, contacts, friction=False, keep_rattlers=True)
@@ -441,6 +454,33 @@ def test_overlaps_and_force_vectors_take_the_place_of_few_digits(tmp_path):
     in_mm = {"overlap": 1e3 * deltas["overlap"]}
     with pytest.raises(InputError, match=r"an overlap .* places"):
         gp.ContactNetwork.from_table(exact, ends | vectors | in_mm, **options)
+
+
+def test_torques_of_pairs_stay_where_walls_are_read_too(tmp_path):
+    """The columns of walls have none."""
+    texts = {
+        "atoms": "ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n2\nITEM: BOX BOUNDS ff ff ff\n"
+        "0 1\n0 1\n0 1\nITEM: ATOMS id x y z radius mass "
+        + " ".join(f"f_lid[{number}]" for number in range(1, 9))
+        + "\n1 0.5 0.5 0.000999 0.001 1e-5 1 0 0 2 0.5 0.5 0 0.001"
+        "\n2 0.5 0.5 0.002997 0.001 1e-5 0 0 0 0 0 0 0 0\n",
+        "pairs": "ITEM: TIMESTEP\n0\nITEM: NUMBER OF ENTRIES\n1\nITEM: BOX BOUNDS ff ff ff\n"
+        "0 1\n0 1\n0 1\nITEM: ENTRIES i j force rx ry rz twist\n2 1 2 4 0 0 0.5\n",
+    }
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text)
+    options = {"normal_stiffness": 1e6, "shear_stiffness": 1e6, "keep_rattlers": True}
+    options |= {"rolling_stiffness": 1e5, "twisting_stiffness": 0.1}
+    network = gp.ContactNetwork.from_lammps(
+        tmp_path / "atoms", tmp_path / "pairs", walls="lid", **options
+    )
+    assert network.n_contacts == 2
+    # on ball 2, above: the reduced radius 0.5 mm times n x f, with n from ball 1 to ball 2; the
+    # twist is counted along n
+    on_upper = np.array([0.0, 2e-3, 0.5])
+    upper_is_j = network.labels[network.j[0]] == 2
+    expected = on_upper if upper_is_j else -on_upper
+    np.testing.assert_allclose(network.contact_torque, [expected, np.zeros(3)], atol=1e-15)
 
 
 # -- dumps that granphon writes -----------------------------------------------------------------

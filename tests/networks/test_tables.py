@@ -948,3 +948,16 @@ def test_tables_without_a_ball_or_a_force(balls, told):
     contacts = {"i": ends[:1], "j": ends[1:]}
     with pytest.raises(InputError, match=told):
         gp.ContactNetwork.from_table(balls, contacts, material=GLASS)
+
+
+def test_balls_without_contacts_are_written_as_a_frame(tmp_path):
+    balls = {"x": [0.0, 1.0], "y": [0.0, 1.0], "radius": [1e-3, 1e-3]}
+    network = gp.ContactNetwork.from_table(
+        balls, {"i": [], "j": []}, material=GLASS, keep_rattlers=True, cell=[[2.0, 2.0, 0.0]],
+        pbc=[True],
+    )  # fmt: skip
+    files = tmp_path / "balls.extxyz", tmp_path / "contacts.extxyz"
+    network.write_tables(*files)
+    assert gp.ContactNetwork.from_table(*files, keep_rattlers=True) == network
+    box = ase.io.read(files[0]).cell
+    assert abs(np.linalg.det(box)) > 0.0
