@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import InputError, brief
 from granphon.networks.network import ContactNetwork, refuse_unpressed
-from granphon.runs.dataset import find_dataset
+from granphon.runs.dataset import find_dataset, find_energy_errors, find_wave_errors
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -205,9 +205,13 @@ def _choose_of_dataset(result: Any, dataset: Any) -> tuple[Picture, dict[str, An
             errors = dataset.get("frequencies_error")
             of_spectra = {"errors": errors, "dos_errors": result.find_errors("dos")}
             return PICTURES["phonons.bands.Bands"], spectra | of_spectra
-        for name in ("surface", "balls_in_motion"):
-            if result[name] is not None:
-                return _choose_of_object(result[name])
+        if result["surface"] is not None:
+            picture, arguments = _choose_of_object(result["surface"])
+            return picture, arguments | {"errors": find_wave_errors(dataset)}
+        motion = result["balls_in_motion"]
+        if motion is not None:
+            picture, arguments = _choose_of_object(motion)
+            return picture, arguments | {"errors": find_energy_errors(motion, dataset)}
     name = choose_figure(dataset, OF_STATES)
     picture = OF_DATASETS[name]
     return picture, {picture.keyword: dataset}

@@ -9,6 +9,7 @@ on a finer mesh: if the gap of the best search is closed there, that of the next
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -133,12 +134,18 @@ def design(
 def _read_parameters(make: Any, vary: Any, bounds: Any) -> Parameters:
     """Return the parameters, named in ``vary``, of a function ``make`` of keywords that makes
     networks; the search begins in the middle of their ``bounds``, which are those of
-    :func:`design`. InputError for names that are none, or that are given twice.
+    :func:`design`. InputError for names that are none, that are given twice, or with which the
+    function cannot be called.
     """
     names = texts("vary", vary)
     if not names or len(set(names)) < len(names):
         mend = "Name keywords of the function, each once"
         raise InputError(f"vary is {brief(vary)}", mend=mend)
+    try:
+        signature(make).bind(**dict.fromkeys(names))
+    except TypeError as error:
+        problem = f"the function cannot be called with {', '.join(names)}: {error}"
+        raise InputError(problem, mend="Name its keywords in vary") from None
     pairs = np.array([read_bounds(name, bounds, names) for name in names])
 
     def make_of(values: Array) -> Any:

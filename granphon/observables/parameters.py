@@ -89,15 +89,17 @@ def parameter_sensitivities(
         "A.young_modulus", and of walls and springs to the ground, "wall.young_modulus" and
         "on_site"; the kind of the load, "force"; and "mindlin_ratio", the ratio of shear to normal
         stiffness of all contacts, which gives ``find`` a network in place of a state. All of them
-        by default, but the ratio only where contacts resist slip. Simulated samples have no such
-        ratio, as each sample has a network of its own.
+        by default, but the ratio where contacts do not resist slip, that of simulated samples, each
+        of which has a network of its own, and that of what ``find`` does not return of a network,
+        as ``lambda s: s.force``.
     medium : name of the medium of a packing; "ema" by default. A crystal has the medium "crystal".
     finite_overlap : whether states have terms of the relative order of overlap over diameter.
     load : the load by its kind, as ``force=18.4`` (N).
 
     Raises :class:`~granphon.base.errors.InputError` for unknown names, parameters that are no
-    numbers, the ratio of simulated samples, several loads, and arrays of ``find`` whose shape
-    changes; and what the states and ``find`` raise.
+    numbers, the ratio of simulated samples, several loads, arrays of ``find`` whose shape changes,
+    and the ratio by name where ``find`` does not take a network; and what the states and ``find``
+    raise.
     """
     balls = given_balls(x)
     function: Any = find
@@ -141,11 +143,13 @@ def find_parameter_sensitivities(
     # the state, and for each change the state as a function of the relative change
     state, courses = choice.of(balls).follow(flat, changes, finite_overlap)
     course_of = dict(zip(of_statics, courses, strict=True))
+    value = real_array("what find returns", find(state))
     if names is None and has_ratio(balls) and not getattr(state, "samples", ()):
-        all_names = (*all_names, MINDLIN_RATIO)
+        network = change_state[MINDLIN_RATIO](state, 0.0)
+        if _has_shape(find, network, value.shape):
+            all_names = (*all_names, MINDLIN_RATIO)
     for name in change_state.keys() & {*all_names}:
         course_of[name] = Course(partial(change_state[name], state), _STEP)
-    value = real_array("what find returns", find(state))
     divisor = np.where(value == 0.0, np.nan, value)  # what is zero has no logarithm
     slopes = [_find_slope(find, course_of[name], name, value.shape) / divisor for name in all_names]
     return ParameterSensitivities(tuple(all_names), np.array(slopes), value)
@@ -197,18 +201,34 @@ def change_ratio(state: Any, step: float) -> Any:
     return replace(network, shear_stiffness=(1.0 + step) * network.shear_stiffness)
 
 
+def _has_shape(find: Callable[[Any], ArrayLike], network: Any, shape: tuple[int, ...]) -> bool:
+    """Return whether ``find``, a function of states, takes a ``network`` too, and returns an array
+    of this ``shape``.
+    """
+    try:
+        return np.shape(find(network)) == shape
+    except AttributeError:
+        return False
+
+
 def _find_slope(
     find: Callable[[Any], ArrayLike], course: Course[Any], name: str, shape: tuple[int, ...]
 ) -> Array:
     """Return the derivative of what ``find`` returns, an array of this ``shape``, along the
-    ``course`` of the parameter called ``name``; InputError if ``find`` returns another shape.
+    ``course`` of the parameter called ``name``; InputError if ``find`` returns another shape, or
+    takes no changed state.
     """
 
     def find_shaped(state: Any) -> Array:
         """Return what ``find`` returns of a ``state``; InputError if it has not the shape (...) of
         the first state.
         """
-        value = real_array("what find returns", find(state))
+        try:
+            value = real_array("what find returns", find(state))
+        except AttributeError as error:
+            # find has taken the first state: the changed one is of another class
+            mend = "Use what both have, or name other parameters"
+            raise InputError(f"find fails where {name} is changed: {error}", mend=mend) from None
         if value.shape != shape:
             fault = f"find returns the shape {shape}, and {value.shape} where {name} is changed"
             raise InputError(f"{fault} by {course.step:g}", mend="Return as many of every state")

@@ -482,6 +482,29 @@ def find_dataset(result: Any) -> Dataset | None:
     return dataset
 
 
+def find_wave_errors(data: Dataset | None) -> Any:
+    """Return the standard errors (n,), Hz, of the waves of an edge that a ``data`` set of one state
+    has; None without.
+    """
+    table = None if data is None else data.get("surface_frequency_error")
+    if table is None:
+        return None
+    # the table has an empty place where a wave vector has fewer waves than another
+    return table.values[np.isfinite(data["surface_frequency"].values)]
+
+
+def find_energy_errors(motion: Any, data: Dataset | None) -> dict[str, Any]:
+    """Return the standard errors (n,), J, of the energies of a ``motion`` at its n times, by the
+    names of its attributes. Empty if the motion is that of one of several samples, as the ``data``
+    set then has the means over the samples and their errors.
+    """
+    if data is None or not np.array_equal(data["motion_stored"].values.ravel(), motion.stored):
+        return {}
+    names = ("translation", "rotation", "stored", "lost")
+    errors = {name: data.get(f"motion_{name}_error") for name in names}
+    return {name: error.values.ravel() for name, error in errors.items() if error is not None}
+
+
 def find_load(dataset: Dataset) -> str:
     """Return the kind of load that was applied: the name of a coordinate along the loads, by
     default "force".

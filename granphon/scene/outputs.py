@@ -778,19 +778,10 @@ def _write_surface(run: Any, folder: Path) -> None:
     """Write the spectrum at an edge as surface.json, and its waves, with the standard errors of
     their frequencies, as surface.csv.
     """
+    from granphon.runs.dataset import find_wave_errors
+
     _write_json(run["surface"], folder / "surface.json")
-    run["surface"].write_csv(folder / "surface.csv", errors=_find_wave_errors(run["states"]))
-
-
-def _find_wave_errors(data: Any) -> Any:
-    """Return the standard errors (n,), Hz, of the waves of an edge that a ``data`` set of one state
-    has; None without.
-    """
-    table = None if data is None else data.get("surface_frequency_error")
-    if table is None:
-        return None
-    # the table has an empty place where a wave vector has fewer waves than another
-    return table.values[np.isfinite(data["surface_frequency"].values)]
+    run["surface"].write_csv(folder / "surface.csv", errors=find_wave_errors(run["states"]))
 
 
 def _write_bands(run: Any, folder: Path) -> None:
@@ -1025,31 +1016,18 @@ def _draw_motion(results: Any, where: Wishes | None = None) -> Any:
     if where or motion is None:
         return _draw_dataset("motion", results, where)
     from granphon.figures.motions import motion_figure
+    from granphon.runs.dataset import find_energy_errors
 
-    return motion_figure(motion, errors=_find_energy_errors(motion, results["states"]))
-
-
-def _find_energy_errors(motion: Any, data: Any) -> dict[str, Any]:
-    """Return the standard errors (n,), J, of the energies of a ``motion`` at its n times, by the
-    names of its attributes. Empty if the motion is that of one of several samples, as the ``data``
-    set then has the means over the samples and their errors.
-    """
-    is_mean = data is None or not np.array_equal(
-        data["motion_stored"].values.ravel(), motion.stored
-    )
-    if is_mean:
-        return {}
-    names = ("translation", "rotation", "stored", "lost")
-    errors = {name: data.get(f"motion_{name}_error") for name in names}
-    return {name: error.values.ravel() for name, error in errors.items() if error is not None}
+    return motion_figure(motion, errors=find_energy_errors(motion, results["states"]))
 
 
 def _draw_surface(results: Any) -> Any:
     """Return the figure of the spectrum at an edge, with the standard errors of its waves."""
     from granphon.figures.plot import plot
+    from granphon.runs.dataset import find_wave_errors
 
     spectrum = results["surface"]
-    errors = _find_wave_errors(results["states"])
+    errors = find_wave_errors(results["states"])
     if errors is None or spectrum is None:
         return plot(spectrum)
     return plot(spectrum, errors=errors)

@@ -274,6 +274,12 @@ def test_goals_refuse_what_they_are_made_of(goal, options, word):
         goal(**options)
 
 
+@pytest.mark.parametrize("vary", ["load", ("force", "load")])
+def test_names_that_a_function_of_parameters_lacks_are_refused(vary):
+    with pytest.raises(InputError, match="load"):
+        gp.design(lambda force: force, gp.WidestGap(), vary, {"load": (1, 2), "force": (1, 2)})
+
+
 def test_what_cannot_vary_is_refused(chain):
     still = replace(chain, masses=np.full(2, np.inf), inertias=np.full(2, np.inf))
     with pytest.raises(InputError, match="no mass to vary"):

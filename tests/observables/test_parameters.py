@@ -88,6 +88,22 @@ def test_all_parameters_of_a_packing_by_default():
 
 
 @pytest.mark.parametrize(
+    ("attribute", "power"), [("force", 1.0), ("pressure", 1.0), ("normal_stiffness", 1.0 / 3.0)]
+)
+def test_what_networks_lack_has_no_derivative_by_the_ratio(attribute, power):
+    """A network has no force, and a stiffness of each contact."""
+
+    def read(state):
+        return getattr(state, attribute)
+
+    found = gp.parameter_sensitivities(PACKING, read, force=18.0)
+    assert found.names[-1] == "force"
+    assert_allclose(found["force"], power, rtol=1e-9)
+    with pytest.raises(InputError, match="mindlin_ratio"):
+        gp.parameter_sensitivities(PACKING, read, "mindlin_ratio", force=18.0)
+
+
+@pytest.mark.parametrize(
     ("word", "options"),
     [
         ("no load", {}),

@@ -391,7 +391,7 @@ def test_energies_of_a_motion_go_as_the_square_of_the_impact(tmp_path):
     kinetic = result.dataset["motion_kinetic"]
     errors = result.dataset["motion_kinetic_error"]
     assert_allclose(errors.values.ravel()[0] / kinetic.values.ravel()[0], 0.04, rtol=1e-9)
-    for figure in (result.figure("motion.png"), motions_figure(result.dataset)):
+    for figure in (result.figure("motion.png"), motions_figure(result.dataset), gp.plot(result)):
         bands = [band for ax in figure.axes for band in ax.collections]
         assert any("errors" in str(band.get_gid()) for band in bands)
 
@@ -617,7 +617,10 @@ surface: {axis: 0}
     heavier = text.replace("DENSITY", "3 g/cm^3").replace("OBSERVED", "surface")
     assert not np.any(np.isfinite(gp.Scene.from_text(heavier).sweep()["surface_frequency"]))
     uncertain = text.replace("DENSITY", "2 +- 1 g/cm^3").replace("OBSERVED", "surface")
-    data = gp.Scene.from_text(uncertain).run(tmp_path, figures=False).dataset
+    run = gp.Scene.from_text(uncertain).run(tmp_path, figures=False)
+    data = run.dataset
+    for figure in (gp.plot(run), run.figure("surface.png")):
+        assert with_gid(figure.axes[0], "error 0").get_width() > 0.0
     relative = data["surface_frequency_error"] / data["surface_frequency"]
     assert_allclose(relative.values.ravel(), 0.5 * np.abs(power.values.ravel()), rtol=1e-5)
     assert "surface_frequency" not in data.attrs["warnings"]
