@@ -1109,6 +1109,13 @@ class DirectSimulation(Medium[SimulatedState]):
         """
         return self.geometry == EXACT
 
+    def has_finite_overlap(self, asked: bool) -> bool:
+        """Return whether the states have the terms of relative order delta/d, see
+        :meth:`Medium.has_finite_overlap`: a geometry that the simulation names decides, whether or
+        not the user has ``asked`` for the terms.
+        """
+        return asked if self.geometry is None else self.is_exact
+
     @property
     def ratio(self) -> float:
         """W/d in the exact geometry of contacts; zero where they keep the directions of the
