@@ -29,6 +29,7 @@ from granphon.base.results import write_html
 from granphon.base.scales import write_quantity
 from granphon.base.staging import ResultFiles, is_whole
 from granphon.base.text import counted, dump_yaml, parse_yaml, read_yaml, versions
+from granphon.base.threads import require_executor
 from granphon.media.choice import ServingMedium
 from granphon.media.cost import Cost
 from granphon.media.state import ContactState
@@ -230,6 +231,7 @@ class Scene(SceneValues):
             with friction ends early, the loads before it are in sweep_incomplete.nc and
             sweep_incomplete.csv, and ``reached`` of the error is their data set.
         """
+        require_executor(executor)
         rows = list_outputs(self)
         self._add_costs(rows)  # raises if there is too little memory
         target = Path(folder)
