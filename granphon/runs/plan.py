@@ -15,6 +15,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext, supp
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -55,6 +56,7 @@ from granphon.waves.settings import (
     READINGS,
     MotionSettings,
     NetworkSettings,
+    PulseSettings,
     ResponseSettings,
     SpectrumSettings,
     WaveSettings,
@@ -979,7 +981,7 @@ def _estimate_waves(medium: DirectSimulation, load: Load, settings: WaveSettings
         n_heard = 0.0
         n_readings = 0.0
         if pulse is not None:
-            length = pulse.distance or 0.5 * max(medium.cells) * packing.diameter  # m
+            length = _find_pulse_length(medium, ideal.network, pulse, settings.direction)
             # the burst, and the pulse on three times its way
             duration = pulse.cycles / pulse.frequency + 3.0 * length / ideal.scales.velocity  # s
             n_steps = math.pi * top * duration  # a product for each half period of the top
@@ -996,6 +998,26 @@ def _estimate_waves(medium: DirectSimulation, load: Load, settings: WaveSettings
             heard=n_heard,
             readings=n_readings,
         )
+
+
+def _find_pulse_length(
+    medium: DirectSimulation, network: ContactNetwork, pulse: PulseSettings, direction: Any
+) -> float:
+    """Return the distance, m, that a ``pulse`` along the ``direction`` goes in an array of a
+    simulation, of which ``network`` is one cell; 0 for a pulse that cannot be sent, and has a note
+    in place of numbers.
+    """
+    # imported here: other scenes do not need it
+    from granphon.waves.pulses import PulseSource
+
+    # the distance depends on the periods of the array, and not on its balls
+    cell = network.cell.copy()
+    cell[: len(medium.cells)] *= np.array(medium.cells)[:, None]
+    names = ("pbc", "positions", "radii", "moving", "dimension")
+    array: Any = SimpleNamespace(cell=cell, **{name: getattr(network, name) for name in names})
+    with suppress(InputError):
+        return float(PulseSource.of(pulse, array, direction).distance)
+    return 0.0
 
 
 def _estimate_packing(

@@ -72,11 +72,9 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 #: warning that goes with the bands of a simulation
 LATTICE_BANDS = (
-    "bands and densities of states are those of a regular lattice with the mean stiffness of"
-    " the samples, without "
-    "disorder. Those of the disordered arrays are sample_dos and spectrum, of a sweep"
-    " sweep_dos and sweep_spectra: "
-    "observe [dos, spectrum]"
+    "bands, their edges and densities of states are those of a regular lattice with the mean"
+    " stiffness of the samples, without disorder. Those of the disordered arrays are sample_dos and"
+    " spectrum, of a sweep sweep_dos and sweep_spectra: observe [dos, spectrum]"
 )
 #: the observables that are sought in the whole zone of wave vectors
 OF_ZONE = ("gaps", "cutoffs", "onsets")

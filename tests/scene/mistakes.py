@@ -1336,7 +1336,7 @@ MISTAKES: dict[str, tuple[str, ...]] = {
     "a file too few": (
         edit(f", {packings.FOLDER}/disks_pairs.dump", "", NETWORK),
         "2: network",
-        "1 file ",
+        "1 file",
         "pairs",
     ),
     "a file too many": (

@@ -69,6 +69,12 @@ def test_a_crystal_that_no_file_makes_again_is_not_written(change, words):
         scene.to_yaml()
 
 
+def test_a_crystal_that_buckles_is_told_at_its_own_key():
+    text = CHAIN.replace("[A, S]", "[A, S], motions: in_plane, finite_overlap: true")
+    with pytest.raises(SceneError, match=r":\d+: crystal\.finite_overlap: found true.*buckles"):
+        gp.Scene.from_text(text.split("observe")[0]).sweep()
+
+
 @pytest.mark.claim("crystal-scene")
 def test_a_diatomic_chain_has_the_edges_of_its_bands_and_its_gap(tmp_path):
     result = gp.Scene.from_text(CHAIN).run(tmp_path / "out", figures=False)
