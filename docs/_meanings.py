@@ -161,8 +161,9 @@ SWEPT = {
 ATTRIBUTES = {
     "format": "`granphon sweep`",
     "media": "media with all their options, as JSON",
-    "finite_overlap": "whether all media kept terms of relative order overlap/diameter; `geometry:"
-    " exact` always does",
+    "finite_overlap": "whether all states have terms of relative order overlap/diameter",
+    "finite_overlap_of_media": "whether states of each medium have these terms, if only some of"
+    " them, as JSON",
     "direction": "direction of propagation, if it was given or velocities depend on it",
     "packing": "parameters of the packing that do not vary, as JSON",
     "bands": "corners of the path of the bands, as JSON",

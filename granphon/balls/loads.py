@@ -146,9 +146,12 @@ class Load:
         """The same load with its values as an array of shape (n,)."""
         return replace(self, array=np.ravel(self.array))
 
-    def describe(self, periods: int) -> str:
-        """Return the load in words, with its SI unit on a lattice of 1, 2 or 3 ``periods``."""
-        return f"{self} {find_load_unit(self.kind, periods)}".rstrip()
+    def describe(self, periods: int, pressed_axes: int | None = None) -> str:
+        """Return the load in words, with its SI unit on a lattice of 1, 2 or 3 ``periods``, of
+        which a pressure acts along ``pressed_axes``, see
+        :func:`~granphon.base.quantities.find_load_unit`.
+        """
+        return f"{self} {find_load_unit(self.kind, periods, pressed_axes)}".rstrip()
 
     @property
     def applied(self) -> Self:

@@ -17,7 +17,7 @@ from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from typing import Any, TypeVar
 
-from granphon.base.errors import GranphonError
+from granphon.base.errors import GranphonError, InputError, brief
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -49,6 +49,15 @@ def share_out(function: Callable[[Item], Result], items: Iterable[Item]) -> list
         return [function(item) for item in listed]
     with ThreadPoolExecutor(n_threads) as executor:
         return list(executor.map(function, listed))
+
+
+def require_executor(executor: Any) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` for an ``executor``, the argument of a public
+    call, that is neither None nor has the method ``submit``.
+    """
+    if executor is not None and not callable(getattr(executor, "submit", None)):
+        problem = f"executor is {brief(executor)}"
+        raise InputError(problem, mend="Give a concurrent.futures.Executor, or none")
 
 
 @contextmanager

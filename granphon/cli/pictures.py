@@ -272,6 +272,7 @@ def _make_packing_page(scene: Scene, options: dict[str, Any]) -> str:
     from granphon.page.page import make_page
 
     case = scene.plan.cases[0].case
+    has_finite_overlap = bool(case.finite_overlaps[0])
     remarks: list[str] = []
     if case.where:
         remarks.append(
@@ -282,7 +283,7 @@ def _make_packing_page(scene: Scene, options: dict[str, Any]) -> str:
         scene.media,
         scene.load,
         **options,
-        finite_overlap=scene.finite_overlap,
+        finite_overlap=has_finite_overlap,
         path=scene.band,
         remarks=remarks,
     )

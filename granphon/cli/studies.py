@@ -627,10 +627,6 @@ def measure_tradeoff(
     load = scene.load.applied
     options_of_reference = _choose_reference(scene_file, scene)
     loads_of_scene: dict[str, Any] = {load.kind: load.values}
-    # Simulations in their exact geometry have finite overlap though the scene has not asked for it,
-    # and media are compared in the limit of small overlap.
-    is_exact = all(choice.is_exact for choice in scene.media)
-    finite_overlap = scene.finite_overlap and not is_exact
     work_file = None if out is None else Path(out) / WORK_FILE
     failures: dict[str, str] | None = None  # None until the files are written
 
@@ -656,7 +652,7 @@ def measure_tradeoff(
                 **loads_of_scene,
                 **options_of_reference,
                 observe=scene.observe,
-                finite_overlap=finite_overlap,
+                finite_overlap=scene.finite_overlap,
                 budget=seconds,
                 most_loads=loads,
                 runs=runs,

@@ -307,6 +307,8 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
     """Return the rows of a table of the main numbers of a result, each a label and a value in
     readable units.
     """
+    import numpy as np  # not above, so that the help of a command needs no numpy
+
     from granphon.observables.catalogue import CATALOGUE
 
     numbers: dict[str, Any] = result.summary()
@@ -321,6 +323,8 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
         if entry is None or not entry.told or name not in numbers:
             continue
         text = _write_number(numbers[name], numbers.get(f"{name}_error"), entry.unit, entry.digits)
+        if entry.zero and not any(np.ravel(numbers[name])):
+            text = entry.zero
         if entry.unit == "m/s" and entry.cost != "surface":
             text += direction
         rows.append((entry.label.lower(), text))

@@ -31,7 +31,7 @@ from granphon.base.text import counted, dump_yaml, versions
 from granphon.base.validation import real_array, require, texts, truth
 from granphon.fits.measurements import Measurements
 from granphon.fits.velocity_model import VARIABLE, VelocityModel, Waves, require_fitted
-from granphon.media.choice import MediumChoice
+from granphon.media.choice import MediumChoice, require_finite_overlap
 from granphon.observables.validity import validity
 
 #: a result whose probability is below this, or for chi-squared also above 1 minus this, is not
@@ -867,7 +867,8 @@ class WidthFit(Fitted):
         # samples in their exact geometry always have finite overlap, which is no request for other
         # media
         requested = self.waves.finite_overlap and not self.choice.is_exact
-        waves = replace(self.waves, finite_overlap=choice.has_finite_overlap(requested))
+        has_finite_overlap = choice.has_finite_overlap(self.packing, requested)
+        waves = replace(self.waves, finite_overlap=has_finite_overlap)
         if choice.stand_in != choice:  # velocities in samples follow from a curve, as in the fit
             forces = real_array("force", force, "N")
             model = VelocityModel(self.packing, ("width",), choice, forces.ravel(), waves)
@@ -963,11 +964,13 @@ def fit_width(
     if "width" not in names and not packing.width:
         choice = MediumChoice("ala")
     requested = require("finite_overlap", truth, finite_overlap)
+    if requested:
+        require_finite_overlap([choice])
     waves = Waves(
         branch,
         _read_direction(packing, direction),
         data.frequency,
-        choice.has_finite_overlap(requested),
+        choice.has_finite_overlap(packing, requested),
     )
     choice.require_fixed("a fit")
     problem = FitProblem.of(VelocityModel(packing, names, choice, data.force, waves), data)
@@ -1097,7 +1100,7 @@ def convert_pressure(
             "the diameter is fitted, and pressures are given", why, "Give contact forces"
         )
     choice = MediumChoice.parse(medium)
-    has_finite_overlap = choice.has_finite_overlap(finite_overlap)
+    has_finite_overlap = choice.has_finite_overlap(packing, finite_overlap)
     if not has_finite_overlap:  # in the paper's limit the medium does not matter
         choice = MediumChoice("ala")
     return float(

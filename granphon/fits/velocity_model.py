@@ -300,10 +300,10 @@ class VelocityModel:
         """Return the model with one geometry for its samples: that at the logarithms ``logs`` (p,)
         of the parameters, exact if the geometry is exact at one of the forces.
         """
-        choice = self.choice.settle(
-            self._make_packing(logs), Load("force", self.force), self.waves.finite_overlap
-        )
-        finite_overlap = choice.has_finite_overlap(self.waves.finite_overlap)
+        packing = self._make_packing(logs)
+        load = Load("force", self.force)
+        choice = self.choice.settle(packing, load, self.waves.finite_overlap)
+        finite_overlap = choice.has_finite_overlap(packing, self.waves.finite_overlap)
         return replace(
             self, choice=choice, waves=replace(self.waves, finite_overlap=finite_overlap)
         )

@@ -131,8 +131,10 @@ class Arrangement:
         if crystal.on_site is not None:  # tuples, as an arrangement can be hashed
             options["on_site"] = tuple(map(tuple, crystal.on_site.tolist()))
         deviations = () if crystal.deviations is None else tuple(crystal.deviations.tolist())
+        # a ball has the name of its kind, and none of its own, as in an arrangement from a file
+        balls = [replace(ball, name="") for ball in crystal.kinds]
         return cls(
-            tuple(zip(crystal.names, crystal.kinds, strict=True)),
+            tuple(zip(crystal.names, balls, strict=True)),
             cell=tuple(map(tuple, crystal.cell.tolist())),
             sites=tuple(zip(positions, kind_of_ball, strict=True)),
             cut=tuple((face.axis, 0, (face.edges[0], face.edges[1])) for face in crystal.faces),
@@ -149,6 +151,23 @@ class Arrangement:
     def repeats(self) -> bool:
         """Whether the crystal has a period."""
         return self.crystal.periods > 0
+
+    def require_words(self) -> None:
+        """Raise InputError if a scene file has no words for the crystal: for one that exists
+        already, and is a sample or a cut, or has springs to the ground.
+        """
+        if self.given is None:
+            return
+        parts = {
+            "a sample": (self.deviations, "the kinds with their spread, and a seed"),
+            "a cut": (self.cut, "the whole crystal, and crystal.cut"),
+            "springs of each ball to the ground": (self.on_site, "crystal.on_site"),
+        }
+        for words, (part, keys) in parts.items():
+            if part:
+                problem = f"a scene file has no words for {words} of a crystal that exists already"
+                mend = f"Write {keys} in the file, or call granphon.sweep"
+                raise InputError(problem, "It describes how a crystal is made", mend)
 
     @cached_property
     def crystal(self) -> Crystal:

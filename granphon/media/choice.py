@@ -488,25 +488,29 @@ class MediumChoice:
 
     @property
     def is_exact(self) -> bool:
-        """Whether the medium simulates balls in their exact geometry at every load. Such states
-        have finite overlap whether or not the user asks for it.
+        """Whether the options ask for the exact geometry of balls at every load: they name this
+        geometry, or they name none and there is a history of friction.
 
-        The geometry is exact if the options name it, or if they name none and there is a history of
-        friction, of balls that can be exact (:func:`~granphon.media.left_out.can_be_exact`): the
-        choice knows no packing, and the history of other balls has the directions of the lattice
-        all the same. Otherwise a simulation without a named geometry leaves it to the load
-        (:meth:`by_geometry`), and this property is False.
+        The choice knows no packing: a history of balls that cannot be exact
+        (:func:`~granphon.media.left_out.can_be_exact`) has the directions of the lattice all the
+        same, and :meth:`has_finite_overlap` says so. Otherwise a simulation without a named
+        geometry leaves it to the load (:meth:`by_geometry`), and this property is False.
         """
         geometry = dict(self.options).get("geometry")
         if geometry is None:
             return self.simulates and self.history.is_loaded
         return bool(geometry == EXACT)
 
-    def has_finite_overlap(self, asked: bool) -> bool:
-        """Return whether the states of the medium have the terms of relative order delta/d, if the
-        user has ``asked`` for them or not.
+    def has_finite_overlap(self, packing: Balls, asked: bool) -> bool:
+        """Return whether the states of the medium of a ``packing`` have the terms of relative order
+        delta/d if the user has ``asked`` for them, or not, see :meth:`Medium.has_finite_overlap`.
         """
-        return asked or self.is_exact
+        # no simulation has another geometry than the one that is named, and a fit may begin with
+        # equal balls, which have no medium in the exact geometry
+        geometry = self.settings.get("geometry")
+        if geometry is not None:
+            return bool(geometry == EXACT)
+        return self.of(packing).has_finite_overlap(asked)
 
     def by_geometry(
         self, packing: Balls, load: Load, finite_overlap: bool = False
@@ -534,7 +538,9 @@ class MediumChoice:
         geometry if :meth:`by_geometry`, with the same arguments, has this for any value.
         """
         choices = [medium for medium, _ in self.by_geometry(packing, load, finite_overlap)]
-        return next((medium for medium in choices if medium.is_exact), choices[0])
+        return next(
+            (medium for medium in choices if medium.settings.get("geometry") == EXACT), choices[0]
+        )
 
     @property
     def stand_in(self) -> MediumChoice:
@@ -657,6 +663,12 @@ class ServingMedium:
         state: ContactState = medium.at(load, finite_overlap=finite_overlap or None)
         return replace(state, chosen_automatically=True) if self.chosen_automatically else state
 
+    def has_finite_overlap(self, asked: bool) -> bool:
+        """Return whether the states have the terms of relative order delta/d, see
+        :meth:`Medium.has_finite_overlap`.
+        """
+        return self.medium.has_finite_overlap(self.packing, asked)
+
     def by_geometry(self, finite_overlap: bool = False) -> list[ServingMedium]:
         """Return this serving medium split by geometry, see :meth:`MediumChoice.by_geometry`, also
         for ``finite_overlap``: for each geometry that its loads have, the medium in that geometry
@@ -717,16 +729,6 @@ def split_label(label: str) -> tuple[str, dict[str, str]]:
     """
     name, _, inner = label.removesuffix(")").partition("(")
     return name, dict(setting.split("=", 1) for setting in inner.split(", ") if "=" in setting)
-
-
-def is_exact_label(label: str) -> bool:
-    """Return whether the simulations of the medium with a ``label`` are in their exact geometry, by
-    the rule of :attr:`MediumChoice.is_exact`.
-    """
-    _, options = split_label(label)
-    if "geometry" in options:
-        return options["geometry"] == EXACT
-    return options.get("friction_history") == "true"
 
 
 def _split_medium(value: Any) -> tuple[Any, Any]:

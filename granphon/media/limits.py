@@ -15,7 +15,7 @@ from granphon.balls.hertz import MOST_CONTACT_RADIUS
 from granphon.balls.material import ONSET_OF_YIELD
 from granphon.base.errors import message
 from granphon.base.results import Result, held, result_class
-from granphon.base.scales import prefixed
+from granphon.base.scales import prefixed, write_in
 from granphon.media.left_out import LEFT_OUT_LIMIT
 
 
@@ -102,8 +102,12 @@ _LIMITS = {
 }
 
 
-def _write_force(force: float) -> str:
-    """Return the text of a force, N, with four digits and, if need be, a prefix of its unit."""
+def _write_force(force: float, written: str = "") -> str:
+    """Return the text of a force, N, with four digits: in the unit ``written``, which the user has
+    chosen, or, if that is empty, in N, if need be with a prefix.
+    """
+    if written:
+        return write_in(force, "N", written, 4)
     if force == 0.0 or 0.01 <= force < 1e4:
         return f"{force:.4g} N"
     size, unit = prefixed(force, "N")
@@ -184,9 +188,10 @@ class Check(Result):
         """Warning for the user, a sentence or two, or None if the condition holds at every load."""
         return self.tell()
 
-    def tell(self, where: str = "") -> str | None:
+    def tell(self, where: str = "", force_unit: str = "") -> str | None:
         """Return the :attr:`warning`. The words ``where`` say, in brackets behind the number of
-        loads at which the condition fails, which loads these are.
+        loads at which the condition fails, which loads these are. Forces of contacts are in the
+        ``force_unit``; in N, if need be with a prefix, if that is empty.
         """
         failing = self.failing
         loads = np.size(self.value)
@@ -198,7 +203,7 @@ class Check(Result):
         value = np.asarray(self.value)
         worst = float(value.min() if self.at_least else value.max())
         if self.name == "medium":
-            return f"{self._warn_of_medium(worst, failing, loads)}{place}."
+            return f"{self._warn_of_medium(worst, failing, loads, force_unit)}{place}."
         # the spread and the constants of a ball do not depend on the load
         depends_on_load = self.name not in ("spread", *BALL_LIMITS)
         bound = ""
@@ -209,19 +214,21 @@ class Check(Result):
         sentence = f"{share}{self._write_sentence(worst, bound)}"
         return f"{sentence[0].upper()}{sentence[1:]}: {self.reason}."
 
-    def tell_states(self, share: str, place: str) -> str:
+    def tell_states(self, share: str, place: str, force_unit: str = "") -> str:
         """Return the warning about those states of a sweep at which the condition fails.
 
         ``share`` says in words at how many states, and at which. The value of this check is the
         worst of theirs, and ``place`` says in words at which state this is; ``place`` is empty if
-        there is no other state to tell it from.
+        there is no other state to tell it from. The ``force_unit`` is as in :meth:`tell`.
         """
         worst = float(np.ravel(self.value)[self.worst_index])
         if self.name == "medium":
             at_place = f" ({place})" if place else ""
+            force = _write_force(worst, force_unit)
+            least_force = _write_force(self.limit, force_unit)
             return (
-                f"{self.reason} {share}: the contact force is {_write_force(worst)} where it must"
-                f" be {_write_force(self.limit)} or more{at_place}."
+                f"{self.reason} {share}: the contact force is {force} where it must be"
+                f" {least_force} or more{at_place}."
             )
         sentence = f"{share} {self._write_sentence(worst, 'up to ' if place else '')}"
         ending = f" The worst is at {place}." if place else ""
@@ -248,15 +255,18 @@ class Check(Result):
         }
         return _LIMITS[self.name].sentence.format_map(words)
 
-    def _warn_of_medium(self, worst: float, failing: int, loads: int) -> str:
+    def _warn_of_medium(self, worst: float, failing: int, loads: int, force_unit: str) -> str:
         """Return the warning, without its full stop, that the contact forces at ``failing`` of the
-        ``loads`` are below the range of the medium; the least is ``worst``, N.
+        ``loads`` are below the range of the medium; the least is ``worst``, N. The ``force_unit``
+        is as in :meth:`tell`.
         """
         clause = "the contact force is"
         if loads > 1:
             verb = "is lower," if failing == 1 else "are lower, down to"
             clause = f"{failing} of the {loads} contact forces {verb}"
-        return f"{self.reason} below {_write_force(self.limit)}: {clause} {_write_force(worst)}"
+        force = _write_force(worst, force_unit)
+        limit = _write_force(self.limit, force_unit)
+        return f"{self.reason} below {limit}: {clause} {force}"
 
 
 def check_limit(name: str, value: Any, more: str = "") -> Check:

@@ -542,6 +542,10 @@ class NetworkMedium(Medium[Any]):
     def require_sound(self, pushed: bool = False) -> None:
         """Raise nothing, ``pushed`` or not: what the contacts hold is found with the state."""
 
+    def has_finite_overlap(self, asked: bool) -> bool:
+        """Return whether the files have static forces that act as prestress, ``asked`` or not."""
+        return bool(self.packing.network.prestress)
+
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> LoadedNetwork:
         """Return the only state, whatever the load and ``finite_overlap``: force and prestress are
         those of the files.

@@ -44,7 +44,8 @@ from granphon.base.memory import require_memory
 from granphon.base.progress import Progress, silent
 from granphon.base.results import held, read_only, result_class
 from granphon.base.standard_errors import jackknife, standard_error
-from granphon.base.threads import naming_lost_workers
+from granphon.base.text import suggest
+from granphon.base.threads import naming_lost_workers, require_executor
 from granphon.base.validation import choice, finite_array, lengths, require, whole, whole_number
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.elasticity import (
@@ -324,8 +325,15 @@ class SimulatedState(ContactState):
 
         ``of`` is the name of an attribute of :class:`Sample`, or a function of a sample. The result
         has the shape of the load followed by that of the quantity. Raises
-        :class:`~granphon.base.errors.InputError` if there is only one sample.
+        :class:`~granphon.base.errors.InputError` for any other argument, and if there is only one
+        sample.
         """
+        names = [name for name in dir(self.samples[0]) if not name.startswith("_")]
+        if isinstance(of, str) and of not in names:
+            raise InputError(f"a sample has no {of!r}", mend=suggest(of, names))
+        if not (isinstance(of, str) or callable(of)):
+            mend = "Give the name of an attribute, or a function of a sample"
+            raise InputError(f"of is {brief(of)}", mend=mend)
         if self.n_samples < 2:
             mend = "Give samples=2 or more to granphon.DirectSimulation"
             raise InputError("one sample has no standard error", mend=mend)
@@ -871,9 +879,7 @@ class DirectSimulation(Medium[SimulatedState]):
         whole_number("workers", self.workers, 1)
         if self.diameters is not None and samples > 1:
             raise InputError("diameters are given, which make one sample", mend="Leave samples out")
-        if self.executor is not None and not hasattr(self.executor, "submit"):
-            problem = f"executor is {self.executor!r}"
-            raise InputError(problem, mend="Give a concurrent.futures.Executor, or none")
+        require_executor(self.executor)
         object.__setattr__(self, "geometry", self._read_geometry())
         object.__setattr__(self, "boundary", require("boundary", read_boundary, self.boundary))
         require_small(self.ratio)
@@ -1108,6 +1114,13 @@ class DirectSimulation(Medium[SimulatedState]):
         whatever the load.
         """
         return self.geometry == EXACT
+
+    def has_finite_overlap(self, asked: bool) -> bool:
+        """Return whether the states have the terms of relative order delta/d, see
+        :meth:`Medium.has_finite_overlap`: a geometry that the simulation names decides, whether or
+        not the user has ``asked`` for the terms.
+        """
+        return asked if self.geometry is None else self.is_exact
 
     @property
     def ratio(self) -> float:

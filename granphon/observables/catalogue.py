@@ -145,6 +145,7 @@ class Observable:
     told : whether the command line prints it, and the summary of several states has its least and
         its greatest value.
     digits : significant digits with which it is printed.
+    zero : what is printed in the place of zero, such as "none"; by default the number.
     per_dimension : "pressure", "effective_density" or "modulus", by which the unit depends on the
         number of periods.
     """
@@ -162,6 +163,7 @@ class Observable:
     per_direction: bool = False
     told: bool = False
     digits: int = 5
+    zero: str = ""
     per_dimension: str = ""
 
     def __post_init__(self) -> None:
@@ -809,10 +811,11 @@ _OBSERVABLES = (
     Observable(
         "onset_gap",
         "Hz",
-        "the lowest frequency of all branches, below which nothing passes",
+        "the lowest frequency of all branches, below which nothing passes; zero without a gap",
         label="Gap below all branches",
         cost="onsets",
         told=True,
+        zero="none",
     ),
     *(
         Observable(

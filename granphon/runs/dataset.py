@@ -53,7 +53,6 @@ from granphon.base.text import (
 )
 from granphon.base.validation import find_unit_of
 from granphon.dynamics.elasticity import voigt_names
-from granphon.media.choice import is_exact_label
 from granphon.observables.catalogue import CATALOGUE, WAVE_COSTS, entry_of
 from granphon.runs.execution import solve_all
 from granphon.runs.finished_tasks import Store, TaskResult
@@ -85,6 +84,9 @@ Array = NDArray[Any]
 FORMAT = "granphon sweep"
 #: last dimensions of variables of which some states have fewer values than others
 _UNEVEN = (("surface_wave",), ("gap",), ("branch",), ("response_peak",))
+#: name of the attribute that says of each medium, by its label, whether its states have finite
+#: overlap, if only some of them; a JSON text
+OVERLAP_OF_MEDIA = "finite_overlap_of_media"
 #: name of the attribute with the sha256 digest of the numbers
 DIGEST = "granphon_sha256"
 #: longest time that opening a file without a digest may take, s
@@ -154,7 +156,14 @@ _MAY_BE_INFINITE = {
     "damped_quality",
 }
 #: attributes that hold a JSON text, and its type
-_JSON = {"packing": dict, "media": list, "observe": list, "versions": dict, "warnings": list}
+_JSON = {
+    "packing": dict,
+    "media": list,
+    "observe": list,
+    "versions": dict,
+    "warnings": list,
+    OVERLAP_OF_MEDIA: dict,
+}
 _WORDS = {dict: "mapping", list: "list"}
 
 
@@ -230,7 +239,7 @@ def _require_sound(grid: Grid) -> None:
     """
     for case in grid.cases:
         # an array has its own forces, which are not those of the lattice
-        finite_overlap = grid.request.finite_overlap and not case.medium.is_exact
+        finite_overlap = grid.request.finite_overlap and not case.medium.simulates
         try:
             case.medium.of(case.packing).require_sound(finite_overlap)
         except (MechanismError, InstabilityError) as error:
@@ -246,7 +255,7 @@ def make_frame(grid: Grid) -> Dataset:
 
     The path, which all packings share, has s segments of p points, and labels of its corners. In
     the data set ``qpoints`` (s, p, 3) are fractions of the reciprocal cell, ``distances`` (s, p)
-    lengths along the path of q/(2 pi), in units of 1/d, or of 1/a for media with finite overlap,
+    lengths along the path of q/(2 pi), in units of 1/d, or of 1/a for states with finite overlap,
     and ``labels`` (s + 1,) the names of the corners. Data sets get their accessor, see
     :func:`register_accessor`.
 
@@ -259,7 +268,7 @@ def make_frame(grid: Grid) -> Dataset:
         register_accessor()
 
     request = grid.request
-    finite_overlaps = [medium.has_finite_overlap(request.finite_overlap) for medium in grid.media]
+    finite_overlaps = _find_finite_overlaps(grid)
     variables = _frame_bands(grid, finite_overlaps)
     coordinates = _frame_states(grid)
     attrs = _frame_attributes(grid, finite_overlaps)
@@ -276,7 +285,7 @@ def make_frame(grid: Grid) -> Dataset:
         attrs["surface"] = to_json(request.surface)
     if request.bands is not None:
         attrs["damping"] = to_json(request.bands)
-    if request.finite_overlap and not all(medium.is_exact for medium in grid.media):
+    if request.finite_overlap and not all(medium.simulates for medium in grid.media):
         attrs["exponent"] = (
             "left out: it is defined for overlaps that are small beside the diameter"
         )
@@ -284,19 +293,34 @@ def make_frame(grid: Grid) -> Dataset:
     return Dataset(variables, coordinates, attrs)
 
 
-def _frame_attributes(grid: Grid, finite_overlaps: Sequence[bool]) -> dict[str, Any]:
-    """Return the attributes that every data set has; ``finite_overlaps`` says of each medium
-    whether its states have finite overlap.
+def _find_finite_overlaps(grid: Grid) -> Array:
+    """Return of each state whether it has finite overlap, (media, combinations of the values of the
+    parameters, loads).
+    """
+    n_media = len(grid.media)
+    of_cases = np.array([case.finite_overlaps for case in grid.cases])  # the media run fastest
+    return np.swapaxes(of_cases.reshape(-1, n_media, grid.load.size), 0, 1)
+
+
+def _frame_attributes(grid: Grid, finite_overlaps: Array) -> dict[str, Any]:
+    """Return the attributes that every data set has; ``finite_overlaps`` (media, combinations,
+    loads) is that of :func:`_find_finite_overlaps`.
     """
     structure = grid.cases[0].packing.structure
     x_axis = ("(1)", "(1, 0)", "(1, 0, 0)")[structure.periods - 1]
     media = [{medium.name: medium.settings_on(structure)} for medium in grid.media]
+    of_media = {
+        medium.label: bool(np.any(of_medium))
+        for medium, of_medium in zip(grid.media, finite_overlaps, strict=True)
+    }
     return {
         "format": FORMAT,
         "schema": SWEEP_SCHEMA,
         "versions": to_json({**packages(), **versions("xarray", "h5netcdf")}),
         "media": to_json(media),
-        "finite_overlap": int(all(finite_overlaps)),  # netCDF has no attributes of type bool
+        # netCDF has no attributes of type bool
+        "finite_overlap": int(np.all(finite_overlaps)),
+        OVERLAP_OF_MEDIA: to_json(of_media),
         "direction": f"{x_axis}, Cartesian, where velocities depend on it",
         "observe": to_json(grid.request.observe),
     }
@@ -322,26 +346,26 @@ def _frame_waves(waves: WaveSettings) -> tuple[dict[str, Any], dict[str, Any]]:
     return variables, coordinates
 
 
-def _name_unit_of_path(finite_overlaps: Sequence[bool]) -> str:
+def _name_unit_of_path(finite_overlaps: Array) -> str:
     """Return the unit of distances along a path, for the title of the variable;
-    ``finite_overlaps`` is as in :func:`_frame_bands`.
+    ``finite_overlaps`` says of each state whether it has finite overlap.
 
     The unit is no attribute ``units``: programs that parse units read "1/d" as once a day, and the
     spacing a differs from load to load.
     """
-    if all(finite_overlaps):
+    if np.all(finite_overlaps):
         return "1/a"
-    if any(finite_overlaps):
-        return "1/d, or 1/a of media with finite overlap"
+    if np.any(finite_overlaps):
+        return "1/d, or 1/a of states with finite overlap"
     return "1/d"
 
 
-def _frame_bands(grid: Grid, finite_overlaps: Sequence[bool]) -> dict[str, Any]:
+def _frame_bands(grid: Grid, finite_overlaps: Array) -> dict[str, Any]:
     """Return the variables of the path of the bands, ``qpoints`` (s, p, 3), ``distances`` (s, p)
     and ``labels`` (s + 1,) as in :func:`make_frame`; empty without bands.
 
-    ``finite_overlaps`` says of each medium whether its states have finite overlap. InputError for
-    cases with different lattices, or different motions of balls.
+    ``finite_overlaps`` says of each state whether it has finite overlap. InputError for cases with
+    different lattices, or different motions of balls.
     """
     structure = grid.cases[0].packing.structure
     path = grid.request.find_path(structure)
@@ -516,12 +540,13 @@ def find_load(dataset: Dataset) -> str:
 
 
 def list_finite_overlap(dataset: Dataset) -> list[bool]:
-    """Return for each medium of a sweep whether its states have finite overlap; False where a data
-    set does not tell.
+    """Return for each medium of a data set whether its states have finite overlap, if only some of
+    them. A data set that does not tell it of each medium tells it of all, or else has none.
     """
     everywhere = bool(dataset.attrs.get("finite_overlap", 0))
+    of_media = json.loads(dataset.attrs.get(OVERLAP_OF_MEDIA, "{}"))
     labels = np.atleast_1d(dataset["medium"].values).astype(str)
-    return [everywhere or is_exact_label(label) for label in labels.tolist()]
+    return [bool(of_media.get(label, everywhere)) for label in labels.tolist()]
 
 
 def collect_identity(frame: Dataset) -> dict[str, Any]:

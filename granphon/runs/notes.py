@@ -108,10 +108,21 @@ def _tell_case(entry: CaseNotes) -> list[str]:
     """Return the warnings of the only case of a sweep, or of a single state."""
     texts = list[str]()
     for note in entry.notes:
-        text = note if isinstance(note, str) else note.tell(_find_place(entry, note))
+        text: str | None = None
+        if isinstance(note, str):
+            text = note
+        else:
+            text = note.tell(_find_place(entry, note), _find_force_unit(entry.case))
         if text is not None:
             texts.append(text)
     return texts
+
+
+def _find_force_unit(case: Case) -> str:
+    """Return the unit in which the user wrote the forces of contacts; empty if the loads of a case
+    are no such forces, or have no unit.
+    """
+    return case.written.units.get("force", "")
 
 
 def _find_place(entry: CaseNotes, check: Check) -> str:
@@ -142,7 +153,7 @@ def _tell_check(failing: Sequence[tuple[CaseNotes, Check]], entries: Sequence[Ca
         all_entries = [entry for entry in entries if entry.case.medium.label in media]
         if len(all_entries) == 1:  # the medium says by itself at how many of its loads
             (entry,) = all_entries
-            return str(check.tell(_find_place(entry, check)))
+            return str(check.tell(_find_place(entry, check), _find_force_unit(entry.case)))
     n_states = _count_states(all_entries)
     n_failing = sum(check.failing for _, check in failing)
     share = f"at {n_failing} of {n_states} states"
@@ -158,7 +169,8 @@ def _tell_check(failing: Sequence[tuple[CaseNotes, Check]], entries: Sequence[Ca
         loads = worst_entry.loads
         worst_load = number if loads is None else int(loads[number])
     place = _describe_worst(worst_entry, worst_load, all_entries)
-    return worst_check.tell_states(share, place if n_failing > 1 else "")
+    force_unit = _find_force_unit(worst_entry.case)
+    return worst_check.tell_states(share, place if n_failing > 1 else "", force_unit)
 
 
 def _count_states(entries: Sequence[CaseNotes]) -> int:
@@ -240,7 +252,8 @@ def _list_texts(texts: Sequence[str], all_texts: Sequence[str]) -> str:
 def _describe_loads(case: Case, indices: NDArray[np.intp]) -> str:
     """Return in words the loads of the ``indices`` of a case, as the user wrote them."""
     load = case.load if case.written.load is None else case.written.load
-    unit = find_load_unit(load.kind, case.packing.structure.periods)
+    lattice = case.packing.structure
+    unit = find_load_unit(load.kind, lattice.periods, lattice.pressed_axes)
     written_unit = case.written.units.get(load.kind, "")
     loads = np.unique(np.ravel(load.array)[indices])
     ends = dict.fromkeys([loads[0], loads[-1]])  # equal ends are one

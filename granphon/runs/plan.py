@@ -15,6 +15,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext, supp
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,6 +32,7 @@ from granphon.base.errors import (
 )
 from granphon.base.progress import Progress, silent
 from granphon.base.staging import ResultFiles, is_whole
+from granphon.base.threads import require_executor
 from granphon.media import cost as costs
 from granphon.media.choice import MEDIA, MediumChoice, ServingMedium
 from granphon.media.cost import Cost
@@ -54,6 +56,7 @@ from granphon.waves.settings import (
     READINGS,
     MotionSettings,
     NetworkSettings,
+    PulseSettings,
     ResponseSettings,
     SpectrumSettings,
     WaveSettings,
@@ -642,13 +645,12 @@ class Plan:
         was read from a file, and one that a computation does not reach
         :class:`~granphon.base.errors.ConvergenceError`.
         """
+        require_executor(executor)
+        _require_path(path, resume)
         self.require_waves()
-        with self.place_errors():
-            if self.has_tasks:
-                return self._sweep(progress, executor, path, resume, overwrite, store)
-            _ = self.state()  # first, so that its errors are placed at the load
-            with self.places.where_it_buckles():
-                return self._sweep(progress, executor, path, resume, overwrite, store)
+        placing = nullcontext() if self.has_tasks else self.places.where_it_buckles()
+        with self.place_errors(), placing:
+            return self._sweep(progress, executor, path, resume, overwrite, store)
 
     def _sweep(
         self,
@@ -664,15 +666,8 @@ class Plan:
         """
         run = SweepRun.of(self.grid)
         if path is None:
-            if resume:
-                problem = "a sweep without a path cannot be resumed"
-                why = "Its finished parts are kept beside its file"
-                raise InputError(problem, why, "Give path")
-            return run.join(run.do(executor, progress, store))
+            return self._do(run, executor, progress, store)
         target = Path(path)
-        if target.suffix != ".nc":
-            why = "It is a netCDF file, with a .csv beside it"
-            raise InputError(f"{target} does not end in .nc", why)
         if resume and not overwrite:
             earlier_sweep = _load_finished_sweep(run, target)
             if earlier_sweep is not None:
@@ -683,7 +678,7 @@ class Plan:
         opened_store = store_beside if store is None else nullcontext(store)
         with files.open() as locked, opened_store as task_store:
             try:
-                dataset = run.join(run.do(executor, progress, task_store))
+                dataset = self._do(run, executor, progress, task_store)
             except ConvergenceError as error:
                 if error.reached is None:
                     raise
@@ -693,6 +688,14 @@ class Plan:
             with locked.staging() as stage:
                 write_sweep(dataset, stage / target.name)
         return dataset
+
+    def _do(
+        self, run: SweepRun, executor: Executor | None, progress: Progress, store: Store | None
+    ) -> Dataset:
+        """Return the data set of a ``run``, whose tasks are done, see :meth:`SweepRun.do`."""
+        if not self.has_tasks:
+            _ = self.state()  # first, so that its errors are placed at the load
+        return run.join(run.do(executor, progress, store))
 
     # -- cost --------------------------------------------------------------------------------------
 
@@ -980,7 +983,7 @@ def _estimate_waves(medium: DirectSimulation, load: Load, settings: WaveSettings
         n_heard = 0.0
         n_readings = 0.0
         if pulse is not None:
-            length = pulse.distance or 0.5 * max(medium.cells) * packing.diameter  # m
+            length = _find_pulse_length(medium, ideal.network, pulse, settings.direction)
             # the burst, and the pulse on three times its way
             duration = pulse.cycles / pulse.frequency + 3.0 * length / ideal.scales.velocity  # s
             n_steps = math.pi * top * duration  # a product for each half period of the top
@@ -997,6 +1000,26 @@ def _estimate_waves(medium: DirectSimulation, load: Load, settings: WaveSettings
             heard=n_heard,
             readings=n_readings,
         )
+
+
+def _find_pulse_length(
+    medium: DirectSimulation, network: ContactNetwork, pulse: PulseSettings, direction: Any
+) -> float:
+    """Return the distance, m, that a ``pulse`` along the ``direction`` goes in an array of a
+    simulation, of which ``network`` is one cell; 0 for a pulse that cannot be sent, and has a note
+    in place of numbers.
+    """
+    # imported here: other scenes do not need it
+    from granphon.waves.pulses import PulseSource
+
+    # the distance depends on the periods of the array, and not on its balls
+    cell = network.cell.copy()
+    cell[: len(medium.cells)] *= np.array(medium.cells)[:, None]
+    names = ("pbc", "positions", "radii", "moving", "dimension")
+    array: Any = SimpleNamespace(cell=cell, **{name: getattr(network, name) for name in names})
+    with suppress(InputError):
+        return float(PulseSource.of(pulse, array, direction).distance)
+    return 0.0
 
 
 def _estimate_packing(
@@ -1158,6 +1181,19 @@ def _estimate_motion(serving: ServingMedium, settings: MotionSettings) -> Cost |
     )
     n_samples = 1 if array is None else array.samples
     return cost_of_motion.times(serving.load.size * n_samples)
+
+
+def _require_path(path: str | os.PathLike[str] | None, resume: bool) -> None:
+    """Raise InputError for the ``path`` of a sweep that is not the name of a netCDF file, and for
+    ``resume`` without a path.
+    """
+    if path is None and resume:
+        problem = "a sweep without a path cannot be resumed"
+        raise InputError(problem, "Its finished parts are kept beside its file", "Give path")
+    if path is not None and Path(path).suffix != ".nc":
+        raise InputError(
+            f"{Path(path)} does not end in .nc", "It is a netCDF file, with a .csv beside it"
+        )
 
 
 def _load_finished_sweep(run: SweepRun, path: Path) -> Dataset | None:

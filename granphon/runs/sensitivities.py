@@ -382,8 +382,8 @@ def estimate_derivatives(
     simulates no arrays, at all its loads; memory and time of the states are not included.
 
     Each value of a difference takes the velocities and moduli of one network, with ``has_cutoffs``
-    the frequencies at the wave vectors of both ends of all branches, and with a
-    ``surface`` the waves of its edge at the corners of the path along the edge.
+    the frequencies at the wave vectors of both ends of all branches, and with a ``surface`` the
+    waves of its edge at the corners of the path along the edge.
     """
     balls = serving.packing
     structure = balls.structure

@@ -72,11 +72,9 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 #: warning that goes with the bands of a simulation
 LATTICE_BANDS = (
-    "bands and densities of states are those of a regular lattice with the mean stiffness of"
-    " the samples, without "
-    "disorder. Those of the disordered arrays are sample_dos and spectrum, of a sweep"
-    " sweep_dos and sweep_spectra: "
-    "observe [dos, spectrum]"
+    "bands, their edges and densities of states are those of a regular lattice with the mean"
+    " stiffness of the samples, without disorder. Those of the disordered arrays are sample_dos and"
+    " spectrum, of a sweep sweep_dos and sweep_spectra: observe [dos, spectrum]"
 )
 #: the observables that are sought in the whole zone of wave vectors
 OF_ZONE = ("gaps", "cutoffs", "onsets")
@@ -286,19 +284,34 @@ class Case:
         return state
 
     @cached_property
-    def media(self) -> list[MediumTask]:
-        """A task for each medium that serves loads, and for each geometry of its lattice at these
-        loads; an error names the case, and the load if the load is known.
+    def serving_in_geometry(self) -> list[ServingMedium]:
+        """The media that serve the loads, one for each geometry of its lattice at these loads; an
+        error names the case, and the load if the load is known.
         """
         try:
-            serving_media = [
+            return [
                 serving
                 for serving_all in self.serving_media
                 for serving in serving_all.by_geometry(self.request.finite_overlap)
             ]
         except InputError as error:
-            periods = self.packing.structure.periods
-            raise _name_load(self.label, self.load, error.load_index, error, periods) from error
+            lattice = self.packing.structure
+            raise _name_load(self.label, self.load, error.load_index, error, lattice) from error
+
+    @property
+    def finite_overlaps(self) -> Array:
+        """Whether the state at each load has the terms of relative order delta/d, (loads,); the
+        states need not be solved for that. Errors are those of :attr:`serving_in_geometry`.
+        """
+        finite_overlaps = np.empty(self.load.size, bool)
+        for serving in self.serving_in_geometry:
+            is_finite = serving.has_finite_overlap(self.request.finite_overlap)
+            finite_overlaps[serving.loads] = is_finite
+        return finite_overlaps
+
+    @cached_property
+    def media(self) -> list[MediumTask]:
+        """A task for each medium of :attr:`serving_in_geometry`, whose errors are raised."""
         # lattices, but for packings in files, have no waves but those of networks, and their
         # exponents cost nothing
         lattice_waves = self.request.waves
@@ -307,7 +320,7 @@ class Case:
             lattice_waves = WaveSettings(of_networks=networks) if networks else None
         lattice_request = replace(self.request, waves=lattice_waves, exponents=True)
         tasks = list[MediumTask]()
-        for serving in serving_media:
+        for serving in self.serving_in_geometry:
             request = self.request
             state = None
             if not serving.arrays:
@@ -718,15 +731,15 @@ class MediumTask(Task):
         option, its message begins with the task alone.
         """
         error = write_newtons(reduced_error, self.serving.packing)
-        periods = self.serving.packing.structure.periods
+        lattice = self.serving.packing.structure
         if error.option is not None:  # the error is not about a load
-            return _name_load(self.where, self.load, None, error, periods)
+            return _name_load(self.where, self.load, None, error, lattice)
         # an error of a simulation knows its load, so that nothing is simulated again
         index = error.load_index
         first_error = error
         if index is None:
             index, first_error = self._find_failing_load(error)
-        located = _name_load(self.where, self.load, index, first_error, periods)
+        located = _name_load(self.where, self.load, index, first_error, lattice)
         located.load_index = None if index is None else int(self.serving.loads[index])
         return located
 
@@ -890,17 +903,18 @@ def _observe_bands(
 
 
 def _name_load(
-    where: str, load: Load, index: int | None, error: GranphonError, periods: int
+    where: str, load: Load, index: int | None, error: GranphonError, lattice: Lattice
 ) -> GranphonError:
     """Return ``error`` with words for its place before its message: ``where``, which names the
     task, and the load number ``index``, unless that is None, not known. The index becomes the
     ``load_index`` of the error.
 
-    ``periods`` is the number of periods of the lattice, on which the unit of the load depends.
+    The unit of the load depends on the ``lattice``.
     """
     if index is None:
         return error.restate(f"{where}: {error}")
-    located = error.restate(f"{where}, {load[index].describe(periods)}: {error}")
+    load_in_words = load[index].describe(lattice.periods, lattice.pressed_axes)
+    located = error.restate(f"{where}, {load_in_words}: {error}")
     located.load_index = index
     return located
 
@@ -945,9 +959,10 @@ def add_waves(
 
 def _place_note(text: str, task: MediumTask, load: Load, indices: Sequence[int]) -> str:
     """Return a note after the first of the loads of ``indices`` that the note is about."""
-    periods = task.serving.packing.structure.periods
+    lattice = task.serving.packing.structure
+    load_in_words = load[indices[0]].describe(lattice.periods, lattice.pressed_axes)
     further = f" and {len(indices) - 1} more" if len(indices) > 1 else ""
-    return f"at {load[indices[0]].describe(periods)}{further}, {text}"
+    return f"at {load_in_words}{further}, {text}"
 
 
 # -- of a sample -----------------------------------------------------------------------------------

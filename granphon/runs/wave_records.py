@@ -757,7 +757,7 @@ def average_motions(
     texts = [text for text in texts if text]
     notes = texts[:1]
     if notes and len(records) > 1:
-        notes = [f"{len(texts)} of {len(records)} samples, such as one: {texts[0]}"]
+        notes = [f"in {len(texts)} of {len(records)} samples, as in the first of them: {texts[0]}"]
     for name in NUMBERS:
         numbers = np.array([float(record[name]) for record in records])
         known = numbers[np.isfinite(numbers)]
@@ -770,9 +770,9 @@ def average_motions(
             if numbers.size > 1:
                 samples = f" in {numbers.size - known.size} of {numbers.size} samples"
             notes.append(
-                f"the {name.replace('_', ' ')} is not known{samples}: distances of contacts over"
-                " the times at which the wave comes are no straight line that rises; run for"
-                " longer, or with more frames"
+                f"the {name.replace('_', ' ')} is not known{samples}: the wave is known to come to"
+                " fewer than three contacts, or their distances over the times at which it comes"
+                " are no straight line that rises; run for longer, or with more frames"
             )
     return observables, notes
 

@@ -825,14 +825,23 @@ class SceneSource(Places):
 
     @contextmanager
     def where_it_buckles(self) -> Iterator[None]:
-        """Place an InstabilityError of the with-block at the key packing.finite_overlap: no lattice
-        buckles without the static forces that this key keeps.
+        """Place an InstabilityError of the with-block at the key finite_overlap of the packing or
+        crystal: no lattice buckles without the static forces that this key keeps. Where the
+        document does not ask for these forces, as one with a packing in files, the place is the
+        block of the balls.
         """
-        prefix = "found true; allowed: false where the lattice buckles; "
         try:
             yield
         except InstabilityError:
-            with self.at("packing", "finite_overlap", prefix=prefix):
+            data: Any = {} if self.document is None else self.document.data
+            blocks_of_balls = ("packing", "crystal", *_FILES_BLOCKS)
+            block_name = next((name for name in blocks_of_balls if name in data), "packing")
+            path: tuple[str, ...] = (block_name,)
+            prefix = ""
+            if data.get(block_name, {}).get("finite_overlap"):
+                path = (block_name, "finite_overlap")
+                prefix = "found true; allowed: false where the lattice buckles; "
+            with self.at(*path, prefix=prefix):
                 raise
 
     def at_medium(self, label: str, allowed: str) -> AbstractContextManager[None]:

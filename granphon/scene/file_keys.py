@@ -759,7 +759,8 @@ def _read_direction(value: Any, lattice: Lattice, path: tuple[int, ...]) -> tupl
         count = ("one number", "two numbers", "three numbers")[lattice.periods - 1]
         example = ("[1]", "[1, 1]", "[1, 1, 0]")[lattice.periods - 1]
         allowed = f"{count}, not all zero, such as {example}; or a list of these"
-        mend = f"The {lattice.name} lattice lies {_POSITIONS[lattice.periods - 1]}."
+        axes = ("one axis", "two axes", "three axes")[lattice.periods - 1]
+        mend = f"The {lattice.name} lattice repeats along {axes}."
         raise Refused(show(value), allowed, mend, path) from None
     return components
 

@@ -254,8 +254,7 @@ class Export:
     def make_figure(self, results: Any, tell: Tell | None = None, **options: Any) -> Any:
         """Return the matplotlib figure of the ``results``, drawn with the ``options``; InputError
         if the output has no figure, or its function returns none. ``tell`` is called with a
-        sentence that says which panels the
-        figure has chosen, if it chooses any.
+        sentence that says which panels the figure has chosen, if it chooses any.
         """
         if self.draw is None:
             raise InputError(f"{OUTPUTS.describe(self.name)} has no figure")
@@ -528,7 +527,7 @@ def _summarise_states(run: Any) -> dict[str, Any]:
     from granphon.runs.dataset import list_finite_overlap
 
     data = run.dataset
-    # for each medium, whether its states have finite overlap
+    # for each medium, whether its states have finite overlap, if only some of them
     of_media = list_finite_overlap(data)
     dims = [*data["valid"].dims]
     if "direction" in data.dims:
@@ -642,15 +641,20 @@ def _summarise_design(run: Any) -> dict[str, Any]:
 
 def _list_strongest(run: Any) -> dict[str, Any]:
     """Return, under "matters_most", by quantity of the only state the parameter on which the
-    quantity depends most: the one with the largest logarithmic derivative in magnitude.
+    quantity depends most: the one with the largest logarithmic derivative in magnitude. A quantity
+    that depends on no parameter is left out.
     """
     data = run.dataset
     quantities = data["sensitivity_of"].values.tolist()
     parameters = data["sensitivity_to"].values.tolist()
     # (quantities, parameters); a derivative that is not known counts as zero
     sizes = np.nan_to_num(np.abs(data["sensitivity"].values)).reshape(len(quantities), -1)
-    strongest = [parameters[number] for number in np.argmax(sizes, axis=1).tolist()]
-    return {"matters_most": dict(zip(quantities, strongest, strict=True))}
+    strongest = {
+        quantity: parameters[int(np.argmax(of_quantity))]
+        for quantity, of_quantity in zip(quantities, sizes, strict=True)
+        if np.any(of_quantity)
+    }
+    return {"matters_most": strongest}
 
 
 # -- what it costs ---------------------------------------------------------------------------------

@@ -440,10 +440,10 @@ def _find_lattice(source: Path) -> ContactLattice:
     packing: Any = scene.packing
     if not scene.serving.arrays:
         return scene.state().contact_lattice()
-    if not scene.finite_overlap:
+    summary = read_summary(source)
+    if not summary["finite_overlap"]:
         # in the paper's limit the lattice in reduced units is the same under every load
         return ideal_lattice(packing)
-    summary = read_summary(source)
     numbers = {name: summary[name] for name in ("force", "overlap", "normal_stiffness")}
     medium = scene.media[0].name
     state = ContactState(packing, medium, packing.law, **numbers, finite_overlap=True)

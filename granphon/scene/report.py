@@ -138,6 +138,9 @@ def _read_numbers(source: Path) -> list[Block]:
         if name in _NO_NUMBERS or is_error:
             continue
         text = _write_value(value, units.get(name, ""), summary.get(f"{name}_error"))
+        entry = CATALOGUE.get(name)
+        if entry is not None and entry.zero and not np.any(value):
+            text = entry.zero
         if text:
             rows.append((_name_number(name), text))
     return [Rows(("quantity", "value"), tuple(rows))]
@@ -161,8 +164,7 @@ def _write_value(value: Any, unit: str, error: Any = None) -> str:
 
     The value is a word, a number, a mapping of numbers, a list of numbers (two in ascending order
     are the least and the greatest), or a list of lists: a tensor (n, n) for n above two, or else
-    intervals
-    (n, 2). The error has the shape of the value.
+    intervals (n, 2). The error has the shape of the value.
     """
     if isinstance(value, bool):
         return "yes" if value else "no"

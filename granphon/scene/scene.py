@@ -29,6 +29,7 @@ from granphon.base.results import write_html
 from granphon.base.scales import write_quantity
 from granphon.base.staging import ResultFiles, is_whole
 from granphon.base.text import counted, dump_yaml, parse_yaml, read_yaml, versions
+from granphon.base.threads import require_executor
 from granphon.media.choice import ServingMedium
 from granphon.media.cost import Cost
 from granphon.media.state import ContactState
@@ -86,15 +87,16 @@ class Scene(SceneValues):
     Attributes
     ----------
     packing, load : the balls and their arrangement, and the load that presses them. Balls of
-        several kinds are an :class:`~granphon.media.arrangement.Arrangement`, and a packing of
-        another program :class:`~granphon.NetworkFiles`, whose own ``load`` this is.
+        several kinds are an :class:`~granphon.media.arrangement.Arrangement`, which a
+        :class:`~granphon.Crystal` becomes, and a packing of another program
+        :class:`~granphon.NetworkFiles`, whose own ``load`` this is.
     media : the ways to average over a spread of diameters, one or more; by default "ema" if the
         balls differ, else "ala". Balls of several kinds have "crystal" alone. May be given as names
         ("ala", "afa", "ema", "simulation", "auto") or mappings with options, alone or in a list.
     parameters : the swept parameters of the packing, each with its values; may be given as a
         mapping.
-    finite_overlap : keep the terms of relative order delta/d; True if all media are simulations in
-        their exact geometry, which always have them.
+    finite_overlap : keep the terms of relative order delta/d. Simulations in their exact geometry
+        have them whether asked or not; :attr:`ContactState.finite_overlap` of a state says.
     observe : which of "velocities", "bands", "gaps", "cutoffs", "onsets", "sensitivities", "dos",
         "surface", "spectrum", "pulse", "response", "motion", "modes", "design" to compute;
         spectrum, pulse and the density of states of the array itself, of a simulation.
@@ -229,6 +231,7 @@ class Scene(SceneValues):
             with friction ends early, the loads before it are in sweep_incomplete.nc and
             sweep_incomplete.csv, and ``reached`` of the error is their data set.
         """
+        require_executor(executor)
         rows = list_outputs(self)
         self._add_costs(rows)  # raises if there is too little memory
         target = Path(folder)

@@ -18,13 +18,10 @@ from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import ACCELERATION, LENGTH, find_load_unit
 from granphon.base.settings import describe_settings
 from granphon.base.tables import Heading, table_text
-from granphon.base.text import MOST_SCENE_BYTES, dump_yaml, spell
+from granphon.base.text import MOST_SCENE_BYTES, dump_yaml, show, spell
 from granphon.base.validation import read_inside, require
-from granphon.media.choice import (
-    MediumChoice,
-    default_medium,
-    require_finite_overlap,
-)
+from granphon.media.choice import MediumChoice, default_medium, require_finite_overlap
+from granphon.media.medium import CRYSTAL
 from granphon.phonons.paths import MESHES, BandPath, read_paths
 from granphon.runs.plan import list_parameters_of_branches
 from granphon.runs.tasks import list_swept, require_arrays
@@ -129,11 +126,15 @@ class SceneValues:
 
     def __post_init__(self) -> None:
         """Replace the arguments by the values that the scene keeps, and check these one by one and
-        then together: lists become tuples, names become media, and defaults that depend on other
-        values are filled in. Refused or InputError for a value that is not allowed.
+        then together: lists become tuples, names become media, a crystal becomes its arrangement,
+        and defaults that depend on other values are filled in. Refused or InputError for a value
+        that is not allowed.
         """
         # the dataclass is frozen: attributes are set past it
         assign = partial(object.__setattr__, self)
+        assign("packing", _read_balls(self.packing))
+        if not isinstance(self.load, Load):
+            raise InputError(f"load is {show(self.load)}", mend="Give a granphon.Load")
         axes = tuple(Axis.of(name, values) for name, values in dict(self.parameters).items())
         assign("parameters", tuple((axis.name, axis.values) for axis in axes))
         lattices = dict(self.parameters).get("lattice", ())
@@ -152,8 +153,6 @@ class SceneValues:
                 assign(name, require(name, declared.kind.rule(context), value))
         if self.modes is None and "modes" in self.observe:
             assign("modes", ModesSettings())
-        if all(choice.is_exact for choice in self.media) and self.balls_differ:
-            assign("finite_overlap", True)
         # a scene without bands in space does not ask ASE, which knows the path there
         has_path = lattice.periods == 2 or bool({"bands", "spectrum"} & set(self.observe))
         given_path = self.band
@@ -239,13 +238,15 @@ class SceneValues:
         The text gives the same scene, to the last bit, when it is read again. A measured spread of
         more than 1000 diameters is written as the name of a table, whose text is
         :attr:`diameters`. :class:`~granphon.base.errors.InputError` if a file has no words for the
-        law of contacts, or the text is too long.
+        law of contacts, or for a crystal that was given as it is, or if the text is too long.
         """
         return self._text
 
     @cached_property
     def _text(self) -> str:
         """The text of :meth:`to_yaml`."""
+        if self.packing.medium_name == CRYSTAL:
+            cast("Arrangement", self.packing).require_words()
         blocks = write_blocks(self, Context(self.packing.structure))
         if self.errors:
             from granphon.scene.uncertainty import write_errors
@@ -615,6 +616,17 @@ class SceneValues:
         smallest = next(supercell for supercell in supercells if touch_once(supercell))
         allowed = f"{file_keys.write_grid(smallest)} or more"
         raise Refused(file_keys.write_grid(self.dim), allowed, path=("phonopy", "dim"))
+
+
+def _read_balls(packing: Any) -> Packing | Arrangement | NetworkFiles:
+    """Return the balls of a scene; a crystal becomes its arrangement. InputError for an argument
+    that is no balls.
+    """
+    if isinstance(packing, Packing) or getattr(packing, "is_network", False):
+        return packing
+    from granphon.media.arrangement import given_balls  # other scenes have no kinds
+
+    return given_balls(packing)
 
 
 def _find_wave_path(packing: Any) -> BandPath:

@@ -46,6 +46,7 @@ from granphon.base.results import Result, held, result_class
 from granphon.base.scales import write_quantity
 from granphon.base.tables import table_text
 from granphon.base.text import counted, digest
+from granphon.base.threads import require_executor
 from granphon.base.validation import choice, each, number, require, truth, whole
 from granphon.dynamics.elasticity import bulk_and_shear, longitudinal_modulus
 from granphon.laws.effective import EffectiveLaw, effective_curve, solve_curve
@@ -847,12 +848,13 @@ def tradeoff(
         on a line, on a lattice or with motions that are not simulated, in a plane whose sound is
         not isotropic, or with finite overlap, where media have no reference; a history without a
         friction coefficient, or the reverse; fewer runs than five, a budget of no seconds, no word
-        or an unknown one in ``observe``.
+        or an unknown one in ``observe``; an executor without ``submit``.
     FileExistsInRunError : ``store`` holds finished studies of another trade-off, or tasks of a
         sweep.
     """
     applied = Load.only(force=force, pressure=pressure, overlap=overlap)
     given_packing(packing)
+    require_executor(executor)
     require("runs", partial(whole, low=LEAST_RUNS, high=1000), runs)
     require("most_loads", partial(whole, low=1, high=1000), most_loads)
     budget = require("budget", partial(number, low=1e-3, high=1e9), budget)

@@ -28,6 +28,7 @@ from granphon.dynamics.elasticity import symmetrise
 from granphon.figures.bands import bands_figure
 from granphon.figures.curves import describe_lines, sweep_figure
 from granphon.media.choice import MediumChoice
+from granphon.runs.dataset import list_finite_overlap
 from granphon.runs.finished_tasks import Store
 from granphon.runs.tasks import SampleRecord
 from granphon.scene.redraw import read_run, redraw
@@ -885,10 +886,7 @@ def test_a_run_in_the_exact_geometry_says_that_overlap_is_finite(tmp_path):
     assert yaml.safe_load((tmp_path / "out" / "summary.yaml").read_text())["finite_overlap"] is True
     resolved = gp.Scene.from_yaml(tmp_path / "out" / "scene.yaml")
     assert resolved == replace(given, source=resolved.source)
-    assert (
-        yaml.safe_load((tmp_path / "out" / "scene.yaml").read_text())["packing"]["finite_overlap"]
-        is True
-    )
+    assert not resolved.finite_overlap  # which nobody asked for
     (facts, _), *_ = describe_lines(read_run(tmp_path / "out").dataset, "force")
     assert facts["overlap"].startswith("with terms")
 
@@ -932,6 +930,29 @@ def test_a_sweep_of_several_media_says_which_have_finite_overlap(tmp_path):
     assert [line.split()[0] for line in lines] == ["without", "with"]
     every = replace(mixed, load=Load("force", [300.0]), finite_overlap=True).sweep()
     assert (every.attrs["finite_overlap"], "exponent" in every.attrs) == (1, True)
+
+
+@pytest.mark.parametrize("width", ["0 um", "2 mm"])  # equal balls, and W/d above a fifth
+def test_balls_that_cannot_be_exact_have_no_finite_overlap_in_a_history(width):
+    text = SCENE.replace("2.04 um", width).replace("2 N", "[20 kN, 30 kN]")
+    given = gp.Scene.from_text(text.replace("shape: 3 3", "shape: 4 4"))
+    swept = given.sweep()
+    assert not given.media[0].of(given.packing).at(given.load[0]).finite_overlap
+    assert swept.attrs["finite_overlap"] == 0
+    assert list_finite_overlap(swept) == [False]
+
+
+def test_a_sweep_says_of_a_geometry_that_the_load_decides_what_its_states_say():
+    forces = [0.02, 2000.0]
+    media = [{"simulation": {"shape": (4, 4)}}, "ala"]
+    swept = gp.sweep(PACKING, force=forces, media=media)
+    alone = gp.DirectSimulation(PACKING, shape=(4, 4))
+    assert [alone.at_force(force).finite_overlap for force in forces] == [True, False]
+    assert swept.attrs["finite_overlap"] == 0
+    assert list_finite_overlap(swept) == [True, False]
+    assert list_finite_overlap(swept.isel(medium=[1])) == [False]
+    asked = gp.sweep(PACKING, force=forces, media=media, finite_overlap=True)
+    assert (asked.attrs["finite_overlap"], list_finite_overlap(asked)) == (1, [True, True])
 
 
 def test_a_sweep_is_loaded_as_its_scene_says():

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import granphon as gp
+from granphon.base.errors import InputError
 from granphon.base.quantities import find_written_unit
 from granphon.base.scales import write_in
 from granphon.media.limits import check_limit
@@ -146,3 +147,26 @@ def test_values_of_a_sweep_from_python_have_decimal_prefixes():
     (text,) = json.loads(data.attrs["warnings"])
     assert "(force 500 mN to 1 N)" in text
     assert "width 3 um" in text
+
+
+def test_forces_of_a_limit_have_the_unit_in_which_the_user_wrote_them():
+    text = SCENE.split("medium")[0].replace(
+        "diameter: 1 mm", "diameter: 1 mm, spread: {uniform: 4 um}"
+    )
+    for written, least in (("[10 mN, 20 mN]", "10 mN"), ("[0.01 N, 0.02 N]", "0.01 N")):
+        loads = re.sub("force: .*", f"force: {written}}}", text)
+        for media in ("afa", "[afa, ema]"):
+            _, warnings = list_warnings(f"{loads}medium: {media}\n")
+            assert warnings[0].startswith("afa")
+            assert warnings[0].endswith(f" {least}.")
+
+
+def test_a_pressure_on_a_strip_is_a_force_over_a_length():
+    crystal = gp.Crystal.on("triangular", [gp.Ball(gp.Material(70e9, 0.22, 2500.0), 1e-3)])
+    strip = crystal.cut(1, 3, "free")
+    data = gp.sweep(strip, pressure=[10.0, 1e6])
+    assert data["pressure"].attrs["units"] == "N/m"
+    (text,) = json.loads(data.attrs["warnings"])
+    assert "(pressure 1 MN/m)" in text
+    with pytest.raises(InputError, match=r"pressure = 1e\+12 N/m"):
+        gp.sweep(strip, pressure=[10.0, 1e12])

@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import InputError, SceneError
+from granphon.cli.terminal import describe_result
 from tests.scene.mistakes import BALLS
 
 STEEL = gp.Material(193e9, 0.30, 8000.0)
@@ -187,6 +188,15 @@ def test_a_scene_of_one_state_tells_its_onsets(tmp_path):
     assert_allclose(summary["onset_gap"], expected, rtol=1e-12)
     assert_allclose(summary["onset_frequency"], [expected], rtol=1e-12)
     assert {"onsets.csv", "onsets.png"} <= {path.name for path in result.files}
+
+
+@pytest.mark.parametrize(
+    ("springs", "text"), [("", "none"), (", on_site: 1 MN/m", "937.18 Hz")], ids=["free", "held"]
+)
+def test_a_gap_below_all_branches_is_printed_where_there_is_one(tmp_path, springs, text):
+    scene = gp.Scene.from_text(HELD.replace(", on_site: 1 MN/m", springs))
+    result = scene.run(tmp_path / "out", figures=False)
+    assert ("gap below all branches", text) in describe_result(result)
 
 
 def test_a_scene_with_a_sweep_over_a_loss(tmp_path):

@@ -596,6 +596,7 @@ def test_bands_of_different_numbers_make_no_array(rough, axis):
         ),
         ({"force": 1.0, "resume": True, "path": None}, "cannot be resumed"),
         ({"force": 1.0, "path": "sweep.csv"}, "does not end in .nc"),
+        ({"force": 1.0, "executor": 3}, "executor is 3"),
         ({"force": [1.0, math.nan]}, "force: found nan"),
         ({"force": [1.0, -1.0]}, r"force is .*: tensile"),
         (
@@ -608,6 +609,16 @@ def test_what_makes_no_sweep(rough, tmp_path, arguments, words):
     with pytest.raises(InputError, match=words):
         sweep(rough, **{"path": tmp_path / "sweep.nc"} | arguments)
     assert not list(tmp_path.iterdir())
+
+
+def test_files_are_checked_before_the_only_state_is_solved(tmp_path):
+    ball = gp.Ball(gp.Material(70e9, 0.22, 2500.0), 1e-3)
+    path = tmp_path / "sweep.nc"
+    path.write_bytes(b"another")
+    impossible = 1e12  # N/m, which presses the balls through each other
+    with pytest.raises(FileExistsInRunError):
+        sweep(gp.Crystal.on("triangular", [ball]), pressure=impossible, path=path)
+    assert [file.name for file in tmp_path.iterdir()] == ["sweep.nc"]
 
 
 @pytest.mark.parametrize("executor", [None, ThreadPoolExecutor, ProcessPoolExecutor])

@@ -13,6 +13,7 @@ from granphon.phonons.paths import BandPath
 from granphon.scene.outputs import OUTPUTS, expected_files
 from granphon.scene.redraw import redraw
 from granphon.waves.path_spectra import find_path_points, find_path_spectra
+from granphon.waves.pulses import PulseSource
 
 HEAD = (
     "material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}\n"
@@ -203,6 +204,18 @@ def test_cost_of_a_pulse_of_low_frequency_counts_its_readings():
 
     # of the same duration, the one with more periods is read more often
     assert count(1000, 10) > 1.5 * count(100, 1)
+
+
+@pytest.mark.parametrize("direction", [(1, 0), (0, 1)])
+def test_cost_of_a_pulse_is_that_of_its_way_along_the_direction(direction):
+    text = ARRAY.replace("[0, 1]", str([*direction])).replace("[6, 18]", "[12, 200]")
+    scene = gp.Scene.from_text(text + "observe: [pulse]\npulse: {frequency: 9 kHz}\n")
+    network = gp.AveragedLattice(scene.packing).at_force(1.0).network.repeat((12, 200))
+    way = PulseSource.of(scene.pulse, network, direction).distance
+    given = f"observe: [pulse]\npulse: {{frequency: 9 kHz, distance: {way!r} m}}\n"
+    assert scene.plan.parts[-1][-1].units[0].number == pytest.approx(
+        count_products(text + given), rel=1e-9
+    )
 
 
 def test_the_time_of_a_product_is_that_of_a_network_of_the_same_kind(steel):

@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import granphon as gp
+from granphon.balls.loads import Load
 from granphon.base.errors import GranphonError, InputError, SceneError
 from granphon.cli.main import main
 from granphon.media.arrangement import Arrangement, CrystalMedium
@@ -39,6 +40,39 @@ def test_the_preset_of_a_diatomic_chain_runs(tmp_path, monkeypatch, capsys):
     assert main(["init", "--preset", "diatomic"]) == 0
     assert main(["run", "scene.yaml", "-o", "out", "--no-figures"]) == 0
     assert re.search(r"gap +4\.7\d+ kHz to 8\.0\d+ kHz", capsys.readouterr().out)
+
+
+def test_a_scene_takes_a_crystal_that_exists_already_and_writes_it():
+    crystal = gp.Crystal.on("CsCl", list(balls()))
+    scene = gp.Scene(crystal, Load("pressure", 1e3), observe=("onsets",))
+    again = gp.Scene.from_text(scene.to_yaml())
+    assert again == scene
+    right = crystal.at_pressure(1e3)
+    assert again.state().source.normal_force == pytest.approx(right.normal_force, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda crystal: crystal.sample((3, 3), 5), "sample"),
+        (lambda crystal: crystal.cut(1, 3, "free"), "cut"),
+        (lambda crystal: crystal.with_springs({"x": 1e3}), "springs"),
+    ],
+    ids=["sample", "cut", "springs"],
+)
+def test_a_crystal_that_no_file_makes_again_is_not_written(change, words):
+    ball = replace(balls()[0], spread=gp.Uniform(2e-6))
+    scene = gp.Scene(
+        change(gp.Crystal.on("triangular", [ball])), Load("pressure", 1e3), observe=("bands",)
+    )
+    with pytest.raises(InputError, match=words):
+        scene.to_yaml()
+
+
+def test_a_crystal_that_buckles_is_told_at_its_own_key():
+    text = CHAIN.replace("[A, S]", "[A, S], motions: in_plane, finite_overlap: true")
+    with pytest.raises(SceneError, match=r":\d+: crystal\.finite_overlap: found true.*buckles"):
+        gp.Scene.from_text(text.split("observe")[0]).sweep()
 
 
 @pytest.mark.claim("crystal-scene")

@@ -483,6 +483,7 @@ def test_there_is_nothing_to_trade_for_equal_balls(packing):
         ({"force": 1.0, "most_loads": 0}, "most_loads: found 0"),
         ({"force": 1.0, "observe": ("foo",)}, "observe.0: found 'foo'"),
         ({"force": 1.0, "finite_overlap": True}, "with finite overlap"),
+        ({"force": 1.0, "executor": 3}, "executor is 3"),
         ({"force": -1.0}, "tensile"),
     ],
 )
