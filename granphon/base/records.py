@@ -215,7 +215,8 @@ def read_records(
 
     Raises :class:`~granphon.base.errors.InputError` for a file that does not exist, that is no file
     of records, or whose texts are not those of ``about``. Of a file that was cut the whole records
-    are read into memory, and a :class:`~granphon.base.errors.StoppedEarlyWarning` is issued.
+    are read into memory, and a :class:`~granphon.base.errors.StoppedEarlyWarning` is issued; an
+    open file that was cut is refused.
     """
     name = os.fspath(path) if isinstance(path, str | os.PathLike) else "the data"
     try:

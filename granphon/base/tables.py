@@ -205,8 +205,9 @@ class Table:
             why = f"It has one column, which {obligation}"
         else:
             why = f"It has {len(names)} columns, of which one {obligation}"
-        count = "two columns" if indices else "no column"
-        raise InputError(f"{self.name} has {count} named {requested.name!r}", why, advice)
+        raise InputError(
+            f"{self.name} has {_count_columns(len(indices))} named {requested.name!r}", why, advice
+        )
 
     def _read_cells(
         self, index: int, kind: Quantity, unit: str, may_quote: bool
@@ -237,14 +238,14 @@ class Table:
         nan and inf are taken.
 
         Raises KeyError if there is no such column, :class:`~granphon.base.errors.InputError` if
-        there are two, or if a cell is not a number.
+        there are more than one, or if a cell is not a number.
         """
         indices = self._find_columns(name)
         if not indices:
             raise KeyError(name)
         if len(indices) > 1:
             raise InputError(
-                f"two columns are headed {Heading.parse(name).name!r}",
+                f"{_count_columns(len(indices))} are headed {Heading.parse(name).name!r}",
                 mend="Give each column a heading of its own",
             )
         cells = self.columns[indices[0]]
@@ -292,6 +293,11 @@ class Table:
         """Return the indices of the columns called ``name``, which may carry a unit."""
         requested_key = Heading.parse(name).key
         return [index for index, key in enumerate(self.keys) if key == requested_key]
+
+
+def _count_columns(number: int) -> str:
+    """Return in words how many columns have one name: none or more than one."""
+    return {0: "no column", 2: "two columns"}.get(number, f"{number} columns")
 
 
 def _mend_comma(cell: str) -> str:

@@ -639,8 +639,9 @@ def suggest(word: str, options: Iterable[str]) -> str:
     """What to write in place of an unknown word: the option that was probably meant, or else any of
     them.
     """
-    meant = closest(word, options)
-    return f"Did you mean {meant}?" if meant else "Use " + ", ".join(options)
+    candidates = list(options)
+    meant = closest(word, candidates)
+    return f"Did you mean {meant}?" if meant else "Use " + ", ".join(candidates)
 
 
 def spell(name: str) -> str:

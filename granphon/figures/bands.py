@@ -591,19 +591,16 @@ def plot_asymptotes(
     """Draw the long waves near Gamma, dashed: omega = v q, and the optical branch omega^2 =
     omega_0^2 (1 - c q^2), with the velocity v and the curvature c of each wave.
 
-    ``velocities`` are velocities of sound at one load
-    (:class:`~granphon.base.errors.InputError` for several loads) that are the same in every
-    direction; or the lattice (``Phonons.lattice``), which has a velocity for each direction, and a
-    rotational branch with one ball in the cell. ``unit`` is as in :func:`plot_bands`; ``reach`` is
-    the part of each segment from or to Gamma along which the long waves are drawn. Waves without a
-    velocity, such as flexural waves, are left out.
+    ``velocities`` are velocities of sound at one load, found along one direction
+    (:class:`~granphon.base.errors.InputError` for several), that are the same in every direction of
+    a line or a plane; or the lattice (``Phonons.lattice``), which has a velocity for each
+    direction, and a rotational branch with one ball in the cell. ``unit`` is as in
+    :func:`plot_bands`; ``reach`` is the part of each segment from or to Gamma along which the long
+    waves are drawn. Waves without a velocity, such as flexural waves, are left out.
     """
     unit = _choose_unit(bands) if unit is None else unit
-    if isinstance(velocities, SoundVelocities) and np.ndim(velocities.longitudinal):
-        raise InputError(
-            "the velocities are those of several loads",
-            mend="Give the velocities at the load of the bands",
-        )
+    if isinstance(velocities, SoundVelocities):
+        _require_single(velocities)
     reciprocal = find_reciprocal(bands)
     if isinstance(velocities, SoundVelocities) and len(reciprocal) == 3:
         raise InputError(
@@ -630,6 +627,20 @@ def plot_asymptotes(
             ax.plot(x, y, **_LONG_WAVES, label=label, gid=f"asymptote-{name}-{s}")
             label = "_"  # the legend has one entry
     return ax
+
+
+def _require_single(velocities: SoundVelocities) -> None:
+    """Raise InputError for velocities at several loads or along several directions."""
+    if velocities.direction.ndim > 1:
+        raise InputError(
+            "the velocities are those of several directions",
+            mend="Give those of one direction, or Phonons.lattice",
+        )
+    if velocities.velocities.ndim > 1:
+        raise InputError(
+            "the velocities are those of several loads",
+            mend="Give the velocities at the load of the bands",
+        )
 
 
 def _find_long_waves(

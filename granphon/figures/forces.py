@@ -727,15 +727,28 @@ def _write_title(sample: Sample) -> str:
     return f"$f^*$ = {state.force:.3g}, $a^*$ = {reduced_spacing:.4g}, {contacts}"
 
 
+def _list_samples(state: ContactState) -> tuple[Sample, ...]:
+    """Return the samples of a state; InputError for several loads, and for a state that has none,
+    as that of a medium with a contact law.
+    """
+    state.require_single()
+    if not state.samples:
+        raise InputError(
+            "the state has no samples",
+            "All of its contacts have one force",
+            "Give a state of gp.DirectSimulation",
+        )
+    return state.samples
+
+
 def plot_force_distribution(state: ContactState, ax: Axes) -> Axes:
     """Draw the probability density of f/<f> of the contacts that carry load, averaged over the
     samples, on a log scale.
 
     Bins are a quarter of the rms fluctuation wide. Raises :class:`~granphon.base.errors.InputError`
-    for several loads.
+    for several loads, and for a state without samples.
     """
-    state.require_single()
-    samples = state.samples
+    samples = _list_samples(state)
     forces = [sample.equilibrium.forces / sample.equilibrium.force for sample in samples]
     smallest = min(float(np.min(forces_of_sample)) for forces_of_sample in forces)
     largest = max(float(np.max(forces_of_sample)) for forces_of_sample in forces)
@@ -806,11 +819,9 @@ def forces_figure(state: ContactState) -> Figure:
     Of a sample longer than 48 diameters the chains in a window of 24 diameters are drawn, and
     before them the density of the force in the whole array, with the window marked.
 
-    See :func:`plot_forces` and :func:`plot_force_distribution`. Raises
-    :class:`~granphon.base.errors.InputError` for several loads.
+    See :func:`plot_forces` and :func:`plot_force_distribution`, whose errors are raised.
     """
-    state.require_single()
-    sample = state.samples[0]
+    sample = _list_samples(state)[0]
     layer = _find_map_of_sample(sample)
     is_large = float(np.max(layer.size)) > _MOST_DIAMETERS
     height = 3.1 if is_large else layer.height

@@ -6,9 +6,9 @@ As in :mod:`granphon.figures.bands`, every function draws on an Axes and returns
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from granphon.figures.scales import FORCES, add_title, draw_alone, hide_axes, styled_figure
@@ -29,7 +29,15 @@ from granphon.balls.neighbours import steps_within
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.scales import HertzPrefix
-from granphon.base.validation import one_of, positive, real_array, whole_number
+from granphon.base.validation import (
+    is_whole,
+    lengths,
+    one_of,
+    positive,
+    real_array,
+    require,
+    whole_number,
+)
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.figures.style import BLUE, COLUMN_WIDTH, STYLE, VERMILION, colour_kinds, print_hertz
 from granphon.figures.views import Painter, View
@@ -57,6 +65,8 @@ _POINT = 0.06
 _MOST_DENOMINATOR = 24
 #: numbers of cells that are drawn along the periods of a line and of a plane
 _CELLS = ((8,), (4, 4))
+#: greatest number of cells along a period
+_MOST_CELLS = 1000
 #: edge of the cube in space whose balls are drawn, in diameters
 _CUBE = 2.4
 #: colours of balls, and of balls that do not move
@@ -167,6 +177,12 @@ def plot_mode(
         and (required) at Gamma.
     view : direction from which spheres are seen.
     size : size of spheres over their real size.
+
+    Raises
+    ------
+    InputError : a ``q`` without p or three components, no such branch, ``cells`` that are not p
+        whole numbers from 1 to 1000, a ``size`` that is not above zero, or at a point where
+        branches touch, Gamma among them, no ``direction``.
     """
     motion = _find_motion(phonons, q, branch, cells, direction)
     motion.draw(ax, phase, view or motion.view, positive("size", size))
@@ -416,7 +432,7 @@ def _find_motion(
     """
     modes = phonons.modes([real_array("q", q)], direction)
     n_branches = modes.frequencies.shape[1]
-    if not 0 <= branch < n_branches:
+    if not (is_whole(branch) and 0 <= branch < n_branches):
         raise InputError(f"there is no branch {branch}", mend=f"Count from 0 to {n_branches - 1}")
     lattice = phonons.lattice
     n_balls = lattice.n_balls
@@ -507,13 +523,9 @@ def _place_balls(
         extent_of_cell = float(np.ptp(sites, axis=0).max())
         steps = steps_within(lattice.cell, diagonal + extent_of_cell)
     else:
-        requested: Sequence[int] = _CELLS[p - 1] if cells is None else cells
-        counts = [whole_number("cells", count, 1, 1000) for count in requested]
+        requested = _CELLS[p - 1] if cells is None else cells
+        counts = require("cells", partial(lengths, low=1, high=_MOST_CELLS, periods=p), requested)
         steps = np.array(list(np.ndindex(*counts)))  # (cells, p)
-    if steps.shape[1:] != (p,):
-        raise InputError(
-            f"cells is {cells!r}", f"The lattice has {p} periods", f"Give {p} whole numbers"
-        )
     cell_steps = np.repeat(steps, lattice.n_balls, axis=0)  # (m, p), of the cell of each ball
     balls = np.tile(np.arange(lattice.n_balls), len(steps))
     places = cell_steps @ cell + sites[balls]

@@ -191,14 +191,17 @@ def _choose_of_object(result: Any) -> tuple[Picture, dict[str, Any]]:
 
 def _choose_of_dataset(result: Any, dataset: Any) -> tuple[Picture, dict[str, Any]]:
     """Return the picture of a data set, or of the spectra of a scene's ``result`` that has the data
-    set, and the arguments of its function. InputError for a data set without an axis of loads.
+    set, and the arguments of its function. InputError for a data set without an axis of loads or of
+    media.
     """
-    if "load" not in dataset.dims:
-        raise InputError(
-            "the data set has no dimension 'load'",
-            "Its picture is over the load, and one was chosen, or their mean taken",
-            "Keep all loads, or choose by a list: isel(load=[0])",
-        )
+    for name in ("load", "medium"):
+        if name not in dataset.dims:
+            raise InputError(
+                f"the data set has no dimension {name!r}",
+                "Its picture has curves over the load for each medium, and one of these was chosen,"
+                " or their mean taken",
+                f"Keep all, or choose by a list: isel({name}=[0])",
+            )
     if dataset is not result:
         spectra = {name: result[name] for name in ("bands", "dos")}
         if any(spectrum is not None for spectrum in spectra.values()):

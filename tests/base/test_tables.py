@@ -345,3 +345,6 @@ def test_numbers_of_two_columns_of_one_heading_are_refused():
     table = Table.parse("t.csv", b"H,H (V)\n1,2\n")
     with pytest.raises(InputError, match=r"two columns.*'H'"):
         table.numbers("H")
+    table = Table.parse("t.csv", b"H,h (V),H\n1,2,3\n")
+    with pytest.raises(InputError, match=r"3 columns.*'H'"):
+        table.numbers("H")

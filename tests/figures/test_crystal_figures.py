@@ -435,8 +435,12 @@ def test_a_chain_that_bends_is_drawn_in_space_and_one_along_itself_is_not(chain,
 
 
 def test_wrong_numbers_of_cells_and_sizes_are_refused(fcc, ax):
-    with pytest.raises(InputError, match="3 periods"):
-        plot_mode(fcc, (0.5, 0.0, 0.5), 0, ax, cells=(2, 2))
+    for cells in ((2, 2), 2, (2, 2, 0), (2, 2, 1.5)):
+        with pytest.raises(InputError, match="three whole numbers"):
+            plot_mode(fcc, (0.5, 0.0, 0.5), 0, ax, cells=cells)
+    for branch in (-1, 6, 1.5, "1"):
+        with pytest.raises(InputError, match="no branch"):
+            plot_mode(fcc, (0.5, 0.0, 0.5), branch, ax)
     with pytest.raises(InputError, match="size"):
         plot_mode(fcc, (0.5, 0.0, 0.5), 0, ax, size=0.0)
     with pytest.raises(InputError, match="frames"):

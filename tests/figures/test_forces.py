@@ -515,3 +515,10 @@ def test_a_wall_has_no_part_in_the_colours_of_balls():
     near = replace(network, radii=network.radii + 0.5e-6)
     numbers = _BallValues.of(near, "overlap").numbers
     assert_allclose(np.delete(numbers, walls), 1e-6, rtol=1e-6)
+
+
+def test_a_state_without_samples_has_no_distribution_of_forces(ax):
+    state = gp.AveragedForce(PACKING).at_force(20.0)
+    for draw in (forces_figure, lambda state: plot_force_distribution(state, ax)):
+        with pytest.raises(InputError, match="no samples"):
+            draw(state)

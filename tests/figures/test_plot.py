@@ -205,7 +205,10 @@ def test_the_optical_asymptote_ends_where_its_square_would_be_negative(phonons, 
     assert 0 < real.sum() < real.size
 
 
-def test_asymptotes_take_one_load(bands, ax):
+def test_asymptotes_take_one_load_and_one_direction(bands, ax):
+    state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force(1.0)
+    with pytest.raises(InputError, match="several directions"):
+        plot.plot_asymptotes(bands, gp.sound_velocities(state, [[1, 0], [0, 1]]), ax)
     many = gp.sound_velocities(gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force([1.0, 2.0]))
     with pytest.raises(InputError, match="several loads"):
         plot.plot_asymptotes(bands, many, ax)

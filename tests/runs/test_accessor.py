@@ -64,6 +64,7 @@ def test_what_has_no_exponent(swept):
         (lambda: swept.isel(load=slice(None, None, -1)).granphon.exponent(), "Loads must ascend"),
         (lambda: swept.isel(load=0).granphon.plot(), "no dimension 'load'"),
         (lambda: swept.mean("load").granphon.plot(), "no dimension 'load'"),
+        (lambda: swept.isel(medium=0).granphon.plot(), "no dimension 'medium'"),
         (lambda: swept.drop_attrs().granphon.packing, "holds no packing"),
     ):
         with pytest.raises(InputError, match=told):
