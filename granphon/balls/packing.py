@@ -101,7 +101,9 @@ class Packing:
     is_held: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        """Check all values; the torsion and the bending are kept as plain numbers."""
+        """Check all values, and keep the diameter, the friction, the torsion and the bending as
+        plain Python values; a torsion may stay the word "mindlin".
+        """
         if not isinstance(self.material, Material):
             raise InputError(f"material is {self.material!r}", mend="Give a granphon.Material")
         object.__setattr__(self, "diameter", positive("diameter", self.diameter, "m"))
@@ -110,6 +112,7 @@ class Packing:
             given_spread(self.spread).check_diameter(self.diameter)
         self._require_double_precision()
         object.__setattr__(self, "friction", require("friction", truth, self.friction))
+        # the motions are checked too
         torsion, bending = read_rolling(
             f"the {self.structure.name} lattice",
             self.structure.dimension,

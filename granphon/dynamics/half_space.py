@@ -1033,12 +1033,12 @@ class _EdgeBlocks(NamedTuple):
 
         size = len(self.outer)
         eye = np.eye(size)
-        none = np.zeros((size, size))
+        zeros = np.zeros((size, size))
         choices = list[tuple[Complex, Array]]()
 
         def choose(alpha: Any, beta: Any) -> Any:
-            """Return which waves (2 size,), of factors alpha/beta, are chosen; keep their factors
-            and distances, which LAPACK does not return.
+            """Return which waves (2 size,), of factors alpha/beta, are chosen; keep their factors,
+            in the order of the ``earlier`` ones, and their distances from the other factors.
             """
             factors = np.full(2 * size, _FAR, complex)
             np.divide(alpha, beta, out=factors, where=np.abs(alpha) < _FAR * np.abs(beta))
@@ -1053,9 +1053,10 @@ class _EdgeBlocks(NamedTuple):
 
         # motions u of three blocks: A^H u_1 + (E - w) u_2 + A u_3 = 0, with the factor from u_1 to
         # u_2 and from u_2 to u_3
-        left = np.block([[none, eye], [-self.hop.conj().T, w * eye - self.inner]])
-        right = np.block([[eye, none], [none, self.hop]])
+        left = np.block([[zeros, eye], [-self.hop.conj().T, w * eye - self.inner]])
+        right = np.block([[eye, zeros], [zeros, self.hop]])
         schur_vectors = ordqz(left, right, choose, "complex")[5]
+        # LAPACK calls ``choose`` once; the factors that it returns have an order of their own
         factors, distances = choices[0]
         return _Decay(factors, distances, np.asarray(schur_vectors[:, :size], complex))
 

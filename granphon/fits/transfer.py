@@ -69,6 +69,10 @@ _BROAD = 0.1
 #: least and largest loss factor up to which a loss that is nearly zero may err
 _LEAST_LOSS = 1e-9
 _LARGEST_LOSS = 10.0
+#: least value of a scaled parameter that is no loss
+_LEAST_SCALED = 1e-3
+#: tolerances of scipy.optimize.least_squares: the least that it takes but for rounding
+_TOLERANCES: dict[str, Any] = {"ftol": 1e-13, "xtol": 1e-13, "gtol": 1e-13}
 #: ratios of the stiffness that are tried
 _STIFFER = np.geomspace(0.5, 2.0, 57)
 #: number of these ratios that are followed to a minimum
@@ -530,8 +534,9 @@ class _Model:
         at these ``values`` of the fitted parameters by name.
 
         Each loss is a pair: that of normal motion, or of displacements, and that of all other
-        motion. If only the first is fitted, the other equals it; a loss that is not fitted has its
-        given value. The restitution is one number.
+        motion. A loss that is not fitted has its given value, but for the second of a pair of which
+        only the first is fitted: it equals the first. The restitution e is one number, found from
+        ln(1/e), which stands in its place among the ``values``, and at least ``LEAST_RESTITUTION``.
         """
         losses: dict[str, Any] = {_RESTITUTION: self.given[_RESTITUTION]}
         if _RESTITUTION in values:
@@ -1027,9 +1032,11 @@ class _Comparison:
         """
         from scipy.optimize import least_squares
 
-        # a loss may vanish; a stiffness, load or gain of zero has no response
-        low = np.where(self.is_loss, 0.0, 1e-3)
-        # a gain of sensors may have any size: its bound and its scale are those of the start
+        # a loss may vanish. Any other parameter keeps a thousandth of its scale, because a
+        # stiffness, a load or a gain of zero has no response
+        low = np.where(self.is_loss, 0.0, _LEAST_SCALED)
+        # a gain of sensors may have any size: its scale is its start, and its bound a thousandth of
+        # the start where that is below one
         is_gain = np.array([name == "gain" for name in self.names])
         low[is_gain] *= np.minimum(start[is_gain], 1.0)
         high = np.full(low.shape, np.inf)
@@ -1038,10 +1045,8 @@ class _Comparison:
             start,
             "3-point",
             (low, high),
-            x_scale=np.where(is_gain, start, np.maximum(start, 1e-3)),
-            ftol=1e-13,
-            xtol=1e-13,
-            gtol=1e-13,
+            x_scale=np.where(is_gain, start, np.maximum(start, _LEAST_SCALED)),
+            **_TOLERANCES,
         )
 
     def find_jacobian(self, best: Any, scatter: float) -> Array:
