@@ -138,7 +138,8 @@ class Measurements(Result):
             (km/s)"}.
         distance : distance that sound travels in each of the times, m, where no column gives it; or
             (distance, standard error): its relative error is added in quadrature to that of each
-            velocity, as if these were independent, and is their only error where the table has none.
+            velocity, as if these were independent, and is their only error where the table has
+            none.
         frame : converts a side force to the contact force, both in N.
         pressed : converts a pressure to the contact force, N.
         periods : number of periods of the lattice: a pressure is in N for 1, in N/m for 2, in Pa
