@@ -1796,8 +1796,8 @@ def _require_short(
     operator: WaveOperator, burst: ToneBurst, duration: float, losses: Losses | None = None
 ) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if the propagation of a ``burst`` over a
-    ``duration``, s, takes more than :data:`_MOST_PRODUCTS` products with D, or if ``losses`` are so
-    strong that nothing moves.
+    ``duration``, s, up to the end of the record and the last frame, takes more than
+    :data:`_MOST_PRODUCTS` products with D, or if ``losses`` are so strong that nothing moves.
     """
     top = write_quantity(operator.top / (2.0 * math.pi), "Hz", 3)
     if losses is not None:
@@ -1819,7 +1819,8 @@ def _require_short(
         raise InputError(
             f"a record of {record} takes {products:.3g} products with the matrix of the network",
             f"Its frequencies go up to {top}, and {_MOST_PRODUCTS:,} products reach {longest}",
-            "Use a higher frequency, fewer cycles, or a shorter distance or duration",
+            "Use a higher frequency, fewer cycles, a shorter distance or duration, or earlier"
+            " frames",
         )
 
 
@@ -1837,6 +1838,6 @@ def _require_few_spans(spans: Spans, duration: float, frequencies: str) -> None:
         f" and {_MOST_PRODUCTS:,} at most are made",
         f"Losses that differ are propagated in steps of the fastest motion, and here frequencies"
         f" go {frequencies} and motions decay by up to {2.0 * spans.half_damping:.3g} 1/s",
-        "Give less damping or drag, the same for all contacts and motions, or a shorter distance"
-        " or duration",
+        "Give less damping or drag, the same for all contacts and motions, a shorter distance or"
+        " duration, or earlier frames",
     )

@@ -284,7 +284,12 @@ def find_polarisations(
         )
     lengths = np.linalg.norm(directions, axis=1, keepdims=True)
     if np.any(lengths < _ACROSS):
-        raise InputError(f"the direction of a {name} wave is across all motions {letters}")
+        # only rotations: displacements across the direction are refused before
+        turns = ", ".join("xyz"[axis] for axis in motions.rotations)
+        raise InputError(
+            "balls do not turn about the direction of the rotational wave",
+            f"They turn about {turns} alone",
+        )
     unit_vectors = directions / lengths  # (b, 3)
     columns = motions.turning if is_rotational else motions.translating
     rows = np.zeros((len(directions), motions.count))

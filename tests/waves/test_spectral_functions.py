@@ -566,7 +566,7 @@ def test_network_with_ends_has_any_wave_vector(disordered):
         ({"polarisation": [1.0, 0.0], "direction": (1, 0)}, "They say the same"),
         ({"polarisation": "transverse", "direction": "q"}, "is along q"),
         ({"polarisation": "transverse", "direction": (0, 0, 1)}, "x, y, w alone"),
-        ({"polarisation": "rotational", "direction": (1, 0, 0)}, "across all motions"),
+        ({"polarisation": "rotational", "direction": (1, 0, 0)}, "do not turn"),
         ({"direction": (0, 0), "polarisation": "transverse"}, "direction"),
         ({"direction": (0, 1)}, "moves along q"),
         ({"resolution": 1.0, "moments": 3}, "Each follows"),
