@@ -440,3 +440,14 @@ def test_every_table_is_a_registry():
         assert not any(table.is_added(name) for name in table)
         assert list(table) == list(table.keys())
     assert replace(CATALOGUE["force"]) == CATALOGUE["force"]
+
+
+def test_an_entry_for_later_makes_way_for_one_that_is_there():
+    table = Registry("thing for later")
+    try:
+        table.own("pi", registry.Later("math", "pi"))
+        table.own("pi", 3)
+        assert table["pi"] == 3
+        assert dict(table.items()) == {"pi": 3}
+    finally:
+        del Registry.every["thing for later"]

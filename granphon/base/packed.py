@@ -7,6 +7,7 @@ from importlib import import_module
 from typing import Any
 
 from granphon.base.errors import InputError, MissingPackageError
+from granphon.base.text import write_limit
 
 _GZIP = b"\x1f\x8b"
 _ZSTANDARD = b"\x28\xb5\x2f\xfd"
@@ -68,6 +69,6 @@ def _unpack_members(name: str, raw: bytes, limit: int, make_unpacker: Any) -> tu
             break
         raw = member.unused_data
     if n_left <= 0:
-        fault = f"{name} holds more than {limit // 1_000_000} MB when it is unpacked"
+        fault = f"{name} holds more than {write_limit(limit)} when it is unpacked"
         raise InputError(fault, mend="Is this the right file?")
     return b"".join(parts), True

@@ -107,7 +107,8 @@ def write_uncertain(value: float, error: float, unit: str) -> str:
     is_tiny = not 1e-6 * abs(value) < error  # or nan
     if is_tiny or error >= 1e3 * size:
         return f"{write_quantity(value, unit)} +/- {write_quantity(error, unit, 2)}"
-    decimals = max(1 - math.floor(math.log10(error / size)), 0)
+    two_digits = float(f"{error / size:.1e}")  # 0.0996 has become 0.10
+    decimals = max(1 - math.floor(math.log10(two_digits)), 0)
     rounded = round(value / size, decimals) + 0.0  # -0.0 becomes 0.0
     return f"{rounded:.{decimals}f} +/- {error / size:.{decimals}f}{write_unit(name)}"
 

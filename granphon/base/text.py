@@ -124,13 +124,21 @@ def read_bytes(path: str | os.PathLike[str], limit: int = MOST_FILE_BYTES) -> by
         raise InputError(f"{path} cannot be read: {reason}") from None
     size = max(len(raw), status.st_size)
     if size > limit:
-        limit_text = f"{limit // 1_000_000} MB" if limit >= 1_000_000 else f"{limit // 1000} kB"
-        raise InputError(f"{path} holds more than {limit_text}", mend="Is this the right file?")
+        fault = f"{path} holds more than {write_limit(limit)}"
+        raise InputError(fault, mend="Is this the right file?")
     if len(raw) > status.st_size:
         raise InputError(
             f"{path} has grown while it was read", "Somebody is writing it", "Read it again"
         )
     return raw
+
+
+def write_limit(limit: int) -> str:
+    """Return the largest size of a file, ``limit`` bytes, as a message shows it, such as 100 kB."""
+    for size, unit in ((1_000_000, "MB"), (1000, "kB")):
+        if limit >= size:
+            return f"{limit // size} {unit}"
+    return f"{limit} bytes"
 
 
 def require_path(path: str | os.PathLike[str]) -> None:

@@ -175,15 +175,18 @@ def _draw_peaks(ax: Axes, x: Array, spectrum: SpectralFunction, unit: HertzPrefi
 def _group_rows(frequencies: Array, values: Array) -> tuple[Array, Array]:
     """Return the rows of a map over ``frequencies`` (n_f,), Hz: their edges (r + 1,), Hz, and the
     greatest of the ``values`` (n, n_f) in each row, (n, r). If there are many frequencies, a row
-    has several.
+    has several. The edge between two rows is half way from the last frequency of the one to the
+    first of the other; the outer edges are the lowest and the highest frequency.
 
     The highest frequencies, fewer than those of a row, are left out.
     """
     size = max(1, frequencies.size // _ROWS)  # frequencies of a row
     n_rows = frequencies.size // size
     rows = values[:, : n_rows * size].reshape(len(values), n_rows, size)
-    lower_edges = frequencies[: n_rows * size : size]
-    return np.append(lower_edges, frequencies[n_rows * size - 1]), rows.max(axis=2)
+    of_rows = frequencies[: n_rows * size].reshape(n_rows, size)
+    between = 0.5 * (of_rows[:-1, -1] + of_rows[1:, 0])
+    edges = np.concatenate([of_rows[0, :1], between, of_rows[-1, -1:]])
+    return edges, rows.max(axis=2)
 
 
 def _draw_mean_bands(ax: Axes, spectra: PathSpectra, unit: HertzPrefix) -> None:

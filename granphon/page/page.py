@@ -17,7 +17,7 @@ import numpy as np
 
 from granphon.balls.diameters import Uniform
 from granphon.balls.hertz import EXPONENT
-from granphon.balls.lattices import as_direction
+from granphon.balls.lattices import one_direction
 from granphon.balls.loads import Load
 from granphon.balls.packing import LOSSES, MINDLIN, Packing
 from granphon.base.arrays import Array
@@ -184,12 +184,12 @@ def _list_facts(state: NetworkState) -> list[list[str]]:
 
 
 def _choose_direction(direction: Sequence[float] | None, periods: int) -> list[float]:
-    """Return the direction (p,) of sound that a page shows at first, of length one; x by
-    default.
+    """Return the direction (p,) of sound that a page shows at first, of length one; x by default.
+    InputError for what is not one direction.
     """
     x_axis = (1.0, 0.0, 0.0)[:periods]
     components = x_axis if direction is None else direction
-    vector: list[float] = as_direction(components, periods).tolist()
+    vector: list[float] = one_direction(components, periods).tolist()
     return vector
 
 

@@ -235,6 +235,12 @@ def test_few_digits_are_written_without_an_exponent():
     ]
 
 
+def test_an_error_that_rounds_up_keeps_two_digits():
+    assert write_uncertain(200.0, 0.0996, "m/s") == "200.00 +/- 0.10 m/s"
+    assert write_uncertain(200.0, 9.96, "m/s") == "200 +/- 10 m/s"
+    assert write_uncertain(200.0, 150.0, "m/s") == "200 +/- 150 m/s"
+
+
 def test_a_standard_error_is_zero_or_above_and_finite():
     assert read_with_error("8 mm", LENGTH) == (8e-3, 0.0)
     assert read_with_error("8 mm +- 0 um", LENGTH) == (8e-3, 0.0)

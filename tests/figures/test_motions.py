@@ -19,7 +19,7 @@ from granphon.figures.motions import (
     plot_motion,
     plot_snapshot,
 )
-from granphon.figures.waves import animate_pulse, plot_frame
+from granphon.figures.waves import _group_rows, animate_pulse, plot_frame
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 
@@ -134,6 +134,17 @@ def test_spectra_and_harmonics_are_those_of_the_motion(chain, ax):
     assert len(plot_harmonics(chain, Figure().subplots(), 1e4, count=8, periods=2).lines) == 8
     still = plot_ball_spectrum(chain, Figure().subplots(), 3, axis=1)
     assert still.get_xlim()[1] == pytest.approx(x[-1])
+
+
+def test_rows_of_a_map_lie_about_their_frequencies():
+    frequencies = np.array([1.0, 2.0, 4.0])
+    edges, values = _group_rows(frequencies, np.array([[5.0, 6.0, 7.0]]))
+    assert_allclose(edges, [1.0, 1.5, 3.0, 4.0])
+    assert_allclose(values, [[5.0, 6.0, 7.0]])
+    many = np.arange(2403.0)
+    edges, values = _group_rows(many, many[None])
+    assert_allclose(edges[[0, 1, -1]], [0.0, 3.5, 2399.0])  # four in a row, three left out
+    assert_allclose(values[0, [0, -1]], [3.0, 2399.0])
 
 
 def test_pictures_of_a_pulse_in_space_colour_each_ball_by_its_own_velocity(grains):

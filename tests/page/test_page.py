@@ -750,6 +750,12 @@ def test_a_mechanism_is_an_error_where_the_scene_asks_for_its_medium_and_else_a_
     assert "gears" in motions["statements"]["100"]["mechanism"]
 
 
+def test_a_page_begins_with_one_direction():
+    packing = gp.Packing(STEEL, 8e-3)
+    with pytest.raises(InputError, match="direction"):
+        describe_page(packing, [], Load("force", 1.0), direction=[[1.0, 0.0], [0.0, 1.0]])
+
+
 # -- phononwebsite ---------------------------------------------------------------------------------
 
 
