@@ -1547,9 +1547,14 @@ def count_products(operator: WaveOperator, request: PulseSource) -> float:
     """Return the number of products of D with a vector that the pulse of a ``request`` takes;
     ``operator`` is that of the network before its ends are cut.
 
-    Raises :class:`~granphon.base.errors.InputError` for a pulse that cannot be sent.
+    Raises :class:`~granphon.base.errors.InputError` for a pulse that cannot be sent; of
+    frequencies, those above the bound of all modes are refused, as the highest mode is not found.
     """
     route = Route.of(operator.network, request)
+    limit = operator.top / (2.0 * math.pi)
+    if route.burst.frequency > limit:
+        raise _explain_unreachable(route.burst.frequency, f"which is below {limit:.4g} Hz")
+    _require_frames_memory(len(route.frames), operator.network.n_balls, operator.size)
     losses = Losses.of(route.course.network, request.losses)
     _require_short(operator, route.burst, route.last, losses)
     even_losses = losses.find_even()

@@ -148,6 +148,7 @@ def test_iterations_of_moduli_are_estimated(network, monkeypatch):
         ("modes", (10, 1e12), {}),
         ("branches", ([0.0, 0.0], 10**5), {}),
         ("count_modes", ([-1.0],), {}),
+        ("transmit", (1e7, (0, 1), 0.015), {}),
         ("response", ([100.0], (0, "x"), (1, "x")), {"method": "fast"}),
         ("response", ([100.0], (0, "x"), (1, "x")), {"tolerance": -1.0}),
         ("response", ([100.0], (0, "x"), (1, "x")), {"quantity": "speed"}),
