@@ -36,8 +36,8 @@ _LEAST_OF_MODES = 1e-3
 _ZERO = 1e-13
 #: distance of a wave vector from Gamma, 1/d, from which sound is well above rounding of zero
 _FAR = 1e-2
-#: eigenvalue of D under static forces, over the largest, from which it has digits: it is rounded
-#: itself, and not found again from C
+#: eigenvalue of D under static forces, over the largest, below which it is found again from the
+#: rows: above, its relative error by rounding is 1e-9 at most
 _LEAST_SQUARE = 1e-7
 #: distance of the shift of Lanczos from zero, over the largest eigenvalue
 _SHIFT = 1e-8
@@ -178,9 +178,10 @@ class LargeCell:
             return None
         return self._zeros
 
-    def _compute(self, q: Array) -> tuple[Any, Any, float]:
-        """Return sparse C(q) (kinds * n_c, n) without static forces, sparse D(q) (n, n) with static
-        forces, and an upper bound of the eigenvalues of D, at one wave vector q (p,).
+    def _compute(self, q: Array) -> tuple[list[Any], Any, float]:
+        """Return the sparse rows (kinds * n_c, n) of each of the :attr:`kinds`, the first of which
+        are C(q), sparse D(q) (n, n) with static forces, and an upper bound of the eigenvalues of D,
+        at one wave vector q (p,).
         """
         rows = []
         for ends in self.kinds:
@@ -192,7 +193,7 @@ class LargeCell:
         )
         matrix = (total.real if self.is_real else total).tocsr()
         bound = float(abs(matrix).sum(axis=1).max())
-        return rows[0], matrix, bound
+        return rows, matrix, bound
 
     def _solve(self, q: Array, with_vectors: bool) -> tuple[Array, NDArray[Any]] | None:
         """Return frequencies (n,), in any order, and eigenvectors (n, n), as columns in the frame,
@@ -218,7 +219,8 @@ class LargeCell:
                 vectors[np.ix_(motions, motions)] = of_block
             else:
                 squares = np.linalg.eigvalsh(block.toarray())
-            low = self._resolve_low_modes(block, rows[:, motions], squares, bound)
+            rows_of_block = [rows_of_kind[:, motions] for rows_of_kind in rows]
+            low = self._resolve_low_modes(block, rows_of_block, squares, bound)
             if low is None:
                 return None
             if is_near_gamma and np.any(low.are_zero):
@@ -230,16 +232,17 @@ class LargeCell:
         return frequencies, vectors
 
     def _resolve_low_modes(
-        self, block: Any, rows: Any, squares: Array, bound: float
+        self, block: Any, rows: list[Any], squares: Array, bound: float
     ) -> _LowModes | None:
         """Return the low frequencies of a part of the cell, and which of them are zero: those whose
         eigenvalues, among all ``squares`` (n,) in ascending order, are so small beside the largest
         that rounding leaves them no digits. None if no other way gives their digits.
 
-        ``block`` (n, n) and ``rows`` (kinds * n_c, n) are the sparse D and C of the part, and
-        ``bound`` is an upper bound of all squares. There are three cases. Under static forces D is
-        not C^T C, so that singular values of C are no frequencies: the low squares must all be zero
-        within rounding.
+        ``block`` (n, n) is the sparse D of the part, ``rows`` are those of each of the
+        :attr:`kinds`, and ``bound`` is an upper bound of all squares. There are three cases. Under
+        static forces D is not C^T C, so that singular values of C are no frequencies: the low
+        squares must all be zero within rounding, or few and all have their digits, when they are
+        found again.
         If the low frequencies are few, they are found again as singular values of C. If they are
         many, they must all be those of motions without contacts.
         """
@@ -248,19 +251,45 @@ class LargeCell:
         lowest = squares[:count]
         if self.pressed:
             are_zero = np.abs(lowest) <= NO_SQUARE * bound
-            return _LowModes(np.zeros(count), are_zero) if np.all(are_zero) else None
+            if np.all(are_zero):
+                return _LowModes(np.zeros(count), are_zero)
         # Lanczos's method is for a small part of the eigenvalues
         are_many = count > min(_MOST_SHARPENED, len(squares) // 3)
+        if self.pressed:
+            return None if are_many else self._sharpen_pressed(block, rows, lowest, bound)
         if are_many:
             are_zero = lowest <= 0.0
             is_loose = np.all(are_zero) and block.count_nonzero() == 0
             return _LowModes(np.zeros(count), are_zero) if is_loose else None
-        frequencies = _sharpen(block, rows, count, bound) if count else np.zeros(0)
+        frequencies = _sharpen(block, rows[0], count, bound) if count else np.zeros(0)
         are_zero = frequencies <= _ZERO * np.sqrt(bound)
         have_digits = np.all(are_zero | (frequencies >= _LEAST * np.sqrt(bound)))
         # if Lanczos has missed an eigenvalue, the next one is in its place, far from LAPACK's value
         are_complete = np.all(np.abs(frequencies**2 - lowest) <= _MISSED * bound)
         return _LowModes(frequencies, are_zero) if have_digits and are_complete else None
+
+    def _sharpen_pressed(
+        self, block: Any, rows: list[Any], lowest: Array, bound: float
+    ) -> _LowModes | None:
+        """Return the low frequencies of a part of a cell under static forces, whose eigenvalues
+        ``lowest`` (m,) have no digits; None if some of them have none in another way either. The
+        other arguments are those of :meth:`_resolve_low_modes`.
+
+        Within the space of these modes D is a small matrix of products of rows: rounding of the
+        rows is far below that of D, as in C, where squares are as far below those of D.
+        """
+        basis = _find_low_space(block, len(lowest), bound)
+        products = [rows_of_kind @ basis for rows_of_kind in rows]
+        small = sum(
+            product.conj().T @ (ends.signs[:, None] * product)
+            for product, ends in zip(products, self.kinds, strict=True)
+        )
+        squares = np.linalg.eigvalsh(small)
+        have_digits = squares[0] >= _LEAST**2 * bound
+        are_complete = np.all(np.abs(squares - lowest) <= _MISSED * bound)
+        if not (have_digits and are_complete):
+            return None
+        return _LowModes(np.sqrt(squares), np.zeros(len(squares), bool))
 
 
 def _make_frame(lattice: Compatibility, image: NDArray[np.intp] | None) -> Any:
@@ -303,13 +332,21 @@ def _sharpen(matrix: Any, rows: Any, count: int, bound: float) -> Array:
 
     ``matrix`` (n, n) is A^H A, and ``bound`` an upper bound of its eigenvalues.
     """
+    # the space that the eigenvectors span is accurate to second order, and the singular values of A
+    # within this space keep their digits
+    basis = _find_low_space(matrix, count, bound)
+    return np.asarray(np.linalg.svd(rows @ basis, compute_uv=False)[::-1])
+
+
+def _find_low_space(matrix: Any, count: int, bound: float) -> NDArray[Any]:
+    """Return an orthonormal basis (n, count) of the space of those eigenvectors of a sparse
+    ``matrix`` (n, n) whose eigenvalues are lowest; ``bound`` is an upper bound of all of them.
+    """
     from scipy.sparse import eye_array
 
     shift = _SHIFT * bound
     shifted = matrix + shift * eye_array(matrix.shape[0])
     factors = factorise(shifted, symmetric=np.isrealobj(matrix.data))
     _, vectors = find_nearest(matrix, count, -shift, factors.solve)
-    # the space that the eigenvectors span is accurate to second order, and the singular values of A
-    # within this space keep their digits
-    basis = np.linalg.qr(vectors)[0]
-    return np.asarray(np.linalg.svd(rows @ basis, compute_uv=False)[::-1])
+    basis: NDArray[Any] = np.linalg.qr(vectors)[0]
+    return basis

@@ -510,9 +510,9 @@ def find_wave_errors(data: Dataset | None) -> Any:
     """Return the standard errors (n,), Hz, of the waves of an edge that a ``data`` set of one state
     has; None without.
     """
-    table = None if data is None else data.get("surface_frequency_error")
-    if table is None:
+    if data is None or "surface_frequency_error" not in data:
         return None
+    table = data["surface_frequency_error"]
     # the table has an empty place where a wave vector has fewer waves than another
     return table.values[np.isfinite(data["surface_frequency"].values)]
 

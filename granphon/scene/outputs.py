@@ -203,7 +203,7 @@ class Export:
         return self._call(self.cost, scene)  # type: ignore[no-any-return]
 
     def read_errors(self, folder: Path) -> dict[str, Any]:
-        """Return the standard errors that the table of the output in a ``folder`` has, arrays by
+        """Return the standard errors (n,) that the table of the output in a ``folder`` has, SI, by
         the names of its columns; empty without such a table.
         """
         if self.columns is None:

@@ -136,6 +136,26 @@ def test_a_pressed_supercell_has_an_inversion_although_its_forces_are_rounded():
     assert_allclose(phonons.frequencies([q])[0], expected, rtol=1e-12)
 
 
+@pytest.mark.parametrize("force", [20.0, 2e4])
+def test_sound_of_a_pressed_supercell_keeps_its_digits_near_gamma(force):
+    """Its squares are far below the rounding of the matrix of 648 motions."""
+    ball = gp.Ball(STEEL, 8e-3)
+    cells = (6, 6, 6)
+    small, large = (
+        gp.Crystal.on("fcc", [ball], friction=False)
+        .repeat(dim)
+        .at_force(force, finite_overlap=True)
+        for dim in ((1, 1, 1), cells)
+    )
+    lattice = gp.Phonons(large).lattice
+    for q in ([1e-4, 2e-4, 0.0], [3e-4, 0.0, -1e-4]):
+        expected = gp.Phonons(small).frequencies([np.array(q) / cells])[0]
+        found = lattice._large.find_frequencies(lattice.wavevectors([q])[0])
+        hertz = np.sort(found)[:3] * gp.Phonons(large).scales.frequency
+        assert_allclose(hertz, expected, rtol=1e-12)
+    assert lattice._large.find_frequencies(lattice.wavevectors([[1e-7, 0.0, 0.0]])[0]) is None
+
+
 def test_contacts_that_differ_leave_no_inversion_and_are_told_by_their_balls(monkeypatch):
     """No table of contacts is searched, of which each ball would need one."""
     equal = gp.AveragedLattice(gp.Packing(gp.Material(2e11, 0.3, 8e3), 8e-3)).at_force(5.0).network
