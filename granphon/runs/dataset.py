@@ -1218,17 +1218,24 @@ class SweepAccessor:
 
         Raises
         ------
-        InputError : a name that the data set does not have, fewer than three loads, loads that do
-            not ascend, or values that are not above zero.
+        InputError : a name that the data set does not have, or of what are no numbers or are the
+            same at all loads; fewer than three loads, loads that do not ascend, or values that are
+            not above zero.
         """
         data = self._dataset
-        for variable in (name, over or name):
-            if variable not in data.variables:
-                mend = suggest(variable, list(map(str, data.variables)))
-                raise InputError(f"the data set has no {variable!r}", mend=mend)
+        over = find_load(data) if over is None else over
+        numbers = [
+            str(variable)
+            for variable, values in data.variables.items()
+            if values.dtype.kind in "iuf" and "load" in values.dims
+        ]
+        for variable in (name, over):
+            if variable not in numbers:
+                mend = suggest(str(variable), numbers)
+                raise InputError(f"the data set has no numbers {variable!r} over loads", mend=mend)
         values = data[name]
-        loads = data[over or find_load(data)]
-        if "load" not in values.dims or data.sizes["load"] < 3:
+        loads = data[over]
+        if data.sizes["load"] < 3:
             raise InputError("an exponent needs three loads or more", mend="Sweep more loads")
         ordered = values.transpose("load", ...)
         x = loads.transpose("load", ...).values.astype(float)  # (n,), or in the shape of y

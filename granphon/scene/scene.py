@@ -22,13 +22,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from granphon.balls.packing import Axis
-from granphon.base.errors import GranphonError, InputError
+from granphon.base.errors import GranphonError, InputError, brief
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import find_load_unit
 from granphon.base.results import write_html
 from granphon.base.scales import write_quantity
 from granphon.base.staging import ResultFiles, is_whole
-from granphon.base.text import counted, dump_yaml, parse_yaml, read_yaml, versions
+from granphon.base.text import counted, dump_yaml, parse_yaml, read_yaml, require_path, versions
 from granphon.base.threads import require_executor
 from granphon.media.choice import ServingMedium
 from granphon.media.cost import Cost
@@ -145,6 +145,8 @@ class Scene(SceneValues):
 
         Files that the text names are looked for in the working folder.
         """
+        if not isinstance(text, str):
+            raise InputError(f"the text of a scene is {brief(text)}", mend="Give a text")
         return cls._read(SceneSource(parse_yaml(text, name)))
 
     @classmethod
@@ -232,6 +234,7 @@ class Scene(SceneValues):
             sweep_incomplete.csv, and ``reached`` of the error is their data set.
         """
         require_executor(executor)
+        require_path(folder)
         rows = list_outputs(self)
         self._add_costs(rows)  # raises if there is too little memory
         target = Path(folder)
