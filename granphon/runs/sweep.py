@@ -86,7 +86,8 @@ def sweep(
     packing : the packing whose parameters are varied; a parameter that is not swept keeps its
         value. Or a crystal.
     force, pressure, overlap : the loads; one of the three, a number or a list of any order. A force
-        is in N, an overlap in m, a pressure in N on a line, N/m in the plane and Pa in space.
+        is in N, an overlap in m, a pressure in N on a line, N/m in the plane and Pa in space; that
+        on a cut of a crystal acts on its faces too, and has the unit of the crystal before the cut.
     load : the loads, in place of these; such as the stresses or strains of a crystal, or its
         pressure and gravity.
     media : for a crystal "crystal"; for a packing, by default "ala", one of "ala", "afa", "ema",
