@@ -728,7 +728,13 @@ class Plan:
     @cached_property
     def parts(self) -> list[CostPart]:
         """The parts of the work on states that may take much memory or time, each with its place in
-        the scene file.
+        the scene file; of one state with the map of the waves of an edge.
+        """
+        return self.list_parts(has_map=not self.grid.swept)
+
+    def list_parts(self, *, has_map: bool) -> list[CostPart]:
+        """Return the :attr:`parts` of the work, with the map of the waves of an edge only if it
+        ``has_map``.
         """
         simulations = self._cost_simulations()
         sensitivities = self._cost_sensitivities()
@@ -742,7 +748,7 @@ class Plan:
             waves,
             *self._cost_packings(),
             *self._cost_edges(),
-            *self._cost_waves_of_edge(),
+            *self._cost_waves_of_edge(has_map=has_map),
             *self._cost_states(),
             *derivatives,
         ]
@@ -938,9 +944,9 @@ class Plan:
         mend = "Take fewer loads or values, or leave the edges of bands out"
         return [(("observe",), mend, replace(total, parts=total.parts[:1]))]
 
-    def _cost_waves_of_edge(self) -> list[CostPart]:
-        """Return the part of the work that finds the waves of an edge, and the map of a single
-        state; empty if the scene observes none.
+    def _cost_waves_of_edge(self, *, has_map: bool) -> list[CostPart]:
+        """Return the part of the work that finds the waves of an edge, and if it ``has_map`` their
+        map; empty if the scene observes none.
         """
         surface = self.grid.request.surface
         if surface is None:
@@ -948,7 +954,7 @@ class Plan:
         from granphon.runs.edge_costs import estimate_edge  # other runs do not need it
 
         works = [
-            estimate_edge(serving, surface, has_map=not self.grid.swept)
+            estimate_edge(serving, surface, has_map=has_map)
             for case in self.checked_cases
             for serving in case.serving_media
             if not serving.arrays

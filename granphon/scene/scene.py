@@ -217,8 +217,8 @@ class Scene(SceneValues):
             discard the finished part of another sweep. A file that granphon did not write, that was
             changed since, or that the scene reads is never replaced.
         progress : is told how far the work has come.
-        figures : draw bands.png (dos.png, sweep.png, forces.png) too; one that cannot be drawn is a
-            warning of the result.
+        figures : draw the figures of the outputs too, such as bands.png or sweep.png; one that
+            cannot be drawn is a warning of the result.
         resume : if the result is complete (see :func:`is_complete`), read it, and compute and write
             nothing. A run that was cut off continues from its finished part with or without this.
         executor : does tasks side by side; the numbers do not depend on it.
@@ -526,8 +526,16 @@ class Scene(SceneValues):
         cost = self.plan.add_costs(self._list_parts(rows))
         if cost is None or not self.errors:
             return cost
-        # the scene itself, and the two shifted scenes of each parameter with an error
-        return cost.times(1.0 + 2.0 * len(self.errors))
+        # shifted scenes have only the outputs of which standard errors are found, and no map
+        parts = self.plan.list_parts(has_map=False)
+        parts += [row.estimate_cost(self) for row in _list_uncertain(self) if row.cost]
+        cost_of_shifted = self.plan.add_costs(parts)
+        if cost_of_shifted is None:
+            return cost
+        # two scenes for each parameter with an error; of waves of an edge the states of two more,
+        # with small changes
+        n_scenes = len(self.errors) * (4.0 if "surface" in self.observe else 2.0)
+        return cost + replace(cost_of_shifted, parts=()).times(n_scenes)
 
 
 def _list_uncertain(scene: Scene) -> list[Export]:
@@ -710,7 +718,9 @@ class RunResult(Results):
 
     @property
     def local_field(self) -> LocalField | None:
-        """Local field of the effective medium; None for another medium, and for equal balls."""
+        """Local field of the effective medium; None for another medium, and for equal balls.
+        InputError if there are several states of balls that differ.
+        """
         if not self.scene.packing.width:
             return None
         return self.scene.serving.medium.of(self.scene.packing).local_field
