@@ -162,8 +162,8 @@ ATTRIBUTES = {
     "format": "`granphon sweep`",
     "media": "media with all their options, as JSON",
     "finite_overlap": "whether all states have terms of relative order overlap/diameter",
-    "finite_overlap_of_media": "whether states of each medium have these terms, if only some of"
-    " them, as JSON",
+    "finite_overlap_of_media": "whether the states of each medium have these terms, null if some"
+    " have, as JSON",
     "direction": "direction of propagation, if it was given or velocities depend on it",
     "packing": "parameters of the packing that do not vary, as JSON",
     "bands": "corners of the path of the bands, as JSON",

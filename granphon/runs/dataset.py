@@ -85,7 +85,7 @@ FORMAT = "granphon sweep"
 #: last dimensions of variables of which some states have fewer values than others
 _UNEVEN = (("surface_wave",), ("gap",), ("branch",), ("response_peak",))
 #: name of the attribute that says of each medium, by its label, whether its states have finite
-#: overlap, if only some of them; a JSON text
+#: overlap, null if some have it and others have not; a JSON text
 OVERLAP_OF_MEDIA = "finite_overlap_of_media"
 #: name of the attribute with the sha256 digest of the numbers
 DIGEST = "granphon_sha256"
@@ -310,7 +310,7 @@ def _frame_attributes(grid: Grid, finite_overlaps: Array) -> dict[str, Any]:
     x_axis = ("(1)", "(1, 0)", "(1, 0, 0)")[structure.periods - 1]
     media = [{medium.name: medium.settings_on(structure)} for medium in grid.media]
     of_media = {
-        medium.label: bool(np.any(of_medium))
+        medium.label: bool(np.any(of_medium)) if np.ptp(of_medium.astype(int)) == 0 else None
         for medium, of_medium in zip(grid.media, finite_overlaps, strict=True)
     }
     return {
@@ -516,14 +516,15 @@ def find_load(dataset: Dataset) -> str:
     return "force"
 
 
-def list_finite_overlap(dataset: Dataset) -> list[bool]:
-    """Return for each medium of a data set whether its states have finite overlap, if only some of
-    them. A data set that does not tell it of each medium tells it of all, or else has none.
+def list_finite_overlap(dataset: Dataset) -> list[bool | None]:
+    """Return for each medium of a data set whether its states have finite overlap; None if some
+    have it and others have not. A data set that does not tell it of each medium tells it of all, or
+    else has none.
     """
     everywhere = bool(dataset.attrs.get("finite_overlap", 0))
     of_media = json.loads(dataset.attrs.get(OVERLAP_OF_MEDIA, "{}"))
     labels = np.atleast_1d(dataset["medium"].values).astype(str)
-    return [bool(of_media.get(label, everywhere)) for label in labels.tolist()]
+    return [of_media.get(label, everywhere) for label in labels.tolist()]
 
 
 def collect_identity(frame: Dataset) -> dict[str, Any]:
