@@ -57,7 +57,7 @@ FIELDS = {
     "source": "the scene file",
     "observe": "what the scene asked for",
     "finite_overlap": "whether terms of relative order overlap/diameter were kept; a list if media"
-    " differ",
+    " differ, and `some` where the load decides",
     "medium": "the medium, with its options",
     "local_field": "α, β and Ξ of the effective medium",
     "ok": "whether all checks of `validity` are passed; `valid` is of the medium alone",
