@@ -57,7 +57,7 @@ FIELDS = {
     "source": "the scene file",
     "observe": "what the scene asked for",
     "finite_overlap": "whether terms of relative order overlap/diameter were kept; a list if media"
-    " differ",
+    " differ, and `some` where the load decides",
     "medium": "the medium, with its options",
     "local_field": "α, β and Ξ of the effective medium",
     "ok": "whether all checks of `validity` are passed; `valid` is of the medium alone",
@@ -162,8 +162,8 @@ ATTRIBUTES = {
     "format": "`granphon sweep`",
     "media": "media with all their options, as JSON",
     "finite_overlap": "whether all states have terms of relative order overlap/diameter",
-    "finite_overlap_of_media": "whether states of each medium have these terms, if only some of"
-    " them, as JSON",
+    "finite_overlap_of_media": "whether the states of each medium have these terms, null if some"
+    " have, as JSON",
     "direction": "direction of propagation, if it was given or velocities depend on it",
     "packing": "parameters of the packing that do not vary, as JSON",
     "bands": "corners of the path of the bands, as JSON",

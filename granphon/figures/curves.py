@@ -585,7 +585,11 @@ def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str]
     labels = map(str, np.atleast_1d(dataset["medium"].values).tolist())
     media = [{"medium": describe_medium(label, periods, n_balls)} for label in labels]
     if "overlap" in facts_of_balls:
-        for facts_of_medium, is_finite in zip(media, list_finite_overlap(dataset), strict=True):
+        of_media = list_finite_overlap(dataset)
+        # a medium whose geometry the load decides is not told apart from the others
+        are_finite = all(known is not False for known in of_media) and True in of_media
+        for facts_of_medium, known in zip(media, of_media, strict=True):
+            is_finite = are_finite if known is None else known
             facts_of_medium["overlap"] = describe_overlap(finite=is_finite)
     names = list_parameters(dataset)
     if variable in dataset and "direction" not in dataset[variable].dims:

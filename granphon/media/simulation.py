@@ -328,12 +328,13 @@ class SimulatedState(ContactState):
         :class:`~granphon.base.errors.InputError` for any other argument, and if there is only one
         sample.
         """
+        given: Any = of
         names = [name for name in dir(self.samples[0]) if not name.startswith("_")]
-        if isinstance(of, str) and of not in names:
-            raise InputError(f"a sample has no {of!r}", mend=suggest(of, names))
-        if not (isinstance(of, str) or callable(of)):
+        if isinstance(given, str) and given not in names:
+            raise InputError(f"a sample has no {given!r}", mend=suggest(given, names))
+        if not (isinstance(given, str) or callable(given)):
             mend = "Give the name of an attribute, or a function of a sample"
-            raise InputError(f"of is {brief(of)}", mend=mend)
+            raise InputError(f"of is {brief(given)}", mend=mend)
         if self.n_samples < 2:
             mend = "Give samples=2 or more to granphon.DirectSimulation"
             raise InputError("one sample has no standard error", mend=mend)

@@ -85,7 +85,7 @@ FORMAT = "granphon sweep"
 #: last dimensions of variables of which some states have fewer values than others
 _UNEVEN = (("surface_wave",), ("gap",), ("branch",), ("response_peak",))
 #: name of the attribute that says of each medium, by its label, whether its states have finite
-#: overlap, if only some of them; a JSON text
+#: overlap, null if some have it and others have not; a JSON text
 OVERLAP_OF_MEDIA = "finite_overlap_of_media"
 #: name of the attribute with the sha256 digest of the numbers
 DIGEST = "granphon_sha256"
@@ -310,7 +310,7 @@ def _frame_attributes(grid: Grid, finite_overlaps: Array) -> dict[str, Any]:
     x_axis = ("(1)", "(1, 0)", "(1, 0, 0)")[structure.periods - 1]
     media = [{medium.name: medium.settings_on(structure)} for medium in grid.media]
     of_media = {
-        medium.label: bool(np.any(of_medium))
+        medium.label: bool(np.any(of_medium)) if np.ptp(of_medium.astype(int)) == 0 else None
         for medium, of_medium in zip(grid.media, finite_overlaps, strict=True)
     }
     return {
@@ -539,14 +539,15 @@ def find_load(dataset: Dataset) -> str:
     return "force"
 
 
-def list_finite_overlap(dataset: Dataset) -> list[bool]:
-    """Return for each medium of a data set whether its states have finite overlap, if only some of
-    them. A data set that does not tell it of each medium tells it of all, or else has none.
+def list_finite_overlap(dataset: Dataset) -> list[bool | None]:
+    """Return for each medium of a data set whether its states have finite overlap; None if some
+    have it and others have not. A data set that does not tell it of each medium tells it of all, or
+    else has none.
     """
     everywhere = bool(dataset.attrs.get("finite_overlap", 0))
     of_media = json.loads(dataset.attrs.get(OVERLAP_OF_MEDIA, "{}"))
     labels = np.atleast_1d(dataset["medium"].values).astype(str)
-    return [bool(of_media.get(label, everywhere)) for label in labels.tolist()]
+    return [of_media.get(label, everywhere) for label in labels.tolist()]
 
 
 def collect_identity(frame: Dataset) -> dict[str, Any]:
@@ -1241,17 +1242,24 @@ class SweepAccessor:
 
         Raises
         ------
-        InputError : a name that the data set does not have, fewer than three loads, loads that do
-            not ascend, or values that are not above zero.
+        InputError : a name that the data set does not have, or of what are no numbers or are the
+            same at all loads; fewer than three loads, loads that do not ascend, or values that are
+            not above zero.
         """
         data = self._dataset
-        for variable in (name, over or name):
-            if variable not in data.variables:
-                mend = suggest(variable, list(map(str, data.variables)))
-                raise InputError(f"the data set has no {variable!r}", mend=mend)
+        over = find_load(data) if over is None else over
+        numbers = [
+            str(variable)
+            for variable, values in data.variables.items()
+            if values.dtype.kind in "iuf" and "load" in values.dims
+        ]
+        for variable in (name, over):
+            if variable not in numbers:
+                mend = suggest(str(variable), numbers)
+                raise InputError(f"the data set has no numbers {variable!r} over loads", mend=mend)
         values = data[name]
-        loads = data[over or find_load(data)]
-        if "load" not in values.dims or data.sizes["load"] < 3:
+        loads = data[over]
+        if data.sizes["load"] < 3:
             raise InputError("an exponent needs three loads or more", mend="Sweep more loads")
         ordered = values.transpose("load", ...)
         x = loads.transpose("load", ...).values.astype(float)  # (n,), or in the shape of y

@@ -32,6 +32,7 @@ from granphon.base.errors import (
 )
 from granphon.base.progress import Progress, silent
 from granphon.base.staging import ResultFiles, is_whole
+from granphon.base.text import require_path
 from granphon.base.threads import require_executor
 from granphon.media import cost as costs
 from granphon.media.choice import MEDIA, MediumChoice, ServingMedium
@@ -1190,7 +1191,10 @@ def _require_path(path: str | os.PathLike[str] | None, resume: bool) -> None:
     if path is None and resume:
         problem = "a sweep without a path cannot be resumed"
         raise InputError(problem, "Its finished parts are kept beside its file", "Give path")
-    if path is not None and Path(path).suffix != ".nc":
+    if path is None:
+        return
+    require_path(path)
+    if Path(path).suffix != ".nc":
         raise InputError(
             f"{Path(path)} does not end in .nc", "It is a netCDF file, with a .csv beside it"
         )

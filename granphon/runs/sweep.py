@@ -20,7 +20,7 @@ from granphon.balls.lattices import Lattice, as_direction, find_lattice
 from granphon.balls.loads import Load
 from granphon.balls.on_site import HOLDING_PARAMETERS
 from granphon.balls.packing import Axis, Packing, find_double
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, brief
 from granphon.base.progress import Progress, silent
 from granphon.base.settings import IN_PYTHON, make_rules, read_block
 from granphon.base.validation import block, require, truth
@@ -86,7 +86,8 @@ def sweep(
     packing : the packing whose parameters are varied; a parameter that is not swept keeps its
         value. Or a crystal.
     force, pressure, overlap : the loads; one of the three, a number or a list of any order. A force
-        is in N, an overlap in m, a pressure in N on a line, N/m in the plane and Pa in space.
+        is in N, an overlap in m, a pressure in N on a line, N/m in the plane and Pa in space; that
+        on a cut of a crystal acts on its faces too, and has the unit of the crystal before the cut.
     load : the loads, in place of these; such as the stresses or strains of a crystal, or its
         pressure and gravity.
     media : for a crystal "crystal"; for a packing, by default "ala", one of "ala", "afa", "ema",
@@ -240,10 +241,13 @@ def sweep(
 
 def _choose_load(load: Load | None, **loads: ArrayLike | None) -> Load:
     """Return the applied load, of one axis at most: ``load``, or, where that is None, the only one
-    of ``loads``, values by kind, that is not None. InputError if both are given, or none.
+    of ``loads``, values by kind, that is not None. InputError if both are given, or none, and for a
+    ``load`` that is no :class:`~granphon.Load`.
     """
     if load is None:
         return Load.only(**loads)
+    if not isinstance(load, Load):
+        raise InputError(f"load is {brief(load)}", mend="Give a granphon.Load")
     if any(values is not None for values in loads.values()):
         mend = "Give load alone, or one of force, pressure, overlap"
         raise InputError("a load is given twice", mend=mend)

@@ -527,8 +527,8 @@ def _summarise_states(run: Any) -> dict[str, Any]:
     from granphon.runs.dataset import list_finite_overlap
 
     data = run.dataset
-    # for each medium, whether its states have finite overlap, if only some of them
-    of_media = list_finite_overlap(data)
+    # for each medium, whether its states have finite overlap
+    of_media = ["some" if known is None else known for known in list_finite_overlap(data)]
     dims = [*data["valid"].dims]
     if "direction" in data.dims:
         dims.append("direction")

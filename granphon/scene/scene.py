@@ -22,13 +22,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from granphon.balls.packing import Axis
-from granphon.base.errors import GranphonError, InputError
+from granphon.base.errors import GranphonError, InputError, brief
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import find_load_unit
 from granphon.base.results import write_html
 from granphon.base.scales import write_quantity
 from granphon.base.staging import ResultFiles, is_whole
-from granphon.base.text import counted, dump_yaml, parse_yaml, read_yaml, versions
+from granphon.base.text import counted, dump_yaml, parse_yaml, read_yaml, require_path, versions
 from granphon.base.threads import require_executor
 from granphon.media.choice import ServingMedium
 from granphon.media.cost import Cost
@@ -96,7 +96,7 @@ class Scene(SceneValues):
     parameters : the swept parameters of the packing, each with its values; may be given as a
         mapping.
     finite_overlap : keep the terms of relative order delta/d. Simulations in their exact geometry
-        have them whether asked or not; :attr:`ContactState.finite_overlap` of a state says.
+        have them whether asked or not, as :attr:`granphon.ContactState.finite_overlap` says.
     observe : which of "velocities", "bands", "gaps", "cutoffs", "onsets", "sensitivities", "dos",
         "surface", "spectrum", "pulse", "response", "motion", "modes", "design" to compute;
         spectrum, pulse and the density of states of the array itself, of a simulation.
@@ -145,6 +145,8 @@ class Scene(SceneValues):
 
         Files that the text names are looked for in the working folder.
         """
+        if not isinstance(text, str):
+            raise InputError(f"the text of a scene is {brief(text)}", mend="Give a text")
         return cls._read(SceneSource(parse_yaml(text, name)))
 
     @classmethod
@@ -215,8 +217,8 @@ class Scene(SceneValues):
             discard the finished part of another sweep. A file that granphon did not write, that was
             changed since, or that the scene reads is never replaced.
         progress : is told how far the work has come.
-        figures : draw bands.png (dos.png, sweep.png, forces.png) too; one that cannot be drawn is a
-            warning of the result.
+        figures : draw the figures of the outputs too, such as bands.png or sweep.png; one that
+            cannot be drawn is a warning of the result.
         resume : if the result is complete (see :func:`is_complete`), read it, and compute and write
             nothing. A run that was cut off continues from its finished part with or without this.
         executor : does tasks side by side; the numbers do not depend on it.
@@ -232,6 +234,7 @@ class Scene(SceneValues):
             sweep_incomplete.csv, and ``reached`` of the error is their data set.
         """
         require_executor(executor)
+        require_path(folder)
         rows = list_outputs(self)
         self._add_costs(rows)  # raises if there is too little memory
         target = Path(folder)
@@ -294,21 +297,53 @@ class Scene(SceneValues):
     ) -> None:
         """Add the standard errors that follow from those of the parameters to the values of a
         ``result``, in place: to the data set of its states, with a warning that names what has no
-        error, and to the output "errors". All shifted scenes are computed for this.
+        error, to the output "errors" of a single state, and to the columns of its tables
+        (``column_errors``). All shifted scenes are computed for this.
         """
-        from granphon.scene.uncertainty import Spread, name_edges, warn_of_lacking
+        from granphon.scene.uncertainty import warn_of_lacking
 
-        pairs_of_results = []
+        pairs = self._compute_shifted(result, executor, progress)
+        dataset, spreads = self._spread_over_states(result, pairs, executor)
+        if OUTPUTS["errors"] in result.rows:
+            spreads.append(self._spread_over_summary(result, pairs))
+        for row in result.rows:
+            if row.columns is not None and result[row.name] is not None:
+                spreads.append(self._spread_over_table(row, result, pairs))
+        result.values["states"] = warn_of_lacking(dataset, spreads)
+
+    def _compute_shifted(
+        self, result: RunResult, executor: Executor | None, progress: Progress
+    ) -> list[tuple[RunResult, RunResult]]:
+        """Return for each parameter with a standard error the results of its two :attr:`shifted`
+        scenes, in the outputs of which standard errors are found. They are in the folder of the
+        ``result``, into which nothing is written.
+        """
+        pairs = []
         with progress.step("standard errors", len(self.errors)) as step:
-            for pair_of_scenes in self.shifted:
-                pair = [
+            for lower_scene, upper_scene in self.shifted:
+                lower, upper = (
                     scene._compute(result.folder, _list_uncertain(scene), executor, silent, None)
-                    for scene in pair_of_scenes
-                ]
-                pairs_of_results.append(pair)
+                    for scene in (lower_scene, upper_scene)
+                )
+                pairs.append((lower, upper))
                 step.advance()
-        datasets = [(lower.dataset, upper.dataset) for lower, upper in pairs_of_results]
-        spread_of_states = Spread.of(self, datasets)
+        return pairs
+
+    def _spread_over_states(
+        self,
+        result: RunResult,
+        pairs: Sequence[tuple[RunResult, RunResult]],
+        executor: Executor | None,
+    ) -> tuple[Dataset, list[Spread]]:
+        """Return the data set of the ``result`` with standard errors, and the spreads from which
+        these are: that of the results of the shifted scenes, ``pairs``, and for the waves of an
+        edge, if there are any, one of small changes, whose scenes are computed.
+        """
+        from granphon.scene.uncertainty import Spread, name_edges
+
+        spread_of_states = Spread.of(
+            self, [(lower.dataset, upper.dataset) for lower, upper in pairs]
+        )
         spreads = [spread_of_states]
         edges = name_edges(result.dataset)
         others = [str(name) for name in result.dataset.data_vars if name not in edges]
@@ -317,25 +352,37 @@ class Scene(SceneValues):
             spread_of_edges = self._find_spread_of_edges(executor)
             spreads.append(spread_of_edges)
             dataset = spread_of_edges.add_to(dataset, edges)
-        if OUTPUTS["errors"] in result.rows:
-            summaries = [(lower.summary(), upper.summary()) for lower, upper in pairs_of_results]
-            spread_of_summary = Spread.of(self, summaries)
-            spreads.append(spread_of_summary)
-            result.values["errors"] = spread_of_summary.summarise(result.summary())
-        for row in result.rows:
-            if row.columns is not None and result[row.name] is not None:
-                tables = [
-                    (_list_columns(row, lower), _list_columns(row, upper))
-                    for lower, upper in pairs_of_results
-                ]
-                spread_of_table = Spread.of(self, tables)
-                errors = spread_of_table.find_along(row.columns(result), row.along)
-                result.column_errors[row.name] = errors
-                spread_of_table.lacking = {
-                    f"{name} of {row.label}": None for name in spread_of_table.lacking
-                }
-                spreads.append(spread_of_table)
-        result.values["states"] = warn_of_lacking(dataset, spreads)
+        return dataset, spreads
+
+    def _spread_over_summary(
+        self, result: RunResult, pairs: Sequence[tuple[RunResult, RunResult]]
+    ) -> Spread:
+        """Put the standard errors of the summary of a single state, among them those of numbers
+        that no data set has, into the output "errors" of the ``result``, and return their spread
+        over the results of the shifted scenes, ``pairs``.
+        """
+        from granphon.scene.uncertainty import Spread
+
+        spread = Spread.of(self, [(lower.summary(), upper.summary()) for lower, upper in pairs])
+        result.values["errors"] = spread.summarise(result.summary())
+        return spread
+
+    def _spread_over_table(
+        self, row: Export, result: RunResult, pairs: Sequence[tuple[RunResult, RunResult]]
+    ) -> Spread:
+        """Put the standard errors of the tables of the output ``row`` into the ``column_errors`` of
+        the ``result``, and return their spread over the results of the shifted scenes, ``pairs``;
+        what it lacks has the words for the output behind its name.
+        """
+        from granphon.scene.uncertainty import Spread
+
+        assert row.columns is not None
+        tables = [(_list_columns(row, lower), _list_columns(row, upper)) for lower, upper in pairs]
+        spread = Spread.of(self, tables)
+        errors = spread.find_along(row.columns(result), row.along)
+        result.column_errors[row.name] = errors
+        spread.lacking = {f"{name} of {row.label}": None for name in spread.lacking}
+        return spread
 
     def _find_spread_of_edges(self, executor: Executor | None) -> Spread:
         """Return the spread of the waves of an edge; scenes with small changes of the parameters
@@ -682,7 +729,9 @@ class RunResult(Results):
 
     @property
     def local_field(self) -> LocalField | None:
-        """Local field of the effective medium; None for another medium, and for equal balls."""
+        """Local field of the effective medium; None for another medium, and for equal balls.
+        InputError if there are several states of balls that differ.
+        """
         if not self.scene.packing.width:
             return None
         return self.scene.serving.medium.of(self.scene.packing).local_field

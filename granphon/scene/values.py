@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
@@ -14,9 +15,9 @@ from granphon.balls.loads import Load
 from granphon.balls.neighbours import touch_once_at_most
 from granphon.balls.on_site import HOLDING_PARAMETERS
 from granphon.balls.packing import Axis, Packing, change_packing, find_unit
-from granphon.base.errors import InputError, Refused
+from granphon.base.errors import InputError, Refused, brief
 from granphon.base.quantities import ACCELERATION, LENGTH, find_load_unit
-from granphon.base.settings import describe_settings
+from granphon.base.settings import describe_settings, read_block
 from granphon.base.tables import Heading, table_text
 from granphon.base.text import MOST_SCENE_BYTES, dump_yaml, show, spell
 from granphon.base.validation import read_inside, require
@@ -135,7 +136,8 @@ class SceneValues:
         assign("packing", _read_balls(self.packing))
         if not isinstance(self.load, Load):
             raise InputError(f"load is {show(self.load)}", mend="Give a granphon.Load")
-        axes = tuple(Axis.of(name, values) for name, values in dict(self.parameters).items())
+        parameters = dict(_read_pairs("parameters", self.parameters))
+        axes = tuple(Axis.of(name, values) for name, values in parameters.items())
         assign("parameters", tuple((axis.name, axis.values) for axis in axes))
         lattices = dict(self.parameters).get("lattice", ())
         lattice = file_keys.choose_lattice(self.packing.structure, lattices)
@@ -163,9 +165,13 @@ class SceneValues:
         if self.load.array.ndim > 1:
             problem = f"the load has the shape {self.load.shape}"
             raise InputError(problem, mend="Give one number, or a list of them")
-        for block in SETTINGS:
+        for block, settings in SETTINGS.items():
+            value = getattr(self, block)
+            if value is not None:
+                assign(block, require(block, partial(read_block, settings, context=context), value))
             self.observed_settings(block)  # which refuses a wall of a kind that there is not
         self._require_consistency(given_path)
+        assign("errors", _read_pairs("errors", self.errors))
         if self.errors or self.correlations:
             # imported here: few scenes have errors
             from granphon.scene.uncertainty import settle_correlations, settle_errors
@@ -623,10 +629,22 @@ def _read_balls(packing: Any) -> Packing | Arrangement | NetworkFiles:
     that is no balls.
     """
     if isinstance(packing, Packing) or getattr(packing, "is_network", False):
-        return packing
+        return cast("Packing | NetworkFiles", packing)
     from granphon.media.arrangement import given_balls  # other scenes have no kinds
 
     return given_balls(packing)
+
+
+def _read_pairs(name: str, value: Any) -> tuple[tuple[Any, Any], ...]:
+    """Return the pairs of an argument, called ``name``: those of a mapping, or of a list of pairs;
+    InputError for any other ``value``.
+    """
+    entries: Any = value.items() if isinstance(value, Mapping) else value
+    try:
+        return tuple((first, second) for first, second in entries)
+    except (TypeError, ValueError):
+        mend = "Give a mapping, or a list of pairs"
+        raise InputError(f"{name} is {brief(value)}", mend=mend) from None
 
 
 def _find_wave_path(packing: Any) -> BandPath:

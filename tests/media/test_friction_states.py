@@ -949,7 +949,8 @@ def test_a_sweep_says_of_a_geometry_that_the_load_decides_what_its_states_say():
     alone = gp.DirectSimulation(PACKING, shape=(4, 4))
     assert [alone.at_force(force).finite_overlap for force in forces] == [True, False]
     assert swept.attrs["finite_overlap"] == 0
-    assert list_finite_overlap(swept) == [True, False]
+    assert list_finite_overlap(swept) == [None, False]
+    assert list_finite_overlap(gp.sweep(PACKING, force=forces[0], media=media)) == [True, False]
     assert list_finite_overlap(swept.isel(medium=[1])) == [False]
     asked = gp.sweep(PACKING, force=forces, media=media, finite_overlap=True)
     assert (asked.attrs["finite_overlap"], list_finite_overlap(asked)) == (1, [True, True])

@@ -58,8 +58,11 @@ def test_what_has_no_exponent(swept):
     for call, told in (
         (
             lambda: swept.granphon.exponent("longitudnal"),
-            "no 'longitudnal'. Did you mean longitudinal",
+            "no numbers 'longitudnal' over loads. Did you mean longitudinal",
         ),
+        (lambda: swept.granphon.exponent("regime"), "no numbers 'regime'"),
+        (lambda: swept.granphon.exponent(over="medium"), "no numbers 'medium'"),
+        (lambda: swept.granphon.exponent(over=3), "no numbers 3"),
         (lambda: swept.isel(load=[0, 1]).granphon.exponent(), "three loads"),
         (lambda: swept.isel(load=slice(None, None, -1)).granphon.exponent(), "Loads must ascend"),
         (lambda: swept.isel(load=0).granphon.plot(), "no dimension 'load'"),

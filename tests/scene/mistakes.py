@@ -782,14 +782,14 @@ MISTAKES: dict[str, tuple[str, ...]] = {
         "4: direction",
         "[1, 1]",
         "numbers",
-        "in space",
+        "three axes",
     ),
     "direction of space in a plane": (
         pack("lattice: square", more="direction: [[1, 0], [1, 0, 0]]"),
         "4: direction.1",
         "[1, 0, 0]",
         "two numbers",
-        "in a plane",
+        "two axes",
     ),
     "direction twice": (
         pack("lattice: fcc", more="direction: [[1, 1, 0], [2, 2, 0]]"),

@@ -827,6 +827,24 @@ def test_values_that_a_scene_does_not_take(packing, name, value):
         Scene(packing, Load("force", 1.0), **{name: value})
 
 
+@pytest.mark.parametrize("name", ["parameters", "errors", "pulse", "surface", "design", "modes"])
+def test_a_number_is_neither_a_block_nor_pairs(packing, name):
+    with pytest.raises(InputError, match=name):
+        Scene(packing, Load("force", 1.0), **{name: 3})
+
+
+def test_a_scene_takes_blocks_as_mappings(packing):
+    scene = Scene(packing, Load("force", 1.0), observe=["modes"], modes={"count": 3})
+    assert scene.modes == gp.ModesSettings(count=3)
+
+
+@pytest.mark.parametrize("arguments", [(3, Load("force", 1.0)), (None, 1.0)], ids=["balls", "load"])
+def test_a_scene_needs_balls_and_a_load(packing, arguments):
+    balls, load = arguments
+    with pytest.raises(InputError, match="Give a granphon"):
+        Scene(balls or packing, load)
+
+
 def test_values_that_a_load_does_not_take(steel):
     for arguments in (
         ("weight", 1.0),

@@ -734,3 +734,22 @@ def test_times_of_flight_have_the_error_of_their_distance(work):
     assert main([*words, "--distance", "0.3 m +- 1 %"]) == 0
     assert (work / "drawn.svg").exists()
     assert main([*words, "--force", "--distance", "0.3 m +- -1 mm"]) == 2
+
+
+def test_cost_of_errors_is_that_of_what_shifted_scenes_compute():
+    text = (
+        "balls: {A: {material: {young_modulus: 193 GPa, poisson_ratio: 0.3, density: 8 g/cm^3},"
+        " diameter: 10 mm}}\ncrystal: {lattice: triangular, kinds: [A]}\nload: {force: 20 N}\n"
+        "observe: [surface]\nsurface: {axis: 1, points: 1001}\n"
+    )
+    costs = [
+        gp.Scene.from_text(text.replace("193 GPa", modulus)).cost()
+        for modulus in ("193 GPa", "193 GPa +- 1 GPa")
+    ]
+    (searches, _), (spectra, _) = costs[0].units
+    numbers = {searches: 0.0, spectra: 0.0}
+    for number, _measure in costs[1].units:
+        numbers[spectra if number == spectra else searches] += number
+    # the map is that of the scene itself; its waves are found in two scenes of the error, and again
+    # in two of a small change
+    assert numbers == {searches: 5.0 * searches, spectra: spectra}
