@@ -726,7 +726,8 @@ class ContactNetwork(Result):
         A contact counts if its force is above 8e-9 of the mean of those above zero. Under less, a
         contact of Hertz's law, whose stiffness goes as the third root of its force, is less than
         2e-3 as stiff as under the mean. If no contact of the network has a force, all contacts
-        count, as if their forces were equal. How many contacts hold a ball says
+        count, as if their forces were equal; and in an ``adhesive`` network all count, as they are
+        stiff without a force, too. How many contacts hold a ball says
         :meth:`without_rattlers`. A wall is no rattler, and neither is a ball whose displacements
         are all resisted by springs to the ground.
         """
