@@ -145,14 +145,15 @@ class ContactNetwork(Result):
 
     Raises
     ------
-    InputError : arrays of different lengths, a contact that names a ball that is not there or that
-        is listed twice, a force that pulls, a number that is not finite or out of range, a normal
-        whose length is not one, a normal that does not lead from ball i to ball j where both move,
-        balls that move and whose distance differs from the sum of the two arms by more than a
-        quarter of that, a contact that leaves the line or the plane, a tangential force that is not
-        across the normal, periods that are not independent or leave the line or the plane, motions
-        that the dimension does not have, two balls with one label, a ``shape`` that does not fit
-        the number of balls, an ``on_site`` of another shape, below zero or not finite.
+    InputError : no ball of a finite radius, arrays of different lengths, a contact that names a
+        ball that is not there or that is listed twice, a force that pulls, a number that is not
+        finite or out of range, a normal whose length is not one, a normal that does not lead from
+        ball i to ball j where both move, balls that move and whose distance differs from the sum of
+        the two arms by more than a quarter of that, a contact that leaves the line or the plane, a
+        tangential force that is not across the normal, periods that are not independent or leave
+        the line or the plane, motions that the dimension does not have, two balls with one label, a
+        ``shape`` that does not fit the number of balls, an ``on_site`` of another shape, below zero
+        or not finite.
     """
 
     _schema: ClassVar[int] = 2
@@ -253,8 +254,8 @@ class ContactNetwork(Result):
             names = ", ".join(name_springs(motions[self.motions]))
             fault = f"on_site of the network has the shape {self.on_site.shape}"
             raise InputError(fault, mend=f"Give a stiffness for each motion of a ball: {names}")
-        if not self.n_balls:
-            raise InputError("the network has no ball", mend="Give one or more")
+        if np.all(np.isinf(self.radii)):  # flat walls alone, or nothing
+            raise InputError("the network has no ball", mend="Give one or more, of a finite radius")
         self._check_cell()
         for name, is_fine, fault, mend in list_demands(self):
             if not np.all(is_fine):

@@ -780,6 +780,9 @@ def test_what_a_network_may_be():
     assert listed == network
     alone = network.select([3])
     assert (alone.n_balls, alone.n_contacts, alone.coordination) == (1, 0, 0.0)
+    # a file may list walls alone, which have no size to draw or to write
+    with pytest.raises(InputError, match="no ball"):
+        replace(alone, radii=[np.inf], masses=[np.inf], inertias=[np.inf])
     with pytest.raises(gp.GranphonError, match="no ball"):
         replace(
             alone,
