@@ -1311,23 +1311,26 @@ class ContactNetwork(Result):
         files .fstat and .data have times, s. ``dump`` and ``pairs`` are the two paths that its
         reader takes, and ``options`` are the reader's but ``step`` or ``time``.
         Each file is read once, when the first network is asked for; not before,
-        :class:`~granphon.base.errors.InputError` is raised for another program, and for files
-        without a common step. Errors of the reader are raised at the step of which they are. Frames
-        that are cut, as a killed program leaves the last one, end the series, with a
-        :class:`~granphon.base.errors.StoppedEarlyWarning`.
+        :class:`~granphon.base.errors.InputError` is raised for another program, a step that is
+        given, and files without a common step. Errors of the reader are raised at the step of which
+        they are. Frames that are cut, as a killed program leaves the last one, end the series, with
+        a :class:`~granphon.base.errors.StoppedEarlyWarning`.
         """
         steps: list[float]
         first: Any
         second: Any
-        if one_of("program", program, ("lammps", "liggghts", "mercury")) == "mercury":
+        is_mercury = one_of("program", program, ("lammps", "liggghts", "mercury")) == "mercury"
+        argument = "time" if is_mercury else "step"
+        if argument in options:
+            fault = f"{argument}={brief(options[argument])} is given for a series of all"
+            raise InputError(fault, mend=f"Leave {argument} out, or read one network")
+        if is_mercury:
             from granphon.networks.mercury import open_times
 
-            argument = "time"
             steps, first, second = open_times(dump, pairs)
         else:
             from granphon.networks.dumps import open_series
 
-            argument = "step"
             steps, first, second = open_series(dump, pairs)
         for step in steps:
             yield step, READERS[program](first, second, **{argument: step}, **options)

@@ -219,6 +219,8 @@ def test_times_of_mercury_follow_each_other(tmp_path):
     assert list(whole) == [0.0, 0.25, 0.4]
     with pytest.raises(InputError, match="one time"):
         next(gp.ContactNetwork.series("mercury", fstat, restart, **options))
+    with pytest.raises(InputError, match="Leave time out"):
+        next(gp.ContactNetwork.series("mercury", "nowhere", "nowhere", time=0.25, **options))
 
 
 # -- faults ----------------------------------------------------------------------------------------
