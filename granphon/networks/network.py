@@ -772,12 +772,15 @@ class ContactNetwork(Result):
         The network keeps the ``labels`` of the balls; without labels they are the indices in this
         network. It has neither ``lattice`` nor ``shape``. Raises
         :class:`~granphon.base.errors.InputError` for balls that are not there, for a ball given
-        twice, and for none.
+        twice, for none, and for another number of truth values.
         """
-        # a list of n truth values says which balls are kept; any other list has indices
+        # a list of truth values says which balls are kept; any other list has indices
         plain: Any = balls.tolist() if isinstance(balls, np.ndarray) else balls
-        is_for_each_ball = isinstance(plain, list | tuple) and len(plain) == self.n_balls
-        are_flags = is_for_each_ball and all(isinstance(value, bool | np.bool_) for value in plain)
+        is_list = isinstance(plain, list | tuple) and len(plain) > 0
+        are_flags = is_list and all(isinstance(value, bool | np.bool_) for value in plain)
+        if are_flags and len(plain) != self.n_balls:
+            fault = f"balls are {len(plain)} truth values, and the network has {self.n_balls} balls"
+            raise InputError(fault, mend="Give one for each ball, or the indices of balls")
         indices = np.flatnonzero(plain) if are_flags else balls
         kept_balls = index_array("balls", indices, self.n_balls)
         new_index = np.full(self.n_balls, -1)  # -1 for balls that are left out
@@ -1329,9 +1332,11 @@ class ContactNetwork(Result):
 
             steps, first, second = open_times(dump, pairs)
         else:
-            from granphon.networks.dumps import open_series
+            from granphon.networks.dumps import Dump, open_series
 
             steps, first, second = open_series(dump, pairs)
+            if program == "liggghts" and options.get("walls") is not None:
+                options["walls"] = Dump.open(options["walls"], "entries")
         for step in steps:
             yield step, READERS[program](first, second, **{argument: step}, **options)
 
