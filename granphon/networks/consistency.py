@@ -785,7 +785,7 @@ def _count_resisted(network: Any, is_counted: Flags) -> int:
 def _is_regular(network: Any) -> bool:
     """Whether all balls that move have the same number of contacts, as in a lattice or a row."""
     counts = np.bincount(np.concatenate([network.i, network.j]), minlength=network.n_balls)
-    return bool(np.ptp(counts[network.moving]) == 0)
+    return np.unique(counts[network.moving]).size <= 1
 
 
 def _count_rigid_motions(network: Any) -> int:

@@ -252,7 +252,7 @@ def list_lawless(pairs: Frame, springs: Springs) -> dict[str, str]:
     LAMMPS does not set the rolling force and the torque of twist where no such law acts: it then
     writes what stands in its memory (``PairGranular::single``).
     """
-    lawless = {}
+    lawless: dict[str, str] = {}
     if springs.rolling is None:
         lawless |= dict.fromkeys(_VECTORS["rolling_force"], "rolling_stiffness")
     if springs.twisting is None:
