@@ -496,7 +496,7 @@ class _Joining:
             shift = self._find_shift(contacts, i, j, is_still)
         crosses = np.any(shift[:, ~self.places.pbc], axis=1)
         words = "a shift across a side of the cell that is not periodic"
-        self.faults.note(crosses, words, values=shift, mend="Compare pbc")
+        self.faults.note(crosses, words, values=shift.astype(float), mend="Compare pbc")
         between = self.places.positions[j] - self.places.positions[i]
         vector = between + shift @ self.places.cell
         distance = np.linalg.norm(vector, axis=1)
