@@ -35,6 +35,7 @@ from granphon.networks.sources import (
     Completion,
     Contacts,
     Reading,
+    are_across,
     find_errors_of_overlaps,
     find_repeated,
     find_rounding,
@@ -478,8 +479,9 @@ class _Joining:
         """Return the pairs of balls i and j (m,) that ``contacts`` (m,) join, with shifts, normals
         and overlaps.
 
-        Notes, as faults, contacts with a flat wall that have no normal, contacts whose balls are
-        not near each other, and contacts that are listed twice.
+        Notes, as faults, contacts with a flat wall that have no normal, contacts across a side that
+        is not periodic, contacts whose balls are not near each other, and contacts that are listed
+        twice.
         """
         balls = self.places.balls
         radii_i = balls.radii[i]
@@ -492,6 +494,9 @@ class _Joining:
         shift = contacts.shift
         if shift is None:
             shift = self._find_shift(contacts, i, j, is_still)
+        crosses = np.any(shift[:, ~self.places.pbc], axis=1)
+        words = "a shift across a side of the cell that is not periodic"
+        self.faults.note(crosses, words, values=shift.astype(float), mend="Compare pbc")
         between = self.places.positions[j] - self.places.positions[i]
         vector = between + shift @ self.places.cell
         distance = np.linalg.norm(vector, axis=1)
@@ -674,8 +679,9 @@ class _Joining:
         """Return the normal forces (m,), N, and the tangential forces (m, 3), N, of ``contacts``,
         those of the source or else the parts of its force vectors; None for what is not known.
 
-        Notes, as faults, force vectors that pull, unless contacts are adhesive, and contacts for
-        which neither force nor overlap is known.
+        Notes, as faults, force vectors that pull, unless contacts are adhesive, tangential forces
+        of the source that are not across the normals, and contacts for which neither force nor
+        overlap is known.
         """
         normal_force = contacts.normal_force
         across = contacts.tangential_force
@@ -689,6 +695,16 @@ class _Joining:
                 normal_force = along
             if across is None:
                 across = contacts.force - along[:, None] * pairs.normal
+        if contacts.tangential_force is not None:
+            force = 0.0 if normal_force is None else normal_force
+            is_across = are_across(contacts.tangential_force, pairs.normal, force)
+            self.faults.note(
+                ~is_across,
+                "a tangential_force that is not across the normal",
+                values=contacts.tangential_force,
+                unit="N",
+                mend="Leave the normal force out of it",
+            )
         if normal_force is None and contacts.overlap is None:
             words = "a body that does not move, and no force"
             self.faults.note(~pairs.has_overlap, words, mend="Give normal_force")

@@ -727,29 +727,15 @@ def _compare_coordination(network: Any, is_held: Array) -> Comparison:
 
     The balls and their motions are counted where ``is_held`` (n,) is true; the contacts are those
     among these balls, and with bodies that do not move. Springs to the ground resist motions, too,
-    so that fewer contacts are needed. If no contact resists a deformation, each
-    is counted as one that resists one.
+    so that fewer contacts are needed. If no contact resists a deformation, each is counted as one
+    that resists one.
     """
     motions = network.ball_motions
     n_held = int(np.count_nonzero(is_held))
     is_end = is_held | ~network.moving
-    is_counted = is_end[network.i] & is_end[network.j]
+    is_counted = is_end[network.i] & is_end[network.j] & network.in_lattice
     n_contacts = int(np.count_nonzero(is_counted))
-    # The deformations of a contact that the motions make, by the stiffness that resists them: a
-    # normal one, unless balls move out of the plane only, to which normals are perpendicular; slip
-    # along the other displacements; twist; and rolling about the other rotations.
-    n_along = int(0 in motions.translations)
-    n_twists = int(motions.twist)
-    n_deformations = {
-        "normal_stiffness": n_along,
-        "shear_stiffness": len(motions.translations) - n_along,
-        "torsion_stiffness": n_twists,
-        "bending_stiffness": len(motions.rotations) - n_twists,
-    }
-    n_resisted = sum(
-        number * int(np.count_nonzero(getattr(network, name)[is_counted]))
-        for name, number in n_deformations.items()
-    )
+    n_resisted = _count_resisted(network, is_counted)
     n_needed = motions.count * n_held - _count_rigid_motions(network)
     if network.on_site is not None:  # a spring to the ground resists one motion of its ball
         n_needed -= int(np.count_nonzero(network.on_site[is_held, : motions.count]))
@@ -774,10 +760,32 @@ def _compare_coordination(network: Any, is_held: Array) -> Comparison:
     )
 
 
+def _count_resisted(network: Any, is_counted: Flags) -> int:
+    """Return the number of deformations that the contacts which ``is_counted`` (n_c,) marks resist.
+
+    The deformations of a contact that the motions make, by the stiffness that resists them: a
+    normal one, unless balls move out of the plane only, to which normals are perpendicular; slip
+    along the other displacements; twist; and rolling about the other rotations.
+    """
+    motions = network.ball_motions
+    n_along = int(0 in motions.translations)
+    n_twists = int(motions.twist)
+    n_deformations = {
+        "normal_stiffness": n_along,
+        "shear_stiffness": len(motions.translations) - n_along,
+        "torsion_stiffness": n_twists,
+        "bending_stiffness": len(motions.rotations) - n_twists,
+    }
+    return sum(
+        number * int(np.count_nonzero(getattr(network, name)[is_counted]))
+        for name, number in n_deformations.items()
+    )
+
+
 def _is_regular(network: Any) -> bool:
     """Whether all balls that move have the same number of contacts, as in a lattice or a row."""
     counts = np.bincount(np.concatenate([network.i, network.j]), minlength=network.n_balls)
-    return bool(np.ptp(counts[network.moving]) == 0)
+    return np.unique(counts[network.moving]).size <= 1
 
 
 def _count_rigid_motions(network: Any) -> int:

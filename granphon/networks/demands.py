@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from granphon.networks.sources import ALONG, LARGEST, MOST_STEPS, UNIT
+from granphon.networks.sources import LARGEST, MOST_STEPS, UNIT, are_across
 
 #: fields with one number for each ball
 NUMBERS_OF_BALLS = ("radii", "masses", "inertias")
@@ -24,8 +24,6 @@ _SPRINGS = {
 }
 #: greatest difference, over the sum of the two arms, between these and the distance of the centres
 _STRAY = 0.25
-#: part of a tangential force along the normal, over the normal force, that is rounding
-_NOTHING = 1e-12
 #: a field, whether each of its entries meets the demand, the fault of one that does not, and how to
 #: mend it
 _Demand = tuple[str, Any, str, str]
@@ -100,13 +98,9 @@ def _list_demands_on_forces(network: Any) -> Iterator[_Demand]:
         name = "tangential_force"
         is_finite = np.all(np.abs(tangential) < LARGEST, axis=1)
         yield name, is_finite, f"has a {name} {_TOO_LARGE} N", ""
-        along = np.abs(np.einsum("ca,ca->c", tangential, network.normal))
-        # the direction of a force that is very small, beside the normal force or among floats, is
-        # decided by rounding: such a force meets the demand
-        negligible = _NOTHING * np.abs(network.normal_force) + np.finfo(float).tiny
-        allowed = ALONG * np.linalg.norm(tangential, axis=1) + negligible
+        is_across = are_across(tangential, network.normal, network.normal_force)
         fault = f"has a {name} that is not across its normal"
-        yield name, along <= allowed, fault, "Leave the normal force out of it"
+        yield name, is_across, fault, "Leave the normal force out of it"
     torque = network.contact_torque
     if torque is not None:
         name = "contact_torque"

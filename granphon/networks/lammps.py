@@ -69,8 +69,8 @@ class Scales:
         as :class:`~granphon.base.scales.Units`; for None those of the style that the ``frames``
         name, or of SI if they name none.
 
-        InputError for an unknown style, for frames of different styles, and for a style other than
-        that of the frames.
+        InputError for an unknown style, for frames of different styles, for a style other than that
+        of the frames, and without ``units`` for frames of a style that has none in SI.
         """
         named = [frame for frame in frames if frame.units]  # other frames do not say their style
         styles_of_files = {frame.units for frame in named}
@@ -82,6 +82,12 @@ class Scales:
             scales = (units.length, units.mass, units.force)
         else:
             requested = next(iter(styles_of_files), "si") if units is None else units
+            if units is None and requested not in _STYLES:
+                fault = f"{named[0].name} says that its units are {brief(requested, 40)}"
+                mend = f"Write it in {', '.join(_STYLES)}"
+                if requested == "lj":
+                    mend = "Give the scales, units=gp.Units(length, stiffness, mass), in SI"
+                raise InputError(fault, "Their lengths and masses in SI are not known", mend)
             style = require("units", lambda value: choice(value, [*_STYLES]), requested)
             scales = _STYLES[style]
         if styles_of_files and styles_of_files != {style}:

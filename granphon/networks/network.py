@@ -145,14 +145,15 @@ class ContactNetwork(Result):
 
     Raises
     ------
-    InputError : arrays of different lengths, a contact that names a ball that is not there or that
-        is listed twice, a force that pulls, a number that is not finite or out of range, a normal
-        whose length is not one, a normal that does not lead from ball i to ball j where both move,
-        balls that move and whose distance differs from the sum of the two arms by more than a
-        quarter of that, a contact that leaves the line or the plane, a tangential force that is not
-        across the normal, periods that are not independent or leave the line or the plane, motions
-        that the dimension does not have, two balls with one label, a ``shape`` that does not fit
-        the number of balls, an ``on_site`` of another shape, below zero or not finite.
+    InputError : no ball of a finite radius, arrays of different lengths, a contact that names a
+        ball that is not there or that is listed twice, a force that pulls, a number that is not
+        finite or out of range, a normal whose length is not one, a normal that does not lead from
+        ball i to ball j where both move, balls that move and whose distance differs from the sum of
+        the two arms by more than a quarter of that, a contact that leaves the line or the plane, a
+        tangential force that is not across the normal, periods that are not independent or leave
+        the line or the plane, motions that the dimension does not have, two balls with one label, a
+        ``shape`` that does not fit the number of balls, an ``on_site`` of another shape, below zero
+        or not finite.
     """
 
     _schema: ClassVar[int] = 2
@@ -253,8 +254,8 @@ class ContactNetwork(Result):
             names = ", ".join(name_springs(motions[self.motions]))
             fault = f"on_site of the network has the shape {self.on_site.shape}"
             raise InputError(fault, mend=f"Give a stiffness for each motion of a ball: {names}")
-        if not self.n_balls:
-            raise InputError("the network has no ball", mend="Give one or more")
+        if np.all(np.isinf(self.radii)):  # flat walls alone, or nothing
+            raise InputError("the network has no ball", mend="Give one or more, of a finite radius")
         self._check_cell()
         for name, is_fine, fault, mend in list_demands(self):
             if not np.all(is_fine):
@@ -726,7 +727,8 @@ class ContactNetwork(Result):
         A contact counts if its force is above 8e-9 of the mean of those above zero. Under less, a
         contact of Hertz's law, whose stiffness goes as the third root of its force, is less than
         2e-3 as stiff as under the mean. If no contact of the network has a force, all contacts
-        count, as if their forces were equal. How many contacts hold a ball says
+        count, as if their forces were equal; and in an ``adhesive`` network all count, as they are
+        stiff without a force, too. How many contacts hold a ball says
         :meth:`without_rattlers`. A wall is no rattler, and neither is a ball whose displacements
         are all resisted by springs to the ground.
         """
@@ -770,12 +772,15 @@ class ContactNetwork(Result):
         The network keeps the ``labels`` of the balls; without labels they are the indices in this
         network. It has neither ``lattice`` nor ``shape``. Raises
         :class:`~granphon.base.errors.InputError` for balls that are not there, for a ball given
-        twice, and for none.
+        twice, for none, and for another number of truth values.
         """
-        # a list of n truth values says which balls are kept; any other list has indices
+        # a list of truth values says which balls are kept; any other list has indices
         plain: Any = balls.tolist() if isinstance(balls, np.ndarray) else balls
-        is_for_each_ball = isinstance(plain, list | tuple) and len(plain) == self.n_balls
-        are_flags = is_for_each_ball and all(isinstance(value, bool | np.bool_) for value in plain)
+        is_list = isinstance(plain, list | tuple) and len(plain) > 0
+        are_flags = is_list and all(isinstance(value, bool | np.bool_) for value in plain)
+        if are_flags and len(plain) != self.n_balls:
+            fault = f"balls are {len(plain)} truth values, and the network has {self.n_balls} balls"
+            raise InputError(fault, mend="Give one for each ball, or the indices of balls")
         indices = np.flatnonzero(plain) if are_flags else balls
         kept_balls = index_array("balls", indices, self.n_balls)
         new_index = np.full(self.n_balls, -1)  # -1 for balls that are left out
@@ -1309,24 +1314,29 @@ class ContactNetwork(Result):
         files .fstat and .data have times, s. ``dump`` and ``pairs`` are the two paths that its
         reader takes, and ``options`` are the reader's but ``step`` or ``time``.
         Each file is read once, when the first network is asked for; not before,
-        :class:`~granphon.base.errors.InputError` is raised for another program, and for files
-        without a common step. Errors of the reader are raised at the step of which they are. Frames
-        that are cut, as a killed program leaves the last one, end the series, with a
-        :class:`~granphon.base.errors.StoppedEarlyWarning`.
+        :class:`~granphon.base.errors.InputError` is raised for another program, a step that is
+        given, and files without a common step. Errors of the reader are raised at the step of which
+        they are. Frames that are cut, as a killed program leaves the last one, end the series, with
+        a :class:`~granphon.base.errors.StoppedEarlyWarning`.
         """
         steps: list[float]
         first: Any
         second: Any
-        if one_of("program", program, ("lammps", "liggghts", "mercury")) == "mercury":
+        is_mercury = one_of("program", program, ("lammps", "liggghts", "mercury")) == "mercury"
+        argument = "time" if is_mercury else "step"
+        if argument in options:
+            fault = f"{argument}={brief(options[argument])} is given for a series of all"
+            raise InputError(fault, mend=f"Leave {argument} out, or read one network")
+        if is_mercury:
             from granphon.networks.mercury import open_times
 
-            argument = "time"
             steps, first, second = open_times(dump, pairs)
         else:
-            from granphon.networks.dumps import open_series
+            from granphon.networks.dumps import Dump, open_series
 
-            argument = "step"
             steps, first, second = open_series(dump, pairs)
+            if program == "liggghts" and options.get("walls") is not None:
+                options["walls"] = Dump.open(options["walls"], "entries")
         for step in steps:
             yield step, READERS[program](first, second, **{argument: step}, **options)
 

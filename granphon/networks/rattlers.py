@@ -63,8 +63,9 @@ class _Hold:
     ----------
     is_held : (n,) whether a ball needs no contacts: it does not move, or springs to the ground
         resist all of its displacements.
-    i, j : (m,) the balls of the contacts that carry load.
-    sizes : (m,) the forces of these contacts, N, or 1 if no contact has a force.
+    i, j : (m,) the balls of the contacts that carry load; in an adhesive network of all contacts,
+        which are stiff without a force, too.
+    sizes : (m,) the magnitudes of the forces of these contacts, N, or 1 if no contact has a force.
     forces : (m, 3) these forces as vectors, of i on j.
     counts : (n,) number of these contacts of each ball.
     total_sizes, total_forces : (n,) and (n, 3) the sums of the sizes, and of the vectors, of the
@@ -86,16 +87,16 @@ class _Hold:
         self.rows_hold = slips and held_by is None
         n_needed = network.dimension + 1 if slips else 2
         self.least = n_needed if held_by is None else held_by
-        sizes = network.normal_force
-        if not np.any(sizes > 0.0):
-            sizes = np.ones(network.n_contacts)
-        is_loaded = np.zeros(0, bool)
-        if len(sizes):  # the mean of none is nan
-            is_loaded = sizes > HOLDING_FORCE * np.mean(sizes, where=sizes > 0.0)
+        force = network.normal_force
+        if not np.any(force):
+            force = np.ones(network.n_contacts)
+        is_loaded = np.ones(network.n_contacts, bool)
+        if network.n_contacts and not network.adhesive:  # the mean of none is nan
+            is_loaded = force > HOLDING_FORCE * np.mean(force, where=force > 0.0)
         self.i = network.i[is_loaded]
         self.j = network.j[is_loaded]
-        self.sizes = sizes[is_loaded]
-        self.forces = self.sizes[:, None] * network.normal[is_loaded]
+        self.sizes = np.abs(force[is_loaded])
+        self.forces = force[is_loaded, None] * network.normal[is_loaded]
         self.counts = np.bincount(self.i, minlength=n) + np.bincount(self.j, minlength=n)
         sizes_on_i = np.bincount(self.i, self.sizes, n)
         self.total_sizes = sizes_on_i + np.bincount(self.j, self.sizes, n)

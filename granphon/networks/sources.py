@@ -30,6 +30,8 @@ MOST_BYTES = 4_000_000_000
 UNIT = 1e-6
 #: greatest part of a tangential force along the normal: the rounding in a file
 ALONG = 1e-2
+#: part of a tangential force along the normal, over the normal force, that is rounding
+_NOTHING = 1e-12
 #: least and greatest number of significant digits with which a program writes numbers
 _DIGITS = (6, 15)
 #: number of different values of fewer digits from which on the values are rounded, not chosen by
@@ -294,7 +296,8 @@ class Contacts:
             values = getattr(self, name)
             if values is None:
                 continue
-            words = f"a {name} that is not finite, or too large"
+            article = "an" if name.startswith(("a", "o")) else "a"
+            words = f"{article} {name} that is not finite, or too large"
             is_in_range = np.abs(values) < LARGEST  # False for nan
             if values.ndim > 1:
                 is_in_range = is_in_range.all(axis=1)
@@ -314,6 +317,18 @@ class Contacts:
             length = np.linalg.norm(np.clip(self.normal, -2.0, 2.0), axis=1)
             words = "a normal whose length is not one"
             faults.note(np.abs(length - 1.0) > UNIT, words, values=self.normal)
+
+
+def are_across(tangential: Array, normal: Array, normal_force: Array | float) -> Flags:
+    """Whether each of the ``tangential`` forces (n_c, 3), N, is across the ``normal`` (n_c, 3) of
+    its contact, but for rounding; ``normal_force`` is (n_c,), N, or zero if it is not known.
+
+    The direction of a force that is very small, beside the normal force or among floats, is decided
+    by rounding: such a force counts as across.
+    """
+    along = np.abs(np.einsum("ca,ca->c", tangential, normal))
+    negligible = _NOTHING * np.abs(normal_force) + np.finfo(float).tiny
+    return np.asarray(along <= ALONG * np.linalg.norm(tangential, axis=1) + negligible)
 
 
 def note_pulling(faults: Faults, force: Array, adhesive: bool, mend: str = "") -> None:

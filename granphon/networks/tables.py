@@ -324,12 +324,17 @@ class _Columns:
         )
 
     def _read_kinds(self, heading: str) -> None:
-        """Set ``kinds`` from the array under a ``heading``; InputError for what is no array."""
+        """Set ``kinds`` from the array under a ``heading``; InputError for what is no array, and a
+        row without a name.
+        """
         try:
             names = np.asarray(self._arrays[heading]).ravel()
         except ValueError as error:
             problem = f"kind of {self.name}: {error}"
             raise InputError(problem, mend="Give a list of names") from None
+        for row, name in enumerate(names.tolist()):
+            if name is None or name != name:  # nan, which is no number, as data frames have it
+                raise InputError(f"kind of {self.name} has no name in row {row}", mend="Give one")
         self.kinds = tuple(map(str, names.tolist()))
 
     def _read_array(self, name: str, heading: str, quantity: Quantity | None) -> Array:

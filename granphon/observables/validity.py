@@ -116,7 +116,7 @@ def validity(state: Any) -> Validity:
     - "balance", "torques": the largest sum of the static forces on a ball over the mean force of a
       contact, without the acceleration that weights give, and that of the torques; ``typical`` is
       the rms. Where tangential forces are not known, or ends are open, only with prestress; torques
-      not where contacts resist rolling or twist;
+      not where contacts resist rolling or twist and their static torques are not known;
     - "law", "scatter": of a network that was read, the force over that of the law at the overlap of
       the places, of contacts with the median force or more: the median, less one, and the median
       deviation of the inverse. "single forces": number of contacts for which that ratio is ten, or

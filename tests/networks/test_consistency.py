@@ -217,15 +217,18 @@ def test_a_contact_with_a_wall_is_one_of_one_ball():
     places = np.outer([0.0, 1.0, 2.0, 3.0], [2e-3, 0.0, 0.0])
     mass = np.array([np.inf, 1.0, 1.0, np.inf])
     balls = {"x": places[:, 0], "y": places[:, 1], "radius": np.full(4, 1e-3), "mass": mass}
-    contacts = {"i": [0, 1, 2], "j": [1, 2, 3], "normal_force": [1.0] * 3}
-    contacts |= {"normal_stiffness": [1e6] * 3, "shear_stiffness": [0.0] * 3}
+    # the walls touch each other, too, which holds no ball
+    balls = {name: np.append(values, values[-1]) for name, values in balls.items()}
+    balls["y"][-1] = 2e-3
+    contacts = {"i": [0, 1, 2, 3], "j": [1, 2, 3, 4], "normal_force": [1.0] * 4}
+    contacts |= {"normal_stiffness": [1e6] * 4, "shear_stiffness": [0.0] * 4}
     network = gp.ContactNetwork.from_table(balls, contacts)
     assert network.coordination == 2.0
     check = {each.name: each for each in compare_numbers(network)}["contacts"]
     # four displacements against three contacts, which have four ends at balls that move
     assert (check.value, check.limit) == (2.0, pytest.approx(4.0 / 3.0 * 2.0))
     assert check.reason.startswith("1 mode")
-    held = replace(network, on_site=np.full((4, network.named_motions.count), [0.0, 1.0, 0.0]))
+    held = replace(network, on_site=np.full((5, network.named_motions.count), [0.0, 1.0, 0.0]))
     check = {each.name: each for each in compare_numbers(held)}["contacts"]
     assert check.holds
     assert check.limit == pytest.approx(4.0 / 3.0)

@@ -382,6 +382,16 @@ BAD_DUMPS = {
     ),
     "step": (spoil(), {"step": 3}, "no time step 3. It has .* alone"),
     "units": (spoil((1, r"\A", "ITEM: UNITS\ncgs\n")), {}, "in units si, and .* in units cgs"),
+    "units of lj": (
+        spoil((0, r"UNITS\nsi", "UNITS\nlj")),
+        {},
+        "says that its units are 'lj'.*=gp.Units",
+    ),
+    "units of metals": (
+        spoil((0, r"UNITS\nsi", "UNITS\nmetal")),
+        {},
+        "are 'metal'.* Write it in si",
+    ),
     "units given": (spoil(), {"units": "cgs"}, "units are si, and units='cgs'"),
     "units of pairs": (
         spoil((0, r"ITEM: UNITS\nsi\n", ""), (1, r"\A", "ITEM: UNITS\nsi\n")),

@@ -289,6 +289,18 @@ def test_balls_that_weak_contacts_hold_are_kept():
         np.testing.assert_allclose(gp.Waves(row).modes(modes).frequencies, wanted, rtol=1e-12)
 
 
+def test_contacts_that_adhere_hold_balls_without_a_force():
+    """Of a lattice in which one contact presses, some pull and the others have no force."""
+    packing = gp.Packing(gp.Material(70e9, 0.2, 2500.0), 2e-3)
+    network = gp.AveragedLattice(packing).at_force(10.0).network.repeat((4, 4))
+    force = np.where(network.normal[:, 0] > 0.9, -1.0, 0.0)
+    force[np.argmin(network.normal[:, 0])] = 1.0
+    network = replace(network, adhesive=True, normal_force=force)
+    assert not network.rattlers.size
+    pressed = replace(network, adhesive=False, normal_force=np.maximum(force, 0.0))
+    assert pressed.rattlers.size == network.n_balls
+
+
 def test_rattlers_are_found_one_after_the_other():
     """A tail of two balls on a hexagon of seven; the ball at its end is loose first, and so the
     next.
@@ -768,6 +780,9 @@ def test_what_a_network_may_be():
     assert listed == network
     alone = network.select([3])
     assert (alone.n_balls, alone.n_contacts, alone.coordination) == (1, 0, 0.0)
+    # a file may list walls alone, which have no size to draw or to write
+    with pytest.raises(InputError, match="no ball"):
+        replace(alone, radii=[np.inf], masses=[np.inf], inertias=[np.inf])
     with pytest.raises(gp.GranphonError, match="no ball"):
         replace(
             alone,

@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 
 import granphon as gp
 from granphon.base.errors import InconsistencyWarning, InputError, OutputError, StoppedEarlyWarning
+from granphon.networks import dumps as dumps_of_programs
 from granphon.networks.sources import Completion
 from tests import packings
 from tests.networks import written
@@ -219,6 +220,28 @@ def test_times_of_mercury_follow_each_other(tmp_path):
     assert list(whole) == [0.0, 0.25, 0.4]
     with pytest.raises(InputError, match="one time"):
         next(gp.ContactNetwork.series("mercury", fstat, restart, **options))
+    with pytest.raises(InputError, match="Leave time out"):
+        next(gp.ContactNetwork.series("mercury", "nowhere", "nowhere", time=0.25, **options))
+
+
+def test_a_series_reads_the_file_of_walls_once(tmp_path, monkeypatch):
+    names = ("atoms", "pairs", "walls")
+    for name in names:
+        text = (packings.FOLDER / f"liggghts_floor_{name}.dump").read_text()
+        frames = [re.sub(r"TIMESTEP\n\d+", f"TIMESTEP\n{step}", text) for step in (3, 5)]
+        (tmp_path / name).write_text("".join(frames))
+    opened = []
+    open_lines = dumps_of_programs.open_lines
+    monkeypatch.setattr(
+        dumps_of_programs, "open_lines", lambda path: opened.append(path) or open_lines(path)
+    )
+    atoms, pairs, walls = (tmp_path / name for name in names)
+    options = {"material": GLASS, "walls": walls, "keywords": "pos id force delta"}
+    found = dict(gp.ContactNetwork.series("liggghts", atoms, pairs, **options))
+    assert list(found) == [3, 5]
+    assert found[3] == found[5]
+    assert np.any(np.isinf(found[3].radii))
+    assert opened == [atoms, pairs, walls]
 
 
 # -- faults ----------------------------------------------------------------------------------------

@@ -961,3 +961,30 @@ def test_balls_without_contacts_are_written_as_a_frame(tmp_path):
     assert gp.ContactNetwork.from_table(*files, keep_rattlers=True) == network
     box = ase.io.read(files[0]).cell
     assert abs(np.linalg.det(box)) > 0.0
+
+
+@pytest.mark.parametrize(("column", "values"), [("shift_1", [0, 1]), ("tangential_x", [0.0, 5.0])])
+def test_contacts_that_cannot_be_are_left_out(column, values):
+    balls = {"x": [0.0, 1.99e-3, 3.98e-3], "y": [0.0] * 3, "radius": [1e-3] * 3}
+    contacts = {"i": [0, 1], "j": [1, 2], column: values}
+    options = {"material": GLASS, "keep_rattlers": True}
+    with pytest.raises(InputError, match="balls 1 and 2"):
+        gp.ContactNetwork.from_table(balls, contacts, **options)
+    with pytest.warns(InconsistencyWarning, match="left out"):
+        network = gp.ContactNetwork.from_table(balls, contacts, bad="drop", **options)
+    assert network.n_contacts == 1
+
+
+def test_balls_of_data_frames_without_a_kind_are_refused():
+    balls = {"x": [0.0, 3e-3], "radius": [1e-3] * 2}
+    for nothing in (None, np.nan):
+        kinds = {"kind": np.array(["glass", nothing], object)}
+        with pytest.raises(InputError, match="row 1"):
+            gp.ContactNetwork.from_table(balls | kinds, {"i": [], "j": []}, material=GLASS)
+
+
+def test_bodies_that_do_not_move_may_touch():
+    balls = {"x": [0.0, 2e-3], "radius": [1e-3] * 2, "mass": [np.inf] * 2}
+    contacts = {"i": [0], "j": [1], "normal_force": [1.0], "normal_stiffness": [1e6]}
+    network = gp.ContactNetwork.from_table(balls, contacts, friction=False, keep_rattlers=True)
+    assert (network.n_contacts, network.coordination) == (1, 0.0)
