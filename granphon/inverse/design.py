@@ -40,7 +40,8 @@ class Design(Result):
     variables : (n,) the values of the variables in this network, SI.
     labels : (n,) the names of the variables in messages.
     evaluations : number of evaluations of all starts.
-    start, start_value, start_variables : the given network, its goal, in ``unit``, and its variables.
+    start, start_value, start_variables : the given network, its goal, in ``unit``, and its
+        variables.
     bounds : (n, 2) the least and the greatest value of each variable.
     best_start : number of the start that is kept; 0 is the given network, others are random. Starts
         are first moved onto the sums of ``constraints``.
@@ -191,8 +192,8 @@ def choose_best(problem: Problem, found: Sequence[Found], warnings: Sequence[str
             variables = found[kept].best
             if kept != order[0]:
                 sentences.append(
-                    "on the finer mesh the gap of a better start is closed, or narrower than that of"
-                    " the given network"
+                    "on the finer mesh the gap of a better start is closed, or narrower than that"
+                    " of the given network"
                 )
     goal = problem.find_goal(kept)
     if found[kept].stopped:

@@ -268,8 +268,8 @@ class Problem:
         )
 
     def _meet_sums(self, values: Array) -> Array:
-        """Return the ``values`` (n,) of the variables, SI, or, if these do not have the sums, values
-        within the bounds that do. The values of a sum that is too small go equal parts of their
+        """Return the ``values`` (n,) of variables, SI, or, if these do not have the sums, values
+        within the bounds that have. The values of a sum that is too small go equal parts of their
         ways to their greatest values, those of a sum that is too large to their least values.
         """
         if self.keeps_sums(values):
