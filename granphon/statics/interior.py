@@ -113,8 +113,8 @@ def _choose_factor(fall: float, numbers: InteriorOptions) -> float:
     """Return the factor by which mu is lowered in a step, if the step before has lowered the mean
     of f s by the factor ``fall``: mu falls the faster, the more that mean has fallen.
     """
-    factor = max(numbers.least_factor, fall**numbers.speed)
-    return min(numbers.largest_factor, factor)
+    factor = math.pow(fall, numbers.speed)
+    return min(numbers.largest_factor, max(numbers.least_factor, factor))
 
 
 def _bring_near(f: Array, s: Array, mu: float, numbers: InteriorOptions) -> tuple[Array, Array]:
