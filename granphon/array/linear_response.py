@@ -42,7 +42,8 @@ def find_tensor_on_grid(stencils: Stencils, springs: Array) -> Array:
     """Return the (n, n) elastic tensor of an array in Voigt order, per d^p of its cells.
 
     ``springs`` (rows, L1, ..., Lp) are the stiffnesses of all deformations of the ``stencils``, and
-    the tensor is in the unit of these stiffnesses.
+    the tensor is in the unit of these stiffnesses. Errors are those of
+    :func:`find_linear_response`.
     """
     p = len(stencils.shape)
     gradients = stencils.strains()
@@ -76,11 +77,12 @@ def find_linear_response(
     ``forces`` f on balls, (fields, L1, ..., Lp) in the coordinates of motions.
 
     The stiffnesses ``springs`` are (rows, L1, ..., Lp), zero where balls are apart; such contacts
-    exert no force. The error of u in the norm of the energy is about ``reduction`` times u.
+    exert no force. The error of u in the norm of the energy, as the preconditioner estimates it, is
+    about ``reduction`` times u.
     ``tensions`` is the sum of the squares of the tensions of contacts that make the forces, over
     the square of the mean stiffness: forces as small as the rounding of these tensions count as
-    zero. Raises
-    :class:`~granphon.base.errors.ConvergenceError` if conjugate gradients do not converge.
+    zero. Raises :class:`~granphon.base.errors.ConvergenceError` if conjugate gradients do not
+    converge.
     """
     mean = float(np.mean(springs[: stencils.n_contacts]))
     # divided by the mean, as single precision has no numbers below 1e-38

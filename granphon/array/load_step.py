@@ -284,7 +284,8 @@ class LoadStep:
 
         The iteration ends in balance; where ``left`` and ``missed`` are at most ``enough``; where
         the residual is less than a ``share`` of the first one; where ``patience`` steps have not
-        halved it; and where the added stiffness has become too large. With a ``guess`` of the
+        halved it; where the balls have come apart; and where the added stiffness has become too
+        large. With a ``guess`` of the
         overlaps Coulomb's limit is fixed there.
         """
         last_size = math.inf
@@ -292,8 +293,8 @@ class LoadStep:
         slow = False  # whether the last step was a whole one and left much
         aim = share * trial.size
         for count in range(most):
-            if trial.is_balanced or trial.size < aim or trial.left == math.inf:
-                # nothing is in contact
+            has_come_apart = trial.left == math.inf
+            if trial.is_balanced or trial.size < aim or has_come_apart:
                 break
             if max(trial.left, trial.missed) <= enough:
                 break
@@ -381,8 +382,9 @@ class LoadStep:
         normal = forces
         shears = contacts.shears
         if self._drag:  # dashpots resist the motion of neighbours against each other in the step
-            loss = contacts.overlaps - start.overlaps - (overlap - self._here.overlap)
-            normal = forces + self._drag * loss
+            # what the motion of balls adds to overlaps
+            gain = contacts.overlaps - start.overlaps - (overlap - self._here.overlap)
+            normal = forces + self._drag * gain
             shears = shears + stencils.mindlin_ratio * self._drag * (contacts.slips - start.slips)
         on_balls = place.push(normal, shears)
         pull = self._geometry.collect_forces(*on_balls)

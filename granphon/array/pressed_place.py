@@ -39,7 +39,7 @@ class PressedGeometry:
 
     Raises
     ------
-    InputError : a ratio that is not from zero to :data:`~granphon.array.geometry.LARGEST_RATIO`.
+    InputError : a ratio that is not from zero to :data:`~granphon.array.options.LARGEST_RATIO`.
     """
 
     def __init__(self, stencils: Stencils, deviations: Array, ratio: float = 0.0) -> None:
@@ -195,8 +195,6 @@ class PressedPlace:
         """Return the vectors (contacts, 3), along the axes of space, of tangential forces whose
         components along the two tangents are ``shears`` (n_s, n_c, L1, ..., Lp).
         """
-        from granphon.contacts import slips  # imported here: averages need no Numba
-
         vectors = np.empty_like(self.configuration.normal)
         slips.turn_shears(self.configuration, by_contact(shears, len(shears)), vectors)
         return vectors
@@ -211,8 +209,6 @@ class PressedPlace:
         - T).e over contacts, with the normal forces ``forces`` (n_c, L1, ..., Lp) and the
         tangential ones ``shears`` (n_s, n_c, L1, ..., Lp).
         """
-        from granphon.contacts import slips  # imported here: averages need no Numba
-
         if not self.geometry.ratio:
             return float(np.mean(forces))
         works = slips.sum_works(

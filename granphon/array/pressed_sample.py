@@ -289,8 +289,8 @@ class PressedSample(Sample):
 
         The bins reach from 0 to ``largest``, by default mu, or 1 if mu is zero or above 1. Contacts
         that slide have the ratio mu. Over all ratios the density integrates to one. Raises
-        :class:`~granphon.base.errors.InputError` if ``bins`` is no whole number above zero, or
-        ``largest`` not above zero.
+        :class:`~granphon.base.errors.InputError` if ``bins`` is no whole number from 1 to a
+        million, or ``largest`` not above zero.
         """
         contacts = self.equilibrium.contacts
         mu = self.equilibrium.friction_coefficient
@@ -305,7 +305,7 @@ class PressedSample(Sample):
 
         It is over the contacts that carry load; sliding contacts are in the last bin. Raises
         :class:`~granphon.base.errors.InputError` if mu is zero or infinite, or ``bins`` no whole
-        number above zero.
+        number from 1 to a million.
         """
         equilibrium = self.equilibrium
         contacts = equilibrium.contacts

@@ -11,6 +11,7 @@ in the directions of the lattice their length does not matter, and is one. Eithe
 
 from __future__ import annotations
 
+import math
 from dataclasses import fields, replace
 
 import numpy as np
@@ -79,8 +80,8 @@ def equilibrate(
         lattice it is over the rms difference of contact forces if that is less: at high loads the
         effect of disorder is itself only a small part of the force. In the true geometry it is
         1e-4 W/d if that is less.
-    ratio : W/d, from zero to 0.2, in the true geometry; None where contacts keep the directions of
-        the lattice.
+    ratio : W/d, from zero to 0.2, in the true geometry, which at zero is that of the lattice; None
+        where contacts keep the directions of the lattice.
 
     Returns
     -------
@@ -89,20 +90,20 @@ def equilibrate(
 
     Raises
     ------
-    InputError : the sample carries no load at this overlap; or no start is given and the force is
-        below f* = 1e-8; or the ratio is too large.
+    InputError : the sample carries no load at this overlap; or no start is given, balls differ and
+        the force is below f* = 1e-8; or the ratio is below zero or too large.
     ConvergenceError : the tolerance is not reached; the message states the residual that is.
     """
     stencils = stencils or Stencils(deviations.shape)
+    require_small(ratio or 0.0)
     if ratio:
-        require_small(ratio)
         begin = start or _find_start(deviations, load, stencils)
         limit = max(LEAST_TOLERANCE, _OF_RATIO * ratio)
         tolerance = min(tolerance or REST_TOLERANCE, limit)
         return _rest_in_true_directions(deviations, load, stencils, begin, tolerance, ratio)
     if ratio is None:
         return _rest_on_lattice(deviations, load, stencils, start, tolerance or REST_TOLERANCE)
-    state = start or _rest_on_lattice(deviations, load, stencils, None, REST_TOLERANCE)
+    state = _rest_on_lattice(deviations, load, stencils, start, tolerance or REST_TOLERANCE)
     values = {field.name: getattr(state, field.name) for field in fields(Equilibrium)}
     return TrueEquilibrium(**values).share(deviations, stencils)
 
@@ -282,9 +283,10 @@ def find_residual(rest: Rest) -> float:
     """Return the largest force left on a ball over the mean force of all contacts.
 
     The residual of a ``rest`` is over the mean force of closed contacts, which is larger than that
-    of all by one over the part of contacts that are closed.
+    of all by one over the part of contacts that are closed. Infinite if all are open.
     """
-    return rest.residual / float(np.mean(rest.overlap > 0.0))
+    closed_share = float(np.mean(rest.overlap > 0.0))
+    return rest.residual / closed_share if closed_share else math.inf
 
 
 def gather_balls(rest: Rest, stencils: Stencils) -> Array:

@@ -178,7 +178,8 @@ class Sample(Result):
 
     def contact_fraction(self, threshold: float = COUNTED_FORCE) -> float:
         """Return N_c / z, the fraction of contacts that carry more than ``threshold`` times the
-        mean force (1e-6).
+        mean force (1e-6). Raises :class:`~granphon.base.errors.InputError` if ``threshold`` is
+        below zero.
         """
         least_part = not_negative("threshold", threshold)
         return float(np.mean(self.equilibrium.forces > least_part * self.equilibrium.force))
@@ -191,7 +192,7 @@ class Sample(Result):
 
         The bins reach from ``least`` to ``largest`` times the mean force; over all forces the
         density integrates to one. Raises :class:`~granphon.base.errors.InputError` if ``bins`` is
-        no whole number above zero, or the range is empty.
+        no whole number from 1 to a million, or the range is empty.
         """
         forces = self.equilibrium.forces
         forces = forces[forces > COUNTED_FORCE * self.equilibrium.force] / self.equilibrium.force

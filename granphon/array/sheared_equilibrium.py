@@ -68,7 +68,7 @@ def equilibrate_sheared(
     """
     if stencils.lattice.periods == 1 or not np.ptp(deviations):
         # a line cannot shear, and the stress of equal balls is hydrostatic already
-        return equilibrate(deviations, load, stencils)
+        return equilibrate(deviations, load, stencils, ratio=ratio or None)
     if load.overlap is None and load.force < THRESHOLD_FORCE:
         raise explain_too_small(load.force)
     search = _PressureSearch(deviations, ratio, stencils)

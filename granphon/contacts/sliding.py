@@ -3,8 +3,8 @@ are those of :mod:`granphon.contacts.friction`.
 
 Arguments that all loops have are the law's numbers ``eta`` and ``mu``; the state before the step,
 ``old_overlaps`` (n_c,), ``old_slips`` and tangential forces ``old_shears`` (n_s, n_c); and the
-``overlaps`` (n_c,) and ``slips`` (n_s, n_c) at its end. The root of an overlap h is r = h_+^(1/2);
-the stiffness is k = (3/2) r, and the normal force r^3.
+``overlaps`` (n_c,) and ``slips`` (n_s, n_c) at its end; n_s is 1 in a plane, 2 in space. The root
+of an overlap h is r = h_+^(1/2); the stiffness is k = (3/2) r, and the normal force r^3.
 """
 
 from __future__ import annotations
@@ -164,10 +164,6 @@ def sum_losses(
 ) -> tuple[float, float]:
     """Return the two energies that all contacts together lose along the straight line of a step:
     by sliding, and by the law of the tangential force.
-
-    ``old_overlaps`` and ``overlaps`` (n_c,) are the overlaps before and after the step, ``slips``
-    (s, n_c) the slips, and ``old_shears`` (s, n_c) the tangential forces before the step; ``eta``
-    and ``mu`` are the law's stiffness ratio and friction coefficient.
     """
     slid = 0.0
     loosened = 0.0
@@ -181,20 +177,20 @@ def sum_losses(
         closed_share = 1.0
         if old == 0.0 or new == 0.0:
             closed_share = (new * new - old * old) / (overlaps[c] - old_overlaps[c])
-        elastic_square = 0.0
+        bent_square = 0.0
         product = 0.0
         slip_square = 0.0
         for s in range(len(slips)):
             # T/r before the step
-            elastic_slip = old_shears[s, c] / old if old > 0.0 else 0.0
+            bent = old_shears[s, c] / old if old > 0.0 else 0.0
             slip = closed_share * (slips[s, c] - old_slips[s, c])
-            elastic_square += elastic_slip * elastic_slip
-            product += elastic_slip * slip
+            bent_square += bent * bent
+            product += bent * slip
             slip_square += slip * slip
         if new > old:
-            losses = _lose_rising(old, new, elastic_square, product, slip_square, eta, mu)
+            losses = _lose_rising(old, new, bent_square, product, slip_square, eta, mu)
         else:
-            losses = _lose_falling(old, new, elastic_square, product, slip_square, eta, mu)
+            losses = _lose_falling(old, new, bent_square, product, slip_square, eta, mu)
         slid += losses[0]
         loosened += losses[1]
     return slid, loosened

@@ -24,9 +24,6 @@ from granphon.inverse.search import Found, Numbers, Parameters, Problem
 from granphon.inverse.variables import RESTARTS, SEED, STEPS, read_bounds
 from granphon.networks.network import ContactNetwork, given_network
 
-#: relative distance of a sum from its total that is rounding
-_ROUNDING = 1e-9
-
 
 @result_class
 class Design(Result):
@@ -43,9 +40,11 @@ class Design(Result):
     variables : (n,) the values of the variables in this network, SI.
     labels : (n,) the names of the variables in messages.
     evaluations : number of evaluations of all starts.
-    start, start_value, start_variables : network, goal and variables with which the search began.
+    start, start_value, start_variables : the given network, its goal, in ``unit``, and its
+        variables.
     bounds : (n, 2) the least and the greatest value of each variable.
-    best_start : number of the start that is kept; 0 is the given network, others are random.
+    best_start : number of the start that is kept; 0 is the given network, others are random. Starts
+        are first moved onto the sums of ``constraints``.
     starts : (s,) the best value of the goal, in ``unit``, that each start has met, of those starts
         that met a network with a value; for a gap its smooth width. If several agree, there is
         probably no better one.
@@ -96,7 +95,8 @@ def design(
         the springs to the ground against all displacements of a ball).
     bounds : (low, high) of each variable, in SI; of several names a mapping.
     constraints : {name: sum}, SI: the values of this name, added up over all balls or contacts,
-        keep this sum.
+        keep this sum. Searches begin at networks that have it: a given network, or a random one,
+        that does not is changed first.
     per : "each": every ball or contact has a variable of its own. "kind": all balls of a kind, or
         all contacts of a pair of kinds, have one variable together.
     restarts : number of searches from random starts, after that from the given network.
@@ -175,20 +175,26 @@ def choose_best(problem: Problem, found: Sequence[Found], warnings: Sequence[str
     variables = found[kept].best
     value = best_of[kept]
     start = space.make_network(space.start)
-    start_value = float(found[0].history[0])
+    # a search from a network without the sums has begun at another one
+    begins_there = problem.keeps_sums(space.start)
+    start_value = float(found[0].history[0]) if begins_there else problem.start_value
     sentences = list(warnings)
     if hasattr(problem.goals[0], "certify"):
         start_value = float(problem.goals[0].certify(start))
         certified = _certify(problem, found, order, start_value)
         if certified is None:
+            kept = 0
             variables = space.start
             value = start_value
             sentences.append("no start widens the gap of the given network, which is kept")
         else:
             kept, value = certified
             variables = found[kept].best
-        if kept != order[0]:
-            sentences.append("the gap of a better start closes on the finer mesh")
+            if kept != order[0]:
+                sentences.append(
+                    "on the finer mesh the gap of a better start is closed, or narrower than that"
+                    " of the given network"
+                )
     goal = problem.find_goal(kept)
     if found[kept].stopped:
         sentences.append(f"the search ended early, and its best is kept: {found[kept].stopped}")
@@ -231,10 +237,6 @@ def _certify(
         value = float(problem.find_goal(number).certify(network))
         if value > 0.0 and value >= start_value:
             return number, value
-    keeps_sums = all(
-        abs(weights @ problem.space.start - total) <= _ROUNDING * total
-        for weights, total in problem.sums
-    )
-    if start_value > 0.0 and keeps_sums:
+    if start_value > 0.0 and problem.keeps_sums(problem.space.start):
         return None
     return order[0], 0.0

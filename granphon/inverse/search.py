@@ -41,6 +41,8 @@ _LEAST_VALUE = 1e-4
 _INSIDE = 1e-6
 #: names of the derivatives that a goal may return
 _DERIVATIVES = tuple(field.name for field in fields(Sensitivities))
+#: distance of a sum from its total, over the greatest sum within the bounds, that is rounding
+_ROUNDING = 1e-9
 #: most variables that a message names
 _NAMED = 6
 
@@ -159,7 +161,8 @@ class Problem:
     goals : one goal; or several, gaps above different numbers of branches, which the starts take
         in turn.
     sums : weights (n,) and total of each sum over the variables that is kept.
-    count : number of starts; start 0 is the given network, and the others are random.
+    count : number of starts; start 0 is the given network, and the others are random. All are moved
+        onto the sums, see :meth:`search`.
     seed : of the random starts.
     steps : most steps of the search from each start.
     """
@@ -255,18 +258,45 @@ class Problem:
         random = np.random.default_rng((self.seed, number))
         return random.uniform(self.space.low, self.space.high)
 
+    def keeps_sums(self, values: Array) -> bool:
+        """Return whether the ``values`` (n,) of the variables, SI, have the :attr:`sums`, but for
+        rounding.
+        """
+        return all(
+            abs(weights @ values - total) <= _ROUNDING * (weights @ self.space.high)
+            for weights, total in self.sums
+        )
+
+    def _meet_sums(self, values: Array) -> Array:
+        """Return the ``values`` (n,) of variables, SI, or, if these do not have the sums, values
+        within the bounds that have. The values of a sum that is too small go equal parts of their
+        ways to their greatest values, those of a sum that is too large to their least values.
+        """
+        if self.keeps_sums(values):
+            return values
+        met = values.copy()
+        for weights, total in self.sums:
+            lack = total - weights @ met
+            ends = self.space.high if lack > 0.0 else self.space.low
+            ways = np.where(weights > 0.0, ends - met, 0.0)
+            reach = weights @ ways
+            if reach:
+                met += lack / reach * ways
+        return met
+
     def find_goal(self, number: int) -> Any:
         """Return the goal of the start of this ``number``."""
         return self.goals[number % len(self.goals)]
 
     def search(self, number: int) -> Found:
         """Search from the start of this ``number``, and return what is found; start 0 is the given
-        network.
+        network. A start without the sums is first moved within the bounds until it has them, as
+        only networks with the sums may be kept as the best.
 
         The search ends early at a network without a value, as one that is not stable, and what it
-        has found before is kept. If the given network itself has no value, the error is raised.
+        has found before is kept. If start 0 itself has no value, the error is raised.
         """
-        start = self._draw_start(number) if number else self.space.start
+        start = self._meet_sums(self._draw_start(number) if number else self.space.start)
         search = _Search(self.space, self.find_goal(number), self.sums)
         search.run(start, self.steps, must_start=not number)
         return Found(np.array(search.history), search.best, search.stopped)
@@ -355,15 +385,16 @@ class _Search:
     def _descend(self, start: Array, steps: int) -> None:
         """Minimise the goal, or its negative, from a ``start`` (n,), SI, in at most so many
         ``steps``: by sequential quadratic programming if sums are kept, else by L-BFGS. The
-        evaluations are recorded.
+        evaluations are recorded. They all have the sums, which are linear, as the start has them.
         """
         from scipy.optimize import LinearConstraint, minimize
 
-        # each sum over its total is one
-        constraints = [
-            LinearConstraint(weights * self._scale / total, 1.0, 1.0)
-            for weights, total in self.sums
-        ]
+        # each sum is over the greatest one within the bounds: its total may be zero
+        constraints = []
+        for weights, total in self.sums:
+            greatest = float(weights @ self.space.high)
+            row = weights * self._scale / greatest
+            constraints.append(LinearConstraint(row, total / greatest, total / greatest))
         search: Any = minimize
         with warnings.catch_warnings():
             # older versions of SciPy step out of the bounds by rounding, and clip the step

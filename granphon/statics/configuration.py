@@ -61,7 +61,8 @@ class AppliedLoad:
     ----------
     force : (n d + k,) forces on the balls, then on the walls, N.
     words : what messages call the load.
-    stress : (p, p) stress of the cell, tension above zero; None of a cell whose strain is given.
+    stress : (p, p) stress of the cell, tension above zero; None of a cell whose strain, or whose
+        mean force of contacts, is given.
     strain : (p, p) the given strain; zeros if the strain is free.
     shears : whether a cell whose strain is given shears beside, until its stress is hydrostatic; in
         the directions of the lattice alone, where shears keep the size of the cell.

@@ -94,9 +94,11 @@ class Descent(ABC, Generic[P]):
 
     def run(self, start: Rest | None) -> Rest:
         """Return the state at rest to which the way leads from a ``start``, or from where
-        :meth:`begin` says; raise the error of :meth:`_explain_failure` if it does not lead to rest.
+        :meth:`begin` says; raise the error of :meth:`_explain_failure` if it does not lead to rest,
+        or that of a step that finds the reason before.
 
-        At rest at a saddle of the energy the way goes on downhill, with a new trail.
+        Steps and iterations are counted, and places added to the trail. At rest at a saddle of the
+        energy the way goes on downhill, with a new trail.
         """
         place = self.begin(start)
         for _ in range(self.options.steps):
@@ -137,7 +139,9 @@ class Descent(ABC, Generic[P]):
         return False
 
     def _prepare(self, place: P) -> P:
-        """Return the place from which the next step begins."""
+        """Return the place from which the next step begins. A way that prepares its places
+        otherwise says what else this changes, or raises.
+        """
         return place
 
     @abstractmethod

@@ -18,15 +18,17 @@ _UNITS = ("", "N", "N/m", "Pa")
 def find_typical_force(problem: Problem) -> float:
     """Return an estimate of the size of contact forces under a load, N, with which a search begins.
 
-    A stress with a pressure gives the estimate by the virial; so does the size of another stress
-    where there are bonds. Otherwise the forces on balls and walls give the estimate, and without
-    these the largest tension that contacts bear by adhesion, which is zero where they do not
-    adhere.
+    A given mean force is the estimate itself. A stress with a pressure gives the estimate by the
+    virial; so does the size of another stress where there are bonds. Otherwise the forces on balls
+    and walls give the estimate, and without these the largest tension that contacts bear by
+    adhesion, which is zero where they do not adhere.
     """
     assembly = problem.assembly
     laws = problem.assembly.laws
     stress = problem.load.stress
     virial = assembly.n_contacts * assembly.mean_distance
+    if problem.load.mean_force is not None:
+        return problem.load.mean_force
     if stress is not None and assembly.periods:
         pressing = -float(np.trace(stress))
         if pressing > 0.0:
@@ -42,7 +44,8 @@ def find_typical_force(problem: Problem) -> float:
 
 def _find_bearing(problem: Problem) -> tuple[bool, str]:
     """Return whether contacts can bear the load, and, if not, a sentence on the pressure from all
-    sides with which they could; an empty text if there is no such pressure.
+    sides with which they could; an empty text if there is no such pressure. A load that is not
+    proven to be more than they can bear counts as borne.
 
     A linear programme seeks forces of contacts that balance the load, none with more tension than
     its contact bears. A second one seeks the least pressure that makes such forces possible.
@@ -65,7 +68,8 @@ def _find_bearing(problem: Problem) -> tuple[bool, str]:
         bounds += [(0.0, None)] * (columns.shape[1] - len(least))
         return linprog(cost, A_eq=columns, b_eq=right, bounds=bounds, method="highs")
 
-    if search(press, np.zeros(press.shape[1])).status == 0:
+    # 2: there are no such forces; other numbers: they are found, or the search has failed
+    if search(press, np.zeros(press.shape[1])).status != 2:
         return True, ""
     if not len(problem.unit_strains):
         return False, ""
@@ -76,7 +80,7 @@ def _find_bearing(problem: Problem) -> tuple[bool, str]:
     cost = np.zeros(press.shape[1] + 1)
     cost[-1] = 1.0
     answer = search(hstack([press, csr_array(sides[:, None])]), cost)
-    if answer.status != 0:
+    if not answer.success:
         return False, ""
     pressure = answer.x[-1] * size / assembly.measure
     # without forces of contacts the pressure only takes the load off, and more of it is needed
@@ -94,9 +98,10 @@ def explain(
 ) -> InputError | ConvergenceError:
     """Return the error of a load that the assembly has not come to rest under.
 
-    It is an InputError if contacts cannot bear the load, if all are open (``opened``), if a law
-    does not reach the forces, or if stiffnesses or forces differ too much; else a
-    ConvergenceError. ``residual`` is the largest force left on a ball, over the mean force.
+    It is an InputError if contacts cannot bear the load, if all are open or bear nothing
+    (``opened``), if a law does not reach the forces, or if stiffnesses or forces differ too much;
+    else a ConvergenceError. ``residual`` is the largest force left on a ball, over the mean force;
+    None if it is not known.
     """
     assembly = problem.assembly
     laws = assembly.laws
@@ -119,8 +124,10 @@ def explain(
                 f"the crystal cannot bear {words}", *(problem.load.lift or (why, mend))
             )
     if opened:
-        why = "Balls that do not touch have no stiffness"
-        return InputError(f"all contacts are open under {words}", why, "Press them")
+        why = "The balls do not touch, or too few do to hold each other"
+        return InputError(
+            f"contacts are open or bear nothing under {words}", why, "Press the balls"
+        )
     size = find_typical_force(problem)
     with np.errstate(all="ignore"):
         reached = laws.overlap(np.full(laws.count, size))
@@ -134,7 +141,7 @@ def explain(
     kinds = "contacts and springs" if np.any(np.isinf(laws.tension)) else "contacts"
     for quantity, values, most in (
         (f"the stiffnesses of {kinds}", stiffness, options.most_ratio_of_stiffnesses),
-        ("the forces of the load on balls", forces, options.most_ratio_of_forces),
+        ("the forces of the load, each as on a ball,", forces, options.most_ratio_of_forces),
     ):
         present = values[values > 0.0]
         ratio = float(np.max(values) / np.min(present)) if present.size else 0.0

@@ -247,7 +247,8 @@ class GridDescent(Descent[GridPlace]):
     def begin(self, start: Rest | None) -> GridPlace:
         """Return the place at which the way begins: near rest, to where the interior-point method
         leads, if that method serves and finds rest; otherwise that of ``start``; without a start
-        that of :meth:`_find_first_displacements`.
+        that of :meth:`_find_first_displacements`. Steps and iterations of the interior-point method
+        are counted.
         """
         problem = self.problem
         balls = np.zeros((problem.n_fields, problem.grid.n_cells))

@@ -100,9 +100,10 @@ class GridIteration:
     def solve(self, forces: Array, reduction: float, most: int, noise: float) -> GridSolution:
         """Return the motions under ``forces`` (n, m, k), of k right sides.
 
-        The error of motions in the norm of the energy is to fall by ``reduction`` within ``most``
-        iterations. Forces below ``noise``, over the mean stiffness, are rounding. Right sides of a
-        large grid are solved one after the other, for the sake of memory.
+        The error of motions in the norm of the energy, which the preconditioner estimates, is to
+        fall by ``reduction`` within ``most`` iterations, in sum over the right sides that are
+        solved together. Forces below ``noise``, over the mean stiffness, are rounding. Right sides
+        of a large grid are solved one after the other, for the sake of memory.
         """
         together = forces.shape[-1] if len(forces) <= self._together else 1
         solutions = [

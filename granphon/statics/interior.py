@@ -27,6 +27,7 @@ from granphon.balls import hertz
 from granphon.base.arrays import Array
 from granphon.statics.grid_problem import GridProblem, Unknowns
 from granphon.statics.lattice_equations import LatticeEquations, Preconditioners
+from granphon.statics.options import InteriorOptions
 
 
 def approach(
@@ -39,10 +40,13 @@ def approach(
     """Return displacements (f, cells) and strains (s,) near rest, and the numbers of steps and
     iterations that led there; the way begins at the displacements ``balls`` and at ``strains``.
 
-    The result is None if no rest is near after ``steps`` of the options, or if the mean force falls
-    to nothing: rest may be at the threshold itself, or there may be none. ``is_fresh`` says whether
-    the balls begin on their sites, rather than at rest under another load. The iterations are
-    counted by ``inverses``.
+    The ``equations`` are those of the problem, with the options, and the ``inverses`` precondition
+    them and count the iterations. ``is_fresh`` says whether the balls begin on their sites, rather
+    than at rest under another load.
+
+    The result is None if no rest is near after ``steps`` of the options, if the balls are not in
+    balance where the method ends, or if the mean force falls to nothing: rest may be at the
+    threshold itself, or there may be none.
     """
     problem = equations.problem
     numbers = equations.options.interior
@@ -61,13 +65,11 @@ def approach(
         left = problem.find_largest(problem.collect(f)) / mean
         if relative <= numbers.close:
             return (balls, strains, step, taken) if left <= numbers.balanced else None
-        # mu falls the faster, the more it fell in the step before; forces must keep up with it
         factor = numbers.largest_factor
         if step:
-            factor = max(numbers.least_factor, (product / before) ** numbers.speed)
-            factor = min(numbers.largest_factor, factor)
-        if step and left > numbers.too_far * math.sqrt(relative):
-            factor = 1.0
+            # forces must keep up with mu
+            lags = left > numbers.too_far * math.sqrt(relative)
+            factor = 1.0 if lags else _choose_factor(product / before, numbers)
         mu = factor * product
         before = product
         # Newton's equations without f and s: stiffness K, and tensions that drive the motion
@@ -99,17 +101,31 @@ def approach(
         # a whole step, but for those f and s that it would make too small
         f = np.maximum(f + change, numbers.kept * f)
         s = np.maximum(s + widening, numbers.kept * s)
-        # the smaller of f^(2/3) and s is moved where their product is too far from mu: a step that
-        # leaves the products of some contacts far from the others' makes the next steps short or
-        # wrong
-        wanted = np.clip(f * s, numbers.least_product * mu, numbers.largest_product * mu)
-        is_open = hertz.overlap_of(f) < s
-        f, s = np.where(is_open, wanted / s, f), np.where(is_open, s, wanted / f)
+        f, s = _bring_near(f, s, mu, numbers)
         strains = strains + motion.strains
         balls = balls + motion.balls
         taken = taken + count
         h = _find_overlaps(problem, balls, strains)
     return None
+
+
+def _choose_factor(fall: float, numbers: InteriorOptions) -> float:
+    """Return the factor by which mu is lowered in a step, if the step before has lowered the mean
+    of f s by the factor ``fall``: mu falls the faster, the more that mean has fallen.
+    """
+    factor = math.pow(fall, numbers.speed)
+    return min(numbers.largest_factor, max(numbers.least_factor, factor))
+
+
+def _bring_near(f: Array, s: Array, mu: float, numbers: InteriorOptions) -> tuple[Array, Array]:
+    """Return forces f and gaps s (kinds, cells) whose products are not far from ``mu``: where they
+    are, the smaller of f^(2/3) and s is changed.
+
+    Products of some contacts far from those of the others would make the next steps short or wrong.
+    """
+    wanted = np.clip(f * s, numbers.least_product * mu, numbers.largest_product * mu)
+    is_open = hertz.overlap_of(f) < s
+    return np.where(is_open, wanted / s, f), np.where(is_open, s, wanted / f)
 
 
 def _find_overlaps(problem: GridProblem, balls: Array, strains: Array) -> Array:

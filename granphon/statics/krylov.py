@@ -19,7 +19,7 @@ def conjugate_gradients(
     it; otherwise x is that of the last iteration.
 
     ``apply`` multiplies by A, and ``precondition`` by an approximate inverse of A; both are
-    symmetric and positive definite. The residual is not lowered below
+    symmetric and positive definite. The residual A x - right is not lowered below a norm of
     ``floor``, which is rounding. Where A has no curvature above zero along a direction of the
     search, what is left is rounding or costs nothing, and counts as reached.
     """
@@ -28,9 +28,11 @@ def conjugate_gradients(
     aim = max(reduction * float(np.linalg.norm(right)), floor)
     search = np.zeros_like(right)
     product = math.inf
-    for _ in range(most):
+    for count in range(most + 1):
         if float(np.linalg.norm(residual)) <= aim:
             return solution, True
+        if count == most:
+            break
         better = precondition(residual)
         last = product
         product = float(residual @ better)

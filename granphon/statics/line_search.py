@@ -58,7 +58,7 @@ def find_length(
     longest: float = math.inf,
 ) -> float:
     """Return the length of a step at which the slope of the energy has at most a ``part`` of its
-    ``first`` size, or else the last of at ``most`` so many that are tried.
+    ``first`` size, or else the last length that is tried, of which there are at most ``most``.
 
     ``measure`` returns the slope at a length, below zero at first, and what finds its derivative.
     Lengths up to the ``longest`` are tried by Newton's method in one dimension, within brackets.

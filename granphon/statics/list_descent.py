@@ -77,7 +77,7 @@ class LatticeWay:
     :class:`~granphon.statics.line_search.Way`.
     """
 
-    def __init__(self, start: Configuration, step: Array) -> None:
+    def __init__(self, start: Configuration, step: Array, options: RestOptions) -> None:
         self._start = start
         self._step = step
         #: (n_c,) what contacts lose of their overlaps along the whole step, m
@@ -87,10 +87,11 @@ class LatticeWay:
         self.longest = math.inf
         laws = start.problem.assembly.laws
         if laws.adhere:
-            # no contact may be torn: at most nine tenths of the length at which the first is
+            # no contact may be torn: at most a part of the length at which the first is
             parting = self._loss > 0.0
             room = (start.overlap - laws.least)[parting] / self._loss[parting]
-            self.longest = max(0.9 * float(np.min(room, initial=math.inf)), 1e-9)
+            part = options.untorn * float(np.min(room, initial=math.inf))
+            self.longest = max(part, options.shortest)
 
     def go(self, length: float) -> Configuration:
         """Return the configuration at a length."""
@@ -133,12 +134,27 @@ class LatticeDescent(ListDescent):
         """
         problem = self.problem
         if start is not None:
-            return problem.start_at(find_unknowns(problem, start), start.overlap.copy())
+            return self._take_up(start)
         untouched = problem.start_at(np.zeros(problem.size))
         presses_on_sites = not problem.load.acts and untouched.mean > 0.0
         if problem.load.is_given or presses_on_sites:
             return untouched
         return self._relax_springs(untouched)
+
+    def _take_up(self, start: Rest) -> Configuration:
+        """Return the configuration at the displacements of a ``start``, with the overlaps of the
+        start; where the strain of the cell has to be another one, by its difference smaller.
+        """
+        problem = self.problem
+        x = find_unknowns(problem, start)
+        p = problem.assembly.periods
+        change = problem.find_strain(x) + problem.given_strain
+        change[:p, :p] -= start.strain
+        overlap = start.overlap.copy()
+        # the overlaps of the start have digits that a difference of rounding would spoil
+        if np.any(np.abs(change) > ROUNDING * np.max(np.abs(start.strain), initial=0.0)):
+            overlap -= problem.measure_losses(np.zeros(problem.size), strain=change)
+        return problem.start_at(x, overlap)
 
     def _relax_springs(self, untouched: Configuration) -> Configuration:
         """Return the configuration at rest of linear springs in place of the contacts, with the
@@ -221,9 +237,9 @@ class LatticeDescent(ListDescent):
         if closed.size:
             added = options.added * min(1.0, residual) * float(np.mean(closed))
         # far from rest a rough solution serves
-        reduction = max(0.1 * min(1.0, residual**0.5), options.reduction)
+        reduction = max(options.rough * min(1.0, residual**0.5), options.reduction)
         step = self._solve(place, stiffness + added, place.pull, reduction)
-        way = LatticeWay(place, step)
+        way = LatticeWay(place, step, options)
         if way.fall <= 0.0:  # the rounding of a state at rest
             return way.go(min(1.0, way.longest))
         part = 1.0 if residual < options.near else options.slope

@@ -247,6 +247,23 @@ class GridStep(NamedTuple):
     iterations: int
 
 
+class GridProbe(NamedTuple):
+    """What a search for a curvature below zero has found.
+
+    Attributes
+    ----------
+    way_down : (size,) a motion of balls along which the curvature of the energy is below zero; None
+        if none was met.
+    has_arrived : whether the response to the random forces was found, so that there is no such
+        motion.
+    iterations : their number.
+    """
+
+    way_down: Array | None
+    has_arrived: bool
+    iterations: int
+
+
 class GridEquations:
     """Newton's equations of balls whose contacts are a grid, by conjugate gradients with Green's
     function (:mod:`granphon.statics.grid_iteration`).
@@ -309,10 +326,10 @@ class GridEquations:
             step, solution.has_arrived, self._extend(solution.way_down), solution.iterations
         )
 
-    def probe(self, configuration: Configuration, most: int) -> GridStep:
+    def probe(self, configuration: Configuration, most: int) -> GridProbe:
         """Look for a motion along which the curvature of the energy is below zero, and return what
-        was found: ``way_down`` is such a motion, or None, and ``step`` (n d,) are the random forces
-        whose response was computed. Conjugate gradients meet such a motion if there is one.
+        was found in at most ``most`` iterations with each tangent. Conjugate gradients for the
+        response to random forces meet such a motion if there is one.
 
         The tangent of the last step serves if the stiffnesses have hardly changed since. If it does
         not, or if such a motion was met with it, the tangent is made anew, with weak springs at
@@ -337,7 +354,7 @@ class GridEquations:
             iteration = self._iterate(configuration, configuration.stiffness, blocks)
             solution = iteration.solve(right, options.probed, most, 0.0)
             count += solution.iterations
-        return GridStep(forces, solution.has_arrived, self._extend(solution.way_down), count)
+        return GridProbe(self._extend(solution.way_down), solution.has_arrived, count)
 
     def _extend(self, way_down: Array | None) -> Array | None:
         """Return the unknowns (size,) of a motion of balls (n, d), with zeros for the strains; None
@@ -398,16 +415,16 @@ def find_strongest_push(configuration: Configuration) -> float:
     """Return a bound, N/m, of the stiffness with which the forces of contacts push balls aside: no
     curvature of the energy is below minus this bound.
 
-    A force f of a contact of length r and direction n pushes its balls aside with the stiffness
-    f/r. The bound is four times the largest sum of |n_a| f/r over the contacts of a ball, for any
-    ball and any axis a.
+    A force f of a contact of length r that presses pushes its balls aside with the stiffness f/r,
+    and |u_j - u_i|^2 is at most 2 |u_i|^2 + 2 |u_j|^2. The bound is therefore twice the largest sum
+    of f/r over the contacts of a ball that press.
     """
     assembly = configuration.problem.assembly
-    aside = np.where(assembly.is_flat, 0.0, configuration.force / configuration.distance)
-    parts = np.abs(configuration.normal[:, : assembly.dimension]) * aside[:, None]
+    pressing = np.maximum(configuration.force, 0.0) / configuration.distance
+    aside = np.where(assembly.is_flat, 0.0, pressing)
     ends = np.concatenate([assembly.i, assembly.j])
-    sums = [np.bincount(ends, np.tile(part, 2), assembly.n_bodies) for part in parts.T]
-    return 4.0 * float(np.max(np.array(sums)[:, : assembly.n_balls], initial=0.0))
+    sums = np.bincount(ends, np.tile(aside, 2), assembly.n_bodies)
+    return 2.0 * float(np.max(sums[: assembly.n_balls], initial=0.0))
 
 
 def _shake_contacts(configuration: Configuration) -> Array:

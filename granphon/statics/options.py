@@ -123,6 +123,11 @@ class RestOptions:
     hold_alone : stiffness of the springs, over the mean of contacts, that hold single balls in a
         preconditioner, whose inverse enlarges rounding.
     reduction : relative residual at which iterations end near rest.
+    rough : relative residual at which iterations end far from rest, over the root of the residual
+        of rest: a step from there need not be exact.
+    untorn : part of the step at which the first contact that adheres would be torn, to which a step
+        goes at most.
+    shortest : length of a step that is tried even where a contact is about to be torn.
     most_factorised : balls, at most, whose matrices are factorised: factors then take about 1 GB.
     fewest_iterated : balls from which iterations are tried before factors in the directions of the
         lattice. Where most contacts are closed, 20 to 50 iterations do: of 8^3 balls of fcc they
@@ -244,6 +249,9 @@ class RestOptions:
     hold: float = 1e-11
     hold_alone: float = 1e-6
     reduction: float = 1e-4
+    rough: float = 0.1
+    untorn: float = 0.9
+    shortest: float = 1e-9
     most_factorised: Mapping[int, int] = _by_axes(2**21, 2**18, 2**12)
     fewest_iterated: Mapping[int, int] = _by_axes(2**62, 500, 100)
     patience_of_iterations: Mapping[int, int] = _by_axes(0, 50, 150)

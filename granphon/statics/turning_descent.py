@@ -359,7 +359,11 @@ class TurningDescent(ListDescent):
         words = self.problem.load.words
         if self.problem.assembly.differs:
             what = f"balls that differ have not come to rest in the true geometry under {words}"
-            left = f"A force of {self.trail.best:.2g} of the mean is left on a ball"
+            # a trail without places is one that the way has begun anew, and left at once
+            best = min(self.trail.best, place.residual)
+            left = ""
+            if math.isfinite(best):
+                left = f"A force of {best:.2g} of the mean is left on a ball"
             error = ConvergenceError(what, left, f"{_STAY}; or press loose balls more")
             error.reached = None if self.trail.nearest is None else self._finish(self._nearest)
             return error

@@ -445,6 +445,9 @@ def test_at_rest_forces_and_stiffness_differ_from_the_limit_in_proportion_to_the
     limit = equilibrate(x, load)
     same = equilibrate(x, load, ratio=0.0)
     np.testing.assert_allclose(same.forces, limit.forces, rtol=1e-14, atol=1e-15 * limit.force)
+    elsewhere = equilibrate(x, ReducedLoad(overlap=0.3))
+    led = equilibrate(x, load, start=elsewhere, ratio=0.0)
+    np.testing.assert_allclose(led.forces, limit.forces, atol=1e-8 * limit.force)
     assert same.stiffness == pytest.approx(limit.stiffness, rel=1e-13)
     assert same.stiffness_slope == pytest.approx(limit.stiffness_slope, rel=1e-7)
     np.testing.assert_allclose(

@@ -346,9 +346,10 @@ def test_a_gap_that_is_closed_on_the_finer_mesh_is_passed_over(chain):
     mass = chain.masses[0]
     unlike = replace(chain, masses=mass * np.array([1.0, 2.0]))
     goal = gp.WidestGap(branches=1, mesh=(1,))
-    best = gp.design(unlike, goal, bounds=(0.5 * mass, 2.0 * mass), restarts=0)
+    best = gp.design(unlike, goal, bounds=(0.5 * mass, 2.0 * mass), restarts=1)
     (warning,) = best.warnings
     assert "given network" in warning
+    assert best.best_start == 0
     assert best.value == best.start_value > 0.0
     assert best.network.masses.tolist() == unlike.masses.tolist()
     closed = gp.design(chain, goal, bounds=(0.5 * mass, 2.0 * mass), restarts=0)
@@ -357,6 +358,38 @@ def test_a_gap_that_is_closed_on_the_finer_mesh_is_passed_over(chain):
     assert "finer" in warning
     assert closed.history.max() > 0.0
     assert "no gap opens" in goal.judge_history(np.array([-1.0]), 0.0)
+
+
+class _First:
+    """The least number of the first ball, or of the first contact."""
+
+    largest = False
+
+    def __init__(self, field, name):
+        self.field = field
+        self.name = name
+
+    def evaluate(self, network):
+        values = getattr(network, self.field)
+        return float(values[0]), {self.name: np.eye(values.size)[0]}
+
+
+def test_a_given_network_without_the_sums_is_not_kept():
+    """It has a better value than any network with the sums. Of two, one has the rest of the sum."""
+    chain = gp.Crystal.on("chain", [BALL, BALL], friction=True).at_force(20.0).network
+    mass = chain.masses[0]
+    bounds = (0.5 * mass, 2.0 * mass)
+    light = replace(chain, masses=np.array([0.5, 0.5]) * mass)
+    best = gp.design(
+        light, _First("masses", "mass"), bounds=bounds, constraints={"mass": 3.0 * mass}
+    )
+    assert_allclose(best.variables, [mass, 2.0 * mass], rtol=1e-9)
+    assert_allclose([best.start_value, best.value], [0.5 * mass, mass], rtol=1e-9)
+    k = chain.shear_stiffness[0]
+    goal = _First("shear_stiffness", "shear_stiffness")
+    sums = {"shear_stiffness": 0.0}
+    best = gp.design(chain, goal, "shear_stiffness", (0.0, 2.0 * k), sums, restarts=0)
+    assert_allclose(best.network.shear_stiffness, 0.0, atol=1e-9 * k)
 
 
 def test_variables_without_effect_are_named(chain):

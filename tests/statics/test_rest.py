@@ -21,7 +21,7 @@ from granphon.statics.configuration import AppliedLoad, Problem
 from granphon.statics.find_rest import find_rest
 from granphon.statics.krylov import conjugate_gradients
 from granphon.statics.loose_balls import find_way_down
-from granphon.statics.newton import Equations, IteratedEquations
+from granphon.statics.newton import Equations, IteratedEquations, find_strongest_push
 from granphon.statics.options import RestOptions
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
@@ -267,6 +267,57 @@ def test_conjugate_gradients_solve_and_say_whether_they_do():
     assert_allclose(solution, np.linalg.solve(matrix, right), rtol=1e-10)
     _, has_converged = conjugate_gradients(*solve, right, 1e-13, 0.0, 3)
     assert not has_converged
+    # three different eigenvalues take three iterations, of which the last counts
+    scales = np.array([1.0, 2.0, 3.0])
+    by_scales = (scales.__mul__, np.copy)
+    assert not conjugate_gradients(*by_scales, np.ones(3), 1e-12, 0.0, 2)[1]
+    solution, has_converged = conjugate_gradients(*by_scales, np.ones(3), 1e-12, 0.0, 3)
+    assert has_converged
+    assert_allclose(solution, 1.0 / scales, rtol=1e-12)
+
+
+def make_ring():
+    """Four balls of different radii on a line that repeats: all contacts carry the same force."""
+    ends = np.arange(4)
+    return Assembly(
+        n_balls=4,
+        i=ends,
+        j=(ends + 1) % 4,
+        vector=np.tile([1.0, 0.0, 0.0], (4, 1)),
+        is_flat=np.zeros(4, bool),
+        offset=np.array([0.0, 0.01, -0.005, 0.002]),
+        laws=ContactLaws([(HertzLaw(1.0), ends)], 4),
+        cell=np.array([[4.0]]),
+        dimension=1,
+        directions=np.zeros((0, 1)),
+        wall_balls=np.zeros(0),
+    )
+
+
+def test_a_list_goes_on_from_a_rest_at_another_strain_and_takes_a_mean_force():
+    """The mean overlap is that on the sites, and what the strain adds."""
+    ring = make_ring()
+    none = np.zeros(4)
+
+    def strain(size):
+        return AppliedLoad(none, "a strain", None, np.array([[-size]]), none)
+
+    start = find_rest(ring, strain(0.05))
+    for begin in (None, start):
+        rest = find_rest(ring, strain(0.1), start=begin)
+        assert_allclose(rest.overlap, 0.1 + np.mean(ring.offset), rtol=1e-12)
+    load = AppliedLoad(none, "a mean force", None, np.zeros((1, 1)), none, mean_force=0.01)
+    assert_allclose(ring.laws.force(find_rest(ring, load).overlap), 0.01, rtol=1e-9)
+
+
+def test_contacts_that_pull_do_not_lower_the_bound_of_pushes():
+    """A ball between one that presses and one that pulls as much is pushed by the first alone."""
+    none = np.zeros(4)
+    load = AppliedLoad(none, "no load", None, np.zeros((1, 1)), none)
+    problem = Problem(make_ring(), load, "exact", "stress")
+    configuration = problem.start_at(np.zeros(4))
+    configuration.force = np.array([2.0, -2.0, 0.0, 0.0])
+    assert find_strongest_push(configuration) == 4.0
 
 
 @pytest.mark.claim("sample-is-array")
