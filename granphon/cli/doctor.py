@@ -43,8 +43,9 @@ def describe_system() -> None:
     ]
     rows += [(name, find_version(name)) for name in PACKAGES]
     for name, failure in load_plugins().items():
-        # the text of a failure may hold the folder of a user
-        rows.append((name, re.sub(r"\S*[\\/]", "", failure or "loaded")))
+        # the text of a failure may hold the folder of a user, in whose name may be spaces
+        words = (failure or "loaded").replace(str(Path.home()), "")
+        rows.append((name, re.sub(r"\S*[\\/]", "", words)))
     rows.append(("cores", f"{os.cpu_count()}, of which {count_processors()} may be used"))
     variables = os.environ.items()
     threads = [f"{name}={n}" for name, n in variables if name.endswith("_THREADS") and n.isdigit()]

@@ -333,7 +333,7 @@ def _draw_density(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> tuple[Quad
     longest = float(np.max(layer.size))
     side = max(_SQUARE * layer.diameter, longest / _MOST_SQUARES)
     n_columns, n_rows = np.maximum(1, np.round(layer.size / side)).astype(int)
-    # the sides of the squares along x (n_columns + 1,) and y (n_rows + 1,)
+    # the edges of the squares along x (n_columns + 1,) and y (n_rows + 1,)
     grid = [np.linspace(left, right, n_columns + 1), np.linspace(bottom, top, n_rows + 1)]
     x, y = layer.places.T
     sum_of_forces, _, _ = np.histogram2d(x, y, grid, weights=layer.sums)

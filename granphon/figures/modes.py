@@ -154,10 +154,12 @@ def plot_mode(
 ) -> Axes:
     """Draw the mode of branch ``branch`` at ``q``; axes in mean diameters, hidden.
 
-    Each ball at r has the displacement Re(e M^-1/2 exp(i q.r + i phase)), and is turned by the
-    angle phi = w/R_g. Displacements and w have one scale, on which their largest value in a period
-    is 0.4 d. The free phase of the eigenvector makes its largest component real and positive, so
-    that at phase 0 the balls are displaced. Balls of several kinds have the colours of a legend.
+    A ball of the mass M at r, with the components e of the eigenvector, has the displacement
+    Re(e M^-1/2 exp(i q.r + i phase)). The same of the components that are rotations is w, and the
+    ball is turned by the angle phi = w/R_g, with its radius of gyration R_g. Displacements and w
+    have one scale, on which their largest value in a period is 0.4 d. The free phase of the
+    eigenvector makes the largest component of e M^-1/2 real and positive, so that at phase 0 the
+    balls are displaced. Balls of several kinds have the colours of a legend.
 
     Balls that stay in their plane are drawn at their real size, with an arrow from the centre for
     the displacement; the angle is the sector between the upright and a mark, in vermilion

@@ -155,7 +155,8 @@ def _average_layers(layers: Array, coordinates: Array, values: Array) -> tuple[A
 
 def plot_energies(motion: Motion, ax: Axes, errors: Mapping[str, Array] | None = None) -> Axes:
     """Draw the kinetic energies of translation and rotation, the energy of contacts, and the lost
-    energy over time. Rotation and loss are left out where they are zero throughout.
+    energy over time. Rotation and loss are left out where they never exceed a billionth of the unit
+    of the axis.
 
     ``errors`` are standard errors (n,), J, by the names of the attributes of the motion,
     "translation", "rotation", "stored" and "lost"; each that is given is drawn as a band.

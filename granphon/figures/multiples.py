@@ -100,7 +100,8 @@ def _label_shared(
     axes: Any, drawn: Sequence[tuple[Axes, Panel]], label: Callable[[Axes, list[Any]], None]
 ) -> None:
     """Scale all panels of the grid ``axes`` (rows, columns) alike, and write the names of the
-    shared axes once.
+    shared axes once. ``drawn`` are the Axes that have a panel, each with what was drawn there, and
+    ``label`` is that of :func:`draw_panels`.
     """
     all_curves = [curve for _, panel in drawn for curve in panel.curves]
     panels = [ax for ax, _ in drawn]

@@ -325,11 +325,10 @@ def draw_densities(
     frequency at which a density is above the part ``least`` of its greatest value.
     """
     listed = list(curves)
-    tops = []  # the highest frequency of each curve with a density
+    tops = []  # the highest frequency of each curve with a density; of one without any, the last
     for _, _, frequencies, densities, _ in listed:
-        is_seen = densities > least * densities.max()
-        last = np.flatnonzero(is_seen)[-1]
-        tops.append(float(frequencies[last]))
+        seen = frequencies[densities > least * densities.max()]
+        tops.append(float(seen[-1] if seen.size else frequencies[-1]))
     top = max(tops)
     unit = HertzPrefix.for_top(top)
     for colour, label, frequencies, densities, errors in listed:

@@ -205,11 +205,14 @@ def sound_velocities(
     Raises
     ------
     InputError : no direction is given and velocities depend on it; a direction is not p finite
-        numbers, or has no length; a network repeats nowhere, or has bodies that do not move.
+        numbers, or has no length; a network repeats nowhere, or has bodies that do not move;
+        springs to the ground hold the balls.
     MechanismError : a motion of the lattice costs no energy.
     InstabilityError : with finite overlap, the lattice buckles.
     """
     state = as_state(state)
+    if direction is not None:  # refused before the relaxation, which may take long
+        _ = as_direction(direction, state.reference_lattice.periods)
     state.relax_inner_motions(progress)
     unit_vectors = choose_direction(
         state, direction, "sound velocities", isotropic=state.is_isotropic

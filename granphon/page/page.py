@@ -276,12 +276,14 @@ def describe_page(
 
     Raises
     ------
-    InputError : the balls cannot carry a load; an automatic medium cannot be chosen; a medium has
-        no solution at any load of the page (PrecisionError), or no stiffness on the lattice of
-        balls that differ (MechanismError).
+    InputError : a ``direction`` that is not p finite numbers, or has no length; the balls cannot
+        carry a load; an automatic medium cannot be chosen; a medium has no solution at any load of
+        the page (PrecisionError), or no stiffness on the lattice of balls that differ
+        (MechanismError).
     """
     structure = packing.structure
     law = packing.law
+    direction_of_page = _choose_direction(direction, structure.periods)
     choices, notes = _choose_media(packing, media, load)
     forces = _find_forces(packing, choices[0], load)
     is_averaged_lattice = [medium.name for medium in choices] == ["ala"]
@@ -320,7 +322,7 @@ def describe_page(
             "eta": limits.slip,
             "rolling": limits.rolling,
         },
-        "direction": _choose_direction(direction, structure.periods),
+        "direction": direction_of_page,
         "start": {
             "force": forces[0],
             "width": packing.width if has_width_slider else 0.0,

@@ -48,7 +48,7 @@ def test_doctor_tells_a_package_that_is_absent(capsys, monkeypatch):
 
 
 def test_doctor_tells_nothing_personal(capsys, monkeypatch, tmp_path):
-    home = tmp_path / "jane"
+    home = tmp_path / "jane doe"
     (home / "settings").mkdir(parents=True)
     monkeypatch.setenv("HOME", str(home))
     monkeypatch.setenv("MPLCONFIGDIR", str(home / "settings"))

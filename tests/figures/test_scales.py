@@ -110,3 +110,9 @@ def test_a_linear_axis_of_a_small_panel_has_three_ticks_or_more(ax):
     scales.thin_ticks(ax)
     ticks = ax.get_yticks()
     assert np.sum((ticks >= 0.0) & (ticks <= 93.0)) >= 3
+
+
+def test_a_density_of_zero_is_drawn_over_all_of_its_frequencies(ax):
+    frequencies = np.array([1e3, 2e3, 3e3])
+    scales.draw_densities(ax, [("k", "none", frequencies, np.zeros(3), np.zeros(3))])
+    assert_allclose(ax.get_xlim(), (0.0, 1.03 * 3.0))

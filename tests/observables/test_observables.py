@@ -15,6 +15,7 @@ from scipy.optimize import minimize_scalar
 
 import granphon as gp
 from granphon.base.errors import InputError, UnreachableFrequencyError
+from granphon.media.state import NetworkState
 
 DIRECTIONS = [(1.0, 0.0), (0.0, 1.0), (0.3, 0.7)]
 NAMES = ("longitudinal", "transverse")
@@ -393,3 +394,13 @@ def test_a_density_in_grams_per_cubic_centimetre_is_told(density, told):
     warning = gp.validity(state)["density"].warning
     assert (warning is not None) == told
     assert not told or f"{density:g} kg/m^3" in warning
+
+
+def test_a_wrong_direction_is_refused_before_many_balls_are_relaxed(packing, monkeypatch):
+    def relax(*_):
+        raise AssertionError("the relaxation has begun")
+
+    network = gp.AveragedLattice(packing).at_force(1.0).network
+    monkeypatch.setattr(NetworkState, "relax_inner_motions", relax)
+    with pytest.raises(InputError, match="direction"):
+        gp.sound_velocities(network, [1.0, 0.0, 0.0])
