@@ -2,14 +2,23 @@
 from the start.
 """
 
+import gc
 import signal
 import sys
+
+#: new objects of Python after which a command looks for reference cycles. Nearly all that a command
+#: imports and makes lives to its end: at the default of Python, 700 or 2000, the search takes an
+#: eighth of the time of a short run, here a twentieth
+_COLLECTED = 10_000
 
 
 def main() -> int:
     """Run the command line and return its exit code; report an interruption even while the command
     is being imported.
+
+    In this process Python collects reference cycles less often from here on.
     """
+    gc.set_threshold(_COLLECTED)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         from granphon.base.errors import MissingPackageError, needing
