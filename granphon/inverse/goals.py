@@ -24,6 +24,7 @@ from granphon.base.validation import (
     finite_array,
     grid_numbers,
     not_negative,
+    one_of,
     positive,
     whole_number,
 )
@@ -489,10 +490,13 @@ class ResponseAt:
     def __init__(
         self, frequency: float, source: Any, receiver: Any, *, largest: bool = False, **options: Any
     ) -> None:
-        """Set the fields of the goal; InputError for a frequency that is below zero or not finite.
-        ``options`` are those of :meth:`granphon.Waves.response`.
+        """Set the fields of the goal; InputError for a frequency that is below zero or not finite,
+        and for an unknown quantity. ``options`` are those of :meth:`granphon.Waves.response`, which
+        checks the others.
         """
         not_negative("frequency", frequency, "Hz")
+        if "quantity" in options:
+            one_of("quantity", options["quantity"], QUANTITIES)
         # a frozen data class allows no assignment; the names of fields are in the order of values
         values = (frequency, source, receiver, largest, options)
         for name, value in zip(self.__dataclass_fields__, values, strict=True):

@@ -360,6 +360,11 @@ def test_a_gap_that_is_closed_on_the_finer_mesh_is_passed_over(chain):
     assert "no gap opens" in goal.judge_history(np.array([-1.0]), 0.0)
 
 
+def test_a_response_of_an_unknown_quantity_is_refused_at_once():
+    with pytest.raises(InputError, match="velocity"):
+        gp.ResponseAt(1e3, (0, "x"), (1, "x"), quantity="speed")
+
+
 class _First:
     """The least number of the first ball, or of the first contact."""
 
