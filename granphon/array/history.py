@@ -187,13 +187,13 @@ class LoadingHistory:
                 # the trail does not tell how the path bends: a state in the middle of the step does
                 states = [self.stepper.step(trail, middle)]
             states.append(self.stepper.step([*trail, *states], load))
-            change, bent = self._compare([*trail, *states], len(states), load)
+            change, changes_of_losses = self._compare([*trail, *states], len(states), load)
             change /= states[-1].force
             start = trail[-1]
             end = states[-1]
             loss = end.slid + end.loosened - start.slid - start.loosened
             work = abs(end.work - start.work)
-            loss_changes = sum(abs(sum(losses)) for losses in bent)
+            loss_changes = sum(abs(sum(losses)) for losses in changes_of_losses)
             loss_is_settled = loss_changes <= self.tolerance * (_OF_LOSS * loss + _OF_WORK * work)
             # balance to a finite residual leaves f* uncertain
             force_is_settled = change <= max(allowed, _NOISE * BALANCE_TOLERANCE)
@@ -202,7 +202,7 @@ class LoadingHistory:
             # in the shortest steps, as long as such changes are within the tolerance in sum
             falls = halvings == MOST_HALVINGS and kept + change <= self.tolerance
             if falls or is_settled:
-                states = _add_losses(states, np.cumsum(bent, axis=0).tolist())
+                states = _add_losses(states, np.cumsum(changes_of_losses, axis=0).tolist())
                 yield from states
                 trail = [*trail, *states][-3:]
                 n_steps += len(states)
@@ -234,7 +234,7 @@ class LoadingHistory:
         three = trail[-3:]
         loads = [self.stepper.measure(state, load) for state in three]
         change = 0.0
-        bent = []
+        changes_of_losses = []
         for last in range(-steps, 0):
             start = three[last - 1].contacts
             end = three[last].contacts
@@ -253,8 +253,8 @@ class LoadingHistory:
             losses_of_halves = np.add(self._law.lost(start, half), self._law.lost(half, again))
             slid = three[last].slid - three[last - 1].slid
             loosened = three[last].loosened - three[last - 1].loosened
-            bent.append(losses_of_halves - np.array([slid, loosened]))
-        return change, bent
+            changes_of_losses.append(losses_of_halves - np.array([slid, loosened]))
+        return change, changes_of_losses
 
 
 def _add_losses(

@@ -478,7 +478,7 @@ class LoadStep:
             start.overlaps[index], start.slips[0][index][None], start.shears[0][index][None]
         )
         held = end.overlaps if guess is None else guess
-        bent, springs, limits = self._law.bend(ends_before, held[index], end.slips[0][index][None])
+        bent, springs, limits = self._law.stick(ends_before, held[index], end.slips[0][index][None])
         turns = _find_turns(bent[0], springs * arms, limits, arms)
         # of loose balls that touch each other only the one with the greatest torque turns: each
         # turn changes the torque on the other ball

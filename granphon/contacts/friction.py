@@ -287,7 +287,7 @@ class FrictionLaw:
 
         return contacts, cache(linearise)
 
-    def bend(self, before: Contacts, overlaps: Array, slips: Array) -> tuple[Array, Array, Array]:
+    def stick(self, before: Contacts, overlaps: Array, slips: Array) -> tuple[Array, Array, Array]:
         """Return, for a step from the state ``before``, the tangential forces (n_s, ...) if no
         contact slid, and the stiffness against slip and Coulomb's limit, as the ``overlaps`` (...)
         give them. ``slips`` are (n_s, ...); other axes are those of the overlaps.

@@ -116,6 +116,7 @@ class Problem:
 
     Attributes
     ----------
+    assembly, load, boundary : those that are given.
     turns : whether contacts turn with their balls.
     n_ball_unknowns : number n d of the displacements of balls, which come first.
     n_displacements : number n d + k of all displacements.

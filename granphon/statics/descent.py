@@ -69,6 +69,7 @@ class Descent(ABC, Generic[P]):
 
     Attributes
     ----------
+    options : numbers of the search.
     tolerance : residual at which balls are at rest.
     required : residual with which a way that comes no nearer may end.
     trail : what the way has passed.

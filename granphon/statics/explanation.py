@@ -141,7 +141,7 @@ def explain(
     kinds = "contacts and springs" if np.any(np.isinf(laws.tension)) else "contacts"
     for quantity, values, most in (
         (f"the stiffnesses of {kinds}", stiffness, options.most_ratio_of_stiffnesses),
-        ("the forces of the load, each as on a ball,", forces, options.most_ratio_of_forces),
+        ("the forces of the load (each as on a ball)", forces, options.most_ratio_of_forces),
     ):
         present = values[values > 0.0]
         ratio = float(np.max(values) / np.min(present)) if present.size else 0.0

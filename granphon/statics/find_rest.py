@@ -53,9 +53,11 @@ def find_rest(
 
     Raises
     ------
-    InputError : contacts that push, or adhere, cannot bear the load; or the load presses nothing.
-    ConvergenceError : the search does not come to rest; ``reached`` is the state that came
-        nearest, if there is one.
+    InputError : contacts that push, or adhere, cannot bear the load, or are left open by it; the
+        load presses nothing; or stiffnesses or forces differ by more than rounding allows.
+    ConvergenceError : the search does not come to rest. ``reached`` is the state at the end of a
+        search on a grid in the directions of the lattice, and the nearest one of balls that differ
+        in exact directions, if there is one; None of others.
     InstabilityError : there is no rest in exact directions near that on the lattice.
     MechanismError : balls differ, and some of their motions, while all touch, cost no energy.
     """

@@ -32,6 +32,7 @@ class ListDescent(Descent[Configuration]):
 
     Attributes
     ----------
+    problem : the balls under their load.
     is_factored : whether there are so few balls that matrices can be factorised.
     iterates : whether iterations find the steps.
     """

@@ -5,6 +5,7 @@ differences; factors against iterations.
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,10 +15,11 @@ from scipy.optimize import minimize
 
 import granphon as gp
 from granphon.balls.hertz import HertzLaw
-from granphon.base.errors import InputError, MechanismError
+from granphon.base.errors import ConvergenceError, InputError, MechanismError
 from granphon.contacts.assembly import Assembly
 from granphon.contacts.laws import ContactLaws
 from granphon.statics.configuration import AppliedLoad, Problem
+from granphon.statics.explanation import explain
 from granphon.statics.find_rest import find_rest
 from granphon.statics.krylov import conjugate_gradients
 from granphon.statics.loose_balls import find_way_down
@@ -308,6 +310,17 @@ def test_a_list_goes_on_from_a_rest_at_another_strain_and_takes_a_mean_force():
         assert_allclose(rest.overlap, 0.1 + np.mean(ring.offset), rtol=1e-12)
     load = AppliedLoad(none, "a mean force", None, np.zeros((1, 1)), none, mean_force=0.01)
     assert_allclose(ring.laws.force(find_rest(ring, load).overlap), 0.01, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("status", "kind"), [(2, InputError), (4, ConvergenceError)])
+def test_a_load_counts_as_too_much_only_where_that_is_proven(monkeypatch, status, kind):
+    """A linear programme may end without an answer: 4 is the status of numerical difficulties."""
+    answer = SimpleNamespace(status=status, success=False)
+    monkeypatch.setattr("scipy.optimize.linprog", lambda *_, **__: answer)
+    force = np.array([1.0, -1.0, 0.0, 0.0])
+    load = AppliedLoad(force, "two forces", None, np.zeros((1, 1)), np.zeros(4))
+    problem = Problem(make_ring(), load, "lattice", "stress")
+    assert isinstance(explain(problem, RestOptions()), kind)
 
 
 def test_contacts_that_pull_do_not_lower_the_bound_of_pushes():
