@@ -363,8 +363,9 @@ def growth_rows(
     gyration_i: Array,
     gyration_j: Array,
 ) -> list[Row]:
-    """Return the two rows whose squares are the stiffness that the growth of static tangential
-    forces contributes in :func:`carry_rows`, for a ``growth`` of one and with the same arguments.
+    """Return two rows whose squares, times their stiffnesses, add up to the symmetric part of the
+    stiffness that the growth of static tangential forces contributes in :func:`carry_rows`, for a
+    ``growth`` of one; the arguments are as there.
 
     The stiffness of a row, 1 or -1, is the sign of its square.
     """

@@ -1176,8 +1176,8 @@ def transfer_fit_figure(fit: DampingFit) -> Figure:
 
 
 def complex_bands_figure(bands: ComplexBands) -> Figure:
-    """Draw wave numbers over the frequency: real parts of running waves to the left, decay of all
-    other waves to the right.
+    """Draw the frequency over wave numbers: over real parts of running waves to the left, over the
+    decay (the imaginary part) of all other waves to the right.
 
     Waves towards higher layers are drawn, in units of pi over the height h of a layer. Grey dots to
     the left are the real parts of waves that decay. Waves that decay faster than 1.5 pi/h are left
@@ -1203,7 +1203,7 @@ def complex_bands_figure(bands: ComplexBands) -> Figure:
         )
         height = max(float(np.ptp(f)), _LEAST_HEIGHT * float(f.max()))
         border = 0.5 * _BORDER * height
-        left.set_ylim(max(float(f.min()) - border, -border), float(f.max()) + border)
+        left.set_ylim(float(f.min()) - border, float(f.max()) + border)
         right.set(xlabel="Im $k$ ($\\pi/h$)", xlim=(-0.5 * _BORDER, _MOST_DECAY))
     return figure
 

@@ -248,7 +248,7 @@ class AutoMedium(Medium[ContactState]):
         bear.
         """
         if read_finite_overlap(finite_overlap):
-            raise _refuse_finite_overlap(self.name)
+            raise _explain_no_finite_overlap(self.name)
         require_of_packing(load)
         applied = load.applied
         medium = self.serving(applied.kind, applied.array).of(self.packing)
@@ -263,7 +263,7 @@ class AutoMedium(Medium[ContactState]):
         course. Raises InputError where :meth:`at` does, for ``finite_overlap`` too.
         """
         if read_finite_overlap(finite_overlap):
-            raise _refuse_finite_overlap(self.name)
+            raise _explain_no_finite_overlap(self.name)
         require_of_packing(load)
         choice = self.serving(load.applied.kind, load.applied.array)
 
@@ -776,17 +776,16 @@ def require_finite_overlap(media: Iterable[MediumChoice]) -> None:
     """
     for medium in media:
         if medium.name == AutoMedium.name:
-            raise _refuse_finite_overlap(medium.label)
+            raise _explain_no_finite_overlap(medium.label)
         if medium.settings.get("geometry") == LATTICE:
             raise no_finite_overlap(medium.label)
 
 
-def _refuse_finite_overlap(medium: str) -> InputError:
+def _explain_no_finite_overlap(medium: str) -> InputError:
     """Return the error for terms of finite overlap that are asked of an automatic ``medium``."""
     return InputError(
         f"the medium {medium!r} takes no finite_overlap",
-        "It chooses by errors relative to simulated arrays, and takes the media as these were"
-        " compared",
+        "It chooses by the errors of media, which are known only without these terms",
         "Leave finite_overlap out, or name a medium",
     )
 

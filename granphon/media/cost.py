@@ -272,11 +272,12 @@ def _time_array(simulation: DirectSimulation, load: Load) -> tuple[float, float]
 
     The values are the middle one, or with a history of friction up to :data:`_SMALL_LOADS` of its
     path. The exponent is the mean fraction of open contacts, or 1/2 if the array does not bear a
-    load.
+    load; with a history of friction it is at least :data:`_LOADED_GROWTH`.
     """
     is_loaded = simulation.history.is_loaded
     indices = [(load.size - 1) // 2]
-    if is_loaded:  # a path passes the loads between
+    if is_loaded:
+        # the path from one of these loads to the next is solved in steps: few loads stand for all
         indices = np.unique(np.linspace(0, load.size - 1, _SMALL_LOADS).astype(int)).tolist()
     if not simulation.ordered:  # indices count the loads by their size, not in their order
         indices = np.argsort(load.array, axis=None)[indices].tolist()

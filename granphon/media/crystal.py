@@ -1655,7 +1655,8 @@ class Crystal(Result):
         overlaps grow with the pressure; where balls differ, from a secant. If that pressure is not
         between those that are known to be too low and too high, their interval is halved.
 
-        Raises InputError if contacts have this mean at no pressure, or if all contacts are open.
+        Raises InputError if all contacts are open, or if the mean is not reached: contacts have it
+        at no pressure, or :data:`MOST_MEANS` trials do not come to it.
         """
         assembly = self._assembly
         laws = self._laws
@@ -1680,7 +1681,7 @@ class Crystal(Result):
                 state = lattice_state
             contacts = MeanContacts.of(state, laws, differ)
             if not np.any(contacts.counts):
-                problem = f"all contacts are open under {words} {pressure:.6g}"
+                problem = f"all contacts are open under {load.words}"
                 why = "Those that adhere have come apart"
                 raise InputError(problem, why, f"Give a larger {kind}")
             mean = contacts.find_mean(kind)
@@ -1697,7 +1698,9 @@ class Crystal(Result):
             last_error = error
             pressure_growth, overlap_growth = contacts.find_growth(kind, goal, mean)
             guess = pressure * pressure_growth
-            if differ:  # overlaps on the sites do not grow, and their mean follows no power
+            if differ:
+                # overlaps that balls of different diameters have on their sites do not depend on
+                # the pressure: the mean follows no power, and the last state is not scaled
                 overlap_growth = 1.0
                 guess = search.extrapolate(pressure, mean, guess)
             # the next state is found from this one with the overlaps that are expected there

@@ -344,8 +344,10 @@ def _compare_law(network: Any) -> Iterator[Comparison]:
             )
             relative = all_ratios / stiffness_ratio
             is_told = _find_odd_stiffnesses(network, overlaps, relative)
+            told = np.flatnonzero(is_told)
+            worst_first = told[np.argsort(-np.abs(np.log(relative[told])), kind="stable")]
             yield _compare_single_stiffnesses(
-                network, overlaps.contacts[is_told], relative[is_told]
+                network, overlaps.contacts[worst_first], all_ratios[worst_first]
             )
     law = 1.0 if is_linear else EXPONENT
     yield from _compare_forces_of_overlaps(network, overlaps, law, is_told)
@@ -373,16 +375,16 @@ def _find_odd_stiffnesses(network: Any, overlaps: _Overlaps, relative: Array) ->
     return np.asarray(is_odd & (force > _LEAST_COMPARED * np.mean(force)))
 
 
-def _compare_single_stiffnesses(network: Any, outliers: Index, relative: Array) -> Comparison:
+def _compare_single_stiffnesses(network: Any, outliers: Index, ratios: Array) -> Comparison:
     """Return the comparison of the number of ``outliers`` with zero: (m,) indices of contacts whose
-    stiffness is far from that of the law; ``relative`` (m,) are their stiffnesses over that.
+    stiffness is far from that of the law, the worst first; ``ratios`` (m,) are their stiffnesses
+    over that.
     """
     stiffnesses = network.normal_stiffness[outliers]
-    order = np.argsort(-np.abs(np.log(relative)), kind="stable")
     return _compare_outliers(
         network,
-        outliers[order],
-        (stiffnesses[order], stiffnesses[order] / relative[order]),
+        outliers,
+        (stiffnesses, stiffnesses / ratios),
         name="single stiffnesses",
         meaning="contacts whose normal stiffness is more than ten times that of Hertz's law under"
         " the force, or less than a tenth, beside the median ratio of all",

@@ -366,7 +366,7 @@ def test_an_inner_motion_that_a_static_force_pushes_over_is_an_error(monkeypatch
         pressed, network.normal_stiffness * network.distance, 1e-3 * network.normal_force
     )
     with pytest.raises(InstabilityError, match=r"q = \(0, 0\)"):
-        gp.sound_velocities(replace(network, normal_force=force), [1.0, 0.0, 0.0])
+        gp.sound_velocities(replace(network, normal_force=force), [1.0, 0.0])
 
 
 # -- factors ---------------------------------------------------------------------------------------
