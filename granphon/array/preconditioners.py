@@ -98,13 +98,13 @@ class Patches:
         return joined if joined.size <= self._largest else balls
 
     def _find_contacts(self, balls: Index) -> Index:
-        """Return the numbers of all contacts of the ``balls``, sorted."""
-        contacts, first = self._by_ball
-        counts = first[balls + 1] - first[balls]
-        # the ranges first[ball] to first[ball + 1] of all balls, one after the other: entry n of
+        """Return the numbers of all contacts of the ``balls``, sorted, each once."""
+        contacts, starts = self._by_ball
+        counts = starts[balls + 1] - starts[balls]
+        # the ranges starts[ball] to starts[ball + 1] of all balls, one after the other: entry n of
         # the whole is entry n - (counts of the balls before) of its range
-        starts = np.repeat(first[balls] - np.cumsum(counts) + counts, counts)
-        return np.unique(contacts[starts + np.arange(starts.size)])
+        offsets = np.repeat(starts[balls] - (np.cumsum(counts) - counts), counts)
+        return np.unique(contacts[offsets + np.arange(offsets.size)])
 
     def invert(self, balls: Index, tangent: PressedTangent) -> Put | None:
         """Return a function ``put(force, motion)`` that writes the motions of the ``balls`` of a

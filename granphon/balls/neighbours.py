@@ -633,13 +633,14 @@ def _list_neighbours(i: Index, j: Index, shift: Index) -> _Neighbours:
 
 
 def _find_pieces(neighbours: _Neighbours, n: int, periods: int) -> list[tuple[int, int]]:
-    """Return for each set of the ``n`` balls that contacts, their ``neighbours``, join the number
-    of ``periods`` along which the set extends, and the number of its copies that do not touch.
+    """Return two numbers for each piece, a set of balls that contacts join: along how many of the
+    ``periods`` the piece extends, and how many of its copies do not touch each other.
 
-    The whole cells by which rings of contacts lead from a ball to its images make a lattice of
-    integers: its rank is that number of periods, its index that number of copies.
+    ``neighbours`` are those of each of the ``n`` balls. The whole cells by which rings of contacts
+    lead from a ball to its images make a lattice of integers: its rank is the first number, and its
+    index the second.
     """
-    cells: dict[int, _Cells] = {}
+    cells: dict[int, _Cells] = {}  # of each ball that was visited; _walk adds them
     pieces = []
     for ball in range(n):
         if ball in cells:

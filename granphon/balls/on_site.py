@@ -165,9 +165,12 @@ def change_springs(
 
 
 def find_stiffness(on_site: Array | None, parameter: str, motions: Motions) -> float | None:
-    """Return the stiffness, N/m or N m, of all springs for which one of :data:`SPRING_PARAMETERS`
-    stands, from the stiffnesses (n, motions) of the springs of n balls; None if these differ, or if
-    balls of these ``motions`` have no such spring.
+    """Return the one stiffness, N/m or N m, of all springs for which the ``parameter``, one of
+    :data:`SPRING_PARAMETERS`, stands.
+
+    ``on_site`` (n, motions) are the stiffnesses of the springs of n balls, or None without springs,
+    whose stiffness is zero. Returns None if the springs that are meant have several stiffnesses, or
+    if balls of these ``motions`` have none of them.
     """
     is_meant = _find_motions(parameter, motions)
     if on_site is None:

@@ -1352,7 +1352,9 @@ class Run:
 
     @property
     def words(self) -> str:
-        """The results of the run, in words."""
+        """The bands and the density of states of the run, in words; of a run without these, what
+        its data set is: a fit, a sweep or a single state.
+        """
         spectra = []
         if self.bands is not None:
             spectra.append("bands")
@@ -1695,15 +1697,17 @@ class _CurveTable(NamedTuple):
 
 
 def _tabulate_curves(curves: Sequence[Curve]) -> _CurveTable | None:
-    """Return colours, shades and dashes for many curves, as the table that has the shortest legend;
-    None if no table gives each curve a look of its own with the colours, shades and dashes that
-    there are.
+    """Return the table of colours, shades and dashes with the shortest legend for many curves; None
+    if no table both gives each curve a look of its own, with the colours, shades and dashes that
+    there are, and has fewer entries than there are curves.
 
     Each table that is tried gives a colour to each value of one kind of facts, and shades to the
-    other facts. The facts that are the same in all curves of a run may have dashes instead.
+    facts that vary within a colour (:func:`_tabulate_by`). The facts that are the same in all
+    curves of a run may have dashes instead.
     """
     differing, _ = find_differing([curve.facts for curve in curves])
-    differing.sort(key=lambda kind: kind != "medium")  # media have colours in a sweep too
+    # of tables with equally short legends the first is taken: media have colours in a sweep too
+    differing.sort(key=lambda kind: kind != "medium")
     of_runs = _list_constant(differing, curves, [curve.run for curve in curves])
     tables = []
     for of_dashes in ([], of_runs):

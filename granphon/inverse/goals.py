@@ -277,8 +277,10 @@ class MatchFrequencies:
     largest = False
 
     def __post_init__(self) -> None:
-        """Raise InputError for numbers out of range, or unless the shapes of the arguments agree:
-        of frequencies of modes, or of a row of frequencies for each wave vector.
+        """Raise InputError for frequencies or standard errors that are not finite and above zero,
+        and for arguments that do not agree: ``sigma`` of another shape than ``measured``; with
+        ``q``, shapes of modes, or neither a row of frequencies nor one frequency for each wave
+        vector; without ``q``, what :meth:`_require_modes` refuses.
         """
         measured = finite_array("measured", self.measured, "Hz", "above zero")
         if self.sigma is not None:

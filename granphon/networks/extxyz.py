@@ -69,20 +69,23 @@ def find_box(network: Any) -> tuple[Array, Array]:
 
 
 def frame_text(columns: Mapping[str, Array], network: Any, remark: Mapping[str, Any]) -> str:
-    """Return the text of a frame of the ``columns`` (rows,) or (rows, m) by name, in SI units, in
-    the box of the ``network``, with ``remark``, plain data. The three columns of a vector become
-    one.
+    """Return the text of a frame, sealed by its digest: the ``columns``, (rows,) or (rows, m) by
+    name, in SI units, one or more, and in its head the box of the ``network`` and ``remark``, which
+    is plain data. Columns of the components of a vector become one column.
     """
     grouped: dict[str, Array] = {}
-    parts = {part: vector for vector, names in _VECTORS.items() for part in names}
+    vector_of_component = {
+        component: vector for vector, names in _VECTORS.items() for component in names
+    }
     for name, values in columns.items():
-        vector = parts.get(name)
+        vector = vector_of_component.get(name)
         if vector is None:
             grouped[name] = values
         elif vector not in grouped:
-            grouped[vector] = np.stack([columns[part] for part in _VECTORS[vector]], axis=1)
+            components = [columns[component] for component in _VECTORS[vector]]
+            grouped[vector] = np.stack(components, axis=1)
     n_rows = len(next(iter(grouped.values())))
-    properties = ["species:S:1"]  # of all balls X, which is no element
+    properties = ["species:S:1"]  # each row, a ball or a contact, is an X, which is no element
     cells: list[Sequence[str]] = [["X"] * n_rows]
     for name, values in grouped.items():
         flat = values if values.ndim == 2 else values[:, None]

@@ -706,11 +706,12 @@ class HertzMindlin(ContactCalculator):
     def _resist_slips(
         self, balls: Atoms, law: Law, contacts: _ClosedContacts, loads: ContactForces
     ) -> None:
-        """Add to the ``loads``, in place, those of slip, twist and roll of the closed ``contacts``
-        of ``balls`` under the ``law``, since the reference configuration.
+        """Add to the ``loads``, in place, those by which the closed ``contacts`` of ``balls`` resist
+        slip, twist and roll. Slip is counted from the array ``slip_origin``, twist and roll from
+        balls that are not turned.
 
-        The stiffnesses are those of the reference state: slip, twist and roll add to the energy of
-        that state.
+        The stiffnesses are those of the reference state (:meth:`_find_rest`) under the ``law``:
+        slip, twist and roll add to the energy of that state.
         """
         i = contacts.i
         j = contacts.j

@@ -897,11 +897,13 @@ def _read_structure(value: Any) -> Any:
     structure = name_structure(value)
     if structure is not None:
         return structure
+    if isinstance(value, dict):
+        return read_lattice(value)  # its refusals say what a part of the block may be
     try:
         return read_lattice(value)
     except Refused as refused:
         allowed = f"{', '.join((*LATTICES, *STRUCTURES))}, or a block of name, cell and sites"
-        raise Refused(refused.found, allowed, refused.mend, refused.path) from None
+        raise Refused(refused.found, allowed, refused.mend) from None
 
 
 def _read_removed(value: Any) -> tuple[int, ...]:

@@ -146,16 +146,24 @@ def _read_numbers(source: Path) -> list[Block]:
     return [Rows(("quantity", "value"), tuple(rows))]
 
 
+#: first words of labels that keep their capital
+_CAPITAL_WORDS = ("Young", "Poisson", "Q")
+
+
 def _name_number(name: str) -> str:
-    """Return the words for a number called ``name`` in a summary: the label or the title of the
-    catalogue's entry, or the name itself with spaces.
+    """Return the words for a number called ``name`` in a summary: the label of the catalogue's
+    entry, or its title if the label is a formula; for a number without an entry the name in words.
+    The first letter is small, but in names of persons and in symbols.
     """
     entry = CATALOGUE.get(name)
     if entry is None:
         return spell(name)
     # a label is made for an axis, and may be a formula
-    has_words = entry.label and "$" not in entry.label
-    return entry.label[:1].lower() + entry.label[1:] if has_words else entry.title
+    if "$" in entry.label:
+        return entry.title
+    if entry.label.split()[0] in _CAPITAL_WORDS:
+        return entry.label
+    return entry.label[:1].lower() + entry.label[1:]
 
 
 def _write_value(value: Any, unit: str, error: Any = None) -> str:

@@ -60,7 +60,7 @@ class GreenFunction:
 
 @lru_cache(maxsize=8)
 def _find_table(
-    waves: int,
+    batch: int,
     shape: tuple[int, ...],
     n_balls: int,
     first: tuple[int, ...],
@@ -68,8 +68,9 @@ def _find_table(
     shifts: tuple[int, ...],
     normals: tuple[float, ...],
 ) -> Values:
-    """Return the table (f, f, waves) of :class:`GreenFunction`; ``waves`` matrices are inverted at
-    a time.
+    """Return the table (f, f, waves) of :class:`GreenFunction`, for the waves of a real Fourier
+    transform. About ``batch`` matrices are inverted at a time, at least those of one index along
+    the first axis.
 
     ``shape`` are the cells along each axis, and ``n_balls`` the balls of a cell. Of each kind of
     contact, ``first`` and ``second`` are its balls in the cell, ``shifts`` the steps from the cell
@@ -85,21 +86,22 @@ def _find_table(
     # a preconditioner needs few digits
     precision = np.float32 if is_real else np.complex64
     table = np.zeros((fields, fields, *counts), precision)
-    still = np.zeros((fields, fields))  # the projection on translations of the whole array
+    translations = np.zeros((fields, fields))  # projection on translations of the whole array
     for axis in range(d):
-        still[axis::d, axis::d] = 1.0 / n_balls
-    step = max(1, waves * shape[0] // math.prod(counts))
+        translations[axis::d, axis::d] = 1.0 / n_balls
+    step = max(1, batch * counts[0] // math.prod(counts))
     for low in range(0, counts[0], step):
-        ticks = [np.arange(count) for count in counts]
-        ticks[0] = ticks[0][low : low + step]
-        turns = np.meshgrid(
-            *(2.0 * np.pi / length * tick for length, tick in zip(shape, ticks, strict=True)),
+        indices = [np.arange(count) for count in counts]
+        indices[0] = indices[0][low : low + step]
+        # the phases of waves from one cell to the next along each axis, rad
+        phases = np.meshgrid(
+            *(2.0 * np.pi / length * index for length, index in zip(shape, indices, strict=True)),
             indexing="ij",
         )
-        matrix = np.zeros((*turns[0].shape, fields, fields), float if is_real else complex)
-        for i, j, steps, along in zip(first, second, shift.tolist(), normal, strict=True):
-            angle = sum(count * turn for count, turn in zip(steps, turns, strict=True))
-            projection = np.outer(along, along)
+        matrix = np.zeros((*phases[0].shape, fields, fields), float if is_real else complex)
+        for i, j, steps, direction in zip(first, second, shift.tolist(), normal, strict=True):
+            angle = sum(count * phase for count, phase in zip(steps, phases, strict=True))
+            projection = np.outer(direction, direction)
             if is_real:
                 matrix += (4.0 * np.sin(0.5 * angle) ** 2)[..., None, None] * projection
                 continue
@@ -111,10 +113,10 @@ def _find_table(
             matrix[..., at_i, at_j] -= ahead
             matrix[..., at_j, at_i] -= np.conj(ahead)
         if low == 0:
-            matrix[(0,) * d] += still
+            matrix[(0,) * d] += translations
         inverse = invert_hermitian(matrix)
         if low == 0:
-            inverse[(0,) * d] -= still
+            inverse[(0,) * d] -= translations
         table[:, :, low : low + step] = np.moveaxis(inverse, (-2, -1), (0, 1))
     flat = table.reshape(fields, fields, -1)
     flat.flags.writeable = False

@@ -56,7 +56,7 @@ def test_what_is_cut_is_compiled_and_kept_anew(kept, monkeypatch, ending, left):
     data = file.read_bytes()
     file.write_bytes(data[: int(left * len(data))])
     assert call(str(kept)) == 1
-    assert file.stat().st_size == len(data)
+    assert file.stat().st_size > int(left * len(data))
     monkeypatch.setattr(module, "_issued_warnings", [])
     assert call() == 2
 
