@@ -706,9 +706,9 @@ class HertzMindlin(ContactCalculator):
     def _resist_slips(
         self, balls: Atoms, law: Law, contacts: _ClosedContacts, loads: ContactForces
     ) -> None:
-        """Add to the ``loads``, in place, those by which the closed ``contacts`` of ``balls`` resist
-        slip, twist and roll. Slip is counted from the array ``slip_origin``, twist and roll from
-        balls that are not turned.
+        """Add to the ``loads``, in place, those by which the closed ``contacts`` of ``balls``
+        resist slip, twist and roll. Slip is counted from the array ``slip_origin``, twist and roll
+        from balls that are not turned.
 
         The stiffnesses are those of the reference state (:meth:`_find_rest`) under the ``law``:
         slip, twist and roll add to the energy of that state.
