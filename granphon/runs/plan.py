@@ -814,15 +814,23 @@ class Plan:
                 has_cutoffs="cutoffs" in self.observe,
                 surface=self.grid.request.surface,
             )
-            for case in self.checked_cases
-            for serving in case.serving_media
-            if not serving.arrays
+            for serving in self._ordered_media
         ]
         if not works:
             return []
         total = self._add_over_cases(works)
         mend = "Take fewer loads, values or balls, or leave sensitivities out"
         return [(("observe",), mend, replace(total, parts=total.parts[:1]))]
+
+    @property
+    def _ordered_media(self) -> list[ServingMedium]:
+        """The media that serve the checked cases with ordered lattices, not with arrays."""
+        return [
+            serving
+            for case in self.checked_cases
+            for serving in case.serving_media
+            if not serving.arrays
+        ]
 
     def _cost_waves(self) -> CostPart:
         """Return the part of the work that finds the waves in arrays; its cost is zero without
@@ -949,12 +957,7 @@ class Plan:
             return []
         from granphon.runs.edge_costs import estimate_edge  # other runs do not need it
 
-        works = [
-            estimate_edge(serving, surface)
-            for case in self.checked_cases
-            for serving in case.serving_media
-            if not serving.arrays
-        ]
+        works = [estimate_edge(serving, surface) for serving in self._ordered_media]
         if not works:
             return []
         total = self._add_over_cases(works)
