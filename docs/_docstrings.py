@@ -36,6 +36,7 @@ ALIASES = {
     "Flags": "Array[bool]",
     "Complex": "Array[complex]",
     "Values": "Any",
+    "Balls": "granphon.Packing | granphon.Arrangement | granphon.NetworkFiles",
     "Law": "granphon.media.state.ContactLaw",
     "SampleLaw": "granphon.media.state.ContactLaw",
     "StateT": "granphon.media.state.ContactState",

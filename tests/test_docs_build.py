@@ -40,11 +40,13 @@ _FOREIGN = {
     "Atoms",
     "Axes",
     "Callable",
+    "Collection",
     "Dataset",
     "Executor",
     "False",
     "Figure",
     "FuncAnimation",
+    "Iterable",
     "Iterator",
     "Literal",
     "Mapping",
@@ -63,6 +65,7 @@ _FOREIGN = {
     "DataArray",
     "Warning",
     # of results that granphon alone makes
+    "Faces",
     "Means",
     "Units",
 }

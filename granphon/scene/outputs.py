@@ -93,6 +93,7 @@ class Export:
     draw : function that returns the figure of the results.
     source : the file by which a folder is known to hold the output; by default the first of
         ``files``, empty where no folder holds what the figure is drawn from.
+    in_curves : whether a sweep also shows numbers of the output over the load, in ``sweep.png``.
     joined : the attribute of :class:`granphon.figures.curves.Run` that holds the value where
         several runs are drawn together; empty if the output is not drawn together with others.
     marks : patterns that tell the file of such a value if the file was renamed: one of them is in
@@ -125,6 +126,7 @@ class Export:
     of_states: bool = False
     draw: Callable[..., Any] | None = None
     source: str | None = None
+    in_curves: bool = False
     joined: str = ""
     marks: tuple[bytes, ...] = ()
     rank: int = 0
@@ -361,10 +363,12 @@ def _has_friction(scene: Any) -> bool:
 
 def shows_curves(observe: Collection[str]) -> bool:
     """Whether a sweep that observes the words ``observe`` is drawn as curves over the load: it
-    observes velocities, or something else that has no figure of its own in sweeps.
+    observes velocities, something else that has no figure of its own in sweeps, or an output with
+    :attr:`Export.in_curves`.
     """
     rows = [row for _name, row in OUTPUTS.items() if row.figure and row.states != "one"]
-    return not {row.observed for row in rows}.issuperset(observe)
+    figures_alone = {row.observed for row in rows if not row.in_curves}
+    return not figures_alone.issuperset(observe)
 
 
 # -- how it is found -------------------------------------------------------------------------------
@@ -1141,6 +1145,7 @@ for _row in (
         observed="motion",
         write=partial(_write_table, "motion.csv", ("motion_time",)),
         draw=_draw_motion,
+        in_curves=True,
         rank=3,
         words="energies and the greatest force for each state and time",
         caption="Motion of the balls",
@@ -1165,8 +1170,8 @@ for _row in (
         draw=_draw_curves,
         source="sweep.nc",
         rank=6,
-        occasion="a sweep of `velocities`, or of what else has no figure of its own",
-        words="velocities and exponents over the load",
+        occasion="a sweep of `velocities`, of `motion`, or of what has no figure of its own",
+        words="velocities and exponents over the load, of motion the velocity of its peak",
         caption="Sound velocities over the load, or the parameter, and their local exponent",
     ),
     Export(

@@ -182,7 +182,7 @@ def test_shapes_are_those_of_the_load(medium, states):
     assert states.standard_error("overlap").shape == (2, 3)
     assert states.standard_error(lambda sample: sample.elastic_tensor).shape == (2, 3, 3, 3)
     for wrong, words in (("overlp", "overlap"), (3, "of is 3")):
-        with pytest.raises(gp.InputError, match=words):
+        with pytest.raises(InputError, match=words):
             states.standard_error(wrong)
     assert gp.sound_velocities(states).longitudinal_error.shape == (2, 3)
     assert gp.moduli(states).shears.shape == (2, 3, 2)

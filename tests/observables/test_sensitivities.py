@@ -40,10 +40,17 @@ def test_derivatives_of_moduli_are_those_of_central_differences(case):
     compare(network, lambda changed: gp.moduli(changed).tensor, moduli.sensitivities, scale)
 
 
-@pytest.mark.claim("sensitivities-long-waves")
-@pytest.mark.parametrize(
-    "case", cases(one for one in MOVING if "tangential forces in a ribbon" not in one)
+#: networks that buckle, so that no velocity is real
+BUCKLED = (
+    "tangential forces in a ribbon",
+    "growing tangential forces in a ribbon",
+    "slip by the radii in a plane",
+    "slip by the radii in a ribbon",
 )
+
+
+@pytest.mark.claim("sensitivities-long-waves")
+@pytest.mark.parametrize("case", cases(case for case in MOVING if case not in BUCKLED))
 def test_derivatives_of_velocities_are_those_of_central_differences(case):
     network = CASES_HERE[case]()
     direction = np.array([0.3, 0.5, 0.8])[: sum(network.pbc)]
