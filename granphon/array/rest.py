@@ -234,7 +234,7 @@ def _rest_in_true_directions(
     except ConvergenceError as error:
         nearest = error.reached
         if nearest is None:
-            raise explain_no_load(overlap) from error
+            raise
         raise ConvergenceError(
             f"the sample has not come to rest in its true geometry after {nearest.steps} steps",
             f"At an overlap of {_find_overlap(nearest, load, ratio):.6g} widths a force of"

@@ -11,15 +11,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from granphon.balls.motions import Motions
 from granphon.base.arrays import Array
 from granphon.contacts.columns import Columns
-from granphon.networks.network import ContactNetwork
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -71,39 +69,6 @@ class ContactList:
     origin: Array = field(default_factory=lambda: np.zeros((0, 3)))
     leaning: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
     grid: tuple[int, ...] = ()
-
-    @classmethod
-    def from_network(cls, network: ContactNetwork) -> Self:
-        """Return the contacts of a network in SI units, with its static forces if it has
-        prestress.
-        """
-        periods = np.flatnonzero(network.pbc)
-        cell = network.cell
-        vector = network.positions[network.j] - network.positions[network.i]
-        vector = vector + network.shift @ cell
-        count = len(network.i)
-        static = network.prestress
-        force = network.normal_force if static else np.zeros(count)
-        across = network.tangential_force if static else None
-        edges = cell[np.ix_(periods, periods)]
-        return cls(
-            n_balls=network.n_balls,
-            motions=network.ball_motions,
-            i=_whole(network.i),
-            j=_whole(network.j),
-            vector=_reals(vector, count, 3),
-            normal=_reals(network.normal, count, 3),
-            arm_i=_reals(network.arm_i, count),
-            arm_j=_reals(network.arm_j, count),
-            normal_stiffness=_reals(network.normal_stiffness, count),
-            shear_stiffness=_reals(network.shear_stiffness, count),
-            torsion_stiffness=_reals(network.torsion_stiffness, count),
-            bending_stiffness=_reals(network.bending_stiffness, count),
-            normal_force=_reals(force, count),
-            tangential_force=np.zeros((0, 3)) if across is None else _reals(across, count, 3),
-            measure=float(abs(np.linalg.det(edges))),
-            dimension=len(periods),
-        )
 
     @property
     def n_contacts(self) -> int:
@@ -169,15 +134,3 @@ class ContactList:
             force = force - self.tangential_force
         p = self.dimension
         return np.asarray(np.einsum("ca,cb->ab", force[:, :p], self.vector[:, :p]) / self.measure)
-
-
-def _whole(values: ArrayLike) -> NDArray[np.int64]:
-    """Return whole numbers as an array that compiled loops read."""
-    return np.ascontiguousarray(values, np.int64)
-
-
-def _reals(values: ArrayLike, *shape: int) -> Array:
-    """Return numbers, one for each contact or one for all, as an array of this ``shape`` that
-    compiled loops read.
-    """
-    return np.ascontiguousarray(np.broadcast_to(np.asarray(values, float), shape))

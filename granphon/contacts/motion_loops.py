@@ -35,6 +35,7 @@ from numpy.typing import NDArray
 from granphon.balls import hertz
 from granphon.base.arrays import Array
 from granphon.base.compiled import compiled
+from granphon.contacts.vectors import Vector, add, cross, dot, scale
 
 #: contacts of a chunk, whose rows stay in the processor's first cache
 CHUNK = cast("int", np.int64(64))  # no Python int: Numba compiles a loop anew for each value of one
@@ -189,38 +190,11 @@ class Moment(NamedTuple):
     punch: Array
 
 
-_Vector = tuple[float, float, float]
-
-
 # -- vectors ---------------------------------------------------------------------------------------
 
 
 @compiled
-def _dot(a: _Vector, b: _Vector) -> float:
-    """Return a.b."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@compiled
-def _cross(a: _Vector, b: _Vector) -> _Vector:
-    """Return a x b."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@compiled
-def _add(a: _Vector, factor: float, b: _Vector) -> _Vector:
-    """Return a + factor b."""
-    return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]
-
-
-@compiled
-def _scale(factor: float, a: _Vector) -> _Vector:
-    """Return factor a."""
-    return factor * a[0], factor * a[1], factor * a[2]
-
-
-@compiled
-def _turn(force: _Vector, start: _Vector, end: _Vector, half: float, cosine: float) -> _Vector:
+def _turn(force: Vector, start: Vector, end: Vector, half: float, cosine: float) -> Vector:
     """Return a force, across the unit vector ``start``, turned by two rotations: by the smallest
     that takes ``start`` to the unit vector ``end``, and about ``end`` by an angle.
 
@@ -228,38 +202,38 @@ def _turn(force: _Vector, start: _Vector, end: _Vector, half: float, cosine: flo
     half times cosine is the sine.
     """
     # for a vector across the start, the smallest rotation is a mirror image across the bisector
-    bisector = _add(start, 1.0, end)
-    carried = _add(
-        force, -_dot(bisector, force) / max(1.0 + _dot(start, end), _LEAST_DIVISOR), bisector
+    bisector = add(start, 1.0, end)
+    carried = add(
+        force, -dot(bisector, force) / max(1.0 + dot(start, end), _LEAST_DIVISOR), bisector
     )
-    return _add(_scale(cosine - 1.0, carried), half * cosine, _cross(end, carried))
+    return add(scale(cosine - 1.0, carried), half * cosine, cross(end, carried))
 
 
 @compiled
 def _slip(
-    across: _Vector,
-    turn_i: _Vector,
-    turn_j: _Vector,
+    across: Vector,
+    turn_i: Vector,
+    turn_j: Vector,
     levers: tuple[float, float],
-    r: _Vector,
-    n: _Vector,
-) -> _Vector:
+    r: Vector,
+    n: Vector,
+) -> Vector:
     """Return the slip across n of two balls: j moves by ``across`` against i, and they turn by
     ``turn_i`` and ``turn_j`` about centres that are r apart; ``levers`` are over |r|.
     """
-    turn = _add(_scale(levers[0], turn_i), levers[1], turn_j)
-    slip = _add(across, -1.0, _cross(turn, r))
-    return _add(slip, -_dot(n, slip), n)
+    turn = add(scale(levers[0], turn_i), levers[1], turn_j)
+    slip = add(across, -1.0, cross(turn, r))
+    return add(slip, -dot(n, slip), n)
 
 
 @compiled
-def _get(rows: Array, place: int) -> _Vector:
+def _get(rows: Array, place: int) -> Vector:
     """Return the vector of a contact whose first component is at a ``place`` of the rows."""
     return rows[place], rows[place + CHUNK], rows[place + 2 * CHUNK]
 
 
 @compiled
-def _set(rows: Array, place: int, a: _Vector) -> None:
+def _set(rows: Array, place: int, a: Vector) -> None:
     """Set the vector of a contact whose first component is at a ``place`` of the rows."""
     rows[place] = a[0]
     rows[place + CHUNK] = a[1]
@@ -267,11 +241,11 @@ def _set(rows: Array, place: int, a: _Vector) -> None:
 
 
 @compiled
-def _find_levers(rows: Array, c: int, r: _Vector, n: _Vector) -> tuple[float, float]:
+def _find_levers(rows: Array, c: int, r: Vector, n: Vector) -> tuple[float, float]:
     """Return the levers, over |r|, by which rotations of the balls of contact c make slip: the
     arms, or the radii.
     """
-    part = 1.0 / _dot(n, r)
+    part = 1.0 / dot(n, r)
     near = rows[NEAR_LEVER + c]
     far = rows[FAR_LEVER + c]
     return (
@@ -423,28 +397,28 @@ def _deform_straight(rows: Array, n: int) -> None:
         levers = (rows[NEAR + c], rows[FAR + c])
         turn_i = _get(rows, _TURN_I + c)
         turn_j = _get(rows, _TURN_J + c)
-        rows[_E_START + c] = gap + _dot(normal, across)
-        rows[_E + c] = gap + _dot(normal, end)
-        across = _add(end, -1.0, across)
+        rows[_E_START + c] = gap + dot(normal, across)
+        rows[_E + c] = gap + dot(normal, end)
+        across = add(end, -1.0, across)
         _set(rows, _SIDES + c, _slip(across, turn_i, turn_j, levers, normal, normal))
         _set(rows, _R + c, normal)
 
 
 @compiled
 def _lengthen(
-    r_at_rest: _Vector, length: float, free: float, across: _Vector
-) -> tuple[_Vector, float, _Vector, float]:
+    r_at_rest: Vector, length: float, free: float, across: Vector
+) -> tuple[Vector, float, Vector, float]:
     """Return r = r_at_rest + free across, its length, its direction, and by what it is longer than
     the ``length`` at rest.
     """
-    r = _add(r_at_rest, free, across)
+    r = add(r_at_rest, free, across)
     # |r|^2 - |r_0|^2, no difference of near-equal lengths
-    square = _dot(_add(r_at_rest, 1.0, r), across)
+    square = dot(add(r_at_rest, 1.0, r), across)
     r_length = math.sqrt(length * length + free * square)
     # of one division, 1/|r| and e, which is the square over |r| + |r_0|
     total_length = length + r_length
     quotient = 1.0 / (r_length * total_length)
-    return r, r_length, _scale(total_length * quotient, r), square * (r_length * quotient)
+    return r, r_length, scale(total_length * quotient, r), square * (r_length * quotient)
 
 
 @compiled
@@ -466,8 +440,8 @@ def _find_directions(rows: Array, n: int, is_mean: bool) -> None:
         end, end_length, direction, elongation = _lengthen(r_at_rest, length, free, across)
         rows[_E + c] = gap + elongation
         _set(rows, _END + c, direction)
-        middle = _scale(0.5, _add(start, 1.0, end))
-        normal = _scale(1.0 / math.sqrt(_dot(middle, middle)), middle)
+        middle = scale(0.5, add(start, 1.0, end))
+        normal = scale(1.0 / math.sqrt(dot(middle, middle)), middle)
         _set(rows, _MIDDLE + c, normal)
         mean_length = 0.5 * (start_length + end_length)
         rows[_R_LENGTH + c] = mean_length if is_mean else end_length
@@ -486,11 +460,11 @@ def _slip_turning(rows: Array, n: int) -> None:
         normal = _get(rows, _MIDDLE + c)
         r = _get(rows, _R_MIDDLE + c)
         levers = _find_levers(rows, c, r, normal)
-        across = _add(_get(rows, _ACROSS_END + c), -1.0, _get(rows, _ACROSS + c))
+        across = add(_get(rows, _ACROSS_END + c), -1.0, _get(rows, _ACROSS + c))
         _set(rows, _SIDES + c, _slip(across, turn_i, turn_j, levers, r, normal))
         # the mean spin of both balls, over four: half of the angle in half of the step. It is taken
         # for the tangent of itself, from which the cosine follows without a loop of angles
-        half = 0.125 * _dot(normal, _add(turn_i, 1.0, turn_j))
+        half = 0.125 * dot(normal, add(turn_i, 1.0, turn_j))
         rows[_HALF + c] = half
         rows[_COSINE + c] = 2.0 / (1.0 + half * half)
 
@@ -528,10 +502,10 @@ def _roll(rows: Array, n: int, turns: bool) -> None:
     """
     for c in range(n):
         normal = _get(rows, _MIDDLE + c) if turns else _get(rows, REST + c)
-        roll = _add(_get(rows, _TURN_J + c), -1.0, _get(rows, _TURN_I + c))
-        twist = _dot(normal, roll)
+        roll = add(_get(rows, _TURN_J + c), -1.0, _get(rows, _TURN_I + c))
+        twist = dot(normal, roll)
         rows[_SIDES + _TWIST + c] = twist
-        _set(rows, _SIDES + _ROLL + c, _add(roll, -twist, normal))
+        _set(rows, _SIDES + _ROLL + c, add(roll, -twist, normal))
     if turns:
         _turn_rows(rows, n, _HELD + _ROLL, _START, _MIDDLE)
 
@@ -577,20 +551,20 @@ def _resist(rows: Array, n: int, mu: float, is_total: bool) -> None:
         stiffness = 0.5 * (least + punch) * rows[SLIP_RATIO + c]
         sides = _get(rows, _SIDES + c)
         held = _get(rows, _HELD + c)
-        pull = _add(_scale(kept, held), stiffness, sides)
+        pull = add(scale(kept, held), stiffness, sides)
         if slides and not is_total:
             limit = mu * max(rows[_CHANGE + c] + rows[FORCE + c], 0.0)
-            size = math.sqrt(_dot(pull, pull))
-            pull = _scale(limit / size if size > limit else 1.0, pull)
+            size = math.sqrt(dot(pull, pull))
+            pull = scale(limit / size if size > limit else 1.0, pull)
         if slides and is_total:
             limit = mu * abs(rows[_CHANGE + c] + rows[FORCE + c] + rows[_DASH + c])
             dash = _get(rows, _DASH + CHUNK + c)
-            whole = _add(pull, 1.0, dash)
-            size = math.sqrt(_dot(whole, whole))
+            whole = add(pull, 1.0, dash)
+            size = math.sqrt(dot(whole, whole))
             if size > limit and punch > 0.0:
-                pull = _add(_scale(limit / size, whole), -1.0, dash)
+                pull = add(scale(limit / size, whole), -1.0, dash)
         _set(rows, _PULL + c, pull)
-        rows[_WORK + c] = 0.5 * _dot(_add(pull, 1.0, held), sides)
+        rows[_WORK + c] = 0.5 * dot(add(pull, 1.0, held), sides)
 
 
 @compiled
@@ -609,10 +583,10 @@ def _resist_roll(rows: Array, n: int) -> None:
         pull_twist = kept * held_twist + stiffness * rows[TWIST_RATIO + c] * twist
         roll = _get(rows, _SIDES + _ROLL + c)
         held = _get(rows, _HELD + _ROLL + c)
-        pull = _add(_scale(kept, held), stiffness * rows[ROLL_RATIO + c], roll)
+        pull = add(scale(kept, held), stiffness * rows[ROLL_RATIO + c], roll)
         rows[_PULL + _TWIST + c] = pull_twist
         _set(rows, _PULL + _ROLL + c, pull)
-        work = (pull_twist + held_twist) * twist + _dot(_add(pull, 1.0, held), roll)
+        work = (pull_twist + held_twist) * twist + dot(add(pull, 1.0, held), roll)
         rows[_WORK + c] = rows[_WORK + c] + 0.5 * work
 
 
@@ -657,12 +631,12 @@ def _take_rates(rows: Array, n: int, turns: bool) -> None:
         spin_i = _get(rows, _TURN_I + c)
         spin_j = _get(rows, _TURN_J + c)
         levers = _find_levers(rows, c, r, normal)
-        rows[_RATE + c] = _dot(normal, across)
+        rows[_RATE + c] = dot(normal, across)
         _set(rows, _RATES + c, _slip(across, spin_i, spin_j, levers, r, normal))
-        roll = _add(spin_j, -1.0, spin_i)
-        twist = _dot(normal, roll)
+        roll = add(spin_j, -1.0, spin_i)
+        twist = dot(normal, roll)
         rows[_RATES + _TWIST + c] = twist
-        _set(rows, _RATES + _ROLL + c, _add(roll, -twist, normal))
+        _set(rows, _RATES + _ROLL + c, add(roll, -twist, normal))
 
 
 @compiled
@@ -746,17 +720,17 @@ def _act(rows: Array, n: int, turns: bool, rolls: bool) -> None:
         push = rows[_CHANGE + c]
         if turns:
             push = (push + rows[FORCE + c]) / rows[_R_LENGTH + c]
-        force = _add(_scale(push, r), -1.0, pull)
-        moment = _cross(r, pull)
-        _set(rows, _ON_I + c, _scale(-1.0, force))
+        force = add(scale(push, r), -1.0, pull)
+        moment = cross(r, pull)
+        _set(rows, _ON_I + c, scale(-1.0, force))
         _set(rows, _ON_J + c, force)
-        _set(rows, _ON_I_TORQUE + c, _scale(rows[NEAR + c], moment))
-        _set(rows, _ON_J_TORQUE + c, _scale(rows[FAR + c], moment))
+        _set(rows, _ON_I_TORQUE + c, scale(rows[NEAR + c], moment))
+        _set(rows, _ON_J_TORQUE + c, scale(rows[FAR + c], moment))
         if rolls:
-            twist = rows[_PULL + _TWIST + c] / math.sqrt(_dot(r, r))
-            roll = _add(_get(rows, _PULL + _ROLL + c), twist, r)
-            _set(rows, _ON_I_TORQUE + c, _add(_get(rows, _ON_I_TORQUE + c), 1.0, roll))
-            _set(rows, _ON_J_TORQUE + c, _add(_get(rows, _ON_J_TORQUE + c), -1.0, roll))
+            twist = rows[_PULL + _TWIST + c] / math.sqrt(dot(r, r))
+            roll = add(_get(rows, _PULL + _ROLL + c), twist, r)
+            _set(rows, _ON_I_TORQUE + c, add(_get(rows, _ON_I_TORQUE + c), 1.0, roll))
+            _set(rows, _ON_J_TORQUE + c, add(_get(rows, _ON_J_TORQUE + c), -1.0, roll))
 
 
 @compiled

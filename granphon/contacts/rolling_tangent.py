@@ -21,6 +21,7 @@ from granphon.base.arrays import Array
 from granphon.base.compiled import compiled
 from granphon.contacts.friction import Configuration, RollingContacts, SlipTangent
 from granphon.contacts.slips import ROUND
+from granphon.contacts.vectors import cross, dot, get_row, set_row
 
 #: contacts whose blocks are found before they are written, each entry of all of them at a time
 _CHUNK = 64
@@ -211,18 +212,10 @@ def _fill_space(
             place = c - start
             i = contacts.i[c]
             j = contacts.j[c]
-            nx = at.normal[c, 0]
-            ny = at.normal[c, 1]
-            nz = at.normal[c, 2]
-            tx = at.tangent[c, 0]
-            ty = at.tangent[c, 1]
-            tz = at.tangent[c, 2]
-            bx = ny * tz - nz * ty
-            by = nz * tx - nx * tz
-            bz = nx * ty - ny * tx
-            ex = contacts.normal[c, 0]
-            ey = contacts.normal[c, 1]
-            ez = contacts.normal[c, 2]
+            n = get_row(at.normal, c)
+            t = get_row(at.tangent, c)
+            b = cross(n, t)
+            e = get_row(contacts.normal, c)
             size = at.distance[c]
             over = eps / size
             arm_i = 0.5 * size - contacts.uneven[c]
@@ -236,9 +229,9 @@ def _fill_space(
             q_b = tangent.sliding[1, c]
             held_b = shears[1, c]
             # the direction on the lattice in the frame of the contact
-            e_n = nx * ex + ny * ey + nz * ez
-            e_t = tx * ex + ty * ey + tz * ez
-            e_b = bx * ex + by * ey + bz * ez
+            e_n = dot(n, e)
+            e_t = dot(t, e)
+            e_b = dot(b, e)
             below = max(1.0 + e_n, ROUND)
             law = (
                 k,
@@ -257,12 +250,9 @@ def _fill_space(
             )
             # turning: n, t and b, as rows, along the axes of space; along: their components in the
             # coordinates of displacements
-            for axis in range(3):
-                turning[0, axis] = at.normal[c, axis]
-                turning[1, axis] = at.tangent[c, axis]
-            turning[2, 0] = bx
-            turning[2, 1] = by
-            turning[2, 2] = bz
+            set_row(turning, 0, n)
+            set_row(turning, 1, t)
+            set_row(turning, 2, b)
             for row in range(3):
                 for axis in range(3):
                     along[row, axis] = (

@@ -37,6 +37,7 @@ from numpy.typing import NDArray
 from granphon.base.arrays import Array
 from granphon.base.compiled import compiled
 from granphon.contacts.friction import Configuration, RollingContacts
+from granphon.contacts.vectors import Vector, add, add_to_row, cross, dot, get_row, scale, set_row
 
 #: square of the slope of an angle whose series ends with the third term: the fourth is rounding
 _SMALL = 1e-6
@@ -119,29 +120,17 @@ def measure_straight(
     for c in range(len(overlaps)):
         i = contacts.i[c]
         j = contacts.j[c]
-        nx = contacts.normal[c, 0]
-        ny = contacts.normal[c, 1]
-        nz = contacts.normal[c, 2]
-        tx = contacts.tangent[c, 0]
-        ty = contacts.tangent[c, 1]
-        tz = contacts.tangent[c, 2]
-        x = displacement[j, 0] - displacement[i, 0]
-        y = displacement[j, 1] - displacement[i, 1]
-        z = displacement[j, 2] - displacement[i, 2]
+        n = get_row(contacts.normal, c)
+        t = get_row(contacts.tangent, c)
+        b = cross(n, t)
+        moved = add(get_row(displacement, j), -1.0, get_row(displacement, i))
         # rotations move the surfaces at the contact against each other by r x n
-        arm_i = 0.5 - contacts.uneven[c]
-        arm_j = 0.5 + contacts.uneven[c]
-        rx = arm_i * rotation[i, 0] + arm_j * rotation[j, 0]
-        ry = arm_i * rotation[i, 1] + arm_j * rotation[j, 1]
-        rz = arm_i * rotation[i, 2] + arm_j * rotation[j, 2]
-        # the second tangent b = n x t
-        bx = ny * tz - nz * ty
-        by = nz * tx - nx * tz
-        bz = nx * ty - ny * tx
-        overlaps[c] = overlap + contacts.offset[c] - (nx * x + ny * y + nz * z)
-        slips[0, c] = tx * x + ty * y + tz * z - (bx * rx + by * ry + bz * rz)
+        r = scale(0.5 - contacts.uneven[c], get_row(rotation, i))
+        r = add(r, 0.5 + contacts.uneven[c], get_row(rotation, j))
+        overlaps[c] = overlap + contacts.offset[c] - dot(n, moved)
+        slips[0, c] = dot(t, moved) - dot(b, r)
         if len(slips) == 2:
-            slips[1, c] = bx * x + by * y + bz * z + (tx * rx + ty * ry + tz * rz)
+            slips[1, c] = dot(b, moved) + dot(t, r)
 
 
 @compiled
@@ -166,50 +155,29 @@ def measure_turned(
     for c in range(len(overlaps)):
         i = contacts.i[c]
         j = contacts.j[c]
-        ex = contacts.normal[c, 0]
-        ey = contacts.normal[c, 1]
-        ez = contacts.normal[c, 2]
-        # w = e + eps v joins the centres, in d
-        x = displacement[j, 0] - displacement[i, 0] - overlap * ex
-        y = displacement[j, 1] - displacement[i, 1] - overlap * ey
-        z = displacement[j, 2] - displacement[i, 2] - overlap * ez
-        wx = ex + eps * x
-        wy = ey + eps * y
-        wz = ez + eps * z
-        size = math.sqrt(wx * wx + wy * wy + wz * wz)
+        e = get_row(contacts.normal, c)
+        v = add(get_row(displacement, j), -1.0, get_row(displacement, i))
+        v = add(v, -overlap, e)
+        # w joins the centres, in d
+        w = add(e, eps, v)
+        size = math.sqrt(dot(w, w))
         # |w| - 1, over eps: no two numbers that are nearly equal are subtracted
-        grown = 2.0 * (ex * x + ey * y + ez * z) + eps * (x * x + y * y + z * z)
+        grown = 2.0 * dot(e, v) + eps * dot(v, v)
         overlaps[c] = contacts.offset[c] - grown / (1.0 + size)
-        nx = wx / size
-        ny = wy / size
-        nz = wz / size
-        normal[c, 0] = nx
-        normal[c, 1] = ny
-        normal[c, 2] = nz
+        n = (w[0] / size, w[1] / size, w[2] / size)
+        set_row(normal, c, n)
         distance[c] = size
         if in_plane:
-            tangent[c, 0] = -ny
-            tangent[c, 1] = nx
-            tangent[c, 2] = 0.0
+            set_row(tangent, c, (-n[1], n[0], 0.0))
             continue
         # the tangent goes along by the smallest rotation from e to n
-        tx = contacts.tangent[c, 0]
-        ty = contacts.tangent[c, 1]
-        tz = contacts.tangent[c, 2]
-        along = ex * nx + ey * ny + ez * nz
-        factor = (tx * nx + ty * ny + tz * nz) / max(1.0 + along, ROUND)
-        tx -= factor * (ex + nx)
-        ty -= factor * (ey + ny)
-        tz -= factor * (ez + nz)
+        t = get_row(contacts.tangent, c)
+        t = add(t, -dot(t, n) / max(1.0 + dot(e, n), ROUND), add(e, 1.0, n))
         # and turns about n by the mean of the spins of both balls
-        spin = (rotation[i, 0] + rotation[j, 0]) * ex
-        spin += (rotation[i, 1] + rotation[j, 1]) * ey
-        spin += (rotation[i, 2] + rotation[j, 2]) * ez
+        spin = dot(e, add(get_row(rotation, i), 1.0, get_row(rotation, j)))
         cosine = math.cos(0.5 * eps * spin)
         sine = math.sin(0.5 * eps * spin)
-        tangent[c, 0] = cosine * tx + sine * (ny * tz - nz * ty)
-        tangent[c, 1] = cosine * ty + sine * (nz * tx - nx * tz)
-        tangent[c, 2] = cosine * tz + sine * (nx * ty - ny * tx)
+        set_row(tangent, c, add(scale(cosine, t), sine, cross(n, t)))
 
 
 @compiled
@@ -293,42 +261,38 @@ def _measure_slips_in_space(
     for c in range(slips.shape[1]):
         i = contacts.i[c]
         j = contacts.j[c]
-        x = moved[j, 0] - moved[i, 0] - overlap_change * contacts.normal[c, 0]
-        y = moved[j, 1] - moved[i, 1] - overlap_change * contacts.normal[c, 1]
-        z = moved[j, 2] - moved[i, 2] - overlap_change * contacts.normal[c, 2]
-        px = before.normal[c, 0]
-        py = before.normal[c, 1]
-        pz = before.normal[c, 2]
-        nx = after.normal[c, 0]
-        ny = after.normal[c, 1]
-        nz = after.normal[c, 2]
+        v = add(get_row(moved, j), -1.0, get_row(moved, i))
+        v = add(v, -overlap_change, get_row(contacts.normal, c))
+        start = get_row(before.normal, c)
+        end = get_row(after.normal, c)
         size = 0.5 * (before.distance[c] + after.distance[c])
-        arm_i = 0.5 * size - contacts.uneven[c]
-        arm_j = 0.5 * size + contacts.uneven[c]
-        # the vector of the rotation that turns one direction into the other, over eps
-        turn_x = py * z - pz * y
-        turn_y = pz * x - px * z
-        turn_z = px * y - py * x
-        cosine = px * nx + py * ny + pz * nz
-        sine = math.sqrt(turn_x * turn_x + turn_y * turn_y + turn_z * turn_z)
-        scale = 0.0
+        # along the axis about which one direction turns into the other, times its sine over eps
+        axis = cross(start, v)
+        sine = math.sqrt(dot(axis, axis))
+        factor = 0.0
         if sine > 0.0:
-            scale = size * _find_angle(sine, after.distance[c] * cosine, eps) / sine
-        gone_x = scale * turn_x - arm_i * turned[i, 0] - arm_j * turned[j, 0]
-        gone_y = scale * turn_y - arm_i * turned[i, 1] - arm_j * turned[j, 1]
-        gone_z = scale * turn_z - arm_i * turned[i, 2] - arm_j * turned[j, 2]
-        qx = before.tangent[c, 0]
-        qy = before.tangent[c, 1]
-        qz = before.tangent[c, 2]
-        tx = after.tangent[c, 0]
-        ty = after.tangent[c, 1]
-        tz = after.tangent[c, 2]
-        # twice the mean of the second tangents n x t at both ends
-        bx = py * qz - pz * qy + ny * tz - nz * ty
-        by = pz * qx - px * qz + nz * tx - nx * tz
-        bz = px * qy - py * qx + nx * ty - ny * tx
-        slips[0, c] += 0.5 * (gone_x * bx + gone_y * by + gone_z * bz)
-        slips[1, c] -= 0.5 * (gone_x * (qx + tx) + gone_y * (qy + ty) + gone_z * (qz + tz))
+            cosine = dot(start, end)
+            factor = size * _find_angle(sine, after.distance[c] * cosine, eps) / sine
+        gone = scale(factor, axis)
+        gone = add(gone, contacts.uneven[c] - 0.5 * size, get_row(turned, i))
+        gone = add(gone, -contacts.uneven[c] - 0.5 * size, get_row(turned, j))
+        first = get_row(before.tangent, c)
+        last = get_row(after.tangent, c)
+        # the means of both tangents at both ends, times two
+        tangents = add(first, 1.0, last)
+        second_tangents = add(cross(start, first), 1.0, cross(end, last))
+        slips[0, c] += 0.5 * dot(gone, second_tangents)
+        slips[1, c] -= 0.5 * dot(gone, tangents)
+
+
+@compiled
+def _find_shear(n: Vector, t: Vector, shears: Array, c: int) -> Vector:
+    """Return T along the axes of space, the tangential force of the contact ``c`` whose components
+    along the tangents t and n x t are in ``shears`` (n_s, n_c).
+    """
+    if len(shears) == 1:
+        return scale(shears[0, c], t)
+    return add(scale(shears[0, c], t), shears[1, c], cross(n, t))
 
 
 @compiled
@@ -344,44 +308,22 @@ def add_forces(
     normal forces ``normal_force`` (n_c,) and the tangential forces ``shears`` (n_s, n_c).
     """
     for c in range(len(normal_force)):
-        size = normal_force[c]
         along_t = shears[0, c]
         along_b = shears[1, c] if len(shears) == 2 else 0.0
-        if size == 0.0 and along_t == 0.0 and along_b == 0.0:
+        if normal_force[c] == 0.0 and along_t == 0.0 and along_b == 0.0:
             continue
         i = contacts.i[c]
         j = contacts.j[c]
-        nx = at.normal[c, 0]
-        ny = at.normal[c, 1]
-        nz = at.normal[c, 2]
-        tx = at.tangent[c, 0]
-        ty = at.tangent[c, 1]
-        tz = at.tangent[c, 2]
-        bx = ny * tz - nz * ty
-        by = nz * tx - nx * tz
-        bz = nx * ty - ny * tx
-        # the force f n - T on ball j
-        x = size * nx - along_t * tx - along_b * bx
-        y = size * ny - along_t * ty - along_b * by
-        z = size * nz - along_t * tz - along_b * bz
-        force[i, 0] -= x
-        force[i, 1] -= y
-        force[i, 2] -= z
-        force[j, 0] += x
-        force[j, 1] += y
-        force[j, 2] += z
-        arm_i = 0.5 * at.distance[c] - contacts.uneven[c]
-        arm_j = 0.5 * at.distance[c] + contacts.uneven[c]
-        # n x T, times the arm the torque on either ball
-        x = along_t * bx - along_b * tx
-        y = along_t * by - along_b * ty
-        z = along_t * bz - along_b * tz
-        torque[i, 0] += arm_i * x
-        torque[i, 1] += arm_i * y
-        torque[i, 2] += arm_i * z
-        torque[j, 0] += arm_j * x
-        torque[j, 1] += arm_j * y
-        torque[j, 2] += arm_j * z
+        n = get_row(at.normal, c)
+        shear = _find_shear(n, get_row(at.tangent, c), shears, c)
+        on_j = add(scale(normal_force[c], n), -1.0, shear)
+        add_to_row(force, i, -1.0, on_j)
+        add_to_row(force, j, 1.0, on_j)
+        # times the arm the torque on either ball
+        torque_per_arm = cross(n, shear)
+        half = 0.5 * at.distance[c]
+        add_to_row(torque, i, half - contacts.uneven[c], torque_per_arm)
+        add_to_row(torque, j, half + contacts.uneven[c], torque_per_arm)
 
 
 @compiled
@@ -394,22 +336,10 @@ def sum_works(
     """
     total = 0.0
     for c in range(len(normal_force)):
-        size = normal_force[c]
-        along_t = shears[0, c]
-        along_b = shears[1, c] if len(shears) == 2 else 0.0
-        nx = at.normal[c, 0]
-        ny = at.normal[c, 1]
-        nz = at.normal[c, 2]
-        tx = at.tangent[c, 0]
-        ty = at.tangent[c, 1]
-        tz = at.tangent[c, 2]
-        x = size * nx - along_t * tx - along_b * (ny * tz - nz * ty)
-        y = size * ny - along_t * ty - along_b * (nz * tx - nx * tz)
-        z = size * nz - along_t * tz - along_b * (nx * ty - ny * tx)
-        ex = contacts.normal[c, 0]
-        ey = contacts.normal[c, 1]
-        ez = contacts.normal[c, 2]
-        total += x * ex + y * ey + z * ez
+        n = get_row(at.normal, c)
+        shear = _find_shear(n, get_row(at.tangent, c), shears, c)
+        on_j = add(scale(normal_force[c], n), -1.0, shear)
+        total += dot(on_j, get_row(contacts.normal, c))
     return total
 
 
@@ -419,14 +349,5 @@ def turn_shears(at: Configuration, shears: Array, vectors: Array) -> None:
     along the two tangents of each contact are ``shears`` (n_s, n_c).
     """
     for c in range(len(vectors)):
-        along_t = shears[0, c]
-        along_b = shears[1, c] if len(shears) == 2 else 0.0
-        nx = at.normal[c, 0]
-        ny = at.normal[c, 1]
-        nz = at.normal[c, 2]
-        tx = at.tangent[c, 0]
-        ty = at.tangent[c, 1]
-        tz = at.tangent[c, 2]
-        vectors[c, 0] = along_t * tx + along_b * (ny * tz - nz * ty)
-        vectors[c, 1] = along_t * ty + along_b * (nz * tx - nx * tz)
-        vectors[c, 2] = along_t * tz + along_b * (nx * ty - ny * tx)
+        n = get_row(at.normal, c)
+        set_row(vectors, c, _find_shear(n, get_row(at.tangent, c), shears, c))

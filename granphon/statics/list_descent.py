@@ -260,19 +260,25 @@ class LatticeDescent(ListDescent):
         return replace(rest, overlap=np.where(is_rounding, 0.0, rest.overlap))
 
     def _explain_failure(self, place: Configuration) -> GranphonError:
-        """Return the error of a way that has not led to rest: where contacts adhere, that of the
-        contact that is nearest to its largest tension.
+        """Return the error of a way that has not led to rest. Where contacts adhere, the error
+        names the contact that is nearest to breaking, if this contact pulls, or has no force beside
+        springs or bonds.
         """
         laws = self.problem.assembly.laws
         error = explain(self.problem, self.options, residual=self.trail.best)
-        if laws.adhere and isinstance(error, ConvergenceError):
-            contact = int(np.argmin(place.overlap - laws.least))
-            tension = laws.tension[contact] + 0.0  # of contacts that only push, no -0
-            if not tension and np.any(np.isinf(laws.tension)):
-                return self._explain_unloaded(place, contact)
-            problem = f"{self.problem.load.words} pulls contact {contact} apart"
-            why = f"It bears a tension of up to {tension:.6g} N"
-            return InputError(problem, why, "Press the crystal more")
+        if not (laws.adhere and isinstance(error, ConvergenceError)):
+            return error
+        contact = int(np.argmin(place.overlap - laws.least))
+        force = place.force[contact]
+        if force < 0.0:
+            problem = f"the crystal has not come to rest under {self.problem.load.words}"
+            why = (
+                f"Contact {contact} is the nearest to breaking: it pulls with {-force:.6g} N, and"
+                f" bears up to {laws.tension[contact]:.6g} N"
+            )
+            return ConvergenceError(problem, why, "Press the crystal more")
+        if force == 0.0 and np.any(np.isinf(laws.tension)):
+            return self._explain_unloaded(place, contact)
         return error
 
     def _explain_unloaded(self, place: Configuration, contact: int) -> InputError:

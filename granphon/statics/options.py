@@ -335,6 +335,8 @@ class ResponseOptions:
     borne_of_motions : part of the energy that springs may bear where motions are asked for.
     rounds : rounds of refinement, at most.
     stalled : part of the forces that a round of refinement has left, from which it comes no nearer.
+    left : part of the forces that may stay where rounds come no nearer: balls that are not quite at
+        rest left up to 2e-9 along motions that cost nothing.
     reduction : error of an iteration in the norm of the energy; that of an elastic tensor is at
         most its square, and was 1/50 of the square in samples of a plane and of space: twelve
         digits are to be right. Each digit takes a twentieth of the iterations.
@@ -361,6 +363,7 @@ class ResponseOptions:
     borne_of_motions: float = 1e-11
     rounds: int = 20
     stalled: float = 0.5
+    left: float = 1e-6
     reduction: float = 3e-6
     reduction_of_motions: float = 1e-9
     patience: int = 60

@@ -120,7 +120,8 @@ class LinearResponse:
         leave. The forces that the motions of one round leave are solved for in the next.
 
         Rounds end where :meth:`_suffices` holds with ``borne``, where they come no nearer with any
-        of the :meth:`_list_solvers`, or at their largest number.
+        of the :meth:`_list_solvers`, or at their largest number. Raises ConvergenceError if they
+        then leave more than the part ``options.left`` of the forces.
         """
         matrix = self._tangent.matrix
         aim = 0.0 if self._symmetric else self._find_aim(right)
@@ -142,6 +143,9 @@ class LinearResponse:
                 remaining = left
                 if self._suffices(motions, remaining, right, borne):
                     return motions, remaining
+        most_left = self._options.left * float(np.linalg.norm(right))
+        if np.linalg.norm(remaining) > max(most_left, self._find_rounding(right.size)):
+            raise explain_failure(True)
         return motions, remaining
 
     def _suffices(self, motions: Array, remaining: Array, right: Array, borne: float) -> bool:

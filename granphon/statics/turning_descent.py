@@ -354,10 +354,14 @@ class TurningDescent(ListDescent):
 
     def _explain_failure(self, place: Configuration) -> GranphonError:
         """Return the error of a way that has not led to rest: a ConvergenceError of balls that
-        differ, with the nearest state as ``reached``, and an InstabilityError of others.
+        differ, with the nearest state, if there is one, as ``reached``; an InstabilityError of
+        others.
         """
         words = self.problem.load.words
         if self.problem.assembly.differs:
+            if place.mean == 0.0:
+                what = f"balls that differ have lost all contact under {words}"
+                return ConvergenceError(what, mend=f"{_STAY}; or press the balls more")
             what = f"balls that differ have not come to rest in the true geometry under {words}"
             # a trail without places is one that the way has begun anew, and left at once
             best = min(self.trail.best, place.residual)

@@ -5,6 +5,7 @@ differences; factors against iterations.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -451,3 +452,21 @@ def test_a_boundary_has_one_of_two_words():
         gp.DirectSimulation(
             packing, friction_history=True, friction_coefficient=0.2, boundary="stress"
         )
+
+
+def test_a_search_that_stops_early_names_the_contact_that_is_nearest_to_breaking():
+    """A ball that hangs on two, by less than the contacts bear, after one step of many."""
+    law = gp.JKR(0.05).between(*[gp.Ball(gp.Material(1e6, 0.49, 1100.0), D)] * 2)
+    assembly = replace(make_triangle(), laws=ContactLaws([(law, np.arange(2))], 2))
+    most = -law.force(law.least_overlap)
+    weight = np.array([0.1 * most, 1.5 * most])
+    load = AppliedLoad(weight, "a weight", None, np.zeros((0, 0)), np.zeros(2))
+    pulls = -assembly.laws.force(find_rest(assembly, load).overlap)
+    assert np.all(pulls < most)
+    with pytest.raises(ConvergenceError, match=r"weight.*Contact 1.*breaking") as caught:
+        find_rest(assembly, load, options=RestOptions(steps=1))
+    assert f"{most:.6g} N" in str(caught.value)
+    pressed = replace(load, force=-weight)
+    with pytest.raises(ConvergenceError, match="weight") as caught:
+        find_rest(assembly, pressed, options=RestOptions(steps=1))
+    assert "breaking" not in str(caught.value)
