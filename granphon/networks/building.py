@@ -40,6 +40,7 @@ from granphon.networks.sources import (
     find_repeated,
     find_rounding,
     note_pulling,
+    span_distance,
 )
 
 #: greatest gap or overlap of two balls, over the sum of their radii, at which they may be in
@@ -434,6 +435,7 @@ class _Joining:
         force, across = self._split_forces(contacts, pairs)
         if contacts.overlap is not None:
             pairs = self._take_overlaps(contacts, pairs)
+        self._note_arms(contacts, pairs)
         is_fine = faults.narrow()
         if force is not None:
             force = force[is_fine]
@@ -547,6 +549,27 @@ class _Joining:
         _compare_overlaps(contacts.select(rows), self.places.balls, pairs.select(rows))
         has_overlap = np.ones(len(contacts), bool)
         return replace(pairs, overlap=contacts.overlap, has_overlap=has_overlap)
+
+    def _note_arms(self, contacts: Contacts, pairs: _Pairs) -> None:
+        """Note, as faults, contacts between balls that move for which the source has arms whose sum
+        is not the distance of the centres.
+        """
+        if contacts.arm_i is None and contacts.arm_j is None:
+            return
+        arms = np.zeros(len(contacts))
+        for name, default in pairs.arms.items():
+            values = getattr(contacts, name)
+            arms += default if values is None else values
+        places = self.places
+        vector = places.positions[pairs.j] - places.positions[pairs.i] + pairs.shift @ places.cell
+        is_still = places.balls.fixed[pairs.i] | places.balls.fixed[pairs.j]
+        self.faults.note(
+            ~(span_distance(arms, vector) | is_still),
+            "arms whose sum is not the distance of the centres",
+            values=arms,
+            unit="m",
+            mend="Compare the units, and shift and cell with the places",
+        )
 
     def _note_repeated(self, pairs: _Pairs) -> None:
         """Note, as faults, contacts that repeat an earlier one."""

@@ -366,7 +366,8 @@ class _LayerStack:
         """Return the floor, a ``wall``, on which the balls of a ``face``, (m,) indices, stand: the
         lower face (``side`` -1) or the upper one (+1).
 
-        Each ball presses on the floor with the force of the contacts that the ball has lost there.
+        Each ball presses on the floor with the force of the contacts that the ball has lost there;
+        along the floor only if the network has tangential forces.
         A ball of the face that has lost no contact stands on no floor if ``may_carry_none``, as in
         faces of balls of different sizes; otherwise, and if no ball of the face has lost a contact,
         InputError is raised.
@@ -387,15 +388,19 @@ class _LayerStack:
                 "Nothing says with which force it stands on a floor",
                 "Cut elsewhere, or clamp it",
             )
-        # components, across the layers, of the forces of balls i on balls j
-        forces = _find_forces(self.network, self.row[cut_contacts]) @ self.turn.T[:, p]
+        # forces of balls i on balls j along the axes of the cut
+        forces = _find_forces(self.network, self.row[cut_contacts]) @ self.turn.T
         # a floor takes the part of the lost ball: where ball i is left, it presses on the floor as
-        # it did on ball j, outwards; where ball j is left, it presses with the opposite force
-        signs = np.where(self.has_i, side, -side)[cut_contacts]
-        places = np.searchsorted(pressed_balls, balls)
-        force: Any = np.bincount(places, signs * forces)  # the sum over the contacts of each ball
-        springs = _press_on_floor(self.network, pressed_balls, force, wall, _name_face(side))
-        return _Floor(side, pressed_balls, springs)
+        # it did on ball j; where ball j is left, it presses with the opposite force
+        signs = np.where(self.has_i, 1.0, -1.0)[cut_contacts]
+        on_floor = np.zeros((len(pressed_balls), 3))  # sums over the contacts of each ball
+        np.add.at(on_floor, np.searchsorted(pressed_balls, balls), signs[:, None] * forces)
+        normal_force = side * on_floor[:, p]
+        springs = _press_on_floor(self.network, pressed_balls, normal_force, wall, _name_face(side))
+        on_floor[:, p] = 0.0
+        if self.network.tangential_force is None:
+            on_floor[:] = 0.0
+        return _Floor(side, pressed_balls, springs | {"tangential_force": on_floor})
 
 
 @dataclass(frozen=True, eq=False)
@@ -421,7 +426,6 @@ class _Floor:
             "i": self.balls,
             "j": np.full(n_contacts, plane),
             "normal": np.tile(self.side * axis_vector, (n_contacts, 1)),
-            "tangential_force": np.zeros((n_contacts, 3)),
             "contact_torque": np.zeros((n_contacts, 3)),
             "shift": np.zeros((n_contacts, 3), np.intp),
         }

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from granphon.networks.sources import LARGEST, MOST_STEPS, UNIT, are_across
+from granphon.networks.sources import LARGEST, MOST_STEPS, UNIT, are_across, span_distance
 
 #: fields with one number for each ball
 NUMBERS_OF_BALLS = ("radii", "masses", "inertias")
@@ -22,8 +22,6 @@ _SPRINGS = {
     "normal_stiffness": "above zero",
     **dict.fromkeys(("shear_stiffness", "torsion_stiffness", "bending_stiffness"), "zero or above"),
 }
-#: greatest difference, over the sum of the two arms, between these and the distance of the centres
-_STRAY = 0.25
 #: a field, whether each of its entries meets the demand, the fault of one that does not, and how to
 #: mend it
 _Demand = tuple[str, Any, str, str]
@@ -133,7 +131,7 @@ def _list_demands_on_geometry(network: Any) -> Iterator[_Demand]:
     fault = "has a normal that does not lead from ball i to ball j"
     mend = "Normals lead from ball i to ball j displaced by shift cells"
     yield "normal", leads_to_j | is_at_wall, fault, mend
-    is_touching = np.abs(np.linalg.norm(vector, axis=1) - arms) <= _STRAY * np.abs(arms)
+    is_touching = span_distance(arms, vector)
     fault = "joins balls whose distance is not the sum of the two arms"
     mend = "Compare shift and cell with the positions"
     yield "arm_i", is_touching | is_at_wall, fault, mend

@@ -930,7 +930,8 @@ class ContactNetwork(Result):
         edges : how the two faces are held, one word for both or (lower, upper). "free": nothing
             holds them. "clamped": the balls of the outer layer do not move. "floor": the outer
             balls touch a rigid plane. A :class:`~granphon.Wall`: they touch an elastic plane. Each
-            ball presses on the plane with the force of the contacts that the ball has lost there;
+            ball presses on the plane with the force of the contacts that the ball has lost there,
+            along the plane too if the network has tangential forces;
             the contact has the stiffness of a ball on such a plane under this force, by the
             :attr:`contact_model`, as the floor of :meth:`Crystal.cut <granphon.Crystal.cut>` does.
 

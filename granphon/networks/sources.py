@@ -83,6 +83,8 @@ TANGENTIAL_LAWS = {
     "yade": TangentialLaw(0.0, turns=True, levers="yade"),
     "liggghts": TangentialLaw(0.5),
 }
+#: greatest difference, over the sum of the two arms, between these and the distance of the centres
+_STRAY = 0.25
 #: how rotations and displacements make slip, see the field ``slip_levers`` of
 #: :class:`~granphon.networks.network.ContactNetwork`
 SLIP_LEVERS = ("arms", "radii", "yade")
@@ -317,6 +319,13 @@ class Contacts:
             length = np.linalg.norm(np.clip(self.normal, -2.0, 2.0), axis=1)
             words = "a normal whose length is not one"
             faults.note(np.abs(length - 1.0) > UNIT, words, values=self.normal)
+
+
+def span_distance(arms: Array, vector: Array) -> Flags:
+    """Return whether the sums of the two ``arms`` (n_c,) of contacts are the lengths of the vectors
+    (n_c, 3) from centre to centre, to a quarter of the sum.
+    """
+    return np.asarray(np.abs(np.linalg.norm(vector, axis=1) - arms) <= _STRAY * np.abs(arms))
 
 
 def are_across(tangential: Array, normal: Array, normal_force: Array | float) -> Flags:

@@ -475,3 +475,29 @@ def test_a_clamp_that_holds_nothing():
         parted.cut(1, 3, ("clamped", "free"))
     with pytest.raises(InputError, match="falls into pieces"):
         parted.cut(1, 3)
+
+
+def sum_forces(network):
+    """(n, 3) Sums of the static forces on balls, N."""
+    force = network.normal_force[:, None] * network.normal + network.tangential_force
+    total = np.zeros((network.n_balls, 3))
+    np.add.at(total, network.j, force)
+    np.add.at(total, network.i, -force)
+    return total
+
+
+def test_floors_bear_the_tangential_forces_of_the_contacts_that_balls_have_lost():
+    """So balls that were in balance are in balance on floors."""
+    packing = gp.Packing(STEEL, D, spread=gp.Uniform(2e-5))
+    simulation = gp.DirectSimulation(
+        packing, (6, 5), friction_coefficient=0.3, friction_history=True, geometry="exact"
+    )
+    network = simulation.at_force(200.0).sample.network
+    size = np.max(np.abs(network.tangential_force))
+    assert np.max(np.abs(sum_forces(network))) < 1e-6 * size
+    cut = network.cut(axis=1, layers=2, edges=("floor", "floor"))
+    at_floor = ~cut.moving[cut.j]
+    assert np.max(np.abs(cut.tangential_force[at_floor])) > 0.1 * size
+    assert np.max(np.abs(sum_forces(cut)[cut.moving])) < 1e-6 * size
+    across = np.einsum("ca,ca->c", cut.tangential_force, cut.normal)
+    assert np.max(np.abs(across)) < 1e-12 * size

@@ -964,7 +964,10 @@ def test_balls_without_contacts_are_written_as_a_frame(tmp_path):
     assert abs(np.linalg.det(box)) > 0.0
 
 
-@pytest.mark.parametrize(("column", "values"), [("shift_1", [0, 1]), ("tangential_x", [0.0, 5.0])])
+@pytest.mark.parametrize(
+    ("column", "values"),
+    [("shift_1", [0, 1]), ("tangential_x", [0.0, 5.0]), ("arm_i", [1e-3, 1e-2])],
+)
 def test_contacts_that_cannot_be_are_left_out(column, values):
     balls = {"x": [0.0, 1.99e-3, 3.98e-3], "y": [0.0] * 3, "radius": [1e-3] * 3}
     contacts = {"i": [0, 1], "j": [1, 2], column: values}

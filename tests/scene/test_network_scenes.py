@@ -146,6 +146,9 @@ observe: [modes]
     assert scene.state().network == read
     with pytest.raises(gp.GranphonError, match=r"network\.rolling_stiffness"):
         gp.Scene.from_text(text.format(floor=floor, rolling="epsd"))
+    walls = text.replace("  keywords", f"  walls: {floor}_walls.dump\n  keywords")
+    with pytest.raises(gp.GranphonError, match=r"walls: .*third of files"):
+        gp.Scene.from_text(walls.format(floor=floor, rolling="epsd2"))
 
 
 def cut(folder):
