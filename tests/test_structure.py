@@ -43,6 +43,19 @@ def heavy(modules: set[str]) -> set[str]:
     return {m for m in modules if m.split(".")[0] in HEAVY or m.startswith("ase.calculators")}
 
 
+#: compiled loops over vectors and fields of balls, which know of no contact
+OF_VECTORS = {"array/minimal_residuals.py", "statics/green.py", "statics/grid_iteration.py"}
+
+
+def test_loops_over_contacts_are_compiled_in_one_room():
+    files = {
+        path.relative_to(PACKAGE).as_posix()
+        for path in PACKAGE.rglob("*.py")
+        if "\n@compiled\n" in path.read_text(encoding="utf-8")
+    }
+    assert {name for name in files if not name.startswith("contacts/")} == OF_VECTORS
+
+
 def test_importing_granphon_loads_nothing_heavy():
     modules = loaded_after("import granphon")
     assert not heavy(modules)

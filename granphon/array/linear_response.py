@@ -16,11 +16,11 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from granphon.array.contact_lists import Springs, list_on_lattice
-from granphon.array.contact_operator import ContactHessian
 from granphon.array.krylov import Single, conjugate_gradients
 from granphon.array.stencils import Stencils, dot
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
+from granphon.contacts.shift_product import ContactHessian
 from granphon.dynamics.elasticity import voigt_pairs
 from granphon.statics.options import RestOptions
 from granphon.statics.stiff_factors import factorise_stiff

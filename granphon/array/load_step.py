@@ -377,15 +377,13 @@ class LoadStep:
         contacts, linearise = self._law.advance(start, place.overlaps, slips, guess)
         forces = contacts.forces
         load = self._load
-        stencils = self._stencils
         force = float(np.mean(forces))
         normal = forces
         shears = contacts.shears
-        if self._drag:  # dashpots resist the motion of neighbours against each other in the step
-            # what the motion of balls adds to overlaps
-            gain = contacts.overlaps - start.overlaps - (overlap - self._here.overlap)
-            normal = forces + self._drag * gain
-            shears = shears + stencils.mindlin_ratio * self._drag * (contacts.slips - start.slips)
+        if self._drag:
+            overlap_change = overlap - self._here.overlap
+            eta = self._stencils.mindlin_ratio
+            normal, shears = contacts.damp(start, overlap_change, self._drag, eta)
         on_balls = place.push(normal, shears)
         pull = self._geometry.collect_forces(*on_balls)
         push = forces.size * find_lack(load, place, forces, contacts.shears)

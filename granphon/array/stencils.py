@@ -6,7 +6,7 @@ table, so that many elongations are plain differences; then, if contacts resist 
 Deformations of contacts are arrays (rows, L1, ..., Lp): the elongation of each kind of contact,
 then its slips, twist and rolls, stored at the cell of ball i, from which the contact starts. No
 matrix is stored: C and its transpose are shifts of whole arrays
-(:mod:`granphon.array.contact_operator`). The inverse of C^T C for equal contacts, the lattice
+(:mod:`granphon.contacts.shift_product`). The inverse of C^T C for equal contacts, the lattice
 Green's function, is a product in Fourier space.
 """
 
@@ -21,10 +21,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from granphon.array.contact_operator import ContactHessian, ContactOperator
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.balls.motions import default_motions, select_motions
 from granphon.base.arrays import Array
+from granphon.contacts.shift_product import ContactHessian, ContactOperator
 from granphon.dynamics.deformation_rows import contact_rows, strain_rows
 from granphon.dynamics.linalg import invert_hermitian
 from granphon.statics.green import multiply_waves

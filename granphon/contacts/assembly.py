@@ -145,6 +145,20 @@ class Assembly:
         ends = np.concatenate([self.i[counted], self.j[counted]])
         return np.bincount(ends, minlength=self.n_bodies)[: self.n_balls]
 
+    def find_stress(self, overlap: Array, normal: Array, deformation: Array) -> Array:
+        """Return the stress (p, p), below zero where balls are pressed together, on the cell whose
+        vectors a ``deformation`` (p, p) has changed: the symmetric part of the virial of contacts
+        between balls over the length, area or volume; N, N/m or Pa with one, two or three periods.
+
+        The contacts have the ``overlap`` (n_c,), m, and the ``normal`` (n_c, 3).
+        """
+        p = self.periods
+        forces = self.laws.force(overlap)[:, None] * normal[:, :p]
+        virial = forces.T @ np.where(self.is_flat[:, None], 0.0, self.vector[:, :p])
+        virial = virial @ deformation.T
+        measure = self.measure * float(np.linalg.det(deformation))
+        return np.asarray(-0.5 * (virial + virial.T) / measure)
+
     def make_losses(self) -> Any:
         """Return the sparse matrix L (n_c, n_bodies d), stored by rows, with a row (-n, n) for each
         contact.

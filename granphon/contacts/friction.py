@@ -145,6 +145,20 @@ class Contacts:
             by_contact(self.shears, count),
         )
 
+    def damp(
+        self, start: Contacts, overlap_change: float, drag: float, eta: float
+    ) -> tuple[Array, Array]:
+        """Return the normal forces (n_c, L1, ..., Lp) and the tangential forces (n_s, n_c, L1, ...,
+        Lp) with those of dashpots, which resist the motion of neighbours against each other since
+        the ``start`` of a step.
+
+        The stiffness of dashpots over the step is ``drag`` against elongation, and eta times
+        ``drag`` against slip. A change ``overlap_change`` of y, by which all centres come nearer,
+        is not resisted.
+        """
+        gain = self.overlaps - start.overlaps - overlap_change
+        return self.forces + drag * gain, self.shears + eta * drag * (self.slips - start.slips)
+
     @property
     def tangential(self) -> Array:
         """(n_c, L1, ..., Lp) magnitudes |T| of the tangential forces."""

@@ -1840,20 +1840,11 @@ class Crystal(Result):
         stresses = np.zeros((len(states), p, p))
         if p:
             for index, state in enumerate(states):
-                stresses[index] = self._find_stress(state, np.eye(p) + strains[index])
+                deformation = np.eye(p) + strains[index]
+                stresses[index] = self._assembly.find_stress(
+                    state.overlap, state.normal, deformation
+                )
         return stresses
-
-    def _find_stress(self, state: Rest, deformation: Array) -> Array:
-        """Return the stress (p, p) of a state at rest, on the cell whose vectors a ``deformation``
-        (p, p) has changed: the symmetric part of the virial of the contacts between balls.
-        """
-        assembly = self._assembly
-        p = self.periods
-        forces = assembly.laws.force(state.overlap)[:, None] * state.normal[:, :p]
-        virial = forces.T @ np.where(assembly.is_flat[:, None], 0.0, assembly.vector[:, :p])
-        virial = virial @ deformation.T
-        measure = assembly.measure * float(np.linalg.det(deformation))
-        return np.asarray(-0.5 * (virial + virial.T) / measure)
 
 
 @result_class

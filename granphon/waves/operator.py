@@ -24,7 +24,7 @@ eigenvalue of D is a little less than zero. So :attr:`WaveOperator.whole`, D wit
 part, tells whether the network is stable.
 
 D of a large array of equal masses is applied without a matrix (:class:`ArrayOperator`, with
-:mod:`granphon.array.contact_operator`). For several vectors at once the sparse matrix is faster, as
+:mod:`granphon.contacts.shift_product`). For several vectors at once the sparse matrix is faster, as
 it is read once for all vectors.
 """
 
@@ -39,11 +39,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
-from granphon.array.contact_operator import ContactHessian, ContactOperator
 from granphon.balls.lattices import Lattice
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError, InstabilityError, message
 from granphon.base.progress import Progress, silent
+from granphon.contacts.shift_product import ContactHessian, ContactOperator
 from granphon.dynamics.damping import ALIKE, Losses
 from granphon.dynamics.deformation_rows import (
     Row,
