@@ -205,7 +205,7 @@ def write_errors(scene: Any, blocks: dict[str, Any]) -> None:
 def shift_scene(scene: Any, keys: Keys, change: float, observed: str = "") -> Any:
     """Return the scene without standard errors whose parameter at the path ``keys`` is larger by
     ``change``, SI; it observes only what is ``observed``, if that is given. Refused, at this path,
-    if the scene is not valid with the changed value.
+    if the scene is not valid with the changed value, or if its sweep replaces the parameter.
     """
     blocks = _write(scene)
     if observed:
@@ -222,7 +222,51 @@ def shift_scene(scene: Any, keys: Keys, change: float, observed: str = "") -> An
         # the refusal has the place of the standard error, so that the message need not name it
         reason = str(error).removeprefix(":1: ").removeprefix(f"{name_keys(keys)}: ")
         raise Refused(found, "one with which there are results", reason, keys) from None
+    _require_an_effect(scene, shifted_scene, keys, abs(change))
     return shifted_scene
+
+
+def _require_an_effect(scene: Any, shifted_scene: Any, keys: Keys, error: float) -> None:
+    """Raise Refused, at the path ``keys`` of a parameter, if the sweep of a ``scene`` gives all
+    values of the parameter, so that no state has its standard ``error``: the states of the
+    ``shifted_scene`` are then the same.
+    """
+    grids = scene.plan.grid, shifted_scene.plan.grid
+    axes = grids[0].axes
+    if not axes or _are_same(*(grid.change({}) for grid in grids)):
+        return  # the parameter has no effect without a sweep either
+    pairs_of_cases = zip(*(grid.cases for grid in grids), strict=True)
+    if not all(
+        case.load == shifted_case.load
+        and _are_same((case.packing, case.request), (shifted_case.packing, shifted_case.request))
+        for case, shifted_case in pairs_of_cases
+    ):
+        return
+    values = {axis.name: axis.values[0] for axis in axes}
+    replacing = [
+        name
+        for name, value in values.items()
+        if _are_same(*(grid.change({name: value}) for grid in grids))
+    ]
+    raise Refused(
+        f"a standard error of {error:g}, which no state has",
+        "standard errors of what the sweep leaves",
+        f"The sweep of {' and '.join(replacing or values)} gives all values. Write an error behind"
+        " each of them, as in '8 mm +- 4 um'.",
+        keys,
+    )
+
+
+def _are_same(first: tuple[Any, Any], second: tuple[Any, Any]) -> bool:
+    """Return whether two pairs of balls and the request of their states, of scenes that differ in
+    one number, are of the same states.
+    """
+    (balls, request), (other_balls, other_request) = first, second
+    settings = (request.waves, request.surface, request.bands)
+    return bool(
+        balls == other_balls
+        and settings == (other_request.waves, other_request.surface, other_request.bands)
+    )
 
 
 def name_edges(dataset: Dataset) -> list[str]:

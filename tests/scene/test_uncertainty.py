@@ -334,6 +334,23 @@ def test_lists_of_one_value_and_vectors_have_errors(work, value, line):
     assert gp.Scene.from_text(scene.to_yaml()).to_yaml() == scene.to_yaml()
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "place"),
+    [
+        ("7840 kg/m^3", "7840 kg/m^3 +- 1 %", "material.density.*sweep of density"),
+        ("8 mm", "8 mm, spread: {uniform: 2 +- 0.1 um}", "spread.uniform.*sweep of width"),
+    ],
+)
+def test_errors_of_what_a_sweep_replaces_are_refused(old, new, place):
+    plain = SCENE.replace("FORCE", "5 N").replace(" +- 4 um", "") + (
+        "sweep: {density: [7 g/cm^3, 8 g/cm^3], width: [1 um, 2 um]}\nmedium: afa\n"
+    )
+    with pytest.raises(GranphonError, match=place):
+        gp.Scene.from_text(plain.replace(old, new))
+    scene = gp.Scene.from_text(plain.replace("8 g/cm^3", "8 +- 0.1 g/cm^3"))
+    assert [keys[-1] for keys, _ in scene.errors] == ["young_modulus", 1]
+
+
 @pytest.mark.slow
 def test_the_report_has_errors_of_sweeps_gaps_and_tensors(tmp_path):
     text = (
@@ -624,6 +641,11 @@ surface: {axis: 0}
     relative = data["surface_frequency_error"] / data["surface_frequency"]
     assert_allclose(relative.values.ravel(), 0.5 * np.abs(power.values.ravel()), rtol=1e-5)
     assert "surface_frequency" not in data.attrs["warnings"]
+    # the motions fall by the ratio of the masses from layer to layer
+    ratio = (2.0 / 2.7) ** 2
+    assert_allclose(data["surface_weight"].values.ravel(), 1.0 - ratio, rtol=1e-9)
+    table = np.genfromtxt(tmp_path / "surface.csv", delimiter=",", names=True)
+    assert_allclose(table["weight_error"], 2.0 * ratio * 0.5, rtol=1e-5)
 
 
 def test_a_wall_of_a_kind_without_balls_has_the_error_of_this_kind():
