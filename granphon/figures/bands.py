@@ -408,7 +408,7 @@ def _draw_errors(bands: Bands, ax: Axes, frequencies: Array, errors: Array) -> N
         branch = frequencies[s, :, b]
         gid = f"errors-{s}-{b}"
         draw_error_band(ax, bands.distances[s], branch, errors[s, :, b], _ERRORS, gid)
-    ax.add_line(make_error_handle())
+    ax.add_line(make_error_handle(frequencies, errors))
 
 
 def _name_colours_of_edges(ax: Axes) -> None:
@@ -826,6 +826,10 @@ def bands_figure(
     return figure
 
 
+#: label of fields of standard errors
+_FIELD = "standard error"
+
+
 def _add_joint_legend(figure: Figure, axes: Any) -> None:
     """Add the legend of all ``axes``, each label once, below a figure; none where the total density
     would be its only entry.
@@ -835,6 +839,13 @@ def _add_joint_legend(figure: Figure, axes: Any) -> None:
     for ax in axes[::-1]:
         handles, labels = ax.get_legend_handles_labels()
         handles_by_label.update(zip(labels, handles, strict=True))
+    field = handles_by_label.get(_FIELD)
+    sized = next((label for label in handles_by_label if label.startswith(f"{_FIELD} ")), None)
+    if field is not None and sized is not None:
+        # the entry of the density, whose field can be seen, tells the size of those of the bands
+        del handles_by_label[sized]
+        del handles_by_label[_FIELD]
+        handles_by_label[f"{_FIELD} (bands{sized.removeprefix(_FIELD)})"] = field
     if set(handles_by_label) - {"total"}:
         labels = list(handles_by_label)
         has_one_row = sum(map(len, labels)) <= _LETTERS_OF_ROW

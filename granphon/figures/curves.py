@@ -456,9 +456,12 @@ def _make_remarks(curves: Sequence[Curve]) -> list[Line2D]:
         hollow_points: dict[str, Any] = {"marker": "o"} | _POINTS | _HOLLOW
         look = hollow_points if all(curve.as_points for curve in curves) else _OUTSIDE
         handles.append(Line2D([], [], label="outside its range", color=grey, **look))
-    has_bands = [(curve.error > 0.0) & ~curve.simulated for curve in curves if not curve.as_points]
-    if np.any(np.concatenate([[False], *has_bands])):
-        handles.append(make_error_handle())
+    lines = [curve for curve in curves if not curve.as_points]
+    errors = np.concatenate([[0.0], *(line.error * ~line.simulated for line in lines)])
+    if np.any(errors > 0.0):
+        handles.append(
+            make_error_handle(np.concatenate([[0.0], *(line.y for line in lines)]), errors)
+        )
     names = {label.partition("(")[0] for curve in curves for label in curve.served}
     for name in sorted(names, key=list(MEDIA).index):
         handle = Line2D(

@@ -234,7 +234,7 @@ def _draw_panels(
     greatest = float(np.max(values[np.isfinite(values)], initial=0.0)) or 1.0
     unit = HertzPrefix.for_top(greatest)
     if f"{variable}_error" in dataset:
-        handles = [*handles, make_error_handle()]
+        handles = [*handles, make_error_handle(values, dataset[f"{variable}_error"].values)]
     all_x = np.asarray(read_values(turn_over(dataset, x_name), x_name), float)
     x_unit = str(dataset[x_name].attrs.get("units", ""))
 

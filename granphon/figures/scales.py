@@ -18,6 +18,7 @@ from logging.handlers import BufferingHandler
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import FigureError, InputError, MissingPackageError, needing
@@ -40,6 +41,11 @@ if TYPE_CHECKING:
     from granphon.networks.network import ContactNetwork
 
 
+#: relative error below which the band of a curve is narrower than a line: one point of the 150 of
+#: an axis that begins at zero
+_HIDDEN = 3e-3
+#: value over the greatest above which the legend tells its relative error: others are near zero
+_LEAST_TOLD = 1e-3
 #: greatest number of records of the log of an import
 _MOST_RECORDS = 1000
 
@@ -310,9 +316,25 @@ def draw_error_band(
         fill(x, lower, upper, color=colour, alpha=0.3, linewidth=0.0, gid=gid)
 
 
-def make_error_handle() -> Line2D:
-    """Return the entry of a legend for the bands of :func:`draw_error_band`."""
-    return Line2D([], [], color="0.3", alpha=0.3, linewidth=5.0, label="standard error")
+def make_error_handle(values: ArrayLike = (), errors: ArrayLike = (), of: str = "") -> Line2D:
+    """Return the entry of a legend for the bands of :func:`draw_error_band`. Of ``values`` with
+    ``errors``, arrays of one shape, it tells the least and the greatest relative error, and has no
+    mark where the bands are hidden behind lines.
+    """
+    sizes = np.nan_to_num(np.abs(np.ravel(values)))
+    errors_known = np.nan_to_num(np.ravel(errors))
+    relative = np.divide(errors_known, sizes, out=np.zeros(sizes.shape), where=sizes > 0.0)
+    is_told = (relative > 0.0) & (sizes > _LEAST_TOLD * np.max(sizes, initial=0.0))
+    style: dict[str, Any] = {"color": "0.3", "alpha": 0.3, "linewidth": 5.0}
+    label = "standard error"
+    if np.any(is_told):
+        told = relative[is_told]
+        # of equal ends one is written
+        ends = dict.fromkeys(f"{100.0 * end:.2g}" for end in (np.min(told), np.max(told)))
+        label = f"{label} {' to '.join(ends)} %"
+        if np.max(told) < _HIDDEN:
+            style = {"linestyle": "none"}
+    return Line2D([], [], label=label, **style)
 
 
 def draw_densities(

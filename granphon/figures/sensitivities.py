@@ -13,11 +13,12 @@ from granphon.figures.scales import styled_figure
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.text import counted
-from granphon.figures.style import BLUE, STYLE, VERMILION
+from granphon.figures.style import BLUE, FRAME, STYLE, VERMILION
 from granphon.observables.catalogue import CATALOGUE, axis_label
 from granphon.runs.dataset import Dataset
 from granphon.runs.sensitivities import EDGE_WAVE
@@ -30,6 +31,10 @@ _BAR = 0.13
 _MARGINS = 0.5
 #: letters in a line of the title of a panel
 _LETTERS = 16
+#: most intervals between ticks of a panel
+_MOST_TICKS = 5
+#: part of the width of a panel within which a tick has no room for its number at either end
+_ROOM = 0.05
 #: part of its place that a bar fills
 _WIDTH = 0.7
 
@@ -59,6 +64,8 @@ def sensitivities_figure(dataset: Dataset, tell: Callable[[str], object] | None 
         axes = figure.subplots(n_rows, n_columns, sharex=True, sharey=True, squeeze=False)
         for ax, number in zip(axes.flat, chosen, strict=False):
             _draw_bars(ax, by_state[:, number])
+            ax.grid(visible=True, axis="x", color=FRAME, linewidth=0.4)
+            ax.set_axisbelow(True)
             ax.set_title(fill(_name_quantity(quantities[number]), _LETTERS), pad=3.0)
         axes[0, 0].set_yticks(range(len(parameters)), [axis_label(name, "") for name in parameters])
         axes[0, 0].invert_yaxis()
@@ -66,6 +73,11 @@ def sensitivities_figure(dataset: Dataset, tell: Callable[[str], object] | None 
             ax.set_axis_off()
         for ax in axes.flat[max(0, len(chosen) - n_columns) : len(chosen)]:
             ax.tick_params(labelbottom=True)
+        low, high = axes[0, 0].get_xlim()
+        ticks = MaxNLocator(_MOST_TICKS, steps=[1, 2, 5, 10]).tick_values(low, high)
+        room = _ROOM * (high - low)
+        axes[0, 0].set_xticks(ticks[(ticks > low + room) & (ticks < high - room)])
+        axes[0, 0].xaxis.set_major_formatter("{x:g}")
         words = "Logarithmic derivative"
         if len(by_state) > 1:
             words += "\nbars: mean of the states; lines: least to greatest"

@@ -56,6 +56,9 @@ _MOST_POINTS = 1000
 FINER = 4
 #: smoothing t of a gap, over the top frequency
 _SMOOTH = 2e-3
+#: smooth width of a gap, over the smoothing, up to which it is put down to the smoothing: of two
+#: branches that touch at one wave vector others lie so far apart that they hardly count
+_CLOSED = 1e-3
 #: weight of a frequency in a smooth edge from which its derivatives count
 _LEAST_WEIGHT = 1e-9
 #: misfit above which a frequency is not matched: in standard errors, and, where these are not
@@ -212,6 +215,14 @@ class WidestGap:
         below, gaps = phonons.find_gaps([FINER * number for number in numbers])
         is_gap = below == self.branches
         return float(np.sum(np.diff(gaps[is_gap], axis=1)))
+
+    def tell_closed(self, width: float) -> str:
+        """Return words for the smooth ``width`` of a gap that is closed, Hz, zero where this width
+        is of the smoothing alone; "" for one that is open.
+        """
+        if self.smoothing is not None and abs(width) < _CLOSED * self.smoothing:
+            return "zero, the branches touch"
+        return "closed, the branches overlap" if width < 0.0 else ""
 
     def estimate_memory(self, network: ContactNetwork) -> float:
         """Return the memory that :meth:`evaluate` takes, bytes."""

@@ -678,6 +678,13 @@ _OBSERVABLES = (
         cost="surface",
         dims=("surface_point", "surface_wave"),
     ),
+    Observable(
+        "surface_weight",
+        "1",
+        "part of the kinetic energy of each of these waves in the outer layers, nan beyond them",
+        cost="surface",
+        dims=("surface_point", "surface_wave"),
+    ),
     *(
         _of_response(
             f"{name}{ending}", unit, f"{of}{title} at each frequency", sampled=bool(ending)

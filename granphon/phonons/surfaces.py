@@ -137,10 +137,16 @@ class SurfaceSpectrum(Result, array="values"):
     corners: Array = held(float, "c", "1", default_factory=lambda: np.zeros(0))
     labels: tuple[str, ...] = held((str, ...), "c", default=())
 
-    def write_csv(self, path: str | os.PathLike[str], errors: ArrayLike | None = None) -> None:
+    def write_csv(
+        self,
+        path: str | os.PathLike[str],
+        errors: ArrayLike | None = None,
+        weight_errors: ArrayLike | None = None,
+    ) -> None:
         """Write a table of the ``waves``: a row for each, with its wave vector, and the distance
         along the path, nan of wave vectors that are no path; with ``errors`` (n,), Hz, also the
-        standard error of each frequency, nan where it is not known.
+        standard error of each frequency, and with ``weight_errors`` (n,) that of each weight, nan
+        where it is not known.
 
         Raises :class:`~granphon.base.errors.InputError` for a spectrum without waves.
         """
@@ -169,6 +175,9 @@ class SurfaceSpectrum(Result, array="values"):
         if errors is not None:
             headings.append(Heading("frequency", "Hz").of_error)
             columns.append(real_array("errors", errors))
+        if weight_errors is not None:
+            headings.append(Heading("weight", "").of_error)
+            columns.append(real_array("weight_errors", weight_errors))
         write_text(path, table_text(headings, np.transpose(columns).tolist()))
 
 
@@ -565,11 +574,11 @@ def observe_surface(
     """Return the waves at an edge at each of n loads, by the names of the catalogue: what a run
     keeps.
 
-    These are "surface_frequency" (n, n_q, n_w), Hz, along :meth:`Surface.path` with ``points`` in
-    each segment, nan where a wave vector has fewer waves; the path itself, "surface_qpoint"
-    (n, n_q, 3) and "surface_distance" (n, n_q); and where there is a long wave "surface_velocity"
-    (n,), m/s, along the first leg. ``different`` are the states, or the first state if all have one
-    lattice in reduced units.
+    These are "surface_frequency", Hz, and "surface_weight" (n, n_q, n_w) along :meth:`Surface.path`
+    with ``points`` in each segment, nan where a wave vector has fewer waves; the path itself,
+    "surface_qpoint" (n, n_q, 3) and "surface_distance" (n, n_q); and where there is a long wave
+    "surface_velocity" (n,), m/s, along the first leg. ``different`` are the states, or the first
+    state if all have one lattice in reduced units.
     """
     surfaces = [state.cached(Surface, axis, edge) for state in different]
     paths = [surface.path(points) for surface in surfaces]
@@ -579,12 +588,13 @@ def observe_surface(
     of_states = np.array([[state.scales.frequency, state.scales.velocity] for state in states])
     of_surfaces = [[state.scales.frequency, state.scales.velocity] for state in different]
     frequency_ratio, velocity_ratio = (of_states / of_surfaces).T
-    table = _tabulate_waves(branches, len(q))
+    frequencies, weights = _tabulate_waves(branches, len(q))
     distances = np.array([path[1] for path in paths])
     observed = {
         "surface_distance": np.broadcast_to(distances, (len(states), len(q))),
         "surface_qpoint": np.broadcast_to(q, (len(states), *q.shape)),
-        "surface_frequency": frequency_ratio[:, None, None] * table,
+        "surface_frequency": frequency_ratio[:, None, None] * frequencies,
+        "surface_weight": np.broadcast_to(weights, (len(states), *weights.shape[1:])),
     }
     leg = None
     if len(q) > 1:
@@ -596,14 +606,17 @@ def observe_surface(
     return observed
 
 
-def _tabulate_waves(branches: Sequence[SurfaceBranches], n_q: int) -> Array:
-    """Return the frequencies (surfaces, n_q, n_w), Hz, of waves of several surfaces at the same
-    wave vectors; nan where a wave vector has fewer waves than another.
+def _tabulate_waves(branches: Sequence[SurfaceBranches], n_q: int) -> tuple[Array, Array]:
+    """Return the frequencies, Hz, and the weights (surfaces, n_q, n_w) of waves of several surfaces
+    at the same wave vectors; nan where a wave vector has fewer waves than another.
     """
     counts = [int(np.bincount(waves.place, minlength=1).max()) for waves in branches]
-    table = np.full((len(branches), n_q, max(1, *counts)), np.nan)
-    for frequencies, waves in zip(table, branches, strict=True):
+    shape = (len(branches), n_q, max(1, *counts))
+    frequencies = np.full(shape, np.nan)
+    weights = np.full(shape, np.nan)
+    for number, waves in enumerate(branches):
         # the rank of each wave among those of its wave vector
         rank = np.arange(len(waves.place)) - np.searchsorted(waves.place, waves.place)
-        frequencies[waves.place, rank] = waves.frequencies
-    return table
+        frequencies[number, waves.place, rank] = waves.frequencies
+        weights[number, waves.place, rank] = waves.weight
+    return frequencies, weights

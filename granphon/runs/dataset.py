@@ -506,13 +506,14 @@ def find_dataset(result: Any) -> Dataset | None:
     return dataset
 
 
-def find_wave_errors(data: Dataset | None) -> Any:
-    """Return the standard errors (n,), Hz, of the waves of an edge that a ``data`` set of one state
-    has; None without.
+def find_wave_errors(data: Dataset | None, of: str = "frequency") -> Any:
+    """Return the standard errors (n,) of the frequencies, Hz, of the waves of an edge that a
+    ``data`` set of one state has, or ``of`` their "weight"; None without.
     """
-    if data is None or "surface_frequency_error" not in data:
+    name = f"surface_{of}_error"
+    if data is None or name not in data:
         return None
-    table = data["surface_frequency_error"]
+    table = data[name]
     # the table has an empty place where a wave vector has fewer waves than another
     return table.values[np.isfinite(data["surface_frequency"].values)]
 

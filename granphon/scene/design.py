@@ -18,6 +18,7 @@ from granphon.balls.loads import Load
 from granphon.balls.packing import change_packing
 from granphon.base.text import counted
 from granphon.inverse.design import Design, choose_best
+from granphon.inverse.goals import WidestGap
 from granphon.inverse.search import Found, Numbers, Parameters, Problem
 from granphon.media import cost as costs
 from granphon.networks.network import ContactNetwork, given_network
@@ -228,7 +229,7 @@ class PosedDesign:
 
     def describe(self) -> list[tuple[str, Any, str]]:
         """Return rows (name, value, SI unit) on the unknowns and on the goal at the start, of a
-        goal with certificates the smooth value, with which the search begins.
+        gap the smooth width, with which the search begins, or that it is closed.
         """
         problem = self.problem
         space = problem.space
@@ -237,11 +238,12 @@ class PosedDesign:
         more = f" and {len(labels) - _MOST_NAMES} more" if len(labels) > _MOST_NAMES else ""
         goal = problem.goals[0]
         unit = getattr(goal, "unit", "")
-        smooth = "smooth " if hasattr(goal, "certify") else ""
-        return [
-            ("unknowns of the design", f"{len(labels)}: {names}{more}", ""),
-            (f"{smooth}goal at the start", problem.start_value, unit),
-        ]
+        value = problem.start_value
+        row: tuple[str, Any, str] = ("goal at the start", value, unit)
+        if isinstance(goal, WidestGap):
+            closed = goal.tell_closed(value)
+            row = ("smooth gap at the start", closed or value, "" if closed else unit)
+        return [("unknowns of the design", f"{len(labels)}: {names}{more}", ""), row]
 
     def finish(self, results: Sequence[TaskResult]) -> Design:
         """Return the best of the designs that the tasks have found, whose ``results`` are in the

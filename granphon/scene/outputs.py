@@ -784,12 +784,17 @@ def _write_with_table(name: str, run: Any, folder: Path) -> None:
 
 def _write_surface(run: Any, folder: Path) -> None:
     """Write the spectrum at an edge as surface.json, and its waves, with the standard errors of
-    their frequencies, as surface.csv.
+    their frequencies and weights, as surface.csv.
     """
     from granphon.runs.dataset import find_wave_errors
 
     _write_json(run["surface"], folder / "surface.json")
-    run["surface"].write_csv(folder / "surface.csv", errors=find_wave_errors(run["states"]))
+    data = run["states"]
+    run["surface"].write_csv(
+        folder / "surface.csv",
+        errors=find_wave_errors(data),
+        weight_errors=find_wave_errors(data, "weight"),
+    )
 
 
 def _write_bands(run: Any, folder: Path) -> None:

@@ -43,7 +43,7 @@ from granphon.observables.validity import Validity
 from granphon.observables.velocities import Moduli, SoundVelocities
 from granphon.runs.execution import Means
 from granphon.runs.finished_tasks import Store, open_store
-from granphon.runs.plan import PLACE_OF_EDGE, CostPart, Plan, keep_incomplete
+from granphon.runs.plan import CostPart, Plan, keep_incomplete
 from granphon.runs.tasks import Grid, Request, Written
 from granphon.runs.workers import packages
 from granphon.scene import file_keys
@@ -305,7 +305,7 @@ class Scene(SceneValues):
         pairs = self._compute_shifted(result, executor, progress)
         dataset, spreads = self._spread_over_states(result, pairs, executor)
         if OUTPUTS["errors"] in result.rows:
-            spreads.append(self._spread_over_summary(result, pairs))
+            spreads.append(self._spread_over_summary(result, dataset, pairs))
         for row in result.rows:
             if row.columns is not None and result[row.name] is not None:
                 spreads.append(self._spread_over_table(row, result, pairs))
@@ -336,35 +336,46 @@ class Scene(SceneValues):
         executor: Executor | None,
     ) -> tuple[Dataset, list[Spread]]:
         """Return the data set of the ``result`` with standard errors, and the spreads from which
-        these are: that of the results of the shifted scenes, ``pairs``, and for the waves of an
-        edge, if there are any, one of small changes, whose scenes are computed.
+        these are: that of the results of the shifted scenes, ``pairs``, and for waves of an edge,
+        gaps and peaks, if there are any, one of small changes, whose scenes are computed.
         """
-        from granphon.scene.uncertainty import Spread, name_edges
+        from granphon.scene.uncertainty import Spread, is_near
 
         spread_of_states = Spread.of(
             self, [(lower.dataset, upper.dataset) for lower, upper in pairs]
         )
         spreads = [spread_of_states]
-        edges = name_edges(result.dataset)
-        others = [str(name) for name in result.dataset.data_vars if name not in edges]
-        dataset = spread_of_states.add_to(result.dataset, others)
-        if edges:
-            spread_of_edges = self._find_spread_of_edges(executor)
-            spreads.append(spread_of_edges)
-            dataset = spread_of_edges.add_to(dataset, edges)
+        names = [str(name) for name in result.dataset.data_vars]
+        dataset = spread_of_states.add_to(
+            result.dataset, [name for name in names if not is_near(name)]
+        )
+        near_names = [name for name in names if is_near(name)]
+        if near_names:
+            near_pairs = [
+                (lower.plan.sweep(silent, executor), upper.plan.sweep(silent, executor))
+                for lower, upper in self._shifted_a_little
+            ]
+            spread_of_near = Spread.of_small_changes(self, near_pairs)
+            spreads.append(spread_of_near)
+            dataset = spread_of_near.add_to(dataset, near_names)
         return dataset, spreads
 
     def _spread_over_summary(
-        self, result: RunResult, pairs: Sequence[tuple[RunResult, RunResult]]
+        self, result: RunResult, dataset: Dataset, pairs: Sequence[tuple[RunResult, RunResult]]
     ) -> Spread:
         """Put the standard errors of the summary of a single state, among them those of numbers
         that no data set has, into the output "errors" of the ``result``, and return their spread
-        over the results of the shifted scenes, ``pairs``.
+        over the results of the shifted scenes, ``pairs``. Those of gaps and peaks are taken from
+        the ``dataset`` with standard errors.
         """
-        from granphon.scene.uncertainty import Spread
+        from granphon.scene.uncertainty import Spread, is_near, list_near_errors
 
+        numbers = result.summary()
         spread = Spread.of(self, [(lower.summary(), upper.summary()) for lower, upper in pairs])
-        result.values["errors"] = spread.summarise(result.summary())
+        errors = spread.summarise({n: x for n, x in numbers.items() if not is_near(n)})
+        near_errors = list_near_errors(dataset, numbers)
+        sources = errors["errors_from"] | near_errors["errors_from"]
+        result.values["errors"] = errors | near_errors | {"errors_from": sources}
         return spread
 
     def _spread_over_table(
@@ -384,18 +395,6 @@ class Scene(SceneValues):
         spread.lacking = {f"{name} of {row.label}": None for name in spread.lacking}
         return spread
 
-    def _find_spread_of_edges(self, executor: Executor | None) -> Spread:
-        """Return the spread of the waves of an edge; scenes with small changes of the parameters
-        are computed for it.
-        """
-        from granphon.scene.uncertainty import Spread, shift_a_little
-
-        pairs = [
-            (lower.plan.sweep(silent, executor), upper.plan.sweep(silent, executor))
-            for lower, upper in shift_a_little(self)
-        ]
-        return Spread.of_edges(self, pairs)
-
     @cached_property
     def shifted(self) -> list[tuple[Self, Self]]:
         """For each parameter with a standard error, in the order of ``errors``, two scenes: the
@@ -408,6 +407,15 @@ class Scene(SceneValues):
             (shift_scene(self, keys, -error), shift_scene(self, keys, error))
             for keys, error in self.errors
         ]
+
+    @cached_property
+    def _shifted_a_little(self) -> list[tuple[Self, Self]]:
+        """For each parameter with a standard error two scenes with a small change of it, which
+        observe alone what has waves of an edge, gaps or peaks; empty if nothing of the scene has.
+        """
+        from granphon.scene.uncertainty import shift_a_little
+
+        return shift_a_little(self)
 
     # -- the plan ----------------------------------------------------------------------------------
 
@@ -512,11 +520,10 @@ class Scene(SceneValues):
         """Return the :attr:`parts` of the work, of which those on outputs are of the ``rows``."""
         n_errors = len(self.errors)
         # the scene itself, the two shifted scenes of each parameter with an error, and for waves of
-        # an edge two more, with a small change
-        counted = [
-            (part, 1 + (4 if part[0] == PLACE_OF_EDGE else 2) * n_errors)
-            for part in self.plan.parts
-        ]
+        # an edge, gaps and peaks two more, with a small change
+        counted = [(part, 1 + 2 * n_errors) for part in self.plan.parts]
+        if n_errors and self._shifted_a_little:
+            counted += [(part, 2 * n_errors) for part in self._shifted_a_little[0][0].plan.parts]
         counted += [
             (row.estimate_cost(self), 1 + 2 * n_errors * _is_uncertain(row))
             for row in rows

@@ -9,9 +9,10 @@ difference of X in two scenes, in one of which p is larger by its standard error
 smaller: a central difference, through all that the scene computes. The part of p in the variance is
 its row of the sum. Errors of sampling, which simulations have, add up with these.
 
-Waves of an edge enter the bands and leave them as parameters change: at the two ends of an error
-the first of them may be another wave than at its centre. Their derivative is that of a small
-change, within which a wave stays itself.
+Waves of an edge enter the bands and leave them as parameters change, gaps close, and peaks of a
+response come and go: at the two ends of an error the first of them may be another one than at its
+centre, or there may be none. Their derivative is that of a small change, within which each stays
+itself.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ from granphon.scene import file_keys
 from granphon.scene.file import SceneSource, write_blocks
 from granphon.scene.file_keys import Context
 from granphon.scene.written_errors import Keys, name_keys
+from granphon.waves.settings import RESPONSES
 
 if TYPE_CHECKING:
     from granphon.runs.dataset import Dataset
@@ -47,10 +49,9 @@ _ERROR = "_error"
 _ROUNDING = 1e-12
 #: the same of numbers that are less precise, by name: derivatives by parameters are differences
 _ROUNDINGS = {"sensitivity": 1e-8}
-#: second difference of a frequency, over the frequency and over its first difference, above which
-#: another peak has taken the place: a jump at one end makes both differences equal
+#: second difference of a frequency for a small change, over the frequency, above which another peak
+#: or wave has taken the place at one end; of the same one it is about the square of the change
 _JUMP = 1e-3
-_BEND = 0.5
 #: dimension along which a density has its own frequencies in each state, and the variable of these:
 #: densities are compared at equal frequencies
 _NODE = "node"
@@ -58,8 +59,16 @@ _OF_NODES = "dos_frequency"
 #: dimensions along which results stand by rank, the last of their variables, and the variable that
 #: has a number for each: peaks of a response, and waves of an edge
 _RANKED = {"response_peak": "peaks_frequency", "surface_wave": "surface_frequency"}
-#: the observable whose numbers have the derivatives of small changes; their names begin with it
-_NEAR = "surface"
+#: the observables whose numbers have the derivatives of small changes, and how the names of these
+#: begin
+_NEAR = {
+    "surface": ("surface_",),
+    "gaps": ("gap_",),
+    "response": (
+        "peaks_",
+        *(f"peak_{word}" for word in ("frequency", *RESPONSES.values(), "quality")),
+    ),
+}
 #: small change of a parameter, over its value: the frequencies of waves, which are known to 1e-10,
 #: change by so much more than that, and by so little that no other wave comes between
 _SMALL = 1e-4
@@ -202,14 +211,14 @@ def write_errors(scene: Any, blocks: dict[str, Any]) -> None:
         _replace(blocks, keys, f"{plain} +- {error!r} {find_written_unit(plain)}".strip())
 
 
-def shift_scene(scene: Any, keys: Keys, change: float, observed: str = "") -> Any:
+def shift_scene(scene: Any, keys: Keys, change: float, observed: Sequence[str] = ()) -> Any:
     """Return the scene without standard errors whose parameter at the path ``keys`` is larger by
-    ``change``, SI; it observes only what is ``observed``, if that is given. Refused, at this path,
-    if the scene is not valid with the changed value.
+    ``change``, SI; it observes only what is ``observed``, if anything is. Refused, at this path,
+    if the scene is not valid with the changed value, or if its sweep replaces the parameter.
     """
     blocks = _write(scene)
     if observed:
-        blocks["observe"] = [observed]
+        blocks["observe"] = [*observed]
     number, unit = _split_plain(_look_up(blocks, keys), keys)
     shifted = number + change
     _replace(blocks, keys, f"{shifted!r} {unit}" if unit else shifted)
@@ -222,23 +231,96 @@ def shift_scene(scene: Any, keys: Keys, change: float, observed: str = "") -> An
         # the refusal has the place of the standard error, so that the message need not name it
         reason = str(error).removeprefix(":1: ").removeprefix(f"{name_keys(keys)}: ")
         raise Refused(found, "one with which there are results", reason, keys) from None
+    _require_an_effect(scene, shifted_scene, keys, abs(change))
     return shifted_scene
 
 
-def name_edges(dataset: Dataset) -> list[str]:
-    """Return the names of the variables of a ``dataset`` that are of waves of an edge."""
-    names = map(str, dataset.data_vars)
-    return [name for name in names if name.startswith(f"{_NEAR}_") and not name.endswith(_ERROR)]
+def _require_an_effect(scene: Any, shifted_scene: Any, keys: Keys, error: float) -> None:
+    """Raise Refused, at the path ``keys`` of a parameter, if the sweep of a ``scene`` gives all
+    values of the parameter, so that no state has its standard ``error``: the states of the
+    ``shifted_scene`` are then the same.
+    """
+    grids = scene.plan.grid, shifted_scene.plan.grid
+    axes = grids[0].axes
+    if not axes or _are_same(*(grid.change({}) for grid in grids)):
+        return  # the parameter has no effect without a sweep either
+    pairs_of_cases = zip(*(grid.cases for grid in grids), strict=True)
+    if not all(
+        case.load == shifted_case.load
+        and _are_same((case.packing, case.request), (shifted_case.packing, shifted_case.request))
+        for case, shifted_case in pairs_of_cases
+    ):
+        return
+    values = {axis.name: axis.values[0] for axis in axes}
+    replacing = [
+        name
+        for name, value in values.items()
+        if _are_same(*(grid.change({name: value}) for grid in grids))
+    ]
+    raise Refused(
+        f"a standard error of {error:g}, which no state has",
+        "standard errors of what the sweep leaves",
+        f"The sweep of {' and '.join(replacing or values)} gives all values. Write an error behind"
+        " each of them, as in '8 mm +- 4 um'.",
+        keys,
+    )
+
+
+def _are_same(first: tuple[Any, Any], second: tuple[Any, Any]) -> bool:
+    """Return whether two pairs of balls and the request of their states, of scenes that differ in
+    one number, are of the same states.
+    """
+    (balls, request), (other_balls, other_request) = first, second
+    settings = (request.waves, request.surface, request.bands)
+    return bool(
+        balls == other_balls
+        and settings == (other_request.waves, other_request.surface, other_request.bands)
+    )
+
+
+def is_near(name: str) -> bool:
+    """Return whether the number called ``name`` of a summary or a data set is of a wave of an edge,
+    a gap or a peak, so that its derivative is that of a small change.
+    """
+    beginnings = (beginning for of_word in _NEAR.values() for beginning in of_word)
+    return name == "gaps" or name.startswith((*beginnings,))
 
 
 def shift_a_little(scene: Any) -> list[tuple[Any, Any]]:
-    """Return for each parameter with a standard error two scenes that observe the waves of an edge
-    alone: the parameter is a little smaller in the first, and larger in the second.
+    """Return for each parameter with a standard error two scenes that observe alone what has waves
+    of an edge, gaps or peaks: the parameter is a little smaller in the first, and larger in the
+    second. Empty if the scene observes none of these.
     """
+    observed = [word for word in scene.observe if word in _NEAR]
+    if not observed:
+        return []
     return [
-        (shift_scene(scene, keys, -change, _NEAR), shift_scene(scene, keys, change, _NEAR))
+        (shift_scene(scene, keys, -change, observed), shift_scene(scene, keys, change, observed))
         for (keys, _), (_, change) in zip(scene.errors, _list_small_changes(scene), strict=True)
     ]
+
+
+def list_near_errors(dataset: Dataset, numbers: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the standard errors of those of the ``numbers`` of a summary which :func:`is_near`
+    names, from the ``dataset`` of its only state, as :meth:`Spread.summarise` does.
+    """
+    errors: dict[str, Any] = {}
+    sources: dict[str, str] = {}
+    for name in filter(is_near, numbers):
+        names = ("gap_lower", "gap_upper") if name == "gaps" else (name,)
+        found = [dataset.get(f"{variable}{_ERROR}") for variable in names]
+        known = [error for error in found if error is not None]
+        if not known:
+            continue
+        # an edge on which no parameter acts, as the lower one at zero, has no variable
+        values = [np.zeros(known[0].size) if x is None else x.values.ravel() for x in found]
+        if name == "gaps":
+            is_gap = np.isfinite(dataset["gap_lower"].values.ravel())
+            errors[f"{name}{_ERROR}"] = np.transpose(values)[is_gap].tolist()
+        else:
+            errors[f"{name}{_ERROR}"] = values[0].item()
+        sources[name] = known[-1].attrs["mostly_from"]
+    return errors | {"errors_from": sources}
 
 
 def _list_small_changes(scene: Any) -> list[tuple[float, float]]:
@@ -291,9 +373,10 @@ class Spread:
         return cls(names, pairs, make_matrix(names, scene.correlations))
 
     @classmethod
-    def of_edges(cls, scene: Any, pairs: Sequence[tuple[Any, Any]]) -> Spread:
-        """Return the spread of the waves of an edge of a ``scene``. The ``pairs`` are data sets of
-        the two scenes of each parameter that :func:`shift_a_little` returns.
+    def of_small_changes(cls, scene: Any, pairs: Sequence[tuple[Any, Any]]) -> Spread:
+        """Return the spread of the waves of an edge, the gaps and the peaks of a ``scene``. The
+        ``pairs`` are data sets of the two scenes of each parameter that :func:`shift_a_little`
+        returns.
         """
         names = [name_keys(keys) for keys, _ in scene.errors]
         parts = [part for part, _ in _list_small_changes(scene)]
@@ -371,8 +454,8 @@ class Spread:
         variable, or of those called ``names``, that the parameters change; its attribute
         ``mostly_from`` is the parameter that gives most of the error. Densities of states have
         errors at the frequencies of the ``dataset``. At a receiver whose number of peaks differs
-        between the shifted scenes the errors of its peaks are nan, and at a wave vector whose
-        number of waves of an edge differs the errors of these; ``lacking`` then has the name.
+        between the scenes the errors of its peaks are nan, and at a wave vector whose number of
+        waves of an edge differs the errors of these; ``lacking`` then has the name.
         """
         added = {}
         if _OF_NODES in dataset:
@@ -405,8 +488,8 @@ class Spread:
         """Return, of the shape of the variable ``counted`` in the ``dataset``, whether each of its
         numbers is that of the same peak, or of the same wave, in all shifted scenes.
 
-        It is not where a shifted scene has more numbers along the last dimension, or fewer; nor
-        where one peak enters and another leaves at one end, so that a frequency jumps there.
+        It is not where a scene has more numbers along the last dimension, or fewer; nor where one
+        peak enters and another leaves, so that a frequency jumps.
         """
         base = dataset[counted].values
         # numbers beyond the count are nan
@@ -418,8 +501,7 @@ class Spread:
                 is_same &= np.sum(is_number, axis=-1, keepdims=True) == count
             lower, upper = (_pad_ranks(results[counted].values, base.shape[-1]) for results in pair)
             second = np.abs(upper + lower - 2.0 * base)
-            first = np.abs(upper - lower)
-            is_same &= ~((second > _BEND * first) & (second > _JUMP * np.abs(base)))
+            is_same &= ~(second > _JUMP * np.abs(base))
         return is_same
 
 
@@ -467,8 +549,11 @@ def _resample(columns: Mapping[str, Any], along: str, places: Array) -> dict[str
 
 def _resample_densities(results: Dataset, base: Dataset) -> Dataset:
     """Return the data set of a shifted scene, ``results``, with its densities of states at the
-    frequencies of ``base``; nan where the scene has no density there.
+    frequencies of ``base``; nan where the scene has no density there. A data set without densities
+    is returned as it is.
     """
+    if _OF_NODES not in results:
+        return results
     places = base[_OF_NODES].values
     own_places = results[_OF_NODES].values
     changed = {}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from granphon.figures.scales import draw_error_band
+from granphon.figures.scales import draw_error_band, make_error_handle
 
 import numpy as np
 import pytest
@@ -53,7 +53,17 @@ def test_lines_of_a_sweep_have_bands_of_the_errors_of_the_data_set():
     velocities = data["longitudinal"].values[:, 0]
     edges = read_edges(find(ax, "longitudinal-errors"))
     assert_allclose(edges, np.outer(velocities, [0.98, 1.02]), rtol=1e-12)
-    assert "standard error" in [text.get_text() for text in ax.get_legend().get_texts()]
+    assert "standard error 2 %" in [text.get_text() for text in ax.get_legend().get_texts()]
+
+
+def test_the_legend_tells_the_size_of_errors_and_has_no_mark_of_those_that_hide():
+    small = make_error_handle([100.0, 200.0, 1e-4, 0.0], [0.1, 0.5, 1.0, 1.0])
+    assert small.get_label() == "standard error 0.1 to 0.25 %"
+    assert small.get_linestyle() == "None"
+    large = make_error_handle([100.0, -200.0, np.nan], [1.0, np.nan, 1.0])
+    assert large.get_label() == "standard error 1 %"
+    assert large.get_linewidth() > 1.0
+    assert make_error_handle().get_label() == "standard error"
 
 
 def test_branches_have_bands_also_where_they_cross():
@@ -67,7 +77,7 @@ def test_branches_have_bands_also_where_they_cross():
     with pytest.raises(InputError, match="errors have the shape"):
         plot_bands(bands, Figure().subplots(), errors=errors[..., :1])
     legend = bands_figure(bands, errors=errors).legends[0]
-    assert "standard error" in [text.get_text() for text in legend.get_texts()]
+    assert any(text.get_text().startswith("standard error") for text in legend.get_texts())
 
 
 @pytest.mark.slow

@@ -119,6 +119,21 @@ def test_measured_frequencies_may_stand_in_a_table(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (MASSES, "touch"),
+        (MASSES.replace("chain", "triangular").replace("[S, S]", "[S]"), "overlap"),
+        (MASSES.replace("[S, S]", "[A, S]"), ""),
+    ],
+)
+def test_a_gap_that_is_closed_at_the_start_is_told_so(text, told):
+    text = text.partition("  constraints")[0]
+    posed = gp.Scene.from_text(text).posed_design
+    _, (_, value, unit) = posed.describe()
+    assert (told in value) if told else (value > 1e3 and unit == "Hz")
+
+
+@pytest.mark.parametrize(
     "design",
     [
         "goal: {widest_gap: {near: 5 kHz, mesh: [24]}}\n  vary: {S.density: [7000 kg/m^3, 9 g/cm^3]}",

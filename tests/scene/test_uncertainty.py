@@ -334,6 +334,23 @@ def test_lists_of_one_value_and_vectors_have_errors(work, value, line):
     assert gp.Scene.from_text(scene.to_yaml()).to_yaml() == scene.to_yaml()
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "place"),
+    [
+        ("7840 kg/m^3", "7840 kg/m^3 +- 1 %", "material.density.*sweep of density"),
+        ("8 mm", "8 mm, spread: {uniform: 2 +- 0.1 um}", "spread.uniform.*sweep of width"),
+    ],
+)
+def test_errors_of_what_a_sweep_replaces_are_refused(old, new, place):
+    plain = SCENE.replace("FORCE", "5 N").replace(" +- 4 um", "") + (
+        "sweep: {density: [7 g/cm^3, 8 g/cm^3], width: [1 um, 2 um]}\nmedium: afa\n"
+    )
+    with pytest.raises(GranphonError, match=place):
+        gp.Scene.from_text(plain.replace(old, new))
+    scene = gp.Scene.from_text(plain.replace("8 g/cm^3", "8 +- 0.1 g/cm^3"))
+    assert [keys[-1] for keys, _ in scene.errors] == ["young_modulus", 1]
+
+
 @pytest.mark.slow
 def test_the_report_has_errors_of_sweeps_gaps_and_tensors(tmp_path):
     text = (
@@ -382,6 +399,42 @@ def test_the_q_and_the_height_of_a_peak_go_as_one_over_the_drag(tmp_path):
     for name in ("quality", "height"):
         assert_allclose(peak[f"{name}_error"] / peak[name], 0.02, rtol=2e-3)
     assert numbers["peak_quality_error"] == peak["quality_error"]
+
+
+@pytest.mark.claim("errors-edges")
+def test_a_peak_that_leaves_the_frequencies_has_the_error_of_its_derivative(tmp_path):
+    """A frequency goes as f^(1/6): at both ends of this error the peak is out of sight."""
+    text = OSCILLATOR.replace("20 N", "20 +- 8 N").replace("400 +- 8", "4")
+    whole = gp.Scene.from_text(text.replace("20 +- 8", "20")).run(tmp_path / "a", figures=False)
+    frequency = whole.summary()["peak_frequency"]
+    near = f"from: {0.97 * frequency} Hz, to: {1.03 * frequency} Hz"
+    narrow = gp.Scene.from_text(text.replace("from: 4 kHz, to: 8 kHz", near))
+    numbers = narrow.run(tmp_path / "b", figures=False).summary()
+    (peak,) = numbers["peaks"]["1 x"]
+    assert_allclose(peak["frequency_error"] / peak["frequency"], 0.4 / 6.0, rtol=1e-5)
+    assert numbers["peak_frequency_error"] == peak["frequency_error"]
+    assert numbers["errors_from"]["peak_frequency"] == "load.force"
+
+
+@pytest.mark.claim("errors-edges")
+def test_a_gap_that_closes_has_the_errors_of_its_derivative(tmp_path):
+    """The edges of a chain are (2 k/m)^1/2 of both masses, here equal at one end of the error."""
+    steel = "material: {young_modulus: 193 GPa, poisson_ratio: 0.3, density:"
+    text = (
+        f"balls:\n  S: {{{steel} 8 g/cm^3}}, diameter: 19 mm}}\n"
+        f"  A: {{{steel} 7 +- 1 g/cm^3}}, diameter: 19 mm}}\n"
+        "crystal: {lattice: chain, kinds: [A, S]}\nload: {force: FORCE}\nobserve: [gaps]\n"
+    )
+    run = gp.Scene.from_text(text.replace("FORCE", "20 N")).run(tmp_path / "one", figures=False)
+    numbers = run.summary()
+    ((_, upper),) = numbers["gaps"]
+    assert_allclose(numbers["gaps_error"], [[0.0, 0.5 / 7.0 * upper]], rtol=1e-6)
+    assert numbers["errors_from"]["gaps"] == "balls.A.material.density"
+    loads = gp.Scene.from_text(text.replace("FORCE", "[20 N, 40 N]"))
+    data = loads.run(tmp_path / "many", figures=False).dataset
+    relative = (data["gap_upper_error"] / data["gap_upper"]).values
+    assert_allclose(relative[np.isfinite(relative)], [0.5 / 7.0] * 2, rtol=1e-6)
+    assert "no standard errors" not in data.attrs["warnings"]
 
 
 @pytest.mark.slow
@@ -624,6 +677,11 @@ surface: {axis: 0}
     relative = data["surface_frequency_error"] / data["surface_frequency"]
     assert_allclose(relative.values.ravel(), 0.5 * np.abs(power.values.ravel()), rtol=1e-5)
     assert "surface_frequency" not in data.attrs["warnings"]
+    # the motions fall by the ratio of the masses from layer to layer
+    ratio = (2.0 / 2.7) ** 2
+    assert_allclose(data["surface_weight"].values.ravel(), 1.0 - ratio, rtol=1e-9)
+    table = np.genfromtxt(tmp_path / "surface.csv", delimiter=",", names=True)
+    assert_allclose(table["weight_error"], 2.0 * ratio * 0.5, rtol=1e-5)
 
 
 def test_a_wall_of_a_kind_without_balls_has_the_error_of_this_kind():
