@@ -50,6 +50,7 @@ from granphon.base.errors import FigureError, InputError, brief
 from granphon.base.results import restore
 from granphon.base.scales import HertzPrefix, write_uncertain
 from granphon.base.text import closest, suggest
+from granphon.base.validation import require, text
 from granphon.figures.bands import name_corners
 from granphon.figures.choices import (
     arrange,
@@ -484,7 +485,7 @@ def read_values(dataset: Dataset, name: str, run: str = "") -> Any:
     Raises :class:`InputError` for a variable that cannot be drawn, and FigureError for numbers
     beyond the axes of matplotlib.
     """
-    if name not in dataset.variables:
+    if require("variable", text, name) not in dataset.variables:
         raise InputError(
             f"the sweep has no variable {name!r}",
             f"It has {', '.join(map(str, dataset.data_vars))}",
@@ -695,7 +696,7 @@ def choose_x(dataset: Dataset, x: str | None) -> str:
     single load the parameter in numbers that has the most values.
     """
     if x:
-        return x
+        return str(require("x", text, x))
     if dataset.sizes["load"] == 1:
         return find_longest_parameter(dataset) or find_load(dataset)
     return find_load(dataset)

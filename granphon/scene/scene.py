@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from granphon.balls.packing import Axis
 from granphon.base.errors import GranphonError, InputError, brief
-from granphon.base.progress import Progress, silent
+from granphon.base.progress import Progress, require_progress, silent
 from granphon.base.quantities import find_load_unit
 from granphon.base.results import write_html
 from granphon.base.scales import write_quantity
@@ -96,7 +96,8 @@ class Scene(SceneValues):
     parameters : the swept parameters of the packing, each with its values; may be given as a
         mapping.
     finite_overlap : keep the terms of relative order delta/d. Simulations in their exact geometry
-        have them whether asked or not, as :attr:`granphon.ContactState.finite_overlap` says.
+        have them whether asked or not, as :attr:`granphon.ContactState.finite_overlap` says. Of a
+        packing of another program the files say it (``prestress``), whatever is given here.
     observe : which of "velocities", "bands", "gaps", "cutoffs", "onsets", "sensitivities", "dos",
         "surface", "spectrum", "pulse", "response", "motion", "modes", "design" to compute;
         spectrum, pulse and the density of states of the array itself, of a simulation.
@@ -234,6 +235,7 @@ class Scene(SceneValues):
             sweep_incomplete.csv, and ``reached`` of the error is their data set.
         """
         require_executor(executor)
+        require_progress(progress)
         require_path(folder)
         rows = list_outputs(self)
         self._add_costs(rows)  # raises if there is too little memory
@@ -305,7 +307,7 @@ class Scene(SceneValues):
         pairs = self._compute_shifted(result, executor, progress)
         dataset, spreads = self._spread_over_states(result, pairs, executor)
         if OUTPUTS["errors"] in result.rows:
-            spreads.append(self._spread_over_summary(result, pairs))
+            spreads.append(self._spread_over_summary(result, pairs, dataset))
         for row in result.rows:
             if row.columns is not None and result[row.name] is not None:
                 spreads.append(self._spread_over_table(row, result, pairs))
@@ -355,16 +357,27 @@ class Scene(SceneValues):
         return dataset, spreads
 
     def _spread_over_summary(
-        self, result: RunResult, pairs: Sequence[tuple[RunResult, RunResult]]
+        self,
+        result: RunResult,
+        pairs: Sequence[tuple[RunResult, RunResult]],
+        dataset: Dataset,
     ) -> Spread:
         """Put the standard errors of the summary of a single state, among them those of numbers
         that no data set has, into the output "errors" of the ``result``, and return their spread
-        over the results of the shifted scenes, ``pairs``.
+        over the results of the shifted scenes, ``pairs``. The errors of waves of an edge are those
+        of the ``dataset``, which come from small changes.
         """
-        from granphon.scene.uncertainty import Spread
+        from granphon.scene.uncertainty import Spread, name_edges, read_errors
 
         spread = Spread.of(self, [(lower.summary(), upper.summary()) for lower, upper in pairs])
-        result.values["errors"] = spread.summarise(result.summary())
+        edges = name_edges(result.dataset)
+        numbers = result.summary()
+        others = {name: value for name, value in numbers.items() if name not in edges}
+        errors = spread.summarise(others)
+        sources = errors.pop("errors_from")
+        errors_of_edges, sources_of_edges = read_errors(dataset, [*set(edges) & set(numbers)])
+        sources |= sources_of_edges
+        result.values["errors"] = errors | errors_of_edges | {"errors_from": sources}
         return spread
 
     def _spread_over_table(

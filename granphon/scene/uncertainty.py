@@ -231,6 +231,22 @@ def name_edges(dataset: Dataset) -> list[str]:
     return [name for name in names if name.startswith(f"{_NEAR}_") and not name.endswith(_ERROR)]
 
 
+def read_errors(
+    dataset: Dataset, names: Collection[str]
+) -> tuple[dict[str, float], dict[str, str]]:
+    """Return the standard errors that the only state of a ``dataset`` has of the variables
+    ``names``, by name as NAME_error, and by NAME the parameters that give most of them.
+    """
+    errors = {}
+    sources = {}
+    for name in sorted(names):
+        error = dataset.get(f"{name}{_ERROR}")
+        if error is not None:
+            errors[f"{name}{_ERROR}"] = float(error.item())
+            sources[name] = str(error.attrs["mostly_from"])
+    return errors, sources
+
+
 def shift_a_little(scene: Any) -> list[tuple[Any, Any]]:
     """Return for each parameter with a standard error two scenes that observe the waves of an edge
     alone: the parameter is a little smaller in the first, and larger in the second.
