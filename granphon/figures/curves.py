@@ -980,28 +980,33 @@ def _break_label(label: str) -> str:
 
 def _write_symbols(ax: Axes, curves: Mapping[str, Sequence[Curve]]) -> None:
     """Write the symbols of velocities beside the right ends of their ``curves``, by the names of
-    the velocities; in one text where the ends are close.
+    the velocities; in one text where the ends are close. Of neighbouring curves of one velocity the
+    fastest has the symbol; curves of another velocity between them divide them, and each part has
+    it.
 
     Marks of pulses, which are often near long waves, are in the legend, and have no symbol.
     """
-    ends: dict[str, float] = {}  # the greatest velocity at the right end, m/s, by the symbol
+    all_ends: list[tuple[float, str]] = []  # velocity at the right end, m/s, and symbol
     for name, curves_of_velocity in curves.items():
         # the right end is at the greatest x: a path may turn, and end anywhere
         velocities = [float(curve.y[np.argmax(curve.x)]) for curve in curves_of_velocity]
         finite = [velocity for velocity in velocities if np.isfinite(velocity)]
-        if name != _PULSE and finite:
-            ends[_VELOCITIES[name]] = max(finite)
+        if name != _PULSE:
+            all_ends += [(velocity, _VELOCITIES[name]) for velocity in finite]
+    parts = itertools.groupby(sorted(all_ends), key=lambda end: end[1])
+    ends = [max(part) for _symbol, part in parts]
     to_axes = ax.transData - ax.transAxes
     left = ax.get_xlim()[0]
     last_height = -np.inf
     texts: list[tuple[float, list[str]]] = []  # velocity and symbols of each text, upwards
-    for symbol, velocity in sorted(ends.items(), key=lambda item: item[1]):
+    for velocity, symbol in ends:
         _, height = to_axes.transform((left, velocity))
         if height - last_height > _LEAST_HEIGHT:
             last_height = height
             texts.append((velocity, []))
         _, symbols = texts[-1]
-        symbols.append(symbol)
+        if symbol not in symbols:
+            symbols.append(symbol)
     for velocity, symbols in texts:
         _write_beside(ax, ", ".join(symbols), velocity)
 

@@ -212,8 +212,8 @@ def modes_figure(dataset: Dataset, **options: Any) -> Figure:
 
 def _draw_lines(dataset: Dataset, name: str, dimension: str, words: str, **options: Any) -> Figure:
     """Return a figure with a line for each index along a ``dimension``: the frequencies of the
-    variable ``name`` over ``x``, or of a single state over the index; ``words`` are the entry of the legend, and ``options`` those of
-    :func:`sweep_gaps_figure`.
+    variable ``name`` over ``x``, or of a single state over the index; ``words`` are the entry of
+    the legend, and ``options`` those of :func:`sweep_gaps_figure`.
     """
 
     def draw(states: Dataset, ax: Axes, x_values: Array | None, unit: HertzPrefix) -> None:

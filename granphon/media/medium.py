@@ -311,6 +311,7 @@ class LawMedium(Medium[ContactState]):
     def __post_init__(self) -> None:
         given_packing(self.packing)
 
+    @in_newtons  # laws of balls that differ know forces as f*
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
         """Return the state at a load, with the shape of the load. :meth:`at_force`,
         :meth:`at_pressure` and :meth:`at_overlap` take the values of the load in SI.
@@ -522,11 +523,6 @@ class AveragedForce(LawMedium):
             return packing.law
         return AveragedLaw(packing.law.coefficient, packing.width, packing.spread.shape)
 
-    @in_newtons  # the averaged law knows forces as f*
-    def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
-        """Return the state at a load, see :meth:`LawMedium.at`."""
-        return super().at(load, finite_overlap=finite_overlap)
-
 
 @dataclass(frozen=True, init=False)
 class EffectiveMedium(LawMedium):
@@ -599,11 +595,6 @@ class EffectiveMedium(LawMedium):
 
     def __repr__(self) -> str:
         return f"EffectiveMedium({self.packing!r}, local_field={self.source!r})"
-
-    @in_newtons  # the law knows forces as f*
-    def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
-        """Return the state at a load, see :meth:`LawMedium.at`."""
-        return super().at(load, finite_overlap=finite_overlap)
 
     @property
     def seconds(self) -> float:

@@ -273,8 +273,9 @@ def _read_limits(source: Path) -> list[Block]:
     rows = []
     for check in read_summary(source).get("validity", ()):
         holds = "yes" if check["ok"] else "no"
-        bound = "at least" if check["at_least"] else "at most"
-        limit = f"{bound} {check['limit']:.4g}"
+        limit = f"{check['limit']:.4g}"
+        if "at_least" in check:  # summaries of version 0.1 do not tell
+            limit = f"{'at least' if check['at_least'] else 'at most'} {limit}"
         rows.append((check["meaning"], f"{check['value']:.4g}", limit, holds))
     return [Rows(("quantity", "value", "limit", "holds"), tuple(rows))] if rows else []
 
