@@ -194,6 +194,7 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
         rows += _describe_errors(scene)
     if scene.swept:
         rows.append(("sweep", _count_states(scene)))
+        rows += _place_bands(scene)
     rows += _describe_choices(scene)
     rows += _describe_contacts(scene)
     if "design" in scene.observe:
@@ -295,6 +296,15 @@ def _tell_sources(sources: dict[str, str]) -> list[tuple[str, str]]:
     ]
 
 
+def _place_bands(scene: Scene) -> list[tuple[str, str]]:
+    """Return the row that says where the bands of the states of a sweep are, which have no table
+    and no figure of their own; no row if the scene observes no bands.
+    """
+    if "bands" not in scene.observe:
+        return []
+    return [("bands of each state", "in sweep.nc, variable frequencies")]
+
+
 def _count_states(scene: Scene) -> str:
     """Return the number of states of a sweep in words, "5 loads x 2 media = 10 states"."""
     counts = [counted(len(scene.load.values), "load"), counted(len(scene.media), "medium", "media")]
@@ -315,6 +325,7 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
     rows = list[tuple[str, str]]()
     if "states" in numbers:
         rows.append(("states", str(numbers["states"])))
+        rows += _place_bands(result.scene)
     direction = ""
     if "direction" in numbers:
         direction = f" along {write_direction(numbers['direction'])}"

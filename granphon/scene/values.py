@@ -136,7 +136,8 @@ class SceneValues:
         assign("packing", _read_balls(self.packing))
         if self.packing.is_network:
             # files say themselves whether static forces act; so the scene is that of its own text
-            assign("finite_overlap", self.packing.network.prestress)
+            files = cast("NetworkFiles", self.packing)
+            assign("finite_overlap", files.network.prestress)
         if not isinstance(self.load, Load):
             raise InputError(f"load is {show(self.load)}", mend="Give a granphon.Load")
         parameters = dict(_read_pairs("parameters", self.parameters))
