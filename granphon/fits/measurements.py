@@ -147,8 +147,8 @@ class Measurements(Result):
             that returns the force of a contact, N; needed by a column pressure.
         periods : number of periods of the lattice: a pressure is in N for 1, in N/m for 2, in Pa
             for 3.
-        carried : function of the contact forces, N, and of the cut-off frequencies of the waves that
-            the packing carries, Hz, both (n,), that returns the velocities of long waves, m/s,
+        carried : function of the contact forces, N, and of the cut-off frequencies of the waves
+            that the packing carries, Hz, both (n,), that returns the velocities of long waves, m/s,
             (n,); needed by a column cutoff.
 
         Raises
