@@ -311,7 +311,6 @@ class LawMedium(Medium[ContactState]):
     def __post_init__(self) -> None:
         given_packing(self.packing)
 
-    @in_newtons  # laws of balls that differ know forces as f*
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
         """Return the state at a load, with the shape of the load. :meth:`at_force`,
         :meth:`at_pressure` and :meth:`at_overlap` take the values of the load in SI.
@@ -498,8 +497,17 @@ class AveragedLattice(LawMedium):
         return self.packing.law
 
 
+class _ReducedMedium(LawMedium):
+    """A medium whose law of balls that differ knows forces as f*; its errors are in newtons."""
+
+    @in_newtons
+    def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
+        """Return the state at a load, see :meth:`LawMedium.at`."""
+        return super().at(load, finite_overlap=finite_overlap)
+
+
 @dataclass(frozen=True)
-class AveragedForce(LawMedium):
+class AveragedForce(_ReducedMedium):
     """The averaged force: balls differ and stay at the sites of the lattice; f is the mean over
     pairs (equation 25).
 
@@ -525,7 +533,7 @@ class AveragedForce(LawMedium):
 
 
 @dataclass(frozen=True, init=False)
-class EffectiveMedium(LawMedium):
+class EffectiveMedium(_ReducedMedium):
     """The effective medium: balls that differ displace their neighbours, in the average lattice of
     all (equations 28-46).
 

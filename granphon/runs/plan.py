@@ -648,7 +648,8 @@ class Plan:
         """
         require_executor(executor)
         require_progress(progress)
-        require_store(store)
+        if store is not None:
+            require_store(store)
         _require_path(path, resume)
         self.require_waves()
         placing = nullcontext() if self.has_tasks else self.places.where_it_buckles()

@@ -460,7 +460,6 @@ def _list_limits(run: Any) -> dict[str, Any]:
             "meaning": check.meaning,
             "value": check.value,
             "limit": check.limit,
-            "at_least": bool(check.at_least),
             "ok": bool(check.ok),
         }
         for check in validity.checks

@@ -274,8 +274,10 @@ def _read_limits(source: Path) -> list[Block]:
     for check in read_summary(source).get("validity", ()):
         holds = "yes" if check["ok"] else "no"
         limit = f"{check['limit']:.4g}"
-        if "at_least" in check:  # summaries of version 0.1 do not tell
-            limit = f"{'at least' if check['at_least'] else 'at most'} {limit}"
+        # whether the limit is kept tells on which side it lies, unless the value is the limit
+        if check["value"] != check["limit"]:
+            is_lower = (check["value"] > check["limit"]) == bool(check["ok"])
+            limit = f"{'at least' if is_lower else 'at most'} {limit}"
         rows.append((check["meaning"], f"{check['value']:.4g}", limit, holds))
     return [Rows(("quantity", "value", "limit", "holds"), tuple(rows))] if rows else []
 

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from granphon.balls.packing import Axis
 from granphon.base.errors import GranphonError, InputError, brief
-from granphon.base.progress import Progress, require_progress, silent
+from granphon.base.progress import Progress, silent
 from granphon.base.quantities import find_load_unit
 from granphon.base.results import write_html
 from granphon.base.scales import write_quantity
@@ -235,7 +235,6 @@ class Scene(SceneValues):
             sweep_incomplete.csv, and ``reached`` of the error is their data set.
         """
         require_executor(executor)
-        require_progress(progress)
         require_path(folder)
         rows = list_outputs(self)
         self._add_costs(rows)  # raises if there is too little memory
