@@ -7,8 +7,8 @@ import signal
 import sys
 
 #: new objects of Python after which a command looks for reference cycles. Nearly all that a command
-#: imports and makes lives to its end: at the default of Python, 700 or 2000, the search takes an
-#: eighth of the time of a short run, here a twentieth
+#: imports and makes lives to its end: at the default of Python, 700 or 2000, the search takes
+#: longer, by two to five hundredths of the time of a short run (tests/benchmarks/bench_commands.py)
 _COLLECTED = 10_000
 
 

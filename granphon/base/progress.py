@@ -15,6 +15,8 @@ from importlib.util import find_spec
 from types import SimpleNamespace
 from typing import Any, Protocol
 
+from granphon.base.errors import InputError, brief
+
 
 class Step(Protocol):
     """A piece of work that is under way."""
@@ -47,6 +49,15 @@ class Silent:
 
 #: the default progress, which ignores all reports
 silent = Silent()
+
+
+def require_progress(progress: Any) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` for a ``progress``, the argument of a public
+    call, that has no method ``step``.
+    """
+    if not callable(getattr(progress, "step", None)):
+        mend = "Give an object with the method step of granphon.base.progress.Progress"
+        raise InputError(f"progress is {brief(progress)}", mend=mend)
 
 
 class Terminal:

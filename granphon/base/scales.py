@@ -91,6 +91,14 @@ def write_in(value: float, unit: str, written: str = "", digits: int = 5) -> str
     return f"{number:.{digits}g} {written}"
 
 
+def write_error(error: float, value: float, unit: str) -> str:
+    """Return the text of a standard ``error`` of two digits in the multiple of the SI ``unit`` in
+    which the ``value`` beside it is written; below a thousandth of it, in a multiple of its own.
+    """
+    _size, name = prefixed(value, unit)
+    return write_in(error, unit, name, 2)
+
+
 def write_unit(unit: str) -> str:
     """The end of the text of a quantity: "1" is not written."""
     return "" if unit in ("", "1") else f" {unit}"

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import InputError, one_line
-from granphon.base.scales import write_quantity, write_uncertain, write_unit
+from granphon.base.scales import write_error, write_quantity, write_uncertain, write_unit
 from granphon.base.text import counted, join_alike, spell
 
 if TYPE_CHECKING:
@@ -194,6 +194,7 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
         rows += _describe_errors(scene)
     if scene.swept:
         rows.append(("sweep", _count_states(scene)))
+        rows += _place_bands(scene)
     rows += _describe_choices(scene)
     rows += _describe_contacts(scene)
     if "design" in scene.observe:
@@ -295,6 +296,15 @@ def _tell_sources(sources: dict[str, str]) -> list[tuple[str, str]]:
     ]
 
 
+def _place_bands(scene: Scene) -> list[tuple[str, str]]:
+    """Return the row that says where the bands of the states of a sweep are, which have no table
+    and no figure of their own; no row if the scene observes no bands.
+    """
+    if "bands" not in scene.observe:
+        return []
+    return [("bands of each state", "in sweep.nc, variable frequencies")]
+
+
 def _count_states(scene: Scene) -> str:
     """Return the number of states of a sweep in words, "5 loads x 2 media = 10 states"."""
     counts = [counted(len(scene.load.values), "load"), counted(len(scene.media), "medium", "media")]
@@ -315,6 +325,7 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
     rows = list[tuple[str, str]]()
     if "states" in numbers:
         rows.append(("states", str(numbers["states"])))
+        rows += _place_bands(result.scene)
     direction = ""
     if "direction" in numbers:
         direction = f" along {write_direction(numbers['direction'])}"
@@ -335,12 +346,20 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
     if "design" in numbers:
         rows += _describe_design(numbers["design"])
     rows += _tell_sources(_name_sources(result, numbers.get("errors_from", {})))
-    strongest = [
-        (name.replace("_", " "), parameter)
-        for name, parameter in numbers.get("matters_most", {}).items()
-    ]
-    rows += [(f"{name} matters most", f"to {words}") for name, words in join_alike(strongest)]
+    rows += _tell_strongest(numbers.get("matters_most", {}))
     return rows
+
+
+def _tell_strongest(parameters: dict[str, str]) -> list[tuple[str, str]]:
+    """Return the rows that say on which parameter each quantity depends most: ``parameters`` by the
+    names of the quantities.
+    """
+    if not parameters:
+        return []
+    from granphon.runs.sensitivities import spell_quantity  # other results do not need it
+
+    strongest = [(spell_quantity(name), parameter) for name, parameter in parameters.items()]
+    return [(f"{name} matters most", f"to {words}") for name, words in join_alike(strongest)]
 
 
 def _name_sources(result: RunResult, parameters: dict[str, str]) -> dict[str, str]:
@@ -384,7 +403,10 @@ def _write_number(value: Any, error: Any, unit: str, digits: int) -> str:
     errors = np.ravel(error)
     if values.size == 1:
         return write_uncertain(float(values[0]), float(errors[0]), unit)
-    return f"{write_range(values, unit)} +/- {write_range(errors, unit, 2)}"
+    largest = float(np.max(np.abs(values)))
+    ends = np.unique([np.min(errors), np.max(errors)]).tolist()
+    texts = [write_error(end, largest, unit) for end in ends]
+    return f"{write_range(values, unit)} +/- {' to '.join(texts)}"
 
 
 def _describe_gaps(gaps: list[list[float]], errors: list[list[float]] | None) -> str:

@@ -546,9 +546,10 @@ class LongWaves(Compatibility):
         """
         if self.is_held:
             raise InputError(
-                "the balls touch bodies that do not move",
+                "the balls touch bodies that do not move: a floor, a wall, or a clamped layer",
                 "Long waves move all balls together, which these bodies hold",
-                "Use gp.Phonons or gp.Waves",
+                "For the waves between them use gp.Phonons(...).bands() or gp.Waves(...), for"
+                " velocities the lattice before it was cut, or free edges",
             )
         if self.mechanism:
             mend = "Use a lattice with more contacts"

@@ -93,6 +93,10 @@ _ONE_LINE = 1e-6
 _WIDTH = 1.5
 _THIN = 0.6
 _MOST_WIDENED = 3
+#: greatest number of branches whose lines have this width, as they cover a third of the height of a
+#: column; and the least part of the width, with which a line is still printed
+_MOST_WIDE = 30
+_LEAST_PART = 0.15
 #: sides of the inset of the zone, in parts of the axes, large first; side above the lines, and its
 #: distance from the frame
 _INSETS = (0.3, 0.25)
@@ -324,7 +328,8 @@ def plot_bands(
 
     Each segment of the path has a LineCollection for each branch: piece i runs through point i of
     the segment, and has the colour of the point. Where branches coincide the lower one is drawn
-    wider, so that all remain visible. Without friction no ball rotates, and the colour is the
+    wider, so that all remain visible. Of more than 30 branches the lines are thinner, but those of
+    waves of ``edges``. Without friction no ball rotates, and the colour is the
     longitudinal fraction. Bands of balls with a single motion have one colour. Bands without
     eigenvectors have one colour too, and their branches are not followed where they cross.
 
@@ -357,8 +362,11 @@ def plot_bands(
     # where balls have a single motion every branch would have the same colour
     has_colours = is_followed and bands.motions.count > 1
     shades = {}
+    is_wide = np.zeros(frequencies.shape, bool)
     if edges:
-        shades = _shade_by_edges(bands)
+        weight = _spread_flat_bands(bands)
+        shades = _shade_by_edges(bands, weight)
+        is_wide = weight.sum(axis=-1) > _MOSTLY
     elif has_colours:
         shades = _shade_by_fraction(bands)
     if bulk is not None:
@@ -371,7 +379,7 @@ def plot_bands(
     top = frequencies.max()
     least_difference = _ONE_LINE * float(top)
     for s, x in enumerate(bands.distances):
-        widths = _find_line_widths(frequencies[s], least_difference)
+        widths = _find_line_widths(frequencies[s], least_difference, is_wide[s])
         for b in range(bands.n_branches):
             shade = shades.get((s, b), {"colors": BLUE})
             _draw_branch(ax, x, frequencies[s, :, b], widths[:, b], gid=f"band-{s}-{b}", **shade)
@@ -450,9 +458,10 @@ def _shade_by_fraction(bands: Bands) -> _Shades:
     return shades
 
 
-def _shade_by_edges(bands: Bands) -> _Shades:
-    """Return colours by the energy at the two edges of a cut; waves of the edges are drawn last."""
-    weight = _spread_flat_bands(bands)  # (s, p, b, 2)
+def _shade_by_edges(bands: Bands, weight: Array) -> _Shades:
+    """Return colours by the parts ``weight`` (s, p, b, 2) of the energy at the two edges of a cut;
+    waves of the edges are drawn last.
+    """
     colours = _mix_edge_colours(weight)  # (s, p, b, 3)
     shades: _Shades = {}
     for s, b in np.ndindex(len(bands.distances), bands.n_branches):
@@ -552,13 +561,14 @@ def _draw_bulk(bands: Bands, ax: Axes, bulk: Array, unit: HertzPrefix) -> None:
         ax.fill_between(bands.distances[s], low, high, color=_GAP, linewidth=0.0, zorder=0.1)
 
 
-def _find_line_widths(frequencies: Array, least: float) -> Array:
+def _find_line_widths(frequencies: Array, least: float, is_wide: Flags) -> Array:
     """Return the widths (p, b), in points, of the lines of branches with ``frequencies`` (p, b) at
     the points of a segment.
 
     Lines of branches that coincide must all be seen: a branch is a step wider for each later
     branch that is closer than ``least`` both at a point and at one of its neighbours. A branch that
-    is below ``least`` at all points, and so is zero, is a thin line.
+    is below ``least`` at all points, and so is zero, is a thin line. Of more than ``_MOST_WIDE``
+    branches the lines are thinner by the number of the branches, but where ``is_wide`` (p, b).
     """
     differences = np.abs(frequencies[:, :, None] - frequencies[:, None, :])  # (p, b, b)
     is_close = differences <= least
@@ -566,9 +576,12 @@ def _find_line_widths(frequencies: Array, least: float) -> Array:
     coincide_between = np.pad(is_close[1:] & is_close[:-1], ((1, 1), (0, 0), (0, 0)))
     coincide = coincide_between[1:] | coincide_between[:-1]
     n_later = np.triu(coincide, 1).sum(axis=2)  # (p, b)
-    widths = _WIDTH * (1.0 + np.minimum(n_later, _MOST_WIDENED))
+    # many branches would be a solid block
+    part = max(min(_MOST_WIDE / frequencies.shape[1], 1.0), _LEAST_PART)
+    base_widths = _WIDTH * np.where(is_wide, 1.0, part)
+    widths = base_widths * (1.0 + np.minimum(n_later, _MOST_WIDENED))
     is_zero = np.all(frequencies <= least, axis=0)  # (b,)
-    widths[:, is_zero] = _THIN
+    widths[:, is_zero] = min(_THIN, part * _WIDTH)
     return np.asarray(widths)
 
 

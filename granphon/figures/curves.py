@@ -50,6 +50,7 @@ from granphon.base.errors import FigureError, InputError, brief
 from granphon.base.results import restore
 from granphon.base.scales import HertzPrefix, write_uncertain
 from granphon.base.text import closest, suggest
+from granphon.base.validation import require, text
 from granphon.figures.bands import name_corners
 from granphon.figures.choices import (
     arrange,
@@ -487,7 +488,7 @@ def read_values(dataset: Dataset, name: str, run: str = "") -> Any:
     Raises :class:`InputError` for a variable that cannot be drawn, and FigureError for numbers
     beyond the axes of matplotlib.
     """
-    if name not in dataset.variables:
+    if require("variable", text, name) not in dataset.variables:
         raise InputError(
             f"the sweep has no variable {name!r}",
             f"It has {', '.join(map(str, dataset.data_vars))}",
@@ -698,7 +699,7 @@ def choose_x(dataset: Dataset, x: str | None) -> str:
     single load the parameter in numbers that has the most values.
     """
     if x:
-        return x
+        return str(require("x", text, x))
     if dataset.sizes["load"] == 1:
         return find_longest_parameter(dataset) or find_load(dataset)
     return find_load(dataset)
@@ -982,28 +983,33 @@ def _break_label(label: str) -> str:
 
 def _write_symbols(ax: Axes, curves: Mapping[str, Sequence[Curve]]) -> None:
     """Write the symbols of velocities beside the right ends of their ``curves``, by the names of
-    the velocities; in one text where the ends are close.
+    the velocities; in one text where the ends are close. Of neighbouring curves of one velocity the
+    fastest has the symbol; curves of another velocity between them divide them, and each part has
+    it.
 
     Marks of pulses, which are often near long waves, are in the legend, and have no symbol.
     """
-    ends: dict[str, float] = {}  # the greatest velocity at the right end, m/s, by the symbol
+    all_ends: list[tuple[float, str]] = []  # velocity at the right end, m/s, and symbol
     for name, curves_of_velocity in curves.items():
         # the right end is at the greatest x: a path may turn, and end anywhere
         velocities = [float(curve.y[np.argmax(curve.x)]) for curve in curves_of_velocity]
         finite = [velocity for velocity in velocities if np.isfinite(velocity)]
-        if name != _PULSE and finite:
-            ends[_VELOCITIES[name]] = max(finite)
+        if name != _PULSE:
+            all_ends += [(velocity, _VELOCITIES[name]) for velocity in finite]
+    parts = itertools.groupby(sorted(all_ends), key=lambda end: end[1])
+    ends = [max(part) for _symbol, part in parts]
     to_axes = ax.transData - ax.transAxes
     left = ax.get_xlim()[0]
     last_height = -np.inf
     texts: list[tuple[float, list[str]]] = []  # velocity and symbols of each text, upwards
-    for symbol, velocity in sorted(ends.items(), key=lambda item: item[1]):
+    for velocity, symbol in ends:
         _, height = to_axes.transform((left, velocity))
         if height - last_height > _LEAST_HEIGHT:
             last_height = height
             texts.append((velocity, []))
         _, symbols = texts[-1]
-        symbols.append(symbol)
+        if symbol not in symbols:
+            symbols.append(symbol)
     for velocity, symbols in texts:
         _write_beside(ax, ", ".join(symbols), velocity)
 

@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator, NullLocator
 
 from granphon.base.arrays import Array, Flags
 from granphon.base.errors import InputError
@@ -40,13 +41,23 @@ _DOTS: dict[str, Any] = {
     "color": ORANGE, "marker": "o", "markersize": 2.0, "linewidth": 0.8, "clip_on": False,
 }  # fmt: skip
 
-#: what draws a panel: from the states of a curve, the numbers on the axis of x (n,) and the unit
-_DrawPanel = Callable[[Dataset, Axes, Array, HertzPrefix], None]
+#: what draws a panel: from the states of a curve, the numbers on the axis of x (n,), None for a
+#: single state, and the unit
+_DrawPanel = Callable[[Dataset, Axes, Array | None, HertzPrefix], None]
+#: for each dimension of frequencies what is counted along the axis of x at a single state, and the
+#: first number, as in tables
+_COUNTED = {
+    "gap": ("Branches below the gap", 0),
+    "branch": ("Branch", 0),
+    "mode": ("Mode", 1),
+    "surface_wave": ("Wave of the edge", 0),
+}
 
 
 def sweep_gaps_figure(dataset: Dataset, **options: Any) -> Figure:
     """Draw a figure of the gaps of a sweep: between its lower and its upper edge each gap is a
-    field over ``x``, and the top frequency is a line.
+    field over ``x``, and the top frequency is a line. Of a single state, over which no ``x``
+    varies, each gap is a bar over the number of branches below.
 
     Gaps are told apart by the number of branches below. Each medium and combination of parameters
     has a panel. Of the ``options``, ``x``, ``rows``, ``columns`` and ``tell`` are those of
@@ -56,37 +67,40 @@ def sweep_gaps_figure(dataset: Dataset, **options: Any) -> Figure:
     """
     _require_variable(dataset, "gap_lower", "gaps", "gaps")
 
-    def draw(states: Dataset, ax: Axes, x_values: Array, unit: HertzPrefix) -> None:
+    def draw(states: Dataset, ax: Axes, x_values: Array | None, unit: HertzPrefix) -> None:
         """Draw the gaps, and the top frequency, of the states of a panel."""
         _draw_fields(states, ("gap_lower", "gap_upper"), "gap", ax, x_values, unit)
         top = states["top_frequency"].values / unit.hertz
         errors = _read_errors(states, "top_frequency") / unit.hertz
+        if x_values is None:  # one line across the panel
+            x_values = _find_span(states, "gap")
+            top, errors = np.repeat(top, 2), np.repeat(errors, 2)
         draw_error_band(ax, x_values, top, errors, _TOP["color"], "top-errors")
         alone = np.flatnonzero(_find_alone(np.isfinite(top))).tolist()
         ax.plot(x_values, top, gid="top", markevery=alone, **_TOP)
 
-    top_of_legend = {**_TOP, "marker": "o" if dataset.sizes["load"] == 1 else ""}
+    top_of_legend = {**_TOP, "marker": ""}
     handles: list[Any] = [Line2D([], [], label="top frequency", **top_of_legend)]
     if np.any(np.isfinite(dataset["gap_lower"].values)):
         handles.insert(0, Patch(label="gap", **_FIELD))
-    return _draw_panels(dataset, "top_frequency", draw, handles, **options)
+    return _draw_panels(dataset, "top_frequency", "gap", draw, handles, **options)
 
 
 def cutoffs_figure(dataset: Dataset, **options: Any) -> Figure:
     """Draw a figure of the branches of a sweep: each is a field over ``x`` from its lowest to its
-    highest frequency in the zone.
+    highest frequency in the zone; of a single state a bar over the number of the branch.
 
     The ``options`` are those of :func:`sweep_gaps_figure`. Raises
     :class:`~granphon.base.errors.InputError` if the sweep has no cut-off frequencies.
     """
     _require_variable(dataset, "cutoff_lower", "cut-off frequencies", "cutoffs")
 
-    def draw(states: Dataset, ax: Axes, x_values: Array, unit: HertzPrefix) -> None:
+    def draw(states: Dataset, ax: Axes, x_values: Array | None, unit: HertzPrefix) -> None:
         """Draw the branches of the states of a panel."""
         _draw_fields(states, ("cutoff_lower", "cutoff_upper"), "branch", ax, x_values, unit)
 
     handles = [Patch(label="branch, from its lowest to its highest frequency", **_FIELD)]
-    return _draw_panels(dataset, "cutoff_upper", draw, handles, **options)
+    return _draw_panels(dataset, "cutoff_upper", "branch", draw, handles, **options)
 
 
 def _draw_fields(
@@ -94,21 +108,39 @@ def _draw_fields(
     names: tuple[str, str],
     dimension: str,
     ax: Axes,
-    x: Array,
+    x: Array | None,
     unit: HertzPrefix,
 ) -> None:
     """Draw for each index along a ``dimension`` of the ``states``, such as a gap or a branch, the
     field over ``x`` (n,) between its lower and its upper edge, which are the two variables
-    ``names``, Hz; frequencies are drawn in this ``unit``. Edges that are nan are not drawn.
+    ``names``, Hz; frequencies are drawn in this ``unit``. Where ``x`` is None, a single state has a
+    bar at each index. Edges that are nan are not drawn.
     """
     edges = [states[name].transpose(dimension, "load").values / unit.hertz for name in names]
     errors = [_read_errors(states, name, dimension, "load") / unit.hertz for name in names]
     for number in range(states.sizes[dimension]):
         gid = f"{dimension}-{number}"
+        places = _find_place(dimension, number) if x is None else x
         if np.any(np.isfinite(edges[0][number])):
-            _draw_field(ax, x, edges[0][number], edges[1][number], gid)
+            _draw_field(ax, places, edges[0][number], edges[1][number], gid)
             for edge, error in zip(edges, errors, strict=True):
-                draw_error_band(ax, x, edge[number], error[number], BLUE, f"{gid}-errors")
+                draw_error_band(ax, places, edge[number], error[number], BLUE, f"{gid}-errors")
+
+
+def _find_place(dimension: str, number: int) -> Array:
+    """Return (1,) the place on the axis of x at which the frequency of index ``number`` along a
+    ``dimension`` stands at a single state: its number in tables.
+    """
+    _words, first = _COUNTED[dimension]
+    return np.array([float(first + number)])
+
+
+def _find_span(states: Dataset, dimension: str) -> Array:
+    """Return (2,) the ends of the axis of x, along which the indices of a ``dimension`` of a single
+    state are counted.
+    """
+    _words, first = _COUNTED[dimension]
+    return np.array([first - 0.5, first + states.sizes[dimension] - 0.5])
 
 
 def _read_errors(states: Dataset, name: str, *dims: str) -> Array:
@@ -180,11 +212,11 @@ def modes_figure(dataset: Dataset, **options: Any) -> Figure:
 
 def _draw_lines(dataset: Dataset, name: str, dimension: str, words: str, **options: Any) -> Figure:
     """Return a figure with a line for each index along a ``dimension``: the frequencies of the
-    variable ``name`` over ``x``; ``words`` are the entry of the legend, and ``options`` those of
-    :func:`sweep_gaps_figure`.
+    variable ``name`` over ``x``, or of a single state over the index; ``words`` are the entry of
+    the legend, and ``options`` those of :func:`sweep_gaps_figure`.
     """
 
-    def draw(states: Dataset, ax: Axes, x_values: Array, unit: HertzPrefix) -> None:
+    def draw(states: Dataset, ax: Axes, x_values: Array | None, unit: HertzPrefix) -> None:
         """Draw the lines of the states of a panel."""
         if "surface_point" in states[name].dims:
             states = states.isel(surface_point=-1)
@@ -194,11 +226,12 @@ def _draw_lines(dataset: Dataset, name: str, dimension: str, words: str, **optio
             ax.annotate("no wave", (0.5, 0.5), xycoords="axes fraction", ha="center", color="0.4")
         for number, line in enumerate(lines):
             gid = f"wave-{number}"
-            draw_error_band(ax, x_values, line, errors[number], ORANGE, f"{gid}-errors")
-            ax.plot(x_values, line, gid=gid, **_DOTS)
+            places = _find_place(dimension, number) if x_values is None else x_values
+            draw_error_band(ax, places, line, errors[number], ORANGE, f"{gid}-errors")
+            ax.plot(places, line, gid=gid, **_DOTS)
 
     handle = Line2D([], [], label=words, **_DOTS)
-    return _draw_panels(dataset, name, draw, [handle], **options)
+    return _draw_panels(dataset, name, dimension, draw, [handle], **options)
 
 
 def _require_variable(dataset: Dataset, name: str, words: str, subject: str) -> None:
@@ -213,6 +246,7 @@ def _require_variable(dataset: Dataset, name: str, words: str, subject: str) -> 
 def _draw_panels(
     dataset: Dataset,
     variable: str,
+    dimension: str,
     draw: _DrawPanel,
     handles: Sequence[Any],
     x: str | None = None,
@@ -222,7 +256,8 @@ def _draw_panels(
 ) -> Figure:
     """Return a figure with a panel for each medium and combination of parameters of a sweep, which
     ``draw`` draws, with shared axes, of which that of y reaches to the greatest value of the
-    ``variable``, Hz, and with a legend of the ``handles``. The other arguments are those of
+    ``variable``, Hz, and with a legend of the ``handles``. Where one state alone is on the axis of
+    x, this axis counts the indices along the ``dimension``. The other arguments are those of
     :func:`sweep_gaps_figure`.
     """
     x_name = choose_x(dataset, x)
@@ -237,6 +272,7 @@ def _draw_panels(
         handles = [*handles, make_error_handle(values, dataset[f"{variable}_error"].values)]
     all_x = np.asarray(read_values(turn_over(dataset, x_name), x_name), float)
     x_unit = str(dataset[x_name].attrs.get("units", ""))
+    is_alone = np.unique(all_x).size == 1
 
     def draw_panel(states: Dataset, ax: Axes) -> Panel:
         """Draw the states of one combination."""
@@ -245,13 +281,18 @@ def _draw_panels(
         states_of_line = turned.isel(index, missing_dims="ignore")
         x_values = np.asarray(states_of_line[x_name].values, float)
         order = np.argsort(x_values, kind="stable")
-        draw(states_of_line.isel(load=order), ax, x_values[order], unit)
+        draw(states_of_line.isel(load=order), ax, None if is_alone else x_values[order], unit)
         return Panel((), handles, facts)
 
     def label(ax: Axes, _curves: Sequence[Any]) -> None:
         """Scale and name the axes of a panel."""
-        scale_axis(ax, "x", all_x)
-        name_axis(ax.xaxis, float(np.max(np.abs(all_x))), axis_label(x_name, ""), x_unit)
+        if is_alone:
+            ax.set(xlim=_find_span(dataset, dimension), xlabel=_COUNTED[dimension][0])
+            ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+            ax.xaxis.set_minor_locator(NullLocator())
+        else:
+            scale_axis(ax, "x", all_x)
+            name_axis(ax.xaxis, float(np.max(np.abs(all_x))), axis_label(x_name, ""), x_unit)
         ax.set(ylim=(0.0, 1.06 * greatest / unit.hertz), ylabel=f"Frequency ({print_hertz(unit)})")
 
     return draw_panels(dataset, layout, draw_panel, label)

@@ -5,6 +5,7 @@ for each, in which each parameter has a bar.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from textwrap import fill
 
@@ -21,7 +22,7 @@ from granphon.base.text import counted
 from granphon.figures.style import BLUE, FRAME, STYLE, VERMILION
 from granphon.observables.catalogue import CATALOGUE, axis_label
 from granphon.runs.dataset import Dataset
-from granphon.runs.sensitivities import EDGE_WAVE
+from granphon.runs.sensitivities import EDGE_WAVE, spell_quantity
 
 #: greatest number of panels, and of columns of panels
 _MOST_PANELS = 12
@@ -117,12 +118,10 @@ def _draw_bars(ax: Axes, derivatives: Array) -> None:
 
 
 def _name_quantity(name: str) -> str:
-    """Return the name of a quantity in words."""
+    """Return the name of a quantity in words, as the title of its panel."""
     if " " not in name:
         return CATALOGUE[name].label
-    entry, *place, branch = name.split(" ")
-    # a title never breaks before the number
-    if entry == EDGE_WAVE:
-        at_corner = f" at\N{NO-BREAK SPACE}{place[0]}" if place else ""
-        return f"Edge wave\N{NO-BREAK SPACE}{branch}{at_corner}"
-    return f"{'Bottom' if entry == 'cutoff_lower' else 'Top'} of branch\N{NO-BREAK SPACE}{branch}"
+    words = spell_quantity(name)
+    # a title never breaks before a number or a corner
+    unbroken_words = re.sub(" (?=[^ ]+( at |$))", "\N{NO-BREAK SPACE}", words)
+    return unbroken_words[:1].upper() + unbroken_words[1:]

@@ -140,12 +140,16 @@ class Measurements(Result):
             (distance, standard error): its relative error is added in quadrature to that of each
             velocity, as if these were independent, and is their only error where the table has
             none.
-        frame : converts a side force to the contact force, both in N.
-        pressed : converts a pressure to the contact force, N.
+        frame : function of the force on a side of the hexagonal frame, N, that returns the force of
+            a contact, N, such as :func:`~granphon.balls.loads.force_of_frame` with its number of
+            balls; needed by a column side_force.
+        pressed : function of the pressure that presses the packing, in the unit of ``periods``,
+            that returns the force of a contact, N; needed by a column pressure.
         periods : number of periods of the lattice: a pressure is in N for 1, in N/m for 2, in Pa
             for 3.
-        carried : converts contact forces, N, and cut-off frequencies, Hz, to velocities of long
-            waves, m/s, (n,).
+        carried : function of the contact forces, N, and of the cut-off frequencies of the waves
+            that the packing carries, Hz, both (n,), that returns the velocities of long waves, m/s,
+            (n,); needed by a column cutoff.
 
         Raises
         ------

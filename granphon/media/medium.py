@@ -497,8 +497,17 @@ class AveragedLattice(LawMedium):
         return self.packing.law
 
 
+class _ReducedMedium(LawMedium):
+    """A medium whose law of balls that differ knows forces as f*; its errors are in newtons."""
+
+    @in_newtons
+    def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
+        """Return the state at a load, see :meth:`LawMedium.at`."""
+        return super().at(load, finite_overlap=finite_overlap)
+
+
 @dataclass(frozen=True)
-class AveragedForce(LawMedium):
+class AveragedForce(_ReducedMedium):
     """The averaged force: balls differ and stay at the sites of the lattice; f is the mean over
     pairs (equation 25).
 
@@ -522,14 +531,9 @@ class AveragedForce(LawMedium):
             return packing.law
         return AveragedLaw(packing.law.coefficient, packing.width, packing.spread.shape)
 
-    @in_newtons  # the averaged law knows forces as f*
-    def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
-        """Return the state at a load, see :meth:`LawMedium.at`."""
-        return super().at(load, finite_overlap=finite_overlap)
-
 
 @dataclass(frozen=True, init=False)
-class EffectiveMedium(LawMedium):
+class EffectiveMedium(_ReducedMedium):
     """The effective medium: balls that differ displace their neighbours, in the average lattice of
     all (equations 28-46).
 
@@ -599,11 +603,6 @@ class EffectiveMedium(LawMedium):
 
     def __repr__(self) -> str:
         return f"EffectiveMedium({self.packing!r}, local_field={self.source!r})"
-
-    @in_newtons  # the law knows forces as f*
-    def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
-        """Return the state at a load, see :meth:`LawMedium.at`."""
-        return super().at(load, finite_overlap=finite_overlap)
 
     @property
     def seconds(self) -> float:

@@ -76,6 +76,8 @@ WAVE_COSTS: tuple[CostClass, ...] = (
     "sensitivities",
     "network",
 )
+#: first words of labels that keep their capital within a sentence
+_CAPITAL_WORDS = ("Young", "Poisson", "Q")
 
 
 @dataclass(frozen=True)
@@ -172,6 +174,17 @@ class Observable:
             object.__setattr__(self, "label", _write_words(self.name))
         if not self.meaning:
             object.__setattr__(self, "meaning", self.title)
+
+    @property
+    def words(self) -> str:
+        """The name within a sentence or a table: the label, or the title if the label is a formula.
+        The first letter is small, but in names of persons and in symbols.
+        """
+        if "$" in self.label:
+            return self.title
+        if self.label.split()[0] in _CAPITAL_WORDS:
+            return self.label
+        return self.label[:1].lower() + self.label[1:]
 
 
 def _write_words(name: str) -> str:

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.errors import FileExistsInRunError, OutputError
+from granphon.base.errors import FileExistsInRunError, InputError, OutputError, brief
 from granphon.base.staging import has_locks
 from granphon.base.text import show
 
@@ -115,6 +115,13 @@ def read_entries(path: str | os.PathLike[str]) -> Iterator[tuple[str, TaskResult
                 yield name, result
     finally:
         store.close()
+
+
+def require_store(store: Any) -> None:
+    """Raise InputError for a ``store``, the argument of a public call, that is no :class:`Store`."""
+    if not isinstance(store, Store):
+        mend = "Give a granphon.runs.finished_tasks.Store, or none"
+        raise InputError(f"store is {brief(store)}", mend=mend)
 
 
 class Store:

@@ -30,7 +30,7 @@ from granphon.base.errors import (
     MechanismError,
     OutputError,
 )
-from granphon.base.progress import Progress, silent
+from granphon.base.progress import Progress, require_progress, silent
 from granphon.base.staging import ResultFiles, is_whole
 from granphon.base.text import require_path
 from granphon.base.threads import require_executor
@@ -49,7 +49,7 @@ from granphon.runs.dataset import (
     load_sweep,
     write_sweep,
 )
-from granphon.runs.finished_tasks import Store, open_store
+from granphon.runs.finished_tasks import Store, open_store, require_store
 from granphon.runs.notes import CaseNotes, tell_notes
 from granphon.runs.tasks import INCOMPLETE, Case, Grid, find_analysis, to_json
 from granphon.waves.settings import (
@@ -647,6 +647,9 @@ class Plan:
         :class:`~granphon.base.errors.ConvergenceError`.
         """
         require_executor(executor)
+        require_progress(progress)
+        if store is not None:
+            require_store(store)
         _require_path(path, resume)
         self.require_waves()
         placing = nullcontext() if self.has_tasks else self.places.where_it_buckles()

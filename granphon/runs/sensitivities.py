@@ -61,6 +61,19 @@ _GROWTH = {1: 1.0, 2: 1.0, 3: 1.75}
 _TIMED_BALLS = 200
 
 
+def spell_quantity(name: str) -> str:
+    """Return the words for a quantity of the variable: those of the catalogue, or of a branch or a
+    wave of an edge "top of branch 3" and "edge wave 0 at X".
+    """
+    if " " not in name:
+        return CATALOGUE[name].words
+    entry, *place, number = name.split(" ")
+    if entry == EDGE_WAVE:
+        at_corner = f" at {place[0]}" if place else ""
+        return f"edge wave {number}{at_corner}"
+    return f"{'bottom' if entry == 'cutoff_lower' else 'top'} of branch {number}"
+
+
 class Parameters:
     """The parameters by which derivatives of the states of ``balls`` under a ``load`` are found.
 

@@ -176,8 +176,9 @@ def sweep(
         twice, a value that makes no packing, bands over parameters that change the number of
         branches, finite overlap of "auto" or of a simulation in the directions of the lattice,
         lattices of different dimension, waves of media that are no simulations or that an array
-        does not have, a pulse in several directions, an executor without ``submit``, a ``path``
-        that does not end in .nc, and ``resume`` without a path.
+        does not have, a pulse in several directions, an executor without ``submit``, a
+        ``progress`` without ``step``, a ``store`` of another class, a ``path`` that does not end in
+        .nc, and ``resume`` without a path.
     MechanismError : a lattice is a mechanism; raised before anything is computed. With bands, gaps,
         cutoffs or onsets, velocities and moduli are left out instead, with a warning.
     InstabilityError : with finite overlap, a lattice buckles.

@@ -346,8 +346,7 @@ def _read_files_scene(document: Document, folder: Path) -> dict[str, Any]:
     context = Context(arrangement.structure, folder=folder)
     readers = _make_readers(context, unused)
     blocks = {name: value for name, value in data.items() if name not in _FILES_BLOCKS}
-    packing = {"arrangement": arrangement, "finite_overlap": arrangement.network.prestress}
-    return block(blocks, readers, ()) | {"packing": packing}
+    return block(blocks, readers, ()) | {"packing": {"arrangement": arrangement}}
 
 
 def _make_arrangement(document: Document, kinds: Any, settings: Mapping[str, Any]) -> Arrangement:

@@ -423,7 +423,37 @@ def _recognise(path: Path) -> Export:
             return row
     names = ", ".join(str(row.source) for row in rows)
     mend = f"Give the folder of a run or of a fit, or a file of one: {names}"
-    raise InputError(f"{path} is no folder, and no file of results that is drawn", mend=mend)
+    why = ""
+    for _name, row in OUTPUTS.items():
+        if path.name in row.files:
+            why = _explain_file(path, row)
+            break
+    raise InputError(f"{path} is no file of results that is drawn by itself", why, mend)
+
+
+def _explain_file(path: Path, row: Export) -> str:
+    """Return a sentence that says which command draws the content of the file ``path`` of an output
+    ``row``, which is not drawn together with others, or that no figure shows it.
+    """
+    holder = row
+    if not row.figure:
+        # such as motion_contacts.csv, of the same observable as motion.csv, which has a figure
+        drawn_rows = [
+            other
+            for _name, other in OUTPUTS.items()
+            if other.figure and row.observed and other.observed == row.observed
+        ]
+        drawn_here = [other for other in drawn_rows if other.find_source(path.parent)]
+        holder = next(iter(drawn_here or drawn_rows), row)
+    if not holder.figure:
+        data = path.with_name(row.files[0])
+        if data.suffix == ".nc" and data != path:
+            return f"'granphon plot {data}' draws its content"
+        return "No figure of granphon shows its content"
+    if not holder.source:
+        return _explain_unkept(holder)
+    figure = path.parent / holder.figure
+    return f"'granphon plot {path.parent} -o {figure}' draws its content"
 
 
 def _find_lattice(source: Path) -> ContactLattice:

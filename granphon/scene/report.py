@@ -11,7 +11,6 @@ import math
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ import numpy as np
 
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, MissingFileError
-from granphon.base.scales import prefixed, write_quantity, write_uncertain, write_unit
+from granphon.base.scales import prefixed, write_error, write_quantity, write_uncertain, write_unit
 from granphon.base.staging import read_written_files
 from granphon.base.tables import Table
 from granphon.base.text import join_alike, read_bytes, read_text, read_yaml, spell
@@ -146,24 +145,12 @@ def _read_numbers(source: Path) -> list[Block]:
     return [Rows(("quantity", "value"), tuple(rows))]
 
 
-#: first words of labels that keep their capital
-_CAPITAL_WORDS = ("Young", "Poisson", "Q")
-
-
 def _name_number(name: str) -> str:
-    """Return the words for a number called ``name`` in a summary: the label of the catalogue's
-    entry, or its title if the label is a formula; for a number without an entry the name in words.
-    The first letter is small, but in names of persons and in symbols.
+    """Return the words for a number called ``name`` in a summary: those of the catalogue's entry;
+    for a number without an entry the name in words.
     """
     entry = CATALOGUE.get(name)
-    if entry is None:
-        return spell(name)
-    # a label is made for an axis, and may be a formula
-    if "$" in entry.label:
-        return entry.title
-    if entry.label.split()[0] in _CAPITAL_WORDS:
-        return entry.label
-    return entry.label[:1].lower() + entry.label[1:]
+    return spell(name) if entry is None else entry.words
 
 
 def _write_value(value: Any, unit: str, error: Any = None) -> str:
@@ -192,43 +179,58 @@ def _write_value(value: Any, unit: str, error: Any = None) -> str:
     if all(isinstance(entry, list) for entry in value):
         is_tensor = len(value) > 2 and all(len(entry) == len(value) for entry in value)
         if is_tensor:
-            text = _write_tensor(np.array(value, float), unit)
-            return f"{text} +/- {_write_tensor(np.array(error, float), unit)}" if error else text
-        intervals = [_write_range(entry, unit) for entry in value]
-        errors = [f" +/- {_write_range(entry, unit, _DIGITS)}" for entry in error or ()]
-        # without an error no interval has one
-        return ", ".join(map("".join, zip_longest(intervals, errors, fillvalue="")))
+            return _write_tensor(np.array(value, float), unit, error)
+        if not error:  # without an error no interval has one
+            return ", ".join(_write_range(entry, unit) for entry in value)
+        intervals = [
+            " to ".join(write_uncertain(*edge, unit) for edge in zip(*pair, strict=True))
+            for pair in zip(value, error, strict=True)
+        ]
+        return ", ".join(intervals)
     # two numbers of branches, such as curvatures, may be in no order
     is_range = len(value) == 2 and value[0] <= value[1]
     text = _write_range(value, unit) if is_range else _list_numbers(value, unit)
-    return f"{text} +/- {_write_range(error, unit, _DIGITS)}" if isinstance(error, list) else text
+    if not isinstance(error, list):
+        return text
+    # the values of a list have the unit itself
+    largest = max(map(abs, value)) if is_range else 1.0
+    errors = dict.fromkeys(write_error(end, largest, unit) for end in error)
+    return f"{text} +/- {' to '.join(errors)}"
 
 
-def _write_number(value: float, unit: str, digits: int = 5) -> str:
-    """Return the text of a number in the SI ``unit`` with so many ``digits``, or of a whole number
-    without a unit with all its digits.
+def _write_number(value: float, unit: str) -> str:
+    """Return the text of a number in the SI ``unit``, or of a whole number without a unit with all
+    its digits.
     """
     if isinstance(value, int) and not unit:
         return str(value)
-    return write_quantity(float(value), unit, digits)
+    return write_quantity(float(value), unit)
 
 
-def _write_range(ends: list[Any], unit: str, digits: int = 5) -> str:
+def _write_range(ends: list[Any], unit: str) -> str:
     """Return the text of the two ``ends`` of a range or interval in the SI ``unit``, "1 N to 2 N";
     if both have the same text, it stands once.
     """
-    return " to ".join(dict.fromkeys(_write_number(end, unit, digits) for end in ends))
+    return " to ".join(dict.fromkeys(_write_number(end, unit) for end in ends))
 
 
-def _write_tensor(components: Array, unit: str) -> str:
-    """Return the text of the ``components`` (n, n) of a tensor in the SI ``unit``, row by row, all
-    with the same decimal prefix; components that are rounding beside the largest are zero.
+def _write_tensor(components: Array, unit: str, error: Any = None) -> str:
+    """Return the text of the ``components`` (n, n) of a tensor in the SI ``unit``, and of their
+    standard ``error`` if that is not None, row by row, all with the same decimal prefix; components
+    that are rounding beside the largest are zero.
     """
     largest = float(np.max(np.abs(components)))
     size, name = prefixed(largest, unit)
     shown = np.where(np.abs(components) > _ROUNDING * largest, components / size, 0.0)
-    rows = [", ".join(f"{component:.5g}" for component in row) for row in shown.tolist()]
-    return f"{'; '.join(rows)}{write_unit(name)}"
+    text = _write_rows(shown, 5)
+    if error:
+        text += f" +/- {_write_rows(np.array(error, float) / size, _DIGITS)}"
+    return f"{text}{write_unit(name)}"
+
+
+def _write_rows(numbers: Array, digits: int) -> str:
+    """Return the text of ``numbers`` (n, n), row by row, with so many ``digits``."""
+    return "; ".join(", ".join(f"{number:.{digits}g}" for number in row) for row in numbers)
 
 
 def _list_numbers(values: list[Any], unit: str) -> str:
@@ -271,7 +273,12 @@ def _read_limits(source: Path) -> list[Block]:
     rows = []
     for check in read_summary(source).get("validity", ()):
         holds = "yes" if check["ok"] else "no"
-        rows.append((check["meaning"], f"{check['value']:.4g}", f"{check['limit']:.4g}", holds))
+        limit = f"{check['limit']:.4g}"
+        # whether the limit is kept tells on which side it lies, unless the value is the limit
+        if check["value"] != check["limit"]:
+            is_lower = (check["value"] > check["limit"]) == bool(check["ok"])
+            limit = f"{'at least' if is_lower else 'at most'} {limit}"
+        rows.append((check["meaning"], f"{check['value']:.4g}", limit, holds))
     return [Rows(("quantity", "value", "limit", "holds"), tuple(rows))] if rows else []
 
 

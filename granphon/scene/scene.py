@@ -96,7 +96,8 @@ class Scene(SceneValues):
     parameters : the swept parameters of the packing, each with its values; may be given as a
         mapping.
     finite_overlap : keep the terms of relative order delta/d. Simulations in their exact geometry
-        have them whether asked or not, as :attr:`granphon.ContactState.finite_overlap` says.
+        have them whether asked or not, as :attr:`granphon.ContactState.finite_overlap` says. Of a
+        packing of another program the files say it (``prestress``), whatever is given here.
     observe : which of "velocities", "bands", "gaps", "cutoffs", "onsets", "sensitivities", "dos",
         "surface", "spectrum", "pulse", "response", "motion", "modes", "design" to compute;
         spectrum, pulse and the density of states of the array itself, of a simulation.

@@ -134,6 +134,10 @@ class SceneValues:
         # the dataclass is frozen: attributes are set past it
         assign = partial(object.__setattr__, self)
         assign("packing", _read_balls(self.packing))
+        if self.packing.is_network:
+            # files say themselves whether static forces act; so the scene is that of its own text
+            files = cast("NetworkFiles", self.packing)
+            assign("finite_overlap", files.network.prestress)
         if not isinstance(self.load, Load):
             raise InputError(f"load is {show(self.load)}", mend="Give a granphon.Load")
         parameters = dict(_read_pairs("parameters", self.parameters))

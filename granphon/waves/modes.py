@@ -1044,8 +1044,9 @@ class NetworkModes(Result):
         """(m, n_c) share of each contact in the elastic energy of a mode.
 
         The share is 2 d ln f / d ln k, where all stiffnesses of the contact change by the same
-        factor as k. The shares of a mode add up to one without static forces, and to a little more
-        where static forces press.
+        factor as k. The shares of a mode add up to one, less the share of springs to the ground
+        and, with ``prestress``, that of static forces, whose energy is below zero where they press.
+        Then the shares add up to more than one, the more the softer the mode: to 1.03, say, or 1.2.
         """
         network = self.network
         by_kind = self.sensitivities

@@ -12,6 +12,7 @@ import sys
 
 import bench_arrays
 import bench_calculator
+import bench_commands
 import bench_compilation
 import bench_crystals
 import bench_effective
@@ -38,7 +39,13 @@ PARTS = (
     | bench_calculator.PARTS
 )
 PARTS |= bench_effective.PARTS | bench_pulses.PARTS | bench_waves.PARTS | bench_sweeps.PARTS
-PARTS |= bench_friction.PARTS | bench_motion.PARTS | bench_times.PARTS | bench_networks.PARTS
+PARTS |= (
+    bench_commands.PARTS
+    | bench_friction.PARTS
+    | bench_motion.PARTS
+    | bench_times.PARTS
+    | bench_networks.PARTS
+)
 PARTS |= bench_compilation.PARTS | {"factors": bench_waves.factors}
 PARTS |= bench_sensitivities.PARTS
 

@@ -523,16 +523,18 @@ def test_a_flat_band_of_a_ribbon_has_no_colour_of_an_edge_and_zero_branches_are_
     top = bands.frequencies.max()
     inside = np.array(to_rgb("0.75"))
     n_zero = n_flat = 0
+    # of more than 30 branches the lines are thinner, and those of zero branches still the thinnest
+    width = 1.5 * 30.0 / bands.n_branches
     for b in range(bands.n_branches):
         line = with_gid(ax, f"band-0-{b}")
         frequencies = bands.frequencies[0, :, b]
         if np.all(frequencies < 1e-6 * top):
             n_zero += 1
-            assert np.all(np.array(line.get_linewidths()) < 1.0)
+            assert np.all(np.array(line.get_linewidths()) < 0.6 * width)
         elif np.ptp(frequencies) < 1e-6 * top:
             n_flat += 1
         else:
-            assert np.all(np.array(line.get_linewidths()) >= 1.5)
+            assert np.all(np.array(line.get_linewidths()) >= 0.999 * width)
             continue
         assert_allclose(line.get_edgecolors()[:, :3], np.tile(inside, (5, 1)), atol=0.1)
     assert n_zero > 2

@@ -597,6 +597,8 @@ def test_bands_of_different_numbers_make_no_array(rough, axis):
         ({"force": 1.0, "resume": True, "path": None}, "cannot be resumed"),
         ({"force": 1.0, "path": "sweep.csv"}, "does not end in .nc"),
         ({"force": 1.0, "executor": 3}, "executor is 3"),
+        ({"force": 1.0, "store": 3}, "store is 3"),
+        ({"force": 1.0, "progress": 3}, "progress is 3"),
         ({"force": [1.0, math.nan]}, "force: found nan"),
         ({"force": [1.0, -1.0]}, r"force is .*: tensile"),
         (

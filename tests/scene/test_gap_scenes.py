@@ -173,11 +173,29 @@ def test_at_one_load_the_figure_is_over_the_parameter(result):
     edges = [line for line in ax.lines if line.get_gid() == "gap-1-edge"]
     ends = [line.get_xydata()[line.get_markevery()][0] for line in edges]
     assert_allclose(ends, segment)
-    # the top frequency of a single state is a point
-    (ax,) = sweep_gaps_figure(alone.isel({"A.density": [2]})).axes
+
+
+def test_a_single_state_is_drawn_over_the_numbers_of_gaps_branches_and_modes(result, found):
+    single = result.dataset.isel({"load": [1], "A.density": [1]})
+    (ax,) = sweep_gaps_figure(single).axes
+    assert "ranches below" in ax.get_xlabel()
     (top,) = [line for line in ax.lines if line.get_gid() == "top"]
-    assert top.get_marker() == "o"
-    assert top.get_markevery() == [0]
+    assert_allclose(top.get_xdata(), ax.get_xlim())
+    (bar,) = [artist for artist in ax.collections if hasattr(artist, "get_segments")]
+    (segment,) = bar.get_segments()
+    edges = [single[f"gap_{side}"].values.ravel()[1] for side in ("lower", "upper")]
+    assert_allclose(segment, [[1.0, edge / 1e3] for edge in edges])
+    one = found.isel({"load": [0], "A.density": [0]})
+    (ax,) = cutoffs_figure(one).axes
+    bars = [artist for artist in ax.collections if hasattr(artist, "get_segments")]
+    upper = one["cutoff_upper"].values.ravel() / 1e3
+    ends = [bar.get_segments()[0][1] for bar in bars]
+    assert_allclose(ends, np.transpose([np.arange(upper.size), upper]))
+    # modes are counted from 1, as in their table
+    (ax,) = modes_figure(one).axes
+    points = np.concatenate([line.get_xydata() for line in ax.lines if line.get_gid()])
+    assert_allclose(points[:, 0], one["mode"].values)
+    assert_allclose(points[:, 1], one["mode_frequency"].values.ravel() / 1e3)
 
 
 def test_waves_of_an_edge_are_drawn_over_the_load(result):

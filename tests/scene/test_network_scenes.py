@@ -282,3 +282,22 @@ def test_files_have_no_parameters():
         with pytest.raises(InputError, match=word) as error:
             gp.sweep(given, force=2.0)
         assert len(str(error.value)) < 300
+
+
+def test_a_scene_of_files_with_static_forces_is_that_of_its_own_text():
+    # from Python the scene takes from the files whether static forces act, as from a text
+    text = """
+network:
+  format: lammps
+  files: [{folder}/disks_atoms.dump, {folder}/disks_pairs.dump]
+  material: {{young_modulus: 70 GPa, poisson_ratio: 0.2, density: 2500 kg/m^3}}
+  friction: false
+  prestress: {prestress}
+observe: [modes]
+"""
+    for prestress in (True, False):
+        written = str(prestress).lower()
+        scene = gp.Scene.from_text(text.format(folder=packings.FOLDER, prestress=written))
+        made = gp.Scene(scene.packing, scene.load, observe=["modes"])
+        assert made.finite_overlap is prestress
+        assert made == scene == gp.Scene.from_text(made.to_yaml())

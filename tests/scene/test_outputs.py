@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from matplotlib.figure import Figure
 
 import granphon as gp
 from granphon.base.errors import InputError
+from granphon.cli.main import main
 from granphon.figures import plot
 from granphon.figures.style import save_figure
 from granphon.scene.outputs import (
@@ -203,3 +206,24 @@ def figure_of(_results):
     figure = Figure()
     figure.subplots()
     return figure
+
+
+def test_a_file_that_is_not_drawn_by_itself_names_the_command_that_draws_it(tmp_path, capsys):
+    text = """\
+material: {young_modulus: 70 GPa, poisson_ratio: 0.22, density: 2500 kg/m^3}
+packing: {diameter: 1 mm}
+load: {force: 5 N}
+observe: [sensitivities, cutoffs]
+"""
+    folder = tmp_path / "out"
+    Scene.from_text(text).run(folder, figures=False)
+    for name in ("sensitivities.csv", "cutoffs.csv", "sweep.csv"):
+        assert main(["plot", str(folder / name)]) == 2
+        message = capsys.readouterr().err
+        assert message.count("\n") == 1
+        (command,) = re.findall(r"'granphon (plot [^']+)'", message)
+        words = command.split(" ")
+        out = [] if "-o" in words else ["-o", str(tmp_path / f"{name}.png")]
+        assert main([*words, *out]) == 0
+        drawn = Path((words + out)[-1])
+        assert drawn.stat().st_size > 1000

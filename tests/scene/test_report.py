@@ -84,6 +84,32 @@ def test_the_report_of_one_state_has_its_numbers_and_limits(folders):
     assert "States" not in parts
 
 
+def test_limits_say_on_which_side_they_are(folders):
+    _, parts = collect(folders / "one")
+    (limits,) = parts["Limits of the model"]
+    bounds = {(row[0], row[2].rsplit(" ", 1)[0]) for row in limits.rows}
+    assert ("contact force in N", "at least") in bounds
+    assert {side for _, side in bounds} == {"at least", "at most"}
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        ([7.05e9, 15.3e9], [3.02e7, 6.04e7], "7.05 GPa to 15.3 GPa +/- 0.03 GPa to 0.06 GPa"),
+        ([950.0, 1250.0], [1.0, 2.0], "950 m/s to 1.25 km/s +/- 0.001 km/s to 0.002 km/s"),
+        ([[950.0, 1250.0]], [[1.0, 2.0]], "950.0 +/- 1.0 m/s to 1.2500 +/- 0.0020 km/s"),
+        (
+            [[2e9, 1e9, 0.0], [1e9, 2e9, 0.0], [0.0, 0.0, 5e8]],
+            [[2e6, 1e6, 0.0], [1e6, 2e6, 0.0], [0.0, 0.0, 5e5]],
+            "2, 1, 0; 1, 2, 0; 0, 0, 0.5 +/- 0.002, 0.001, 0; 0.001, 0.002, 0; 0, 0, 0.0005 GPa",
+        ),
+    ],
+)
+def test_an_error_has_the_unit_of_its_value(value, error, text):
+    unit = "Pa" if "GPa" in text else "m/s"
+    assert report._write_value(value, unit, error) == text
+
+
 def test_the_citation_is_that_of_the_project(folders):
     citation = (Path(__file__).parents[2] / "CITATION.cff").read_text(encoding="utf-8")
     for key in ("title", "journal", "volume", "start", "year"):

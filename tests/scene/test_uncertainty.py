@@ -811,3 +811,21 @@ def test_cost_of_errors_is_that_of_what_shifted_scenes_compute():
     # the map is that of the scene itself; its waves are found in two scenes of the error, and again
     # in two of a small change
     assert numbers == {searches: 5.0 * searches, spectra: spectra}
+
+
+def test_the_error_of_a_wave_of_an_edge_is_one_number(tmp_path):
+    text = """\
+material: {young_modulus: 70 +- 1 GPa, poisson_ratio: 0.22, density: 2500 kg/m^3}
+packing: {diameter: 1 mm}
+load: {force: 5 N}
+observe: [surface]
+surface: {axis: 1, points: 3}
+"""
+    result = gp.Scene.from_text(text).run(tmp_path / "out", figures=False)
+    error = result.dataset["surface_velocity_error"]
+    summary = read_yaml(tmp_path / "out" / "summary.yaml")
+    assert summary["surface_velocity_error"] == error.item()
+    assert summary["errors_from"]["surface_velocity"] == "material.young_modulus"
+    # velocities grow as the power 1/3 of E at a given force, to first order
+    expected = summary["surface_velocity"] / 3.0 / 70.0
+    assert error.item() == pytest.approx(expected, rel=1e-5)
