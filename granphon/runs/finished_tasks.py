@@ -118,7 +118,7 @@ def read_entries(path: str | os.PathLike[str]) -> Iterator[tuple[str, TaskResult
 
 
 def require_store(store: Any) -> None:
-    """Raise InputError for a ``store``, the argument of a public call, that is no :class:`Store`."""
+    """Raise InputError for a ``store``, the argument of a public call, that is no store."""
     if not isinstance(store, Store):
         mend = "Give a granphon.runs.finished_tasks.Store, or none"
         raise InputError(f"store is {brief(store)}", mend=mend)
