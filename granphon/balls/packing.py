@@ -629,7 +629,9 @@ def _list_values(given: Any) -> tuple[Any, ...]:
 
 
 def _label_spreads(spreads: Sequence[Any]) -> tuple[str, ...]:
-    """Return a name for each spread, its class and width; the second of the same name has #2."""
+    """Return a name for each spread, its class and width, or that of equal balls if it is None; the
+    second of the same name has #2.
+    """
     labels = []
     counts = Counter[str]()
     for spread in spreads:

@@ -1092,10 +1092,10 @@ def convert_pressure(
     overlaps differ from the overlaps of samples by less than W/100.
 
     Raises :class:`~granphon.base.errors.InputError` if the diameter is among the parameters to be
-    ``fitted``, as the force is proportional to it.
+    ``fitted`` in the plane or in space, where the force depends on the diameter.
     """
-    if "diameter" in fitted:
-        why = "The contact force under a pressure is proportional to the diameter"
+    if "diameter" in fitted and packing.structure.periods > 1:
+        why = "The contact force under a pressure depends on the diameter"
         raise InputError(
             "the diameter is fitted, and pressures are given", why, "Give contact forces"
         )

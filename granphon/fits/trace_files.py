@@ -298,24 +298,47 @@ def _read_hdf5(path: str | os.PathLike[str]) -> _FileTraces:
         if "time" in file:
             times = _read_quantity(path, file["time"], "time", TIMES)
         elif "time_step" in file.attrs:
-            step = _read_numbers(path, file.attrs["time_step"], "time_step")
-            times = _count_steps(positive("time_step", step, "s"), signals.shape[1])
+            step = _read_step(path, file.attrs["time_step"])
+            times = _count_steps(step, signals.shape[1])
         distances: tuple[float | None, ...] = (None,) * len(signals)
         if "distance" in file:
             places = np.atleast_1d(_read_quantity(path, file["distance"], "distance", PLACES))
             distances = tuple(places.tolist())
         names = tuple(str(number) for number in range(1, len(signals) + 1))
         if "names" in file:
-            listed = np.atleast_1d(file["names"]).tolist()
-            names = tuple(
-                name.decode() if isinstance(name, bytes) else str(name) for name in listed
-            )
+            names = _read_names(path, file["names"])
     if len(distances) != len(signals) or len(names) != len(signals):
         raise InputError(
             f"{path} has {len(signals)} traces, {len(distances)} distances and {len(names)} names",
             mend="Write one of each for a sensor",
         )
     return _FileTraces(str(path), times, signals, distances, names)
+
+
+def _read_step(path: str | os.PathLike[str], data: Any) -> float:
+    """Return the step of time, s, of ``data``, an attribute of HDF5; InputError, with the file at
+    ``path``, for what is not one number above zero.
+    """
+    try:
+        return positive("time_step", np.asarray(data), "s")
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def _read_names(path: str | os.PathLike[str], data: Any) -> tuple[str, ...]:
+    """Return the names of sensors (m,) of ``data``, a data set of HDF5; InputError, with the file
+    at ``path``, for bytes that are not UTF-8.
+    """
+    names = []
+    for name in np.atleast_1d(data).tolist():
+        try:
+            names.append(name.decode() if isinstance(name, bytes) else str(name))
+        except UnicodeDecodeError:
+            raise InputError(
+                f"{path}: names has {name!r}, which is not UTF-8",
+                mend="Write the names of the sensors as texts of UTF-8",
+            ) from None
+    return tuple(names)
 
 
 def _read_quantity(path: str | os.PathLike[str], data: Any, name: str, kind: Quantity) -> Array:

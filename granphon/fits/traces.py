@@ -125,8 +125,8 @@ class Traces(Result, array="signals"):
     names: tuple[str, ...] = held((str, ...), default=())
 
     def __post_init__(self) -> None:
-        """Check the traces, and put them in place as they are kept: with times that are evenly
-        spaced, in the order of their distances.
+        """Check the traces, and put arrays of two axes, one for sensors and one for times, and the
+        names of the sensors in place of the arguments.
         """
         times = _require_even_steps(finite_array("times", self.times, "s"))
         signals = np.atleast_2d(_read_signals(self.signals))
@@ -631,7 +631,7 @@ def _require_even_steps(times: Array) -> Array:
         raise InputError(
             f"the times are not evenly spaced: sample {farthest + 1} is at"
             f" {times[farthest]:.9g} s, not at {even_times[farthest]:.9g} s",
-            mend="Interpolate the traces at even times, or give time_step",
+            mend="Interpolate the traces at even times, or give times of more digits",
         )
     return times
 

@@ -348,8 +348,9 @@ class VelocityModel:
         return replace(self, choice=MediumChoice(AveragedLattice.name))
 
     def require_carried(self) -> None:
-        """Raise UnreachableFrequencyError if equal balls do not carry one of the pulses: no other
-        balls carry that pulse then.
+        """Raise UnreachableFrequencyError if equal balls, with the packing's own Young modulus and
+        diameter, do not carry one of the pulses: with any spread they do not carry that pulse
+        either, and a fit of modulus or diameter has no velocity to start from.
         """
         if self.waves.frequency is None:
             return
@@ -361,7 +362,12 @@ class VelocityModel:
                 f"{self.equal_balls.describe_nearest_to_top(logs)}, and any spread of diameters"
                 f" lowers that"
             )
-            raise UnreachableFrequencyError(fault, why, "Check the frequency (Hz)")
+            mend = "Check the frequency (Hz)"
+            if "young_modulus" in self.names:
+                mend += ", or start the fit from a higher Young modulus"
+            elif "diameter" in self.names:
+                mend += ", or start the fit from a smaller diameter"
+            raise UnreachableFrequencyError(fault, why, mend)
 
     def describe_nearest_to_top(self, logs: Array) -> str:
         """Return in words the pulse whose frequency is nearest to the top of its branch, or

@@ -333,8 +333,9 @@ def _make_cubic_entry(name: str, title: str, **fields: Any) -> Observable:
     return Observable(name, "1", title, find=find, cost="velocities", **fields)
 
 
-# of a packing; of each plane wave in the spectrum of samples; of a density of states; of networks
-# that answer to a drive; of bands along a path
+# of a packing; of a density of states; of each plane wave in the spectrum of samples; of networks:
+# one number, responses to a drive at each frequency, all peaks of these, and the highest peak; of
+# the modes of networks; of bands along a path
 _of_packing = partial(Observable, cost="packing", swept=False)
 _of_dos = partial(Observable, cost="dos", dims=("node",))
 _of_line = partial(Observable, cost="spectrum", dims=("polarisation", "wavevector"))

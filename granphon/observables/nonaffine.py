@@ -30,7 +30,7 @@ class NonaffineMotion(Result, array="displacements"):
 
     Attributes
     ----------
-    strain : (n,) the strain in Voigt order, as that of :attr:`Moduli.components`; a shear strain is
+    strain : (s,) the strain in Voigt order, as that of :attr:`Moduli.components`; a shear strain is
         that of the angle.
     displacements : (n, 3) of each ball for this strain, to first order, m; zero of bodies that do
         not move. The mean over the balls that move is zero, unless some are held.

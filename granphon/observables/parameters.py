@@ -23,7 +23,7 @@ from granphon.balls.loads import Load
 from granphon.balls.packing import Packing, change_packing
 from granphon.base.arrays import Array
 from granphon.base.differences import Course
-from granphon.base.errors import InputError, brief
+from granphon.base.errors import GranphonError, InputError, brief
 from granphon.base.results import Result, held, result_class
 from granphon.base.validation import real_array, texts
 from granphon.media.arrangement import Arrangement, Balls, given_balls
@@ -93,7 +93,8 @@ def parameter_sensitivities(
         of which has a network of its own, and that of what ``find`` does not return of a network,
         as ``lambda s: s.force``.
     medium : name of the medium of a packing; "ema" by default. A crystal has the medium "crystal".
-    finite_overlap : whether states have terms of the relative order of overlap over diameter.
+    finite_overlap : true for states with terms of the relative order of overlap over diameter; by
+        default the medium or the crystal decides.
     load : the load by its kind, as ``force=18.4`` (N).
 
     Raises :class:`~granphon.base.errors.InputError` for unknown names, parameters that are no
@@ -207,7 +208,8 @@ def _has_shape(find: Callable[[Any], ArrayLike], network: Any, shape: tuple[int,
     """
     try:
         return np.shape(find(network)) == shape
-    except AttributeError:
+    except (AttributeError, LookupError, GranphonError):
+        # a network has other attributes and conditions, and no contact law
         return False
 
 
@@ -225,7 +227,7 @@ def _find_slope(
         """
         try:
             value = real_array("what find returns", find(state))
-        except AttributeError as error:
+        except (AttributeError, LookupError) as error:
             # find has taken the first state: the changed one is of another class
             mend = "Use what both have, or name other parameters"
             raise InputError(f"find fails where {name} is changed: {error}", mend=mend) from None

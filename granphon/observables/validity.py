@@ -128,7 +128,7 @@ def validity(state: Any) -> Validity:
       median, or a tenth, or with a moment of inertia above 2/3 m r^2;
     - "rattlers": number of balls that carry no load; "pieces": number of sets of balls that do not
       touch; "contacts": contacts per ball, at least the isostatic number;
-    - the mean contact radius over the ball radius, if contacts follow Hertz's law.
+    - the contact radius at the mean overlap over the ball radius, if contacts follow Hertz's law.
     """
     if isinstance(state, ContactNetwork):
         return state.cached(check_network)
@@ -258,8 +258,8 @@ def _find_top_frequency(state: Any) -> Any:
 
 def check_network(network: ContactNetwork) -> Validity:
     """Return the checks of a network: those of numbers that may contradict each other
-    (:func:`~granphon.networks.consistency.compare_numbers`), and the limit of the mean contact
-    radius, if the contacts follow Hertz's law.
+    (:func:`~granphon.networks.consistency.compare_numbers`), and the limit of the contact radius at
+    the mean overlap, if the contacts follow Hertz's law.
     """
     comparisons = [_make_check(comparison) for comparison in compare_numbers(network)]
     return Validity((*comparisons, *_check_contact_radius(network)))
@@ -271,8 +271,8 @@ def _make_check(comparison: Comparison) -> Check:
 
 
 def _check_contact_radius(network: ContactNetwork) -> tuple[Check, ...]:
-    """Return the limit of the mean contact radius of a network, whose material is not known; none
-    if the contacts do not follow Hertz's law.
+    """Return the limit of the contact radius at the mean overlap of a network, whose material is
+    not known; none if the contacts do not follow Hertz's law.
 
     The overlap is found from force and stiffness, 3 f/2 k, which holds for Hertz's law alone. Its
     contacts are told by k^3/(f d*), which is the same for all in one material: its logarithm varies

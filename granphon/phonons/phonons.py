@@ -727,7 +727,7 @@ class Phonons:
         q : (p - 1,) wave vector along the layers, in fractions of their reciprocal cell; zero by
             default.
         damping, loss_factor, drag, dashpot, restitution : losses of the contacts and balls, as in
-            :meth:`Waves.response`; numbers, or tuples of two.
+            :meth:`Waves.response`; numbers, or, but for the restitution, tuples of two.
 
         Raises
         ------

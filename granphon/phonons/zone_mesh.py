@@ -190,14 +190,14 @@ def find_point_group(
     Spglib knows the positions and masses of the balls, but not the stiffness of contacts. So the
     frequencies are compared at all images of one wave vector; if they differ, None is returned.
     ``frequencies`` is a function that takes wave vectors (n, ``periods``), fractions, and returns
-    (n, n_branches). From this call on spglib raises its errors, in the whole process.
+    (n, n_branches). From this call on spglib raises its errors, in the whole process; on a line it
+    is not needed.
     """
+    if periods == 1:
+        return np.ones((1, 1, 1), int)
     with needing("A mesh that is reduced by symmetry"):
         import spglib
     spglib.error.OLD_ERROR_HANDLING = False  # as phonopy and ASE set it
-
-    if periods == 1:
-        return np.ones((1, 1, 1), int)
     scalars = [atoms.get_masses(), atoms.arrays.get("diameter_deviations", np.zeros(len(atoms)))]
     _, kinds = np.unique(np.stack(scalars), axis=1, return_inverse=True)
     cell = (np.asarray(atoms.cell), atoms.get_scaled_positions(wrap=True), kinds.ravel() + 1)

@@ -157,6 +157,8 @@ class Ensemble:
         #: for each sample an array (n_loads, 3) of the numbers that are averaged: rho v^2 of both
         #: velocities, Pa, and k, N/m, or 1/k where samples share the force
         self.moduli: list[Array] = []
+        #: effective densities (n_loads,), kg/m^3, which all samples share
+        self._densities = np.zeros(load.size)
         #: for each sample the controls (1 + shells,) of :func:`measure_excess`
         self._excess: list[Array] = []
 
@@ -585,19 +587,22 @@ class MediaStudy:
         shape = even_shape(structure, _CHECKED_SIDES[structure.periods])
         if self.truth.is_loaded:
             words = "velocities in steps of a tenth of the tolerance"
-            differences = self._compare_steps(shape)
+            differences = self._compare_steps(shape, deadline)
         else:
             words = "equilibrium and response by factors"
             differences = self._compare_factors(shape, deadline)
         return f"of one of {_write_shape(shape)}, {words} differ", differences
 
-    def _compare_steps(self, shape: tuple[int, ...]) -> Array:
+    def _compare_steps(self, shape: tuple[int, ...], deadline: Deadline) -> Array:
         """Return the largest relative differences (n_loads,) of the observed quantities between two
-        ways of loading a sample: in steps of the tolerance, and in steps of a tenth of it.
+        ways of loading a sample: in steps of the tolerance, and in steps of a tenth of it. The
+        shorter steps are not begun after the ``deadline``.
         """
         simulation = DirectSimulation(self.packing, shape, _REFERENCE_SEED, **self.truth.options)
         finer = replace(simulation, step_tolerance=0.1 * simulation.step_tolerance)
-        ratio = self.observe(simulation) / self.observe(finer)
+        expected = self.observe(simulation)
+        deadline.check()
+        ratio = expected / self.observe(finer)
         return np.asarray(np.max(np.abs(ratio - 1.0), axis=-1))
 
     def _compare_factors(self, shape: tuple[int, ...], deadline: Deadline) -> Array:

@@ -397,6 +397,27 @@ def test_a_frequency_above_the_band_is_named():
         fit_width(BALLS, [4.0, 9.0], [500.0, 600.0], frequency=1.0001 * top)
 
 
+@pytest.mark.parametrize(
+    ("names", "remedy"),
+    [(("young_modulus",), "Young modulus"), (("width", "diameter"), "diameter")],
+)
+def test_a_fit_that_starts_below_the_frequency_says_how_to_start(names, remedy):
+    top = Waves("longitudinal", np.array([0.0, 1.0]), None, False).find_tops(
+        gp.AveragedLattice(BALLS).at_force(4.0)
+    )
+    force = [4.0, 9.0, 16.0]
+    velocity = [500.0, 600.0, 700.0]
+    with pytest.raises(UnreachableFrequencyError, match=remedy):
+        fit_width(BALLS, force, velocity, 5.0, 1.01 * float(top), parameters=names)
+
+
+def test_a_pressure_on_a_line_is_the_force_whatever_the_diameter():
+    chain = gp.Packing(BALLS.material, BALLS.diameter, lattice="chain")
+    assert convert_pressure(chain, False, "ala", ("diameter",), 18.0) == pytest.approx(18.0)
+    with pytest.raises(InputError, match="diameter"):
+        convert_pressure(BALLS, False, "ala", ("diameter",), 18.0)
+
+
 def test_the_top_of_each_load_with_finite_overlap():
     force = np.array([2.0, 18.0])
     waves = Waves("transverse", np.array([0.0, 1.0]), None, True)

@@ -310,6 +310,23 @@ def test_hdf5_that_cannot_be_read_says_why(tmp_path: Path, name: str, data: Any,
         gp.Traces.read(path)
 
 
+@pytest.mark.parametrize(
+    ("name", "data"),
+    [("time_step", [STEP, STEP]), ("names", np.array([b"\xb5", b"b"]))],
+)
+def test_messages_on_hdf5_name_the_file(tmp_path: Path, name: str, data: Any) -> None:
+    path = tmp_path / "traces.h5"
+    with h5py.File(path, "w") as file:
+        file["signals"] = make_traces(14).signals[:2]
+        if name == "names":
+            file["names"] = data
+            file.attrs["time_step"] = STEP
+        else:
+            file.attrs[name] = data
+    with pytest.raises(InputError, match=f"traces.h5: {name}"):
+        gp.Traces.read(path, distances=[0.0, 0.04])
+
+
 def test_the_command_prints_and_draws(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

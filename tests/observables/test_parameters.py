@@ -104,6 +104,16 @@ def test_what_networks_lack_has_no_derivative_by_the_ratio(attribute, power):
 
 
 @pytest.mark.parametrize(
+    "read", [gp.local_exponent, lambda state: gp.validity(state)["load"].value]
+)
+def test_what_is_refused_of_networks_has_no_derivative_by_the_ratio(read):
+    """A network has no law, of which an exponent follows, and other limits."""
+    assert gp.parameter_sensitivities(PACKING, read, force=18.0).names[-1] == "force"
+    with pytest.raises(InputError):
+        gp.parameter_sensitivities(PACKING, read, "mindlin_ratio", force=18.0)
+
+
+@pytest.mark.parametrize(
     ("word", "options"),
     [
         ("no load", {}),

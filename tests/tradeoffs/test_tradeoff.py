@@ -622,6 +622,8 @@ def test_with_a_history_media_are_judged_by_arrays_loaded_with_friction(rough, m
     study = media(rough, (force,), truth=truth, sides=(6,), counts=(1,), reference_side=6)
     made = study.find_reference(whenever(), lambda one: True, WorkCounter())
     assert re.search("3 samples of 6 x 6 .*mu = 0.5, .*stick.* tenth of the tolerance", made.made)
+    with pytest.raises(GranphonError, match="budget"):  # the shorter steps are not begun
+        study.compare(Deadline(WorkCounter(), -1.0))
     loaded = gp.DirectSimulation(rough, (6, 6), 1_000_000, 3, **truth.options).at_force(force)
     assert_allclose(made.values[0], observe(loaded), rtol=1e-3)
     methods = {point.method: point for point in study.make_points()}
