@@ -206,10 +206,6 @@ class UnverifiedFileWarning(UserWarning):
     """A file without a digest was read: nothing shows whether it is still as it was written."""
 
 
-class LeftOutWarning(UserWarning):
-    """A file was written whose format has no place for a part of what should be written."""
-
-
 class CacheWarning(UserWarning):
     """Loops that were compiled could not be read, or not be kept: they are compiled anew, and give
     the same numbers.

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from granphon.base.arrays import Array, Flags, Index
-from granphon.base.errors import InputError, LeftOutWarning, brief, message, warn_caller
+from granphon.base.errors import InputError, brief
 from granphon.base.scales import Units
 from granphon.base.staging import write_texts
 from granphon.base.text import join_numbers, list_names, require_path
@@ -31,8 +31,6 @@ _STYLES = {
 }  # fmt: skip
 #: greatest relative difference of boxes that are one: the dumps may be written with few digits
 _SAME_BOX = 1e-5
-#: the levers by which LAMMPS computes slip
-_LEVERS = "radii"
 #: the last time step that LAMMPS counts
 _LAST_STEP = 2**63 - 1
 #: names of the vectors of pairs, each with its components
@@ -156,7 +154,7 @@ def read_dumps(
     """Return the balls and contacts of two dumps of one time step and one box, in SI units; see
     ``ContactNetwork.from_lammps`` for the arguments and errors.
 
-    ``slip_levers`` of the source are those by which LAMMPS computes slip.
+    ``slip_levers`` of the source are "radii", by which LAMMPS computes slip.
     """
     atoms, touching = find_frames(dump, pairs, step)
     scales = Scales.find(units, [atoms, touching])
@@ -174,7 +172,7 @@ def read_dumps(
         balls = add_wall(balls, label, wall)
     notes = note_pairs(touching, springs)
     notes += note_atoms(atoms, names_of_walls, frozen)
-    return replace(make_source(atoms, scales, balls, lists, notes), slip_levers=_LEVERS)
+    return replace(make_source(atoms, scales, balls, lists, notes), slip_levers="radii")
 
 
 def make_source(
@@ -569,36 +567,6 @@ def write_dumps(network: Any, atoms: str | os.PathLike[str], pairs: str | os.Pat
         columns |= _write_torques(network)
     columns = {name: values[joins_balls] for name, values in columns.items()}
     write_texts([(atoms, text_of_atoms), (pairs, _frame_text("ENTRIES", box, columns))])
-    _warn_of_losses(network, atoms, int(np.count_nonzero(~joins_balls)))
-
-
-def _warn_of_losses(network: Any, atoms: str | os.PathLike[str], n_of_walls: int) -> None:
-    """Issue a LeftOutWarning if frequencies of what is read from the dumps are not those of the
-    network: for the ``n_of_walls`` contacts with flat walls, and for another law of static
-    tangential forces than the one that the reader assumes.
-    """
-    losses = list[str]()
-    if n_of_walls:
-        losses.append(
-            f"{n_of_walls} contacts with flat walls, so that nothing holds the balls there"
-        )
-    mend = "network.write_tables keeps all"
-    laws = {
-        name: getattr(network, name)
-        for name, assumed in (("tangential_law", Source.tangential_law), ("slip_levers", _LEVERS))
-        if getattr(network, name) != assumed
-    }
-    if network.prestress and network.tangential_force is not None and laws:
-        options = ", ".join(
-            f"{name}={value!r}" for name, value in ({"prestress": True} | laws).items()
-        )
-        losses.append("the law of static tangential forces")
-        mend = f"Read them with {options}; {mend}"
-    if losses:
-        warn_caller(
-            message(f"{atoms}: the dumps leave out {' and '.join(losses)}", mend=mend),
-            LeftOutWarning,
-        )
 
 
 def _write_torques(network: Any) -> dict[str, Any]:

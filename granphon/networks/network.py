@@ -1434,12 +1434,9 @@ class ContactNetwork(Result):
         tz, the tangential force on i, N, if these are known, with rx, ry, rz, the rolling force on
         i, N, and twist, the torque of twist, N m, if contacts have static torques;
         :meth:`from_lammps` reads these with a ``rolling_stiffness`` and a ``twisting_stiffness``,
-        which may be 0. Stiffnesses, which follow from the material, are left out. Folders are made
-        if need be.
+        which may be 0. Flat walls and their contacts are left out, and stiffnesses, which follow
+        from the material. Folders are made if need be.
 
-        Warns with :class:`~granphon.base.errors.LeftOutWarning` where flat walls and their contacts
-        are left out, and where static tangential forces have another law than the one that
-        :meth:`from_lammps` takes by default; the warning says which arguments to give there.
         Raises :class:`~granphon.base.errors.InputError` for a cell whose first vector is not along
         x or whose second one leaves the xy plane, and for two names of one file, and OutputError
         for files that are there and are not such dumps of granphon's own, as dumps of LAMMPS; then

@@ -17,17 +17,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import granphon as gp
-from granphon.base.errors import (
-    InconsistencyWarning,
-    InputError,
-    LeftOutWarning,
-    OutputError,
-    StoppedEarlyWarning,
-)
+from granphon.base.errors import InconsistencyWarning, InputError, OutputError, StoppedEarlyWarning
 from granphon.networks import dumps as dumps_of_programs
 from granphon.networks.sources import Completion
 from tests import packings
-from tests.dynamics.test_network_lattice import by_yade, random_network
 from tests.networks import written
 from tests.networks.test_lammps import dumps
 
@@ -593,31 +586,13 @@ def test_a_box_that_periods_tilt_holds_all_balls(tmp_path):
 def test_dumps_of_layers_lack_their_walls(tmp_path):
     network = written.layer_on_floor()
     files = tmp_path / "atoms.dump", tmp_path / "pairs.dump"
-    with pytest.warns(LeftOutWarning, match=r"atoms\.dump.*walls.*write_tables"):
-        network.write_dumps(*files)
+    network.write_dumps(*files)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InconsistencyWarning)
         found = gp.ContactNetwork.from_lammps(*files, GLASS, keep_rattlers=True)
     assert found.n_balls == network.n_balls - 1
     assert found.pbc == network.pbc
     assert found.n_contacts == np.count_nonzero(np.isfinite(network.distance))
-
-
-def test_dumps_tell_with_which_law_they_are_to_be_read(tmp_path):
-    network = by_yade(random_network("sc", (2, 2, 2), prestress=True))
-    files = tmp_path / "atoms.dump", tmp_path / "pairs.dump"
-    with pytest.warns(LeftOutWarning) as told:
-        network.write_dumps(*files)
-    (text,) = (str(warning.message) for warning in told)
-    options = {"prestress": True, "tangential_law": "yade", "slip_levers": "yade"}
-    assert all(f"{name}={value!r}" in text for name, value in options.items())
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", InconsistencyWarning)  # radii and forces are random
-        stiffnesses = {"normal_stiffness": 1e6, "shear_stiffness": 1e6, "keep_rattlers": True}
-        found = gp.ContactNetwork.from_lammps(*files, **options, **stiffnesses)
-    assert all(getattr(found, name) == getattr(network, name) for name in options)
-    size = np.max(np.abs(network.tangential_force))
-    np.testing.assert_allclose(found.tangential_force, network.tangential_force, atol=1e-12 * size)
 
 
 # -- balls that do not move, and scripts of pages --------------------------------------------------

@@ -170,7 +170,6 @@ def test_no_change_of_a_written_frame_goes_unnoticed(seed, tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore::granphon.base.errors.InconsistencyWarning")
-@pytest.mark.filterwarnings("ignore::granphon.base.errors.LeftOutWarning")
 @pytest.mark.parametrize("end", ["csv", "extxyz", "dump"])
 def test_two_files_are_written_or_none(end, tmp_path):
     """Of one name, or where a file of somebody else has one of the names, nothing is written."""
