@@ -300,8 +300,13 @@ class NetworkFiles(Block, kw_only=True):
             if name not in _OF_FILES and getattr(self, name) is not None
         }
         # the third file of LIGGGHTS is an option of the reader
-        if self.format == "liggghts" and len(files) == 3:
-            options["walls"] = files.pop()
+        if self.format == "liggghts":
+            if self.walls is not None:
+                fault = "walls name fixes of LAMMPS, and LIGGGHTS writes its walls to a file"
+                mend = f"Write it third: files: [atoms, pairs, {self.walls[0]}]"
+                raise InputError(fault, mend=mend)
+            if len(files) == 3:
+                options["walls"] = files.pop()
         # a reader may be the user's own: what it takes is read from its signature
         known = inspect.signature(READERS[self.format]).parameters
         self._require_number(files, known)
