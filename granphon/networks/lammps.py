@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from granphon.balls.hertz import overlap_from
+from granphon.balls.hertz import HertzLaw, overlap_from
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import (
     InconsistencyWarning,
@@ -687,8 +687,11 @@ def _find_scatter(network: Any) -> float:
     force = network.normal_force
     curvature = 1.0 / network.radii[network.i] + 1.0 / network.radii[network.j]
     presses = force > 0.0
-    # k of Hertz's law is (6 E^2 R F)^(1/3): E^(2/3) but for a factor
-    moduli = network.normal_stiffness[presses] * np.cbrt(curvature[presses] / force[presses])
+    # the coefficients of one material go as the roots of the reduced radii
+    coefficient = 1.0 / np.sqrt(curvature[presses])
+    unit = HertzLaw(1.0)
+    of_one_material = coefficient * unit.stiffness(unit.overlap(force[presses] / coefficient))
+    moduli = network.normal_stiffness[presses] / of_one_material
     ratios = network.shear_stiffness / network.normal_stiffness
     normal = min(_spread(moduli), _spread(network.normal_stiffness))
     # without friction all are zero
