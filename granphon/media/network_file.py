@@ -299,12 +299,12 @@ class NetworkFiles(Block, kw_only=True):
             for name in self._settings
             if name not in _OF_FILES and getattr(self, name) is not None
         }
+        # the third file of LIGGGHTS is an option of the reader
         if self.format == "liggghts":
             if self.walls is not None:
-                fault = f"walls: found {list_names(self.walls)}, for files of LIGGGHTS"
-                why = "Contacts with its walls stand in a file of their own"
-                raise InputError(fault, why, "Give this file as the third of files")
-            # the third file is an option of the reader
+                fault = "walls name fixes of LAMMPS, and LIGGGHTS writes its walls to a file"
+                mend = f"Write it third: files: [atoms, pairs, {self.walls[0]}]"
+                raise InputError(fault, mend=mend)
             if len(files) == 3:
                 options["walls"] = files.pop()
         # a reader may be the user's own: what it takes is read from its signature

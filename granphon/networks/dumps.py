@@ -29,7 +29,8 @@ _NOT_WHOLE = "The file is not whole"
 _NO_BRACKETS = bytes.maketrans(b"[],", b"   ")
 #: a file of frames, of one program
 OneDump = TypeVar("OneDump", bound="Dump")
-#: what follows the units of a dump that granphon has written; other programs pass it over
+#: what follows the units of a dump that granphon has written, and is followed by options of the
+#: reader, as " granphon slip_levers=arms"; other programs pass the rest of this line over
 OWN = " granphon"
 
 
@@ -43,6 +44,7 @@ class Frame:
     step : the number of the time step, or the time.
     kind : "atoms" or "entries", what the rows are.
     units : the style of units that the dump names; "" if it names none.
+    options : what a dump of granphon's own says of the network, by the options of the reader.
     origin, cell : (3,) a corner of the box, and (3, 3) its vectors as rows.
     pbc : (3,) whether the box is periodic.
     names : the columns.
@@ -55,6 +57,7 @@ class Frame:
     step: float
     kind: str = ""
     units: str = ""
+    options: dict[str, str] = field(default_factory=dict)
     origin: Array = field(default_factory=lambda: np.zeros(3))
     cell: Array = field(default_factory=lambda: np.zeros((3, 3)))
     pbc: Array = field(default_factory=lambda: np.zeros(3, bool))
@@ -405,6 +408,7 @@ def _split_text(lines: Lines, kind: str) -> Iterator[Frame]:
     Units hold until a frame says others; the number of rows and the box are those of one frame.
     """
     units = ""
+    options: dict[str, str] = {}
     label = ""  # of the list of the frame: ATOMS, ENTRIES, or what dump_modify label says
     n_rows = -1  # of the frame; not known yet
     frame: Frame | None = None  # whose list is not read yet
@@ -412,9 +416,10 @@ def _split_text(lines: Lines, kind: str) -> Iterator[Frame]:
         title = _read_title(lines)
         word, *names = title.split() or [""]
         if title == "UNITS":
-            units = lines.read().removesuffix(OWN)
+            units, _own, said = lines.read().partition(OWN)
+            options = dict(item.split("=", 1) for item in said.split() if "=" in item)
         elif title == "TIMESTEP":
-            frame = Frame(lines.name, lines.read_count(), units=units)
+            frame = Frame(lines.name, lines.read_count(), units=units, options=options)
             label = ""
             n_rows = -1
         elif title.startswith("NUMBER OF"):

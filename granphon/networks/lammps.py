@@ -14,8 +14,15 @@ from typing import Any
 
 import numpy as np
 
+from granphon.balls.hertz import HertzLaw, overlap_from
 from granphon.base.arrays import Array, Flags, Index
-from granphon.base.errors import InputError, brief
+from granphon.base.errors import (
+    InconsistencyWarning,
+    InputError,
+    brief,
+    message,
+    warn_caller,
+)
 from granphon.base.scales import Units
 from granphon.base.staging import write_texts
 from granphon.base.text import join_numbers, list_names, require_path
@@ -53,6 +60,16 @@ _NAME_PAIRS = (
 #: the columns of a fix wall/gran with the keyword contacts: of a force, of a place on the wall
 _WALL_FORCE = (2, 3, 4)
 _WALL_PLACE = (5, 6, 7)
+#: what dumps of granphon's own say after their units: fields of the network, the names of its walls
+#: (with commas), and where forces of walls act
+_OF_NETWORK = ("tangential_law", "slip_levers")
+_PRESTRESS = "prestress"
+_WALLS = "walls"
+_WALL_ARMS = "wall_arms"
+#: the word for forces of walls that act amid the overlap; they act at the radius otherwise
+_AMID_OVERLAP = "middle"
+#: greatest relative difference of stiffnesses that are of one material: files round forces
+_SAME_SPRINGS = 1e-3
 
 
 @dataclass(frozen=True)
@@ -154,7 +171,9 @@ def read_dumps(
     """Return the balls and contacts of two dumps of one time step and one box, in SI units; see
     ``ContactNetwork.from_lammps`` for the arguments and errors.
 
-    ``slip_levers`` of the source are "radii", by which LAMMPS computes slip.
+    ``slip_levers`` of the source are "radii", by which LAMMPS computes slip. Where dumps of
+    granphon's own say another law of tangential forces or other levers, the source has these, and
+    the walls that they name are read unless ``walls`` names others.
     """
     atoms, touching = find_frames(dump, pairs, step)
     scales = Scales.find(units, [atoms, touching])
@@ -162,7 +181,8 @@ def read_dumps(
         not_negative("rolling_stiffness", springs.rolling, "N/m")
     if columns is not None:
         touching.names = read_names(columns, touching)
-    names_of_walls = _read_walls(walls)
+    options = atoms.options
+    names_of_walls = _read_walls(walls) or _list_own_walls(atoms)
     contacts = read_contacts(touching, scales, springs)
     balls = read_balls(atoms, scales, frozen)
     lists = [contacts]
@@ -172,7 +192,11 @@ def read_dumps(
         balls = add_wall(balls, label, wall)
     notes = note_pairs(touching, springs)
     notes += note_atoms(atoms, names_of_walls, frozen)
-    return replace(make_source(atoms, scales, balls, lists, notes), slip_levers="radii")
+    said: dict[str, Any] = {name: options[name] for name in _OF_NETWORK if name in options}
+    if _PRESTRESS in options:
+        said[_PRESTRESS] = options[_PRESTRESS] == str(True)
+    source = make_source(atoms, scales, balls, lists, notes)
+    return replace(source, **{"slip_levers": "radii"} | said)
 
 
 def make_source(
@@ -395,6 +419,11 @@ def _read_walls(walls: Any) -> tuple[str, ...]:
     return names
 
 
+def _list_own_walls(atoms: Frame) -> tuple[str, ...]:
+    """Return the names of the walls in a dump of ``atoms`` of granphon's own; none of others."""
+    return tuple(name for name in atoms.options.get(_WALLS, "").split(",") if name)
+
+
 def _read_wall(
     atoms: Frame, balls: Balls, wall: str, label: int, scales: Scales, springs: Springs
 ) -> Contacts:
@@ -422,6 +451,11 @@ def _read_wall(
     distance = np.linalg.norm(between, axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):  # a normal of nan is told as a fault
         normal = between / distance[:, None]
+    overlap = balls.radii[rows] - distance
+    # LAMMPS lets forces of walls act at the radius, without half of the overlap
+    reduction = np.zeros(len(rows))
+    if atoms.options.get(_WALL_ARMS) == _AMID_OVERLAP:
+        reduction = 0.5 * overlap
     assert balls.labels is not None
     return Contacts(
         f"{atoms.name}, wall {wall}",
@@ -429,10 +463,9 @@ def _read_wall(
         np.full(len(rows), label),
         normal=normal,
         force=-scales.force * force,
-        overlap=balls.radii[rows] - distance,
-        # LAMMPS lets forces of walls act at the radius, without half of the overlap
-        arm_i=balls.radii[rows],
-        arm_j=np.zeros(len(rows)),
+        overlap=overlap,
+        arm_i=balls.radii[rows] - reduction,
+        arm_j=-reduction,
         lines=atoms.first + 1 + rows,
         **springs.of(len(rows)),
     )
@@ -555,8 +588,17 @@ def write_dumps(network: Any, atoms: str | os.PathLike[str], pairs: str | os.Pat
     columns: dict[str, Any] = {"id": ids, "type": types + 1}
     columns |= zip("xyz", network.positions.T, strict=True)
     columns |= {"radius": network.radii, "mass": network.masses, "force": force}
+    walls = _find_walls(network)
+    for name, contacts in walls.items():
+        columns |= _write_wall(network, name, contacts)
     columns = {name: values[is_ball] for name, values in columns.items()}
-    text_of_atoms = _frame_text("ATOMS", box, columns)
+    options = {name: str(getattr(network, name)) for name in (*_OF_NETWORK, _PRESTRESS)}
+    if walls:
+        options[_WALLS] = ",".join(walls)
+        at_radius = network.arm_i == network.radii[network.i]
+        if not np.all(at_radius[~is_ball[network.j]]):
+            options[_WALL_ARMS] = _AMID_OVERLAP
+    text_of_atoms = _frame_text("ATOMS", box, columns, options)
     joins_balls = is_ball[network.j]  # a flat wall is always ball j
     normal_force, across = network.static_forces
     columns = {"i": ids[network.i], "j": ids[network.j], "force": normal_force}
@@ -566,7 +608,105 @@ def write_dumps(network: Any, atoms: str | os.PathLike[str], pairs: str | os.Pat
     if network.contact_torque is not None:
         columns |= _write_torques(network)
     columns = {name: values[joins_balls] for name, values in columns.items()}
-    write_texts([(atoms, text_of_atoms), (pairs, _frame_text("ENTRIES", box, columns))])
+    text_of_pairs = _frame_text("ENTRIES", box, columns, options)
+    write_texts([(atoms, text_of_atoms), (pairs, text_of_pairs)])
+    _warn_of_lost(network)
+
+
+def _find_walls(network: Any) -> dict[str, Index]:
+    """Return the contacts of a network with flat walls as those of fixes with the keyword contacts:
+    for the name of each fix the indices of its contacts, of which a ball has one at most.
+
+    A wall that touches a ball several times, as the corner of a box, is in several fixes.
+    """
+    contacts = np.flatnonzero(np.isinf(network.radii[network.j]))
+    balls = network.i[contacts]
+    walls = network.j[contacts]
+    contacts = contacts[np.lexsort((balls, walls))]
+    ends = np.stack([network.j[contacts], network.i[contacts]], axis=1)
+    _ends, first, inverse = np.unique(ends, axis=0, return_index=True, return_inverse=True)
+    repeats = np.arange(len(contacts)) - first[inverse.ravel()]
+    keys = np.stack([ends[:, 0], repeats], axis=1)
+    fixes = np.unique(keys, axis=0)
+    return {
+        f"wall{number}": contacts[np.all(keys == fix, axis=1)]
+        for number, fix in enumerate(fixes, 1)
+    }
+
+
+def _write_wall(network: Any, name: str, contacts: Index) -> dict[str, Array]:
+    """Return the columns (n,) of a fix of this ``name`` with the keyword contacts, for all bodies:
+    whether each touches the wall, the force on it, N, the place of the contact, m, and its radius,
+    m; ``contacts`` (m,) are those with the wall.
+    """
+    balls = network.i[contacts]
+    normal = network.normal[contacts]
+    normal_force, across = network.static_forces
+    stiffness = network.normal_stiffness[contacts]
+    arms = network.arm_i[contacts] + network.arm_j[contacts]
+    # arms that are the radii say nothing of the overlap, which is then that of the force
+    distance = np.where(
+        arms == network.radii[balls],
+        arms - overlap_from(network.normal_force[contacts], stiffness),
+        arms,
+    )
+    rows = np.zeros((network.n_balls, 8))
+    rows[balls, 0] = 1.0
+    rows[balls, 1:4] = -normal_force[contacts, None] * normal - across[contacts]
+    rows[balls, 4:7] = network.positions[balls] + distance[:, None] * normal
+    rows[balls, 7] = network.radii[balls]
+    return {f"f_{name}[{number}]": column for number, column in enumerate(rows.T, 1)}
+
+
+def _warn_of_lost(network: Any) -> None:
+    """Warn, once, of what a network has and dumps have no place for, besides stiffnesses."""
+    at_wall = np.isinf(network.radii[network.j])
+    lost = list[str]()
+    if network.contact_torque is not None and np.any(network.contact_torque[at_wall]):
+        lost.append("static torques of contacts with flat walls")
+    if network.on_site is not None and np.any(network.on_site):
+        lost.append("springs to the ground")
+    scatter = _find_scatter(network)
+    if scatter > _SAME_SPRINGS:
+        lost.append(
+            "stiffnesses, which are not of one material by Hertz's and Mindlin's laws, and differ"
+            f" from such by up to {100.0 * scatter:.3g} %"
+        )
+    if lost:
+        fault = f"the dumps leave out {'; and '.join(lost)}"
+        why = "The network that is read from them has other modes"
+        mend = "Write tables, which keep all: network.write_tables, as CSV or extended XYZ"
+        warn_caller(message(fault, why, mend), InconsistencyWarning)
+
+
+def _find_scatter(network: Any) -> float:
+    """Return by how much stiffnesses of contacts differ, over the least, from those that one
+    material gives all contacts, or from one number for all, whichever differs less; and if it is
+    more, by how much the ratios of shear and normal stiffnesses differ.
+    """
+    force = network.normal_force
+    curvature = 1.0 / network.radii[network.i] + 1.0 / network.radii[network.j]
+    presses = force > 0.0
+    # the coefficients of one material go as the roots of the reduced radii
+    coefficient = 1.0 / np.sqrt(curvature[presses])
+    unit = HertzLaw(1.0)
+    of_one_material = coefficient * unit.stiffness(unit.overlap(force[presses] / coefficient))
+    moduli = network.normal_stiffness[presses] / of_one_material
+    ratios = network.shear_stiffness / network.normal_stiffness
+    normal = min(_spread(moduli), _spread(network.normal_stiffness))
+    # without friction all are zero
+    shear = _spread(ratios) if np.any(ratios) else 0.0
+    return max(normal, shear)
+
+
+def _spread(values: Array) -> float:
+    """Return the greatest of some ``values`` over the least, less one; inf if that is zero, and
+    zero for no values.
+    """
+    if not values.size:
+        return 0.0
+    least = float(np.min(values))
+    return float(np.max(values)) / least - 1.0 if least > 0.0 else np.inf
 
 
 def _write_torques(network: Any) -> dict[str, Any]:
@@ -617,15 +757,18 @@ def _write_box(network: Any) -> str:
     return "\n".join([f"ITEM: BOX BOUNDS {heading}", *map(join_numbers, rows.tolist())])
 
 
-def _frame_text(kind: str, box: str, columns: Mapping[str, Array]) -> str:
+def _frame_text(
+    kind: str, box: str, columns: Mapping[str, Array], options: Mapping[str, str]
+) -> str:
     """Return the text of a dump of one time step with the number 0 and the lines ``box``;
     ``kind`` is "ATOMS" or "ENTRIES", and ``columns`` have the numbers (rows,) by name, in SI units.
-    The line of the units names granphon, so that a later dump of granphon may replace the file.
+    The line of the units names granphon, so that a later dump of granphon may replace the file, and
+    has the ``options`` of the network.
     """
     rows = list(zip(*(values.tolist() for values in columns.values()), strict=True))
     head = [
         "ITEM: UNITS",
-        f"si{OWN}",
+        " ".join([f"si{OWN}", *(f"{name}={value}" for name, value in options.items())]),
         "ITEM: TIMESTEP",
         "0",
         f"ITEM: NUMBER OF {kind}",

@@ -1434,8 +1434,14 @@ class ContactNetwork(Result):
         tz, the tangential force on i, N, if these are known, with rx, ry, rz, the rolling force on
         i, N, and twist, the torque of twist, N m, if contacts have static torques;
         :meth:`from_lammps` reads these with a ``rolling_stiffness`` and a ``twisting_stiffness``,
-        which may be 0. Flat walls and their contacts are left out, and stiffnesses, which follow
-        from the material. Folders are made if need be.
+        which may be 0. Contacts with flat walls are columns of ``atoms``, as LAMMPS writes those of
+        ``fix wall/gran ... contacts``: f_wall1[1] to f_wall1[8], and so on. :meth:`from_lammps`
+        reads these walls, ``prestress``, ``tangential_law`` and ``slip_levers`` from the dumps.
+        Stiffnesses are left out, as they follow from the material. Folders are made if need be.
+
+        Warns (:class:`~granphon.base.errors.InconsistencyWarning`) of what is lost: stiffnesses
+        that are not of one material, with their greatest difference, springs to the ground, and
+        static torques at flat walls. :meth:`write_tables` keeps these.
 
         Raises :class:`~granphon.base.errors.InputError` for a cell whose first vector is not along
         x or whose second one leaves the xy plane, and for two names of one file, and OutputError

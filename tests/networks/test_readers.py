@@ -583,16 +583,60 @@ def test_a_box_that_periods_tilt_holds_all_balls(tmp_path):
     assert np.max(coordinate + ribbon.radii) < length
 
 
-def test_dumps_of_layers_lack_their_walls(tmp_path):
-    network = written.layer_on_floor()
+@pytest.mark.parametrize("prestress", [False, True])
+@pytest.mark.parametrize("law", ["mindlin", "yade", "liggghts"])
+def test_dumps_keep_walls_and_the_tangential_law(law, prestress, tmp_path):
+    """A layer on a floor has the modes it had, with static forces, too."""
+    network = replace(
+        written.layer_on_floor(),
+        prestress=prestress,
+        tangential_law=law,
+        slip_levers="yade" if law == "yade" else "arms",
+    )
+    across = np.cross(network.normal, [0.0, 0.0, 1.0])
+    network = replace(network, tangential_force=0.1 * network.normal_force[:, None] * across)
     files = tmp_path / "atoms.dump", tmp_path / "pairs.dump"
     network.write_dumps(*files)
     with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InconsistencyWarning)  # the top is free: not in balance
+        found = gp.ContactNetwork.from_lammps(*files, packings.MATERIAL, keep_rattlers=True)
+    assert found.prestress == prestress
+    assert found.n_balls == network.n_balls
+    assert found.n_contacts == network.n_contacts
+    assert found.tangential_law == law
+    assert found.slip_levers == network.slip_levers
+    expected = written.eigenvalues(network)
+    np.testing.assert_allclose(written.eigenvalues(found), expected, atol=1e-7 * expected[-1])
+
+
+def test_dumps_tell_what_they_leave_out(tmp_path):
+    """The stiffnesses of a floor of another material: the greatest difference is told."""
+    network = written.layer_on_floor()
+    at_wall = np.isinf(network.radii[network.j])
+    stiffness = np.where(at_wall, 1.2, 1.0) * network.normal_stiffness
+    stiff = replace(network, normal_stiffness=stiffness)
+    with pytest.warns(InconsistencyWarning, match="20 %.*write_tables"):
+        stiff.write_dumps(tmp_path / "atoms.dump", tmp_path / "pairs.dump")
+
+
+def test_a_wall_that_touches_a_ball_twice_is_two_walls(tmp_path):
+    """The corner of a box: contacts of a fix have one row for each ball."""
+    network = written.layer_on_floor()
+    row = np.flatnonzero(np.isinf(network.radii[network.j]))[:1]
+    again = {
+        name: np.append(getattr(network, name), getattr(network, name)[row], axis=0)
+        for name in network.contact_fields
+    }
+    again["normal"][-1] = [-1.0, 0.0, 0.0]
+    corner = replace(network, **again)
+    files = tmp_path / "atoms.dump", tmp_path / "pairs.dump"
+    corner.write_dumps(*files)
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore", InconsistencyWarning)
-        found = gp.ContactNetwork.from_lammps(*files, GLASS, keep_rattlers=True)
-    assert found.n_balls == network.n_balls - 1
-    assert found.pbc == network.pbc
-    assert found.n_contacts == np.count_nonzero(np.isfinite(network.distance))
+        found = gp.ContactNetwork.from_lammps(*files, packings.MATERIAL, keep_rattlers=True)
+    assert found.n_contacts == corner.n_contacts
+    expected = written.eigenvalues(corner)
+    np.testing.assert_allclose(written.eigenvalues(found), expected, atol=1e-7 * expected[-1])
 
 
 # -- balls that do not move, and scripts of pages --------------------------------------------------

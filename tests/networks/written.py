@@ -199,3 +199,9 @@ def write_mercury(network: gp.ContactNetwork, folder: Path, time: float = 0.25):
         "\n".join([*restart, f"Interactions {network.n_contacts}", ""])
     )
     return [folder / f"run.{name}" for name in ("fstat", "data", "restart")]
+
+
+def eigenvalues(network: gp.ContactNetwork) -> np.ndarray:
+    """All squares of the angular frequencies of a network without periods, ascending, 1/s^2."""
+    matrix = gp.Waves(network).operator.matrix.toarray()
+    return np.linalg.eigvalsh(matrix)

@@ -144,10 +144,13 @@ observe: [modes]
         rolling_stiffness="epsd2",
     )  # fmt: skip
     assert scene.state().network == read
+    named = text.replace(", {floor}_walls.dump]", "]\n  walls: {floor}_walls.dump")
+    with pytest.raises(SceneError, match=r"third.*files: \[.*_walls\.dump\]"):
+        gp.Scene.from_text(named.format(floor=floor, rolling="epsd2"))
     with pytest.raises(gp.GranphonError, match=r"network\.rolling_stiffness"):
         gp.Scene.from_text(text.format(floor=floor, rolling="epsd"))
     walls = text.replace("  keywords", f"  walls: {floor}_walls.dump\n  keywords")
-    with pytest.raises(gp.GranphonError, match=r"walls: .*third of files"):
+    with pytest.raises(gp.GranphonError, match=r"walls .*third"):
         gp.Scene.from_text(walls.format(floor=floor, rolling="epsd2"))
 
 
