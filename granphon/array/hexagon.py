@@ -214,9 +214,9 @@ class Hexagon:
             )
         self.balls_per_side = n
         self.seed = None if diameters is not None else whole_number("seed", seed, 0)
-        balls = 3 * n * (n - 1) + 1
+        n_balls = 3 * n * (n - 1) + 1
         require_memory(
-            f"hexagons of {balls:,} balls", _BALL_BYTES * balls, "Give fewer balls_per_side"
+            f"hexagons of {n_balls:,} balls", _BALL_BYTES * n_balls, "Give fewer balls_per_side"
         )
         # cells of a rhombus, less those of its two acute corners
         steps = np.arange(1 - n, n)
@@ -227,13 +227,15 @@ class Hexagon:
         drawn = _draw_diameters(packing, len(self.sites), diameters, self.seed)
         #: (3n(n - 1) + 1,) deviations from the mean diameter, m
         self.deviations = read_only(drawn - np.mean(drawn))
-        material = packing.material
-        soft = 0.0
+        modulus_ratio = 0.0  # contact modulus of the balls over that of the walls
         if wall_material is not None:
-            soft = material.contact_modulus / wall_material.contact_modulus
-        #: coefficient of Hertz's law of a ball against a wall, N/m^(3/2): twice the radius, and the
-        #: modulus of both
-        self.wall_coefficient = packing.law.coefficient * math.sqrt(2.0) * 2.0 / (1.0 + soft)
+            modulus_ratio = packing.material.contact_modulus / wall_material.contact_modulus
+        #: coefficient of Hertz's law of a ball against a wall, N/m^(3/2): that of two balls times
+        #: sqrt(2), as the reduced radius is twice as large, and times 2/(1 + modulus_ratio), as the
+        #: wall has its own modulus
+        self.wall_coefficient = (
+            packing.law.coefficient * math.sqrt(2.0) * 2.0 / (1.0 + modulus_ratio)
+        )
 
     # -- contacts ----------------------------------------------------------------------------------
 

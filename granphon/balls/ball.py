@@ -242,11 +242,12 @@ def name_walls(
     edges: Iterable[str | Wall], kinds: Mapping[str, Ball], known: Sequence[Wall]
 ) -> tuple[str | Wall, ...]:
     """Return the ``edges`` of a cut, in which each wall is replaced by one that has a
-    :class:`~granphon.Material` and a name of its own; other edges stay.
+    :class:`~granphon.Material` and a name; other edges stay. A wall of the material of a known
+    wall, or of an earlier edge, is that wall, unless it has another name.
 
     ``kinds`` are the balls by the names of their kinds, and ``known`` the walls of earlier cuts.
-    Raises :class:`InputError` for the material of a kind that there is not, and for a name that
-    another kind or wall has.
+    Raises :class:`InputError` for the material of a kind that there is not, and for a name that a
+    kind, the floor, or a wall of another material has.
     """
     walls = list(known)
     named: list[str | Wall] = []

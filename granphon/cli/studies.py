@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar, cast
 
 import typer
 
@@ -32,6 +32,7 @@ from granphon.cli.terminal import (
 if TYPE_CHECKING:
     from granphon.balls.packing import Packing
     from granphon.base.staging import ResultFiles
+    from granphon.base.tables import Table
     from granphon.fits.fit import WidthFit
     from granphon.fits.measurements import Measurements
     from granphon.fits.traces import TraceVelocity
@@ -56,7 +57,8 @@ def fit_measurements(
         typer.Option(
             metavar="NAME",
             help="Fit this as well: young_modulus, diameter; or, of a response: damping, drag,"
-            " dashpot, restitution. May be repeated.",
+            " dashpot, restitution, stiffness, load and others of gp.fit_damping. May be"
+            " repeated.",
         ),
     ] = None,
     frequency: Annotated[
@@ -81,12 +83,13 @@ def fit_measurements(
         bool, typer.Option("--width/--no-width", help="Fit the width, or keep the scene's spread.")
     ] = True,
     branch: Annotated[
-        str,
+        str | None,
         typer.Option(
             metavar="NAME",
-            help="longitudinal or transverse; in space transverse_slow, transverse_fast.",
+            help="longitudinal, by default, or transverse; in space transverse_slow,"
+            " transverse_fast.",
         ),
-    ] = "longitudinal",
+    ] = None,
     direction: Annotated[
         str | None,
         typer.Option(
@@ -99,9 +102,9 @@ def fit_measurements(
 ) -> None:
     """Fit the spread to velocities, or losses to a response.
 
-    The scene gives the balls and the medium; the fit replaces the width of its spread. Equal balls
-    in the medium ala are fitted with ema, and the loads of the scene are not used; a warning says
-    so if it has several.
+    The scene gives the balls and the medium. Unless --no-width is given, the fit replaces the width
+    of their spread, and equal balls in the medium ala are fitted with ema. The loads of the scene
+    are not used; a warning says so if it has several.
 
     Each column of the table has a name and a unit. The load is 'force (N)', 'pressure (N/m)' (in
     space 'pressure (kPa)') or 'side_force (N)' (the scene then gives balls_per_side). The velocity
@@ -109,7 +112,8 @@ def fit_measurements(
     of the branch. If known, there are also 'sigma (m/s)' or 'sigma (%)', 'time_sigma (us)' or
     'cutoff_sigma (Hz)', and 'frequency (kHz)'. Velocities with a frequency are those of pulses. A
     table of traces, as for 'granphon velocity', gives one velocity, under the one load of the
-    scene. The folder gets fit.yaml, fit.csv and fit.png.
+    scene. A transfer function has 'frequency (kHz)' and columns of 'granphon run' with the block
+    response. The folder gets fit.yaml, fit.csv and fit.png.
 
     \b
     Examples:
@@ -120,9 +124,6 @@ def fit_measurements(
       granphon fit chain.yaml transfer.csv --parameter damping --parameter stiffness
     """
     from granphon.base.tables import Table
-    from granphon.fits.fit import fit_width
-    from granphon.fits.trace_files import has_traces
-    from granphon.fits.traces import Traces
     from granphon.fits.transfer import TransferFunction, has_transfer
     from granphon.scene.scene import Scene
 
@@ -137,12 +138,13 @@ def fit_measurements(
     # the response that the scene expects in the table; empty if it expects none
     quantity = "" if scene.response is None or has_sound else scene.response.quantity
     if has_transfer(table, columns, quantity):
-        # losses are fitted to the transfer function; all that follows is for velocities
         options_of_velocities = {
             "--frequency": frequency,
             "--distance": distance,
             "--sigma": sigma,
             "--direction": direction,
+            "--branch": branch,
+            "--no-width": None if width else "",
         }
         _refuse_options(options_of_velocities, data, "a transfer function")
 
@@ -160,22 +162,67 @@ def fit_measurements(
     if expects_transfer and not has_sound:
         # this raises the error that names the column which the transfer function lacks
         TransferFunction.read(data, columns)
+    options = _VelocityOptions(
+        parameters, width, branch or "longitudinal", frequency, distance, sigma, direction
+    )
+    fit, notes, rows_of_inputs = _fit_velocities(scene_file, scene, data, table, columns, options)
+    rows = [*describe_fit(fit), *rows_of_inputs]
+    _finish_fit(out, files, fit, (*notes, *fit.warnings), rows)
+
+
+class _VelocityOptions(NamedTuple):
+    """The options of a fit of velocities, see :func:`fit_measurements`: names of the fitted
+    ``parameters`` beside the width, whether the ``width`` is fitted, the ``branch``, and texts or
+    None.
+    """
+
+    parameters: tuple[str, ...]
+    width: bool
+    branch: str
+    frequency: str | None
+    distance: str | None
+    sigma: str | None
+    direction: str | None
+
+
+def _fit_velocities(
+    scene_file: str,
+    scene: Scene,
+    data: str,
+    table: Table,
+    columns: Mapping[str, str],
+    options: _VelocityOptions,
+) -> tuple[WidthFit, list[str], list[tuple[str, str]]]:
+    """Return the fit to the velocities of a ``table``, the file ``data`` with these ``columns``,
+    or to the one velocity of a table of traces; sentences about what the fit takes; and the rows of
+    inputs of :func:`_fit_with_errors`.
+    """
+    from granphon.fits.fit import fit_width
+    from granphon.fits.trace_files import has_traces
+    from granphon.fits.traces import Traces
+
     _require_one_packing("A fit", scene_file, scene)
-    sound_direction = _choose_direction(scene_file, scene, direction)
+    sound_direction = _choose_direction(scene_file, scene, options.direction)
     if len(scene.media) > 1:
         raise InputError(f"{scene_file} has several media", mend="Keep only the one to fit with")
-    _require_fitted(width, parameters)
+    parameters = options.parameters
+    _require_fitted(options.width, parameters)
     # "ala" is the default for equal balls, so that a scene with this medium does not say how
     # balls of the fitted width are to be averaged
-    takes_ema = width and scene.media[0].name == "ala" and not scene.balls_differ
+    takes_ema = options.width and scene.media[0].name == "ala" and not scene.balls_differ
     medium: Any = "ema" if takes_ema else scene.media[0]
     traced = None  # the velocity that traces show, if the table has traces in place of velocities
     if has_traces(table):
-        options_of_tables = {"--distance": distance, "--sigma": sigma}
+        given_columns = ", ".join(columns) or None
+        options_of_tables = {
+            "--distance": options.distance,
+            "--sigma": options.sigma,
+            "--column": given_columns,
+        }
         _refuse_options(options_of_tables, data, "traces")
         traced = Traces.read(data).velocity()
         warn(traced.warnings)
-    fitted_names = ("width", *parameters) if width else parameters
+    fitted_names = ("width", *parameters) if options.width else parameters
 
     def find_velocity_fit(varied_scene: Scene, varied_distance: str | None) -> WidthFit:
         """Return the fit to the velocities for the values that a scene and the option --distance
@@ -196,10 +243,12 @@ def fit_measurements(
                 packing,
                 medium,
                 parameters,
-                branch=branch,
+                branch=options.branch,
                 direction=sound_direction,
             )
-        velocity_sigma, pulse_frequency = _choose_sigma_and_frequency(measured, sigma, frequency)
+        velocity_sigma, pulse_frequency = _choose_sigma_and_frequency(
+            measured, options.sigma, options.frequency
+        )
         return fit_width(
             packing,
             measured.force,
@@ -208,12 +257,12 @@ def fit_measurements(
             pulse_frequency,
             medium=medium,
             parameters=tuple(dict.fromkeys(fitted_names)),  # each name once, in order
-            branch=branch,
+            branch=options.branch,
             direction=sound_direction,
             finite_overlap=varied_scene.finite_overlap,
         )
 
-    fit, rows_of_inputs = _fit_with_errors(find_velocity_fit, scene, distance)
+    fit, rows_of_inputs = _fit_with_errors(find_velocity_fit, scene, options.distance)
     notes = list[str]()
     if takes_ema:
         notes.append(
@@ -221,15 +270,14 @@ def fit_measurements(
             " ema in it"
         )
     notes += _list_unused(scene_file, scene, data)
-    names_direction = direction is not None or scene.direction is not None
+    names_direction = options.direction is not None or scene.direction is not None
     if not names_direction and not fit.is_isotropic:
         notes.append(
             f"sound in the lattice {fit.packing.structure.name} depends on the direction, and none"
             f" is given: the fit takes {write_direction(fit.waves.direction)}. Give --direction,"
             f" or direction in {scene_file}"
         )
-    rows = [*describe_fit(fit), *rows_of_inputs]
-    _finish_fit(out, files, fit, (*notes, *fit.warnings), rows)
+    return fit, notes, rows_of_inputs
 
 
 def _fit_with_errors(

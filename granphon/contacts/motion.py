@@ -143,7 +143,7 @@ class MovingContacts:
             roll = network.contact_torque - twist[:, None] * network.normal
             self.held[_N_SLIPS, : network.n_contacts] = -twist
             self.held[_N_SLIPS + 1 :, : network.n_contacts] = -roll.T
-        columns = _list_columns(geometry, law, self.ratios)
+        columns = _list_columns(geometry, law, self.ratios, is_hertz)
         dashpots = losses.list_dashpots(pairs.i, pairs.j)
         columns |= dict(zip(loops.DASHPOTS, dashpots, strict=True))
         self._columns = _make_columns(ends, columns)
@@ -358,9 +358,14 @@ def measure_along(network: ContactNetwork, motions: Array) -> Array:
     return e
 
 
-def _list_columns(geometry: _Geometry, law: Powers | PairLaws, ratios: Array) -> dict[int, Any]:
+def _list_columns(
+    geometry: _Geometry, law: Powers | PairLaws, ratios: Array, is_hertz: bool
+) -> dict[int, Any]:
     """Return the columns (n_c,) of contacts at rest that compiled loops read, by the places where
     their rows begin.
+
+    ``ratios`` (3 or 7, n_c) are those of :func:`_find_ratios`: slip three times, then twist, and
+    roll three times. ``is_hertz`` says whether loops find normal forces by Hertz's law.
     """
     columns: dict[int, Any] = {
         loops.REST + axis * loops.CHUNK: geometry.r[:, axis] for axis in range(3)
@@ -375,11 +380,15 @@ def _list_columns(geometry: _Geometry, law: Powers | PairLaws, ratios: Array) ->
         loops.FAR_LEVER: geometry.levers[1],
         loops.FORCE: law.rest,
         loops.SLIP_RATIO: ratios[0],
-        loops.OVERLAP: law.end,
+        loops.END: law.end,
     }
     if len(ratios) > _N_SLIPS:
-        columns |= {loops.TWIST_RATIO: ratios[3], loops.ROLL_RATIO: ratios[4]}
-    if isinstance(law, Powers) and law.exponent == hertz.EXPONENT:
+        columns |= {
+            loops.TWIST_RATIO: ratios[_N_SLIPS],
+            loops.ROLL_RATIO: ratios[_N_SLIPS + 1],
+        }
+    if is_hertz:
+        assert isinstance(law, Powers)
         columns |= {loops.COEFFICIENT: law.coefficient, loops.ROOT: law.root}
     return columns
 

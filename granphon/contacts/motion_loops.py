@@ -68,7 +68,7 @@ NORMAL_DASHPOT = 14 * CHUNK
 SIDE_DASHPOT = 15 * CHUNK
 ROOT_DASHPOT = 16 * CHUNK
 COEFFICIENT = 17 * CHUNK
-OVERLAP = 18 * CHUNK
+END = 18 * CHUNK
 ROOT = 19 * CHUNK
 #: radii of the balls where these are the levers of slip, else zero
 NEAR_LEVER = 20 * CHUNK
@@ -517,7 +517,7 @@ def _press(rows: Array, n: int) -> None:
     """
     for c in range(n):
         coefficient = rows[COEFFICIENT + c]
-        overlap = rows[OVERLAP + c]
+        overlap = rows[END + c]
         loss = min(rows[_E + c], overlap)  # loss of h_+
         root = math.sqrt(overlap - loss)
         # the difference of the powers 3/2, over that of h and y, is h^(1/2) + y/(h^(1/2) + y^(1/2))
@@ -653,7 +653,7 @@ def _find_shares(rows: Array, n: int, is_mean: bool, pulls: bool) -> None:
     for c in range(n):
         was_closed = rows[_PUNCH_START + c] > 0.0
         is_closed = rows[_PUNCH + c] > 0.0
-        longest = max(rows[OVERLAP + c] - min(rows[_E_START + c], rows[_E + c]), 0.0)
+        longest = max(rows[END + c] - min(rows[_E_START + c], rows[_E + c]), 0.0)
         travel = abs(rows[_E + c] - rows[_E_START + c])
         share = min(longest / max(travel, _LEAST_DIVISOR), 1.0)
         if not is_mean:

@@ -37,6 +37,9 @@ _EQUAL_FACTORS = 1e-7
 #: angle of lambda, rad, up to which a wave is long: the error of an eigenvalue is that of rounding
 #: over this angle
 _LARGEST_LONG_ANGLE = 0.1
+#: part of the motion of a layer that is free, from which a long wave belongs to a branch that ends
+#: at zero, whose motions are all free there
+_MOSTLY_FREE = 0.5
 #: steps of Newton's method for long waves: each step doubles the digits, and the longest waves that
 #: are told apart start with one digit
 _NEWTON_STEPS = 5
@@ -225,13 +228,14 @@ def _solve_pencil(steps: list[Complex], size: int, scale: float) -> tuple[Comple
     """Return all solutions of (sum over s of D_s lambda^s) u = w u: 1/(lambda - :data:`_SHIFT`)
     (n_f, 2 size), and the motions (n_f, 2 size, 2 size) of two blocks, as columns.
 
-    ``steps`` are D_s (n_f, layer, layer), the middle one less w, and ``scale`` is their largest
-    entry. A block has ``size`` motions.
+    ``steps`` are D_s (n_f, layer, layer), the middle one less w, and ``scale`` is the largest entry
+    of D within a block. A block has ``size`` motions.
     """
     count, layer, _ = steps[0].shape
     # companion form A v = lambda B v, where v (2 size,) holds the motions of all layers of two
     # blocks. The upper rows say that each layer moves by lambda times the layer before. The last
-    # `layer` rows are the sum over s, divided by the scale to be of the size of the upper rows
+    # `layer` rows are the sum over s, divided by the scale, so that they have no unit and, at w
+    # within the bands, are of the size of the upper rows
     a = np.zeros((count, 2 * size, 2 * size), complex)
     b = np.zeros((count, 2 * size, 2 * size), complex)
     a[:, :-layer, layer:] = np.eye(2 * size - layer)
@@ -268,9 +272,11 @@ def _sharpen_long(
     factors: Complex, vectors: Complex, couplings: list[Complex], w: float
 ) -> tuple[Complex, Complex]:
     """Return the ``factors`` (b,), lambda, and the ``vectors`` (n, b), motions of a block, of all
-    waves, those of long running waves with all digits. Where energy is lost nothing is changed.
+    waves, those of long running waves with all digits. Where energy is lost nothing is changed. A
+    long wave whose motion is mostly stiff stays as it is, too: the edge of another band is near.
 
-    ``couplings`` are the matrices D_s (layer, layer), and ``w`` is the eigenvalue.
+    ``couplings`` are the matrices D_s (layer, layer) of s = -reach ... reach, with D_0 itself, not
+    less w; and ``w`` is the eigenvalue.
 
     A long wave that runs has lambda = exp(i theta) with a small theta, and the sum of D_s lambda^s,
     less w, is then a difference of near-equal numbers. Free motions are those that cost nothing if
@@ -280,7 +286,7 @@ def _sharpen_long(
     Newton's method. The amplitudes of the free motions are kept as they are: theta depends on the
     square of their error.
     """
-    size = len(couplings[0])
+    layer = len(couplings[0])
     runs = np.abs(np.abs(factors) - 1.0) < _ON_CIRCLE
     is_long = np.abs(np.angle(factors)) < _LARGEST_LONG_ANGLE
     long_waves = np.flatnonzero(runs & is_long)
@@ -298,16 +304,18 @@ def _sharpen_long(
     stiff = modes[:, is_stiff]
     factors = factors.copy()
     vectors = vectors.copy()
-    layers = range(len(vectors) // size)
+    layer_numbers = range(len(vectors) // layer)
     for wave in long_waves:
-        layer_motion = vectors[:size, wave]
+        layer_motion = vectors[:layer, wave]
         free_part = free @ (free.conj().T @ layer_motion)
-        if np.linalg.norm(free_part) < 0.5 * np.linalg.norm(layer_motion):
-            continue  # a wave of mostly stiff motions: the edge of another band is near
+        if np.linalg.norm(free_part) < _MOSTLY_FREE * np.linalg.norm(layer_motion):
+            continue
         start = float(np.angle(factors[wave]))
         theta, motion = _solve_theta(start, free_part, couplings, stiff, stiffness[is_stiff], w)
         factors[wave] = np.exp(1j * theta)
-        vectors[:, wave] = np.concatenate([motion * factors[wave] ** layer for layer in layers])
+        vectors[:, wave] = np.concatenate(
+            [motion * factors[wave] ** number for number in layer_numbers]
+        )
     return factors, vectors
 
 

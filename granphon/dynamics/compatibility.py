@@ -96,6 +96,18 @@ def require_digits(components: Array) -> None:
         )
 
 
+def _spread(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """Return ``values`` repeated to a ``shape``, read-only; InputError, with the argument's
+    ``name``, for values of a shape that cannot be.
+    """
+    numbers = real_array(name, values)
+    try:
+        return read_only(np.broadcast_to(numbers, shape))
+    except ValueError:
+        problem = f"{name} has the shape {numbers.shape}"
+        raise InputError(problem, mend=f"Give a number, or an array {shape}") from None
+
+
 class Compatibility:
     """Balls in contact on a periodic lattice, in reduced units, with their compatibility matrix
     C(q) and their dynamical matrix D(q).
@@ -148,7 +160,7 @@ class Compatibility:
 
     Raises
     ------
-    InputError : a shape or a value is not allowed.
+    InputError : a wrong shape, and a mass or a stiffness that is not above zero.
     """
 
     def __init__(
@@ -176,8 +188,8 @@ class Compatibility:
         on_site: Array | None = None,
         name: str = "of these contacts",
     ) -> None:
-        """Check the arguments, and keep them as read-only arrays, one number for each contact or
-        ball.
+        """Keep the arguments: arrays read-only, and numbers repeated for each contact or ball, but
+        for ratios, which stay numbers.
         """
         self.name = name
         self.on_site = on_site
@@ -191,33 +203,21 @@ class Compatibility:
         self.motions = select_motions(
             self.mindlin_ratio, self.torsion, self.bending, motions, on_site
         )
-        self.stiffness: Array = read_only(
-            np.broadcast_to(real_array("stiffness", stiffness), len(contacts))
-        )
-        self.prestress: Array = read_only(
-            np.broadcast_to(real_array("prestress", prestress), len(contacts))
-        )
-        across = real_array("tangential_force", tangential_force)
-        self.tangential_force: Array = read_only(np.broadcast_to(across, contacts.normal.shape))
-        torque = real_array("contact_torque", contact_torque)
-        self.contact_torque: Array = read_only(np.broadcast_to(torque, (len(contacts), 3)))
-        growth = real_array("tangential_growth", tangential_growth)
-        self.tangential_growth: Array = read_only(np.broadcast_to(growth, len(contacts)))
-        excesses = real_array("lever_excesses", lever_excesses)
-        self.lever_excesses: Array = read_only(np.broadcast_to(excesses, (2, len(contacts))))
-        stretch = real_array("slip_stretch", slip_stretch)
-        self.slip_stretch: Array = read_only(np.broadcast_to(stretch, len(contacts)))
-        rates = real_array("arm_rates", arm_rates)
-        self.arm_rates: Array = read_only(np.broadcast_to(rates, len(contacts)))
+        of_contacts = (len(contacts),)
+        self.stiffness = _spread("stiffness", stiffness, of_contacts)
+        self.prestress = _spread("prestress", prestress, of_contacts)
+        self.tangential_force = _spread("tangential_force", tangential_force, contacts.normal.shape)
+        self.contact_torque = _spread("contact_torque", contact_torque, (len(contacts), 3))
+        self.tangential_growth = _spread("tangential_growth", tangential_growth, of_contacts)
+        self.lever_excesses = _spread("lever_excesses", lever_excesses, (2, len(contacts)))
+        self.slip_stretch = _spread("slip_stretch", slip_stretch, of_contacts)
+        self.arm_rates = _spread("arm_rates", arm_rates, of_contacts)
         self.turns_with_balls = turns_with_balls
-        distances = np.linalg.norm(contacts.vector, axis=1)
-        if distance is not None:
-            distances = real_array("distance", distance)
-        self.distance: Array = read_only(np.broadcast_to(distances, len(contacts)))
-        self.masses: Array = read_only(np.broadcast_to(real_array("masses", masses), self.n_balls))
-        self.gyration: Array = read_only(
-            np.broadcast_to(real_array("gyration", gyration), self.n_balls)
-        )
+        if distance is None:
+            distance = np.linalg.norm(contacts.vector, axis=1)
+        self.distance = _spread("distance", distance, of_contacts)
+        self.masses = _spread("masses", masses, (self.n_balls,))
+        self.gyration = _spread("gyration", gyration, (self.n_balls,))
         if not (np.all(self.masses > 0.0) and np.all(self.stiffness > 0.0)):
             raise InputError(
                 "a mass or a contact stiffness is not above zero",
@@ -234,7 +234,7 @@ class Compatibility:
         if not is_array:
             return not_negative(name, ratio)
         ratios = finite_array(name, ratio, low="zero or above") if ratio.size else ratio
-        return read_only(np.broadcast_to(ratios, len(self.contacts)))
+        return _spread(name, ratios, (len(self.contacts),))
 
     # -- sizes -------------------------------------------------------------------------------------
 

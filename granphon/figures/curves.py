@@ -310,15 +310,22 @@ class Curve:
         return bool(np.all(self.simulated)) or self.x.size == 1
 
 
+def choose_widths(count: int) -> list[float]:
+    """Return the widths of ``count`` lines, in points: later lines are thinner, so that all lines
+    are seen.
+    """
+    if count == 1:
+        return [1.6]
+    widths: list[float] = np.linspace(2.2, 1.0, count + 1)[1:].tolist()
+    return widths
+
+
 def make_looks(count: int) -> list[Look]:
-    """Return looks of ``count`` curves: colours first, then dashes and marks. Later lines are
-    thinner, so that all lines are seen.
+    """Return looks of ``count`` curves: colours first, then dashes and marks.
 
     Beyond :data:`MOST_LOOKS` the looks are repeated.
     """
-    widths = [1.6]
-    if count > 1:
-        widths = np.linspace(2.2, 1.0, count + 1)[1:].tolist()
+    widths = choose_widths(count)
     looks = []
     for number in range(count):
         # all colours are used up before the dashes change
@@ -711,18 +718,18 @@ def _draw_lines(
     """Draw the curves of a variable of a sweep over ``x`` without naming the axes; return the
     curves and the entries of the legend.
     """
-    turned = turn_over(dataset, x)
-    read_values(turned, variable)  # refuses a variable that cannot be drawn
-    coloured = _choose_coloured(turned)
-    groups = _read_groups(turned, variable, x, coloured)
-    n_shades = len(groups[0])
+    over_x = turn_over(dataset, x)
+    read_values(over_x, variable)  # refuses a variable that cannot be drawn
+    coloured = _choose_coloured(over_x)
+    groups = _read_groups(over_x, variable, x, coloured)
+    n_shades = len(groups[0])  # groups have equal sizes
     curves = [curve for group in groups for curve in group]
     shades = []
     for number in range(len(groups)):
         shades += _make_shades(COLOURS[number % len(COLOURS)], n_shades)
     dashes = _SLOW_DASHES if variable == _SLOW else None
     marker = _VELOCITY_MARKERS.get(variable, "o")
-    widths = np.linspace(2.2, 1.0, len(curves) + 1)[1:]
+    widths = choose_widths(len(curves))
     for curve, shade, width in zip(curves, shades, widths, strict=True):
         draw_curve(ax, curve, Look(shade, width, dashes, marker), variable)
     handles = list[Line2D]()
@@ -1460,22 +1467,32 @@ def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str,
 
 
 def _explain_without(runs: Sequence[Run], without: Sequence[Run], name: str) -> InputError:
-    """Return the error that of the ``runs`` some, those ``without``, do not hold the quantity
-    ``name``, or hold it with more than one number at each load.
+    """Return the error for a quantity ``name`` that the runs ``without``, some or all of the
+    ``runs``, do not have as a curve: they do not hold it, or not as one number at each load.
     """
     drawable = [
         quantity
         for quantity in runs[0].quantities
         if quantity in CATALOGUE and all(quantity in run.quantities for run in runs)
     ]
-    if all(run.dataset is not None and name in run.dataset for run in without):
-        problem = f"{name} of {_join_names(without)} is no curve over the load"
-    else:
-        problem = f"{_join_names(without, 'holds', 'hold')} no {name}"
+    lacking = list[Run]()
+    holding = list[Run]()
+    for run in without:
+        holds = run.dataset is not None and name in run.dataset
+        (holding if holds else lacking).append(run)
+    problems = []
+    if lacking:
+        problems.append(f"{_join_names(lacking, 'holds', 'hold')} no {name}")
+    if holding:
+        problems.append(f"{name} of {_join_names(holding)} is no curve over the load")
     holder = "All runs hold" if len(runs) > 1 else "It has"
     why = f"{holder} {', '.join(drawable)}" if drawable else "No quantity is in all runs"
-    mend = "Draw another quantity"
-    return InputError(problem, why, f"{mend}, or leave these runs out" if len(runs) > 1 else mend)
+    mends = []
+    if drawable:
+        mends.append("draw another quantity")
+    if len(without) < len(runs):
+        mends.append("leave these runs out")
+    return InputError("; ".join(problems), why, ", or ".join(mends).capitalize())
 
 
 def _choose_load(runs: Sequence[Run], common: Sequence[str], x: str | None) -> str:

@@ -330,7 +330,7 @@ def motion_figure(
 
 def motions_figure(dataset: Dataset) -> Figure:
     """Draw the greatest force and the kinetic energy of the motion of each state of a data set over
-    time, one column wide.
+    time, one column wide, with standard errors as bands.
 
     States are chosen as by :func:`granphon.figures.waves.sweep_dos_figure`. Raises
     :class:`~granphon.base.errors.InputError` for a data set without motions.
@@ -340,6 +340,7 @@ def motions_figure(dataset: Dataset) -> Figure:
     seconds, unit_of_time = prefixed(float(times[-1]), "s")
     with styled_figure(3.6) as figure:
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.3, 1.0])
+        has_band = False
         for ax, variable, label, si_unit in (
             (above, "motion_force", "Greatest force", "N"),
             (below, "motion_kinetic", "Kinetic energy", "J"),
@@ -348,12 +349,14 @@ def motions_figure(dataset: Dataset) -> Figure:
             curves = []
             for colour, read_variable in states:
                 errors = read_variable(f"{variable}_error") if has_errors else None
+                if errors is not None:
+                    has_band = has_band or bool(np.any(errors > 0.0))
                 curves.append((colour, read_variable(variable), errors))
             _draw_courses(ax, times / seconds, curves, label, si_unit)
         below.set(xlabel=f"Time ({write_unit(unit_of_time)})", xlim=(0.0, None))
-        if has_errors:
+        if has_band:
             handles.append(make_error_handle())
-        if len(handles) > 1:
+        if len(handles) > 1 or has_band:
             add_legend(figure, handles, room=1)
     return figure
 

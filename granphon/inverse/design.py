@@ -80,7 +80,7 @@ def design(
     steps: int = STEPS,
     progress: Progress = silent,
 ) -> Design:
-    """Return the design that is best for a goal, of all networks whose numbers are within bounds.
+    """Return the best design for a goal that some searches among networks within bounds have found.
 
     Parameters
     ----------
@@ -93,13 +93,15 @@ def design(
         "stiffness" (N/m of the normal stiffness, all others of the contact in proportion),
         "normal_stiffness", "shear_stiffness" (N/m), "torsion", "bending" (N m), "on_site" (N/m of
         the springs to the ground against all displacements of a ball).
-    bounds : (low, high) of each variable, in SI; of several names a mapping.
+    bounds : needed: (low, high) of all variables of a name, SI, 0 <= low < high; of several names a
+        mapping {name: (low, high)}.
     constraints : {name: sum}, SI: the values of this name, added up over all balls or contacts,
         keep this sum. Searches begin at networks that have it: a given network, or a random one,
         that does not is changed first.
     per : "each": every ball or contact has a variable of its own. "kind": all balls of a kind, or
-        all contacts of a pair of kinds, have one variable together.
-    restarts : number of searches from random starts, after that from the given network.
+        all contacts of a pair of kinds, have one variable together. Of a function it means nothing.
+    restarts : number of searches from random starts, after that from the given network, or, of a
+        function, from the middle of the bounds.
     seed : of the random starts.
     steps : most steps of the search from each start.
     progress : told how many starts are over.
@@ -109,8 +111,8 @@ def design(
 
     Raises
     ------
-    InputError : unknown names, bounds that exclude the network or a sum, and a goal that depends on
-        none of the variables.
+    InputError : unknown names, no bounds, bounds that exclude the network or a sum, constraints of
+        a function, and a goal that depends on none of the variables.
     """
     space: Numbers | Parameters
     sums: Sequence[tuple[Array, float]] = ()

@@ -633,9 +633,10 @@ class Crystal(Result):
 
         ``index`` is the number of a ball, or a list of numbers. The ball must have the radius of
         the ball that it replaces, to half a millionth, so that it touches the same neighbours. In a
-        sample it has the mean diameter of its kind. Raises
-        :class:`~granphon.base.errors.InputError` for another radius, what is no ball, and a number
-        that no ball has.
+        sample it has the mean diameter of its kind. Other kinds keep their names, and a new kind
+        whose ball has no name gets the next free letter. Raises
+        :class:`~granphon.base.errors.InputError` for another radius, what is no ball, a number that
+        no ball has, a name that another kind has, and a law that lacks a pair with the new kind.
         """
         sites = index_array("index", index, self.n_balls)
         site_balls = list(self.balls)

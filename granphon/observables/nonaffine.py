@@ -97,25 +97,26 @@ def _read_strain(strain: ArrayLike | None, periods: int) -> Array:
 def _spread_motions(motions: Array, network: ContactNetwork, state: Any) -> tuple[Array, Array]:
     """Return the displacements, m, and the rotations, rad, (n, 3) each, of all balls of a
     ``network`` along its axes, from the reduced ``motions`` (balls, motions) of those that move, in
-    the lattice of the ``state``.
+    the lattice of the ``state``. They are zero of balls that do not move; if all move, the mean
+    displacement is left out.
     """
     lattice = state.contact_lattice()
-    translations = len(lattice.motions.translations)
+    translation_axes = list(lattice.motions.translations)
+    rotation_axes = list(lattice.motions.rotations)
+    n_translations = len(translation_axes)
     # the lattice may be turned, so that its periods lie along x, or in the xy plane
-    turn = np.eye(3)
+    frame = np.eye(3)
     d = network.dimension
-    turn[:d, :d] = find_axes(network.cell[np.flatnonzero(network.pbc), :d])
+    frame[:d, :d] = find_axes(network.cell[np.flatnonzero(network.pbc), :d])
     displacements = np.zeros((network.n_balls, 3))
     rotations = np.zeros((network.n_balls, 3))
-    moving = np.flatnonzero(network.moving)
-    axes = list(lattice.motions.translations)
-    displacements[moving[:, None], axes] = state.scales.length * motions[:, :translations]
+    rows = np.flatnonzero(network.moving)[:, None]
+    displacements[rows, translation_axes] = state.scales.length * motions[:, :n_translations]
     if np.all(network.moving):
         displacements -= np.mean(displacements, axis=0)
     # a rotation phi is stored as the length w = R_g phi
-    turns = motions[:, translations:] / lattice.gyration[:, None]
-    rotations[moving[:, None], list(lattice.motions.rotations)] = turns
-    return displacements @ turn, rotations @ turn
+    rotations[rows, rotation_axes] = motions[:, n_translations:] / lattice.gyration[:, None]
+    return displacements @ frame, rotations @ frame
 
 
 def _make_strain(voigt: Array, periods: int) -> Array:

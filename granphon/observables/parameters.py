@@ -39,6 +39,9 @@ MINDLIN_RATIO = "mindlin_ratio"
 StateChange = Callable[[Any, float], Any]
 #: relative step of a parameter on which the statics do not depend
 _STEP = 2e-4
+#: greatest relative change of a parameter in any difference: two of the largest step, that of media
+#: whose states are found anew
+_REACH = 4e-3
 #: number of changed media that are kept: the steps of a difference are visited more than once
 _KEPT = 8
 
@@ -279,11 +282,14 @@ def name_parameters(balls: Balls, kinds_of_walls: Collection[str] = ()) -> tuple
 
 
 def _may_change(balls: Packing | Arrangement, name: str) -> bool:
-    """Return whether the parameter of a ``name`` may change while all others stay."""
-    try:
-        change_packing(balls, {name: (1.0 + _STEP) * read_number(balls, name)})
-    except InputError:
-        return False
+    """Return whether the parameter of a ``name`` is a number, and balls may have it larger and
+    smaller by the part :data:`_REACH` while all others stay.
+    """
+    for change in (-_REACH, _REACH):
+        try:
+            change_packing(balls, {name: (1.0 + change) * read_number(balls, name)})
+        except InputError:
+            return False
     return True
 
 

@@ -309,14 +309,16 @@ class Problem:
 class Configuration:
     """The contacts of a problem, and the forces left, at unknowns x (size,).
 
-    ``carried`` are the overlaps (n_c,), m, that a search on the lattice carries along; in exact
-    directions they follow from x unless they are given.
+    ``carried`` are the overlaps (n_c,), m, that a search on the lattice carries along, and must be
+    given there; in exact directions the overlaps follow from x unless they are given.
 
     Attributes
     ----------
     normal, current : (n_c, 3) unit vectors of the contacts, and the vectors from ball to ball, m.
     distance : (n_c,) lengths of these vectors, m.
     overlap, force : (n_c,) overlaps, m, and forces of the contacts, N.
+    force_size : size of these forces, N, see :meth:`~granphon.contacts.laws.ContactLaws.size`, by
+        which the forces left are measured.
     """
 
     def __init__(self, problem: Problem, x: Array, carried: Array | None = None) -> None:
@@ -328,21 +330,21 @@ class Configuration:
         #: (p, p) strain of the cell
         self.strain = strain[:p, :p]
         if problem.turns:
-            self._measure(strain)
+            measured = self._measure(strain)
+            self.overlap = measured if carried is None else carried
         else:
-            assert carried is not None
+            assert carried is not None  # start_at has measured them
+            self.overlap = carried
             self.normal = assembly.normal
             self.current = assembly.vector
             self.distance = assembly.distance
-        if carried is not None:
-            self.overlap = carried
         self.force = assembly.laws.force(self.overlap)
-        #: size of the forces of contacts, N, by which the forces left are measured
-        self.mean = assembly.laws.size(self.force)
+        self.force_size = assembly.laws.size(self.force)
 
-    def _measure(self, strain: Array) -> None:
-        """Set vectors, distances, normals and overlaps of contacts that turn, at the displacements
-        of x and a ``strain`` (3, 3) of the cell. Overlaps that are rounding are zero.
+    def _measure(self, strain: Array) -> Array:
+        """Set vectors, distances and normals of contacts that turn, at the displacements of x and a
+        ``strain`` (3, 3) of the cell, and return their overlaps (n_c,). Overlaps that are rounding
+        are zero.
         """
         assembly = self.problem.assembly
         loss = np.empty(assembly.n_contacts)
@@ -354,7 +356,7 @@ class Configuration:
         self.normal = self.current / self.distance[:, None]
         overlap = assembly.offset - loss
         largest = np.max(np.abs(overlap), initial=0.0)
-        self.overlap = np.where(np.abs(overlap) <= ROUNDING * largest, 0.0, overlap)
+        return np.where(np.abs(overlap) <= ROUNDING * largest, 0.0, overlap)
 
     @cached_property
     def deformed(self) -> Array:
@@ -423,10 +425,10 @@ class Configuration:
         """The largest force left, as on a ball (:attr:`Problem.weights`), over the size of the
         forces of contacts; infinite if that size is zero.
         """
-        if not self.mean:
+        if not self.force_size:
             return math.inf
         left = np.abs(self.pull) * self.problem.weights
-        return float(np.max(left, initial=0.0)) / self.mean
+        return float(np.max(left, initial=0.0)) / self.force_size
 
     @cached_property
     def stiffness(self) -> Array:
@@ -471,7 +473,7 @@ class Configuration:
         """Whether the configuration is possible: the unknowns are finite, contacts have a length,
         some carry a force, and the cell is not turned inside out.
         """
-        if not (self.mean and np.all(np.isfinite(self.x)) and np.all(self.distance > 0.0)):
+        if not (self.force_size and np.all(np.isfinite(self.x)) and np.all(self.distance > 0.0)):
             return False
         return not len(self.strain) or float(np.min(np.linalg.eigvalsh(self.deformed))) > 0.0
 

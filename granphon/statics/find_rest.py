@@ -128,7 +128,7 @@ def _press_more(problem: Problem, rest: Rest, factor: float) -> AppliedLoad | No
         return load.scale(factor)
     laws = assembly.laws
     place = problem.start_at(find_unknowns(problem, rest))
-    forces = np.full(laws.count, place.mean)
+    forces = np.full(laws.count, place.force_size)
     more = float(np.mean(laws.overlap(factor * forces) - laws.overlap(forces)))
     pressing = more / assembly.mean_distance * np.eye(assembly.periods)
     return replace(load, strain=load.strain - pressing)

@@ -137,7 +137,7 @@ class LatticeDescent(ListDescent):
         if start is not None:
             return self._take_up(start)
         untouched = problem.start_at(np.zeros(problem.size))
-        presses_on_sites = not problem.load.acts and untouched.mean > 0.0
+        presses_on_sites = not problem.load.acts and untouched.force_size > 0.0
         if problem.load.is_given or presses_on_sites:
             return untouched
         return self._relax_springs(untouched)
@@ -188,7 +188,7 @@ class LatticeDescent(ListDescent):
         have opened, or, where a strain alone presses, have lost nearly all of their force.
         """
         problem = self.problem
-        mean = place.mean
+        mean = place.force_size
         self.largest_mean = max(self.largest_mean, mean)
         # under a strain alone balls may move aside until none is pressed
         is_relaxed = mean < self.options.required * self.largest_mean
@@ -234,7 +234,7 @@ class LatticeDescent(ListDescent):
         stiffness = place.stiffness
         closed = stiffness[stiffness > 0.0]
         # if no contact has a stiffness, though some carry a force, as where they break, an estimate
-        added = place.mean / problem.length
+        added = place.force_size / problem.length
         if closed.size:
             added = options.added * min(1.0, residual) * float(np.mean(closed))
         # far from rest a rough solution serves

@@ -44,7 +44,9 @@ def lead_loose_balls(
 
     Clusters that do not come to rest are left where the last step has taken them.
     """
-    moving = loose & bool(np.max(configuration.force_on_balls[loose]) > least * configuration.mean)
+    moving = loose & bool(
+        np.max(configuration.force_on_balls[loose]) > least * configuration.force_size
+    )
     for _ in range(options.steps):
         if not np.any(moving):
             break
@@ -74,7 +76,7 @@ def _lead_clusters(
     cluster = np.empty(held.n_balls, np.int64)
     count = join_balls(held.i, held.j, np.ones(held.n_contacts, bool), cluster)
     cages = _Cages(held, configuration.load_force[of_loose].reshape(-1, d), np.zeros(0))
-    force_at_rest = least * configuration.mean
+    force_at_rest = least * configuration.force_size
     mean_stiffness = float(np.mean(configuration.stiffness))
     moves = np.ones(held.n_balls, bool)
     for _ in range(options.loose_steps):
@@ -83,7 +85,7 @@ def _lead_clusters(
         moves = (largest > force_at_rest)[cluster]
         if 4 * int(np.count_nonzero(moves)) < held.n_balls:
             break
-        relative_force = np.minimum(1.0, largest[cluster] / configuration.mean)
+        relative_force = np.minimum(1.0, largest[cluster] / configuration.force_size)
         springs = options.hold_loose + options.added * relative_force
         cages = cages.advance(mean_stiffness * springs, moves, force_at_rest, options)
     else:

@@ -485,7 +485,7 @@ class IteratedEquations:
             return problem.remove_drift(inverse(force))
 
         rounding = 2.0 * float(np.finfo(np.float64).eps)
-        floor = float(np.sqrt(len(pull))) * rounding * configuration.mean
+        floor = float(np.sqrt(len(pull))) * rounding * configuration.force_size
         aim = problem.remove_drift(pull)
         return conjugate_gradients(apply, find_motion, aim, reduction, floor, most)
 

@@ -116,7 +116,7 @@ class RestFollower:
         if slope is not None:
             course = replace(course, slope=slope)
             left = self._find_left(course)
-        rounding = numbers.rounding * self.configuration.mean * math.sqrt(problem.size)
+        rounding = numbers.rounding * self.configuration.force_size * math.sqrt(problem.size)
         before = math.inf
         earlier = course
         for _ in range(numbers.rounds):

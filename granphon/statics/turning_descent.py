@@ -115,7 +115,7 @@ class TurningDescent(ListDescent):
             mend = f"{_STAY}; or take a crystal with more contacts, such as fcc"
             raise MechanismError(what, why, mend)
         assembly.standing.add(n_strains)
-        heavy = configuration.force > self.options.light * configuration.mean
+        heavy = configuration.force > self.options.light * configuration.force_size
         self.loose = assembly.count_contacts(heavy) <= assembly.dimension
         return configuration
 
@@ -147,7 +147,7 @@ class TurningDescent(ListDescent):
             return place
         spread = float(np.max(np.abs(assembly.offset)) / np.mean(assembly.distance))
         on_others = place.force_on_balls[~loose]
-        left = float(np.max(on_others, initial=0.0)) / place.mean
+        left = float(np.max(on_others, initial=0.0)) / place.force_size
         finest = min(options.tolerance, max(options.finer * options.tolerance, options.rounding))
         least = max(finest, options.light * min(spread, left))
         return lead_loose_balls(place, loose, least, options)
@@ -204,7 +204,7 @@ class TurningDescent(ListDescent):
             ahead = self._advance_by_energy(place)
         if self.problem.assembly.differs:
             options = self.options
-            size = options.failed * place.residual * ahead.mean
+            size = options.failed * place.residual * ahead.force_size
             size = max(size, options.worst * float(np.max(ahead.force_on_balls)))
             shaken = ahead.force_on_balls > size
             if np.mean(shaken) <= options.most_shaken:
@@ -359,7 +359,7 @@ class TurningDescent(ListDescent):
         """
         words = self.problem.load.words
         if self.problem.assembly.differs:
-            if place.mean == 0.0:
+            if place.force_size == 0.0:
                 what = f"balls that differ have lost all contact under {words}"
                 return ConvergenceError(what, mend=f"{_STAY}; or press the balls more")
             what = f"balls that differ have not come to rest in the true geometry under {words}"

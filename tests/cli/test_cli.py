@@ -209,7 +209,7 @@ def test_plot_of_nothing(work, capsys):
     for folder, words in (
         (".", r"\. holds no result"),
         ("missing", "no folder missing"),
-        ("scene.yaml", r"scene\.yaml is no folder"),
+        ("scene.yaml", r"scene\.yaml is no file of results"),
     ):
         assert main(["plot", folder]) == 2
         assert re.search(words, one_error(capsys))

@@ -141,3 +141,11 @@ def test_arrays_whose_shape_changes_are_refused():
 
     with pytest.raises(InputError, match="force"):
         gp.parameter_sensitivities(PACKING, list_forces, "force", force=18.0)
+
+
+def test_a_parameter_at_the_end_of_its_range_is_left_out():
+    """A Poisson ratio that has no room for the steps of a difference."""
+    nearly = gp.Packing(gp.Material(1e9, 0.4999, 1000.0), 1e-3)
+    found = gp.parameter_sensitivities(nearly, lambda s: gp.moduli(s).bulk, force=1.0)
+    assert "poisson_ratio" not in found.names
+    assert "young_modulus" in found.names

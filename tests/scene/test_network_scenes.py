@@ -149,9 +149,6 @@ observe: [modes]
         gp.Scene.from_text(named.format(floor=floor, rolling="epsd2"))
     with pytest.raises(gp.GranphonError, match=r"network\.rolling_stiffness"):
         gp.Scene.from_text(text.format(floor=floor, rolling="epsd"))
-    walls = text.replace("  keywords", f"  walls: {floor}_walls.dump\n  keywords")
-    with pytest.raises(gp.GranphonError, match=r"walls .*third"):
-        gp.Scene.from_text(walls.format(floor=floor, rolling="epsd2"))
 
 
 def cut(folder):
