@@ -45,7 +45,7 @@ from granphon.figures.style import (
     VERMILION,
     colour_kinds,
 )
-from granphon.figures.words import write_unit
+from granphon.figures.words import write_unit, write_value
 from granphon.media.state import ContactState
 from granphon.networks.network import ContactNetwork
 from granphon.observables.nonaffine import find_nonaffine
@@ -131,7 +131,7 @@ def plot_forces(
     that do not move are darker. A contact across the edge of a period ends on both sides where the
     balls touch; a contact with a flat wall ends at a short piece of the wall. Contacts without
     force are thin and grey. A network in space is seen along z. Balls of several kinds have the
-    colours of a legend; if the kinds are not known, balls of each mass have a tint.
+    colours of a legend; if the kinds are not known, balls of up to six masses have a tint for each.
 
     Parameters
     ----------
@@ -674,7 +674,8 @@ def _find_map_of_network(network: ContactNetwork) -> _Map:
 
 def _colour_balls(network: ContactNetwork, shown: NDArray[np.intp]) -> tuple[dict[str, str], Any]:
     """Return the colours of the kinds of balls that move, by name, and the colours (n,) of the
-    balls with the indices ``shown`` (n,): without kinds, balls of each mass have a tint.
+    balls with the indices ``shown`` (n,). Without kinds, balls of several masses have a tint for
+    each mass, by which the colours are named, unless there are more masses than tints.
     """
     is_moving = network.moving[shown]
     colours = np.full(len(shown), _STILL, dtype=object)
@@ -683,10 +684,19 @@ def _colour_balls(network: ContactNetwork, shown: NDArray[np.intp]) -> tuple[dic
     if colours_of_kinds:
         names_of_moving = names[shown][is_moving]
         colours[is_moving] = [colours_of_kinds[name] for name in names_of_moving]
-    else:
-        numbers = number_kinds(network.masses[shown][is_moving])
-        colours[is_moving] = [_TINTS[number % len(_TINTS)] for number in numbers]
-    return colours_of_kinds, colours
+        return colours_of_kinds, colours
+    masses = network.masses[shown][is_moving]
+    numbers = number_kinds(masses)
+    n_masses = len(set(numbers))
+    if not 1 < n_masses <= len(_TINTS):
+        colours[is_moving] = _BALL
+        return {}, colours
+    colours[is_moving] = [_TINTS[number] for number in numbers]
+    tints_of_masses = {
+        write_value(1e3 * mass, "g"): _TINTS[number]
+        for mass, number in zip(masses, numbers, strict=True)
+    }
+    return tints_of_masses, colours
 
 
 def _find_lines_of_network(network: ContactNetwork) -> tuple[Array, Array]:

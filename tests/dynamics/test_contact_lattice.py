@@ -226,6 +226,14 @@ def test_lattices_that_cannot_be(eta, spacing, prestress):
         gp.ContactLattice.of("triangular", eta, spacing, prestress)
 
 
+@pytest.mark.parametrize("name", ["stiffness", "masses", "prestress"])
+def test_numbers_of_another_count_are_named(name):
+    lattice = gp.ContactLattice.of("triangular", 0.5)
+    of_cell = (lattice.cell, lattice.positions, lattice.contacts)
+    with pytest.raises(InputError, match=rf"{name} .*\(5,\)"):
+        gp.ContactLattice(*of_cell, 0.5, **{name: np.ones(5)})
+
+
 # -- lattices as data ------------------------------------------------------------------------------
 
 

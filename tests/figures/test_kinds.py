@@ -90,7 +90,7 @@ def test_the_picture_of_a_state_has_the_colours_and_names_of_its_kinds():
     assert texts(again.get_legend()) == texts(ax.get_legend())
     # where none are known, balls of each mass have a tint
     plain = gp.plot(replace(state.network, kinds=None)).axes[0]
-    assert plain.get_legend() is None
+    assert texts(plain.get_legend()) == [f"{1e3 * ball.mass:.5g} g" for ball in (STEEL, ALUMINIUM)]
     assert gp.plot(gp.Crystal.on("chain", [STEEL]).at_force(20.0)).axes[0].get_legend() is None
 
 
