@@ -29,7 +29,7 @@ from granphon.array.options import ReducedLoad
 from granphon.array.preconditioners import Patches, Put
 from granphon.array.pressed_array import PressedArray
 from granphon.array.pressed_place import PressedGeometry, PressedPlace, PressedTangent
-from granphon.array.stencils import HOLDING, Motion, dot
+from granphon.array.stencils import OPTIONS, Motion, dot
 from granphon.base.arrays import Array, Flags, Index
 from granphon.contacts import grid_product
 from granphon.contacts.friction import Contacts, FrictionLaw, Tangent
@@ -620,7 +620,7 @@ class LinearSteps:
         many iterations are needed.
         """
         level = float(np.mean(tangent.stiffness))
-        alone = product.invert_alone(HOLDING * level)
+        alone = product.invert_alone(OPTIONS.grid.holding * level)
         green = self._stencils.green_preconditioner(np.float32, level)
 
         fields = (self._stencils.n_fields, 1, math.prod(self._stencils.shape))

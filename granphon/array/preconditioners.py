@@ -20,7 +20,7 @@ import numpy as np
 
 from granphon.array.pressed_place import PressedTangent
 from granphon.array.sparse_matrices import compose
-from granphon.array.stencils import HOLDING, Stencils, number_cells
+from granphon.array.stencils import OPTIONS, Stencils, number_cells
 from granphon.base.arrays import Array, Index
 from granphon.dynamics.factors import factorise
 
@@ -139,7 +139,8 @@ class Patches:
             for line, column, values in parts
         )
         size = m * balls.size
-        matrix = compose(entries, (size, size)) + HOLDING * eye_array(size, format="csr")
+        spring = OPTIONS.grid.holding
+        matrix = compose(entries, (size, size)) + spring * eye_array(size, format="csr")
         try:
             factors = factorise(matrix, symmetric=False, approximate=True)
         except RuntimeError:  # the matrix is singular to the last digit

@@ -28,20 +28,13 @@ from granphon.contacts.shift_product import ContactHessian, ContactOperator
 from granphon.dynamics.deformation_rows import contact_rows, strain_rows
 from granphon.dynamics.linalg import invert_hermitian
 from granphon.statics.green import multiply_waves
+from granphon.statics.options import RestOptions
 
 #: number of elements of one array that are worked on at a time, so that they stay in the
 #: processor's cache
 CACHED = 2**15
-#: stiffness, over the mean, that preconditioners add to contacts or balls: a ball may have no
-#: contact, and its block has an inverse all the same
-HOLDING = 1e-5
-#: part of the motion to its own balance that each ball makes before and after Green's function
-_DAMPED = 0.8
-#: standard deviation of stiffnesses, over their mean, up to which Green's function alone is the
-#: preconditioner
-_UNEVEN = 0.1
-#: number of wave vectors at which matrices are inverted at a time
-_WAVES = 2**15
+#: numbers of preconditioners on a grid, which have one table with those of the search for rest
+OPTIONS = RestOptions()
 #: difference of a coefficient of C from a whole number that is rounding
 _ROUNDED = 1e-12
 #: least sine of the angle between a normal and those before it, for displacements to be projected
@@ -330,7 +323,7 @@ class Stencils:
         waves = (*shape[:-1], shape[-1] // 2 + 1)
         entries = np.zeros((fields, fields, *waves), float if real else complex)
         still = self._project_on_translations()
-        step = max(1, _WAVES * shape[0] // max(1, math.prod(waves)))
+        step = max(1, OPTIONS.grid.waves * shape[0] // max(1, math.prod(waves)))
         for first in range(0, waves[0], step):
             ticks = [np.arange(count) for count in waves]
             ticks[0] = ticks[0][first : first + step]
@@ -419,7 +412,7 @@ class Stencils:
         normal = stiffness[: self.n_contacts]
         mean = float(np.mean(normal))
         green = self.green_preconditioner(stiffness.dtype, mean)
-        if float(np.std(normal)) <= _UNEVEN * mean:
+        if float(np.std(normal)) <= OPTIONS.even * mean:
             return green
         if any(self.motions.is_rotation):
             alone = self.block_jacobi(stiffness)
@@ -435,7 +428,7 @@ class Stencils:
         # with less than the whole motion of a ball the inverse is positive definite. With its
         # rotations taken apart it would not be
         hessian = product or self.hessian(stiffness)
-        smooth = self.block_jacobi(stiffness, _DAMPED)
+        smooth = self.block_jacobi(stiffness, OPTIONS.grid.damped)
 
         def apply(force: Array) -> Array:
             """Return the motion of one cycle: smoothed, corrected by Green's function, and smoothed
@@ -490,7 +483,7 @@ class Stencils:
         Displacements and rotations of a ball do not couple in it. ``stiffness`` (rows, L1, ..., Lp)
         is the diagonal of K.
         """
-        spring = HOLDING * float(np.mean(stiffness[: self.n_contacts]))
+        spring = OPTIONS.grid.holding * float(np.mean(stiffness[: self.n_contacts]))
         ratios = np.array([float(kind.stiffness) for kind in self._kinds]).repeat(self.n_contacts)
         # the upper triangles of all blocks, row after row: sums over the contacts of a ball
         pairs = [

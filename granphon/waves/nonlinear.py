@@ -933,10 +933,16 @@ class _RateBound:
         stiffness = self._count_stiffest(stiffness)
         none = np.zeros(0, np.intp)
         *_, normal, side, root = losses.list_dashpots(none, none)
-        of_root = root * np.sqrt(stiffness)
-        in_proportion = np.max(losses.damping) * self._bound(stiffness, stiffness)
-        viscous = self._bound(normal + of_root, (side + of_root) * self._per_slip)
-        return float(np.max(in_proportion) + np.max(viscous) + np.max(losses.drag))
+        rate = np.max(losses.drag)
+        # a run looks for its stiffest allowed contact in many calls, most often without dashpots
+        longest = np.max(losses.damping)
+        if longest > 0.0:
+            rate = rate + longest * np.max(self._bound(stiffness, stiffness))
+        if np.any(normal) or np.any(side) or np.any(root):
+            of_root = root * np.sqrt(stiffness)
+            viscous = self._bound(normal + of_root, (side + of_root) * self._per_slip)
+            rate = rate + np.max(viscous)
+        return float(rate)
 
     def _count_stiffest(self, stiffness: Array) -> Array:
         """Return the stiffness (n_c,), N/m, of the contacts of the network, each raised to that of

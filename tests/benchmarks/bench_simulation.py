@@ -299,7 +299,7 @@ def seconds(repeats: int) -> list[Row]:
 
 #: memory first: it is measured in a process that inherits the peak of this one
 PARTS: dict[str, Part] = {
-    "memory": memory(1024, 1.2),
+    "memory": memory(1024, 0.45),
     "direct": direct,
     "growth": growth,
     "near": near_threshold,
