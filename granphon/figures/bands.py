@@ -16,6 +16,7 @@ from typing import Any
 from granphon.figures.scales import (
     POLARISATION,
     ROTATION,
+    STANDARD_ERROR,
     add_part_bar,
     count_columns,
     draw_error_band,
@@ -839,10 +840,6 @@ def bands_figure(
     return figure
 
 
-#: label of fields of standard errors
-_FIELD = "standard error"
-
-
 def _add_joint_legend(figure: Figure, axes: Any) -> None:
     """Add the legend of all ``axes``, each label once, below a figure; none where the total density
     would be its only entry.
@@ -852,13 +849,14 @@ def _add_joint_legend(figure: Figure, axes: Any) -> None:
     for ax in axes[::-1]:
         handles, labels = ax.get_legend_handles_labels()
         handles_by_label.update(zip(labels, handles, strict=True))
-    field = handles_by_label.get(_FIELD)
-    sized = next((label for label in handles_by_label if label.startswith(f"{_FIELD} ")), None)
+    field = handles_by_label.get(STANDARD_ERROR)
+    sizes = (label for label in handles_by_label if label.startswith(f"{STANDARD_ERROR} "))
+    sized = next(sizes, None)
     if field is not None and sized is not None:
         # the entry of the density, whose field can be seen, tells the size of those of the bands
         del handles_by_label[sized]
-        del handles_by_label[_FIELD]
-        handles_by_label[f"{_FIELD} (bands{sized.removeprefix(_FIELD)})"] = field
+        del handles_by_label[STANDARD_ERROR]
+        handles_by_label[f"{STANDARD_ERROR} (bands{sized.removeprefix(STANDARD_ERROR)})"] = field
     if set(handles_by_label) - {"total"}:
         labels = list(handles_by_label)
         has_one_row = sum(map(len, labels)) <= _LETTERS_OF_ROW

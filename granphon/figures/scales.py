@@ -46,6 +46,8 @@ if TYPE_CHECKING:
 _HIDDEN = 3e-3
 #: value over the greatest above which the legend tells its relative error: others are near zero
 _LEAST_TOLD = 1e-3
+#: label of bands of standard errors
+STANDARD_ERROR = "standard error"
 #: greatest number of records of the log of an import
 _MOST_RECORDS = 1000
 
@@ -326,7 +328,7 @@ def make_error_handle(values: ArrayLike = (), errors: ArrayLike = (), of: str = 
     relative = np.divide(errors_known, sizes, out=np.zeros(sizes.shape), where=sizes > 0.0)
     is_told = (relative > 0.0) & (sizes > _LEAST_TOLD * np.max(sizes, initial=0.0))
     style: dict[str, Any] = {"color": "0.3", "alpha": 0.3, "linewidth": 5.0}
-    label = "standard error"
+    label = STANDARD_ERROR
     if np.any(is_told):
         told = relative[is_told]
         # of equal ends one is written

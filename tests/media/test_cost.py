@@ -580,3 +580,19 @@ def test_an_estimate_is_in_the_geometry_that_the_load_chooses():
         assert [medium.geometry for medium, _ in medium.by_geometry(load)] == [geometry]
         expected = replace(medium, geometry=geometry).find_memory(load)
         assert estimate(medium, load).working == expected
+
+
+@pytest.mark.parametrize(
+    ("first", "later", "calls", "expected"),
+    [(0.5, 0.03, 3, 0.03), (2.0, 0.03, 1, 2.0), (0.03, 0.03, 3, 0.03)],
+)
+def test_imports_of_the_first_call_are_not_in_the_time(monkeypatch, first, later, calls, expected):
+    """A clock that the calls alone move; a long piece of work is done once."""
+    durations = []
+    monkeypatch.setattr("granphon.media.cost.process_time", lambda: sum(durations))
+
+    def do_piece():
+        durations.append(later if durations else first)
+
+    assert cost.time_once(do_piece) == pytest.approx(expected)
+    assert len(durations) == calls
