@@ -12,7 +12,7 @@ import itertools
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property, lru_cache
-from typing import Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,15 +35,11 @@ from granphon.dynamics.deformation_rows import find_anchors, find_gyration
 from granphon.dynamics.large_cells import BYTES, LargeCell
 from granphon.dynamics.linalg import MANY_COLUMNS
 from granphon.dynamics.long_waves import LongWaves
-from granphon.dynamics.sensitivities import (
-    ModeEnergies,
-    average_equal,
-    number_equal,
-    sum_kinds,
-    turn_motions,
-)
 from granphon.dynamics.sparse_relaxation import compose_ends
 from granphon.networks.network import ContactNetwork
+
+if TYPE_CHECKING:
+    from granphon.dynamics.sensitivities import ModeEnergies
 
 _Result = TypeVar("_Result")
 #: number of entries of C(q) that are computed together: 64 MB of complex numbers
@@ -432,6 +428,9 @@ class ContactLattice(LongWaves):
         InputError : the energies do not fit into memory.
         InstabilityError : a squared frequency is negative.
         """
+        # frequencies alone do not need the derivatives
+        from granphon.dynamics.sensitivities import ModeEnergies, turn_motions
+
         q = as_wavevectors(wavevectors, self.periods)
         if branches is None:
             branches = np.broadcast_to(np.arange(self.n_branches), (len(q), self.n_branches))
@@ -462,6 +461,8 @@ class ContactLattice(LongWaves):
         ``turn`` (motions, motions) takes the motions of each ball to those along the axes that are
         asked for.
         """
+        from granphon.dynamics.sensitivities import ModeEnergies, average_equal, number_equal
+
         frequencies, vectors = self._find_vectors(q)
         # modes of one frequency are a group; all modes of the groups of the branches are needed
         groups = number_equal(frequencies)
@@ -534,6 +535,8 @@ class ContactLattice(LongWaves):
 
         ``vectors`` (n_q, n_branches, m) are those of the modes, and q (n_q, p) the wave vectors.
         """
+        from granphon.dynamics.sensitivities import sum_kinds
+
         rows = self.unit_rows
         count = len(self.contacts)
         head, tail = compose_ends(self, rows, np.ones((len(rows), count)))

@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,14 +24,10 @@ from granphon.dynamics.branches import AcousticBranch, AcousticBranches, follow_
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.elasticity import anisotropy, bulk_and_shear, shears, voigt_names
 from granphon.media.state import ContactState, State, as_state, given_state
-from granphon.observables.sensitivities import (
-    ModuliSensitivities,
-    VelocitySensitivities,
-    find_moduli_sensitivities,
-    find_velocity_sensitivities,
-    list_networks,
-)
 from granphon.observables.validity import find_warnings
+
+if TYPE_CHECKING:
+    from granphon.observables.sensitivities import ModuliSensitivities, VelocitySensitivities
 
 #: largest deviation, over the bulk modulus, of the stress under a strain that is the same along all
 #: axes from a pressure, which is taken for rounding
@@ -119,6 +115,9 @@ class SoundVelocities(Result):
         Raises :class:`~granphon.base.errors.InputError` for velocities of a simulation, which are
         means over samples, and for those that were read from a file or a copy.
         """
+        # velocities alone do not need the derivatives
+        from granphon.observables.sensitivities import find_velocity_sensitivities, list_networks
+
         networks = list_networks(self._state, "sound_velocities")
         shape = np.shape(self.velocities)[: -np.ndim(self.direction)]
         return find_velocity_sensitivities(networks, shape, self.direction)
@@ -353,6 +352,9 @@ class Moduli(Result):
         Raises :class:`~granphon.base.errors.InputError` for moduli of a simulation, which are means
         over samples, and for those that were read from a file or a copy.
         """
+        # moduli alone do not need the derivatives
+        from granphon.observables.sensitivities import find_moduli_sensitivities, list_networks
+
         networks = list_networks(self._state, "moduli")
         return find_moduli_sensitivities(networks, np.shape(self.tensor)[:-2])
 

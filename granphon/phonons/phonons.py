@@ -42,12 +42,6 @@ from granphon.dynamics.compatibility import MOST_BYTES
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.damping import DampedModes, GivenLosses, Losses, damp_evenly, damp_unevenly
 from granphon.dynamics.half_space import HalfSpace
-from granphon.dynamics.sensitivities import (
-    FrequencySensitivities,
-    ModeEnergies,
-    Place,
-    find_frequency_sensitivities,
-)
 from granphon.media import cost as costs
 from granphon.media.cost import Cost
 from granphon.media.state import State, as_state, given_state
@@ -72,6 +66,7 @@ from granphon.phonons.phonopy_atoms import OFFSET, name_atoms, place_atoms, plac
 from granphon.phonons.zone_mesh import ZoneMesh, find_point_group
 
 if TYPE_CHECKING:
+    from granphon.dynamics.sensitivities import FrequencySensitivities, ModeEnergies
     from granphon.phonons.phonopy_bridge import ContactPhonopy
 
 
@@ -594,6 +589,9 @@ class Phonons:
 
         ``qpoints`` (n_q, b, 3) are the wave vectors, if these differ from frequency to frequency.
         """
+        # frequencies alone do not need the derivatives
+        from granphon.dynamics.sensitivities import Place, find_frequency_sensitivities
+
         network = given_network(self.state)
         balls = np.flatnonzero(network.moving)
         place = Place(network, self.scales, balls, np.flatnonzero(network.in_lattice))
@@ -988,6 +986,8 @@ class Phonons:
         that at one of them. It is the derivative of the edge if the change of the parameters keeps
         the symmetry. The lower edge of a gap below all branches is zero, and has no derivative.
         """
+        from granphon.dynamics.sensitivities import ModeEnergies
+
         gaps = self._find_gap_edges(mesh)
         count = len(gaps.branches_below)
         branches = gaps.branches_below[:, None] + np.array([-1, 0])  # below and above each gap

@@ -71,7 +71,7 @@ def _frequencies_kind(column: str) -> Kind:
         """Return the frequencies, Hz, of a list or of the table that a text names."""
         if not (isinstance(value, str) and context.written):
             return list_kind.read(value, context)  # type: ignore[no-any-return]
-        with refusing(value, f"frequencies, or a table with a column {column}"):
+        with refusing(value, f"a list, as [6.5 kHz], or a table with a column {column}"):
             table = Table.read(context.folder / value, quoted=False)
             return tuple(table.column(column, FREQUENCY).tolist())
 
