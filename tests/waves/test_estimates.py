@@ -189,3 +189,16 @@ def test_modes_are_refused_before_the_network_is_found_stable(network, monkeypat
     ):
         with pytest.raises(InputError):
             getattr(waves, name)(*arguments)
+
+
+def test_frames_of_a_pulse_take_memory(network):
+    waves = gp.Waves(network)
+    arguments = (3e5, (1, 0), 1e-2, 2.0)
+    frames = np.linspace(0.0, 1e-5, 1000)
+    without, found = (
+        waves.estimate("transmit", *arguments, **options) for options in ({}, {"frames": frames})
+    )
+    velocities = waves.transmit(*arguments, frames=frames[:2]).velocities
+    # displacements and velocities as vectors, and then the velocities of all balls
+    kept = 500 * velocities.nbytes + 2.0 * 8.0 * 1000 * waves.operator.size
+    assert found.working - without.working == pytest.approx(kept, rel=0.01)
