@@ -1,9 +1,10 @@
 """Estimates of the time and memory that results of waves take, before they are found.
 
 An estimate counts the products of D with a vector, and the factorisations of D. The time of a
-product is measured once, with D itself. The time of factors follows from the number of motions
-(:func:`granphon.array.sparse_matrices.estimate_factors`). The memory is that of D while it is made,
-and of vectors. Arguments of a result are checked as by the result itself.
+product is measured once, with D itself. The time and memory of factors follow from the numbers of
+motions and contacts (:meth:`granphon.waves.operator.WaveOperator.estimate_factors`). The memory is
+that of D while it is made, and of vectors. Arguments of a result are checked as by the result
+itself.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from granphon.array.sparse_matrices import estimate_factors
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
 from granphon.base.validation import finite_array, frequency_array, one_of
@@ -128,7 +128,7 @@ class WaveEstimate:
         ``words`` name the result.
         """
         operator = self.operator
-        seconds, memory = estimate_factors(operator.size, operator.network.dimension)
+        seconds, memory = operator.estimate_factors()
         n_balls = operator.balls.size
         return Cost(
             self._matrix_bytes + memory,
@@ -291,9 +291,7 @@ class WaveEstimate:
             seconds += of_slices
         else:
             # strips are mostly narrow: their factors cost less than those of a cube
-            of_factors, _bytes = estimate_factors(
-                self.operator.size, self.operator.network.dimension
-            )
+            of_factors, _bytes = self.operator.estimate_factors()
             seconds += min(of_factors, of_slices)
         words = f"transmission at {counted(count, 'frequency', 'frequencies')}"
         return Cost(
