@@ -20,9 +20,18 @@ LARGEST_UNSYMMETRIC = {1: 1_000_000, 2: 300_000, 3: 12_000}
 LARGEST_FACTORS = LARGEST_UNSYMMETRIC | ({3: 120_000} if find_spec("rslab") else {})
 #: c and p, by dimension: to make complex factors of n motions takes c n^p seconds for each motion
 _FACTORS_TIME = {1: (3.6e-7, 0.0), 2: (1.8e-7, 0.5), 3: (2.1e-8, 1.0)}
-#: c and p, by dimension: to make complex factors of n motions takes c n^p bytes for each motion; of
-#: lattices that are not the densest, and of packings, they take down to a quarter of that
-_FACTORS_BYTES = {1: (5e3, 0.0), 2: (15e3, 0.0), 3: (1.6e3, 0.33)}
+#: c and p, by dimension: to make complex factors of n motions takes c n^p bytes for each motion and
+#: each contact of a ball, and :data:`_LIBRARY_BYTES`. In a plane and in space this is a bound of
+#: what processes took for triangular, square, simple and body-centred cubic, and close-packed
+#: lattices and packings with 4.6 to 7.8 contacts a ball, of 3000 to 120,000 motions. Beyond 10,000
+#: motions triangular and close-packed lattices took 80 to 95 percent of it, packings 50 to 85
+_FACTORS_BYTES = (
+    {1: (2.5e3, 0.0), 2: (500.0, 0.05), 3: (145.0, 0.33)}
+    if find_spec("rslab")
+    else {1: (2.5e3, 0.0), 2: (700.0, 0.05), 3: (8.5, 0.67)}  # of SuperLU
+)
+#: bytes that the library of factors takes when it is loaded, and at its first factors
+_LIBRARY_BYTES = 8e7
 
 
 def compose(
@@ -64,13 +73,14 @@ def share_places(matrices: Iterable[Any]) -> list[Any]:
     return [every, *entries]
 
 
-def estimate_factors(motions: int, dimension: int) -> tuple[float, float]:
-    """Return the time, s, and bytes of the factors of a complex matrix; infinite if it is too large
-    to be factorised.
+def estimate_factors(motions: int, dimension: int, contacts: float) -> tuple[float, float]:
+    """Return the time, s, and bytes of the factors of a complex matrix of balls with a mean number
+    of ``contacts``; infinite if it is too large to be factorised.
     """
     if motions > LARGEST_FACTORS[dimension]:
         return math.inf, math.inf
     time_per_motion, time_power = _FACTORS_TIME[dimension]
-    bytes_per_motion, bytes_power = _FACTORS_BYTES[dimension]
     time = time_per_motion * motions * float(motions) ** time_power
-    return time, bytes_per_motion * motions * float(motions) ** bytes_power
+    bytes_per_contact, bytes_power = _FACTORS_BYTES[dimension]
+    memory = bytes_per_contact * contacts * motions * float(motions) ** bytes_power
+    return time, _LIBRARY_BYTES + memory

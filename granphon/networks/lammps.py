@@ -666,6 +666,12 @@ def _warn_of_lost(network: Any) -> None:
         lost.append("static torques of contacts with flat walls")
     if network.on_site is not None and np.any(network.on_site):
         lost.append("springs to the ground")
+    if network.adhesive:
+        n_pulling = np.count_nonzero(network.normal_force < 0.0)
+        lost.append(
+            "that contacts adhere, so that those which pull are refused where dumps are read"
+            f" ({n_pulling:,} of {network.n_contacts:,})"
+        )
     scatter = _find_scatter(network)
     if scatter > _SAME_SPRINGS:
         lost.append(

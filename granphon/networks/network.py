@@ -1440,8 +1440,9 @@ class ContactNetwork(Result):
         Stiffnesses are left out, as they follow from the material. Folders are made if need be.
 
         Warns (:class:`~granphon.base.errors.InconsistencyWarning`) of what is lost: stiffnesses
-        that are not of one material, with their greatest difference, springs to the ground, and
-        static torques at flat walls. :meth:`write_tables` keeps these.
+        that are not of one material, with their greatest difference, springs to the ground, static
+        torques at flat walls, and that contacts adhere: :meth:`from_lammps` refuses those which
+        pull. :meth:`write_tables` keeps these.
 
         Raises :class:`~granphon.base.errors.InputError` for a cell whose first vector is not along
         x or whose second one leaves the xy plane, and for two names of one file, and OutputError

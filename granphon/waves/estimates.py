@@ -1,9 +1,10 @@
 """Estimates of the time and memory that results of waves take, before they are found.
 
 An estimate counts the products of D with a vector, and the factorisations of D. The time of a
-product is measured once, with D itself. The time of factors follows from the number of motions
-(:func:`granphon.array.sparse_matrices.estimate_factors`). The memory is that of D while it is made,
-and of vectors. Arguments of a result are checked as by the result itself.
+product is measured once, with D itself. The time and memory of factors follow from the numbers of
+motions and contacts (:meth:`granphon.waves.operator.WaveOperator.estimate_factors`). The memory is
+that of D while it is made, and of vectors. Arguments of a result are checked as by the result
+itself.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from granphon.array.sparse_matrices import estimate_factors
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
 from granphon.base.validation import finite_array, frequency_array, one_of
@@ -31,7 +31,7 @@ from granphon.waves.dos import DensityRequest
 from granphon.waves.lowest import estimate_lowest
 from granphon.waves.modes import DENSE, estimate_modes, require_countable
 from granphon.waves.operator import WaveOperator
-from granphon.waves.pulses import PulseSource, count_products
+from granphon.waves.pulses import PulseSource, count_products, find_frames_memory
 from granphon.waves.response import TOLERANCE, Places, ResponseOptions, ResponseWork
 from granphon.waves.scattering import TransmissionWork
 from granphon.waves.spectral_functions import PlaneWaves
@@ -128,7 +128,7 @@ class WaveEstimate:
         ``words`` name the result.
         """
         operator = self.operator
-        seconds, memory = estimate_factors(operator.size, operator.network.dimension)
+        seconds, memory = operator.estimate_factors()
         n_balls = operator.balls.size
         return Cost(
             self._matrix_bytes + memory,
@@ -169,9 +169,14 @@ class WaveEstimate:
         )
 
     def _find_spectra(
-        self, q: Any, polarisation: Any = "longitudinal", resolution: float | None = None,
-        *, direction: Any = None, moments: int | None = None,
-    ) -> Cost:  # fmt: skip
+        self,
+        q: Any,
+        polarisation: Any = "longitudinal",
+        resolution: float | None = None,
+        *,
+        direction: Any = None,
+        moments: int | None = None,
+    ) -> Cost:
         """Return the cost of spectral functions; arguments are those of
         ``Waves.spectral_function``.
         """
@@ -222,12 +227,23 @@ class WaveEstimate:
         return self._cost_factors("modes below frequencies", float(n_factors))
 
     def _find_response(
-        self, frequencies: Any, _source: Any = None, _receiver: Any = None,
-        damping: Any = 0.0, loss_factor: Any = 0.0, *, drag: Any = 0.0, dashpot: Any = 0.0,
-        restitution: Any = 1.0, quantity: str = "displacement", direction: Any = None,
-        polarisation: Any = "longitudinal", distance: float | None = None,
-        method: str | None = None, tolerance: float = TOLERANCE,
-    ) -> Cost:  # fmt: skip
+        self,
+        frequencies: Any,
+        _source: Any = None,
+        _receiver: Any = None,
+        damping: Any = 0.0,
+        loss_factor: Any = 0.0,
+        *,
+        drag: Any = 0.0,
+        dashpot: Any = 0.0,
+        restitution: Any = 1.0,
+        quantity: str = "displacement",
+        direction: Any = None,
+        polarisation: Any = "longitudinal",
+        distance: float | None = None,
+        method: str | None = None,
+        tolerance: float = TOLERANCE,
+    ) -> Cost:
         """Return the cost of a response; arguments are those of ``Waves.response``, of which source
         and receiver do not matter.
         """
@@ -249,10 +265,19 @@ class WaveEstimate:
         return total
 
     def _find_transmission(
-        self, left: Any, right: Any, frequencies: Any, *, axis: Any = 0, q: Any = (),
-        damping: Any = 0.0, loss_factor: Any = 0.0, drag: Any = 0.0, dashpot: Any = 0.0,
+        self,
+        left: Any,
+        right: Any,
+        frequencies: Any,
+        *,
+        axis: Any = 0,
+        q: Any = (),
+        damping: Any = 0.0,
+        loss_factor: Any = 0.0,
+        drag: Any = 0.0,
+        dashpot: Any = 0.0,
         restitution: Any = 1.0,
-    ) -> Cost:  # fmt: skip
+    ) -> Cost:
         """Return the cost of a transmission through the network, between the leads ``left`` and
         ``right``; the other arguments are those of :func:`granphon.transmission`.
         """
@@ -266,9 +291,7 @@ class WaveEstimate:
             seconds += of_slices
         else:
             # strips are mostly narrow: their factors cost less than those of a cube
-            of_factors, _bytes = estimate_factors(
-                self.operator.size, self.operator.network.dimension
-            )
+            of_factors, _bytes = self.operator.estimate_factors()
             seconds += min(of_factors, of_slices)
         words = f"transmission at {counted(count, 'frequency', 'frequencies')}"
         return Cost(
@@ -297,9 +320,14 @@ class WaveEstimate:
         return self._cost_factors(words, _FACTORS_OF_MODULI)
 
     def _find_pulse(
-        self, frequency: float, direction: Any, distance: float, cycles: float = 5.0,
-        polarisation: Any = "longitudinal", **options: Any,
-    ) -> Cost:  # fmt: skip
+        self,
+        frequency: float,
+        direction: Any,
+        distance: float,
+        cycles: float = 5.0,
+        polarisation: Any = "longitudinal",
+        **options: Any,
+    ) -> Cost:
         """Return the cost of a pulse; arguments are those of ``Waves.transmit``."""
         tangential = options.pop("tangential_damping", None)
         losses = GivenLosses.take(options).with_tangential(tangential)
@@ -307,4 +335,8 @@ class WaveEstimate:
             frequency, direction, distance, cycles, polarisation, losses=losses, **options
         )
         products = count_products(self.operator, request)
-        return self._cost_products(f"pulse of {write_quantity(frequency, 'Hz')}", products)
+        n_frames = np.size(request.frames)
+        memory = find_frames_memory(n_frames, self.operator.network.n_balls, self.operator.size)
+        return self._cost_products(
+            f"pulse of {write_quantity(frequency, 'Hz')}", products, memory=memory
+        )

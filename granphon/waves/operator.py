@@ -39,6 +39,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
+from granphon.array.sparse_matrices import estimate_factors
 from granphon.balls.lattices import Lattice
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError, InstabilityError, message
@@ -130,6 +131,13 @@ class WaveOperator(LinearOperator):
     def size(self) -> int:
         """Number of motions of all balls that move."""
         return int(self.shape[0])
+
+    def estimate_factors(self) -> tuple[float, float]:
+        """Return the time, s, and bytes of factors of D less a complex number; infinite if D is too
+        large to be factorised.
+        """
+        contacts = 2.0 * self.network.n_contacts / self.balls.size
+        return estimate_factors(self.size, self.network.dimension, contacts)
 
     # -- vectors and values of balls ---------------------------------------------------------------
 

@@ -387,13 +387,13 @@ class Spans:
     radius: float
 
     @classmethod
-    def of(cls, operator: WaveOperator, burst: ToneBurst, losses: Losses) -> Spans:
-        """Return the spans of the network of the ``operator`` with its ``losses`` under a
-        ``burst``.
+    def of(cls, top: float, burst: ToneBurst, losses: Losses) -> Spans:
+        """Return the spans of a network with its ``losses`` under a ``burst``; ``top``, 1/s, is the
+        bound of its frequencies.
         """
-        greatest_damping = np.max(losses.times) * operator.top**2 + np.max(losses.drag)
+        greatest_damping = np.max(losses.times) * top**2 + np.max(losses.drag)
         _, omegas = burst.waves
-        radius = max(operator.top, float(np.max(omegas)))
+        radius = max(top, float(np.max(omegas)))
         return cls(0.5 * float(greatest_damping), radius)
 
     @property
@@ -450,7 +450,7 @@ class ViscousPropagation:
         self.operator = operator
         self.burst = burst
         self._viscous = operator.resist(losses)
-        self._spans = Spans.of(operator, burst, losses)
+        self._spans = Spans.of(operator.top, burst, losses)
         amplitudes, self._omegas = burst.waves
         # alpha of the source; see the head of this module
         self._alpha = _SOURCE_SIZE * float(np.linalg.norm(push)) / self._spans.radius

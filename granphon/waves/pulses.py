@@ -1480,7 +1480,8 @@ def require_sendable(network: ContactNetwork, request: PulseSource) -> None:
     limit = MARGIN * operator.top / (2.0 * math.pi)
     if burst.frequency > limit:
         raise _explain_unreachable(burst.frequency, f"which is below {limit:.4g} Hz")
-    _require_short(operator, burst, route.last / MARGIN)
+    losses = Losses.of(route.course.network, request.losses)
+    _require_short(operator.top / MARGIN, burst, route.last, losses)
 
 
 def transmit(
@@ -1507,7 +1508,7 @@ def transmit(
         operator = make_operator(course.network, progress)
         if not course.at_rest:
             require_stable(operator)
-    _require_short(operator, burst, route.last, losses)
+    _require_short(operator.top, burst, route.last, losses)
     _require_frames_memory(len(route.frames), network.n_balls, operator.size)
     _require_reached(operator, burst.frequency)
     motions = _propagate(route, operator, losses)
@@ -1556,10 +1557,10 @@ def count_products(operator: WaveOperator, request: PulseSource) -> float:
         raise _explain_unreachable(route.burst.frequency, f"which is below {limit:.4g} Hz")
     _require_frames_memory(len(route.frames), operator.network.n_balls, operator.size)
     losses = Losses.of(route.course.network, request.losses)
-    _require_short(operator, route.burst, route.last, losses)
+    _require_short(operator.top, route.burst, route.last, losses)
     even_losses = losses.find_even()
     if even_losses is None:
-        spans = Spans.of(operator, route.burst, losses)
+        spans = Spans.of(operator.top, route.burst, losses)
         return _UNEVEN_PRODUCTS * spans.count_products(route.last)
     _, time, drag = even_losses
     no_push = np.zeros(0)
@@ -1573,12 +1574,18 @@ def _find_mean(values: Array) -> float:
     return float(values[0] if np.ptp(values) == 0.0 else np.mean(values))
 
 
+def find_frames_memory(n_frames: int, n_balls: int, size: int) -> float:
+    """Return the memory, bytes, of ``n_frames`` frames of ``n_balls`` balls: each has the
+    velocities of all balls, and displacements and velocities as vectors (size,).
+    """
+    return 8.0 * n_frames * (3.0 * n_balls + 2.0 * size)  # 8 bytes for each number
+
+
 def _require_frames_memory(n_frames: int, n_balls: int, size: int) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if ``n_frames`` frames of ``n_balls`` balls
-    do not fit into memory: each has the velocities of all balls, and displacements and velocities
-    as vectors (size,).
+    do not fit into memory.
     """
-    memory = 8.0 * n_frames * (3.0 * n_balls + 2.0 * size)  # 8 bytes for each number
+    memory = find_frames_memory(n_frames, n_balls, size)
     require_memory(f"{n_frames:,} frames of {n_balls:,} balls", memory, "Give fewer frames")
 
 
@@ -1797,33 +1804,32 @@ def _explain_unreachable(hertz: float, limit: str) -> UnreachableFrequencyError:
     )
 
 
-def _require_short(
-    operator: WaveOperator, burst: ToneBurst, duration: float, losses: Losses | None = None
-) -> None:
+def _require_short(top: float, burst: ToneBurst, duration: float, losses: Losses) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if the propagation of a ``burst`` over a
     ``duration``, s, up to the end of the record and the last frame, takes more than
     :data:`_MOST_PRODUCTS` products with D, or if ``losses`` are so strong that nothing moves.
+
+    ``top``, 1/s, is the bound of the frequencies of the network.
     """
-    top = write_quantity(operator.top / (2.0 * math.pi), "Hz", 3)
-    if losses is not None:
-        damping = float(np.max(losses.times))
-        if operator.top * damping > _MOST_DAMPED:
-            tau = write_quantity(damping, "s", 3)
-            longest_damping = write_quantity(_MOST_DAMPED / operator.top, "s", 3)
-            raise InputError(
-                f"with a damping of {tau} nothing moves at frequencies up to {top}",
-                mend=f"Give {longest_damping} at most",
-            )
-        if losses.find_even() is None:
-            _require_few_spans(Spans.of(operator, burst, losses), duration, f"up to {top}")
-            return
-    products = 0.5 * operator.top * duration
+    highest = write_quantity(top / (2.0 * math.pi), "Hz", 3)
+    damping = float(np.max(losses.times))
+    if top * damping > _MOST_DAMPED:
+        tau = write_quantity(damping, "s", 3)
+        longest_damping = write_quantity(_MOST_DAMPED / top, "s", 3)
+        raise InputError(
+            f"with a damping of {tau} nothing moves at frequencies up to {highest}",
+            mend=f"Give {longest_damping} at most",
+        )
+    if losses.find_even() is None:
+        _require_few_spans(Spans.of(top, burst, losses), duration, f"up to {highest}")
+        return
+    products = 0.5 * top * duration
     if products > _MOST_PRODUCTS:
         record = write_quantity(duration, "s", 3)
-        longest = write_quantity(2.0 * _MOST_PRODUCTS / operator.top, "s", 3)
+        longest = write_quantity(2.0 * _MOST_PRODUCTS / top, "s", 3)
         raise InputError(
             f"a record of {record} takes {products:.3g} products with the matrix of the network",
-            f"Its frequencies go up to {top}, and {_MOST_PRODUCTS:,} products reach {longest}",
+            f"Its frequencies go up to {highest}, and {_MOST_PRODUCTS:,} products reach {longest}",
             "Use a higher frequency, fewer cycles, a shorter distance or duration, or earlier"
             " frames",
         )

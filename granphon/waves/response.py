@@ -59,7 +59,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.sparse_matrices import estimate_factors, share_places
+from granphon.array.sparse_matrices import share_places
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import ConvergenceError, InputError, brief
 from granphon.base.memory import require_memory
@@ -807,13 +807,13 @@ class ResponseWork:
     @cached_property
     def factor_time(self) -> float:
         """Expected time of factors at one frequency, s; infinite if the network is too large."""
-        seconds, _ = estimate_factors(self.operator.size, self.operator.network.dimension)
+        seconds, _ = self.operator.estimate_factors()
         return seconds
 
     @property
     def factor_bytes(self) -> float:
         """Memory of factors while they are made, bytes; infinite if the network is too large."""
-        _, memory = estimate_factors(self.operator.size, self.operator.network.dimension)
+        _, memory = self.operator.estimate_factors()
         return memory
 
     @cached_property

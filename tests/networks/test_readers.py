@@ -619,6 +619,24 @@ def test_dumps_tell_what_they_leave_out(tmp_path):
         stiff.write_dumps(tmp_path / "atoms.dump", tmp_path / "pairs.dump")
 
 
+def test_dumps_of_contacts_that_adhere_warn_and_tables_keep_them(tmp_path):
+    lattice = gp.AveragedLattice(gp.Packing(packings.MATERIAL, 1e-2)).at_force(1.0)
+    network = lattice.network.repeat((4, 4))
+    force = network.normal_force.copy()
+    force[3] = -0.2
+    adhesive = replace(network, normal_force=force, adhesive=True)
+    files = (tmp_path / "atoms.dump", tmp_path / "pairs.dump")
+    with pytest.warns(InconsistencyWarning, match=r"adhere.*1 of 48.*write_tables"):
+        adhesive.write_dumps(*files)
+    with pytest.raises(InputError, match="force that pulls"):
+        gp.ContactNetwork.from_lammps(*files, packings.MATERIAL)
+    tables = (tmp_path / "balls.csv", tmp_path / "contacts.csv")
+    adhesive.write_tables(*tables)
+    kept = gp.ContactNetwork.from_table(*tables)
+    assert kept.adhesive
+    np.testing.assert_allclose(np.sort(kept.normal_force), np.sort(force), rtol=1e-12)
+
+
 def test_a_wall_that_touches_a_ball_twice_is_two_walls(tmp_path):
     """The corner of a box: contacts of a fix have one row for each ball."""
     network = written.layer_on_floor()

@@ -259,6 +259,11 @@ BEFORE = {
     "behind the last plane": ({"distance": "123 mm", "ends": "periodic"}, "other way round"),
     "a record that ends too soon": ({"ends": "periodic", "cycles": "9"}, "before the burst"),
     "far above the top": ({"frequency": "900 kHz"}, "above the top"),
+    "so damped that nothing moves": ({"damping": "1e9 s"}, "nothing moves"),
+    "losses that differ, of too many steps": (
+        {"damping": "[1 s, 2 s]"},
+        "products with the matrix",
+    ),
 }
 
 

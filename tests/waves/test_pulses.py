@@ -1181,7 +1181,7 @@ def test_products_of_uneven_losses_are_counted_by_the_rule_of_the_propagation(lo
     monkeypatch.setattr(propagation, "_apply", count_and_apply)
     end = 2.0 * burst.duration
     propagation.follow(lambda v: v[:1], np.linspace(0.0, end, 50), np.zeros(0))
-    expected = Spans.of(operator, burst, network_losses).count_products(end)
+    expected = Spans.of(operator.top, burst, network_losses).count_products(end)
     assert 0.5 * expected <= count <= expected
 
 

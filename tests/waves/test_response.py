@@ -1023,6 +1023,6 @@ def test_reasons_of_what_is_not_found_are_true(monkeypatch):
     place = (0, "x")
     with pytest.raises(ConvergenceError, match="loses energy"):
         waves.response([100.0], place, place, method="krylov")
-    monkeypatch.setattr("granphon.waves.response.estimate_factors", lambda *_: (math.inf, math.inf))
+    monkeypatch.setattr("granphon.waves.operator.estimate_factors", lambda *_: (math.inf, math.inf))
     with pytest.raises(ConvergenceError, match="too large to be factorised"):
         waves.response([100.0], place, place, damping=1e-6, method="direct")
