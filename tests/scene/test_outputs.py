@@ -208,22 +208,31 @@ def figure_of(_results):
     return figure
 
 
-def test_a_file_that_is_not_drawn_by_itself_names_the_command_that_draws_it(tmp_path, capsys):
-    text = """\
-material: {young_modulus: 70 GPa, poisson_ratio: 0.22, density: 2500 kg/m^3}
-packing: {diameter: 1 mm}
-load: {force: 5 N}
-observe: [sensitivities, cutoffs]
+@pytest.mark.parametrize(
+    ("observed", "name"),
+    [
+        ("cutoffs", "cutoffs.csv"),
+        pytest.param("sensitivities", "sensitivities.csv", marks=pytest.mark.slow),
+        pytest.param("cutoffs", "sweep.csv", marks=pytest.mark.slow),
+    ],
+)
+def test_a_file_that_is_not_drawn_by_itself_names_the_command_that_draws_it(
+    tmp_path, capsys, observed, name
+):
+    text = f"""\
+material: {{young_modulus: 70 GPa, poisson_ratio: 0.22, density: 2500 kg/m^3}}
+packing: {{diameter: 1 mm}}
+load: {{force: 5 N}}
+observe: [{observed}]
 """
     folder = tmp_path / "out"
     Scene.from_text(text).run(folder, figures=False)
-    for name in ("sensitivities.csv", "cutoffs.csv", "sweep.csv"):
-        assert main(["plot", str(folder / name)]) == 2
-        message = capsys.readouterr().err
-        assert message.count("\n") == 1
-        (command,) = re.findall(r"'granphon (plot [^']+)'", message)
-        words = command.split(" ")
-        out = [] if "-o" in words else ["-o", str(tmp_path / f"{name}.png")]
-        assert main([*words, *out]) == 0
-        drawn = Path((words + out)[-1])
-        assert drawn.stat().st_size > 1000
+    assert main(["plot", str(folder / name)]) == 2
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1
+    (command,) = re.findall(r"'granphon (plot [^']+)'", message)
+    words = command.split(" ")
+    out = [] if "-o" in words else ["-o", str(tmp_path / f"{name}.png")]
+    assert main([*words, *out]) == 0
+    drawn = Path((words + out)[-1])
+    assert drawn.stat().st_size > 1000
