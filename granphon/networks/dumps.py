@@ -416,8 +416,8 @@ def _split_text(lines: Lines, kind: str) -> Iterator[Frame]:
         title = _read_title(lines)
         word, *names = title.split() or [""]
         if title == "UNITS":
-            units, _own, said = lines.read().partition(OWN)
-            options = dict(item.split("=", 1) for item in said.split() if "=" in item)
+            units, _own, own_words = lines.read().partition(OWN)
+            options = dict(item.split("=", 1) for item in own_words.split() if "=" in item)
         elif title == "TIMESTEP":
             frame = Frame(lines.name, lines.read_count(), units=units, options=options)
             label = ""

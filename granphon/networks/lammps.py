@@ -192,11 +192,11 @@ def read_dumps(
         balls = add_wall(balls, label, wall)
     notes = note_pairs(touching, springs)
     notes += note_atoms(atoms, names_of_walls, frozen)
-    said: dict[str, Any] = {name: options[name] for name in _OF_NETWORK if name in options}
+    own_fields: dict[str, Any] = {name: options[name] for name in _OF_NETWORK if name in options}
     if _PRESTRESS in options:
-        said[_PRESTRESS] = options[_PRESTRESS] == str(True)
+        own_fields[_PRESTRESS] = options[_PRESTRESS] == str(True)
     source = make_source(atoms, scales, balls, lists, notes)
-    return replace(source, **{"slip_levers": "radii"} | said)
+    return replace(source, **{"slip_levers": "radii"} | own_fields)
 
 
 def make_source(
