@@ -202,7 +202,7 @@ def has_cubic_axes(lattice: Lattice) -> bool:
 
 def is_cubic(tensor: Array, tolerance: float = _ROUNDED) -> bool:
     """Return whether an elastic tensor (n, n) is that of a square or cube with edges along x, y, z,
-    and not isotropic, to a ``tolerance`` relative to the largest entry.
+    and not isotropic, to a ``tolerance`` relative to the entry that is largest without its sign.
     """
     n = len(tensor)
     p = _PERIODS[len(tensor)]
@@ -212,7 +212,7 @@ def is_cubic(tensor: Array, tolerance: float = _ROUNDED) -> bool:
     cubic[:p, :p] = tensor[0, 1]
     cubic[np.arange(p), np.arange(p)] = tensor[0, 0]
     cubic[np.arange(p, n), np.arange(p, n)] = tensor[p, p]
-    largest_error = tolerance * np.max(tensor)
+    largest_error = tolerance * np.max(np.abs(tensor))
     is_isotropic = abs(tensor[0, 0] - tensor[0, 1] - 2.0 * tensor[p, p]) < largest_error
     return bool(np.max(np.abs(tensor - cubic)) < largest_error and not is_isotropic)
 

@@ -99,7 +99,7 @@ def design(
         keep this sum. Searches begin at networks that have it: a given network, or a random one,
         that does not is changed first.
     per : "each": every ball or contact has a variable of its own. "kind": all balls of a kind, or
-        all contacts of a pair of kinds, have one variable together. Of a function it means nothing.
+        all contacts of a pair of kinds, have one variable together. Only of a network.
     restarts : number of searches from random starts, after that from the given network, or, of a
         function, from the middle of the bounds.
     seed : of the random starts.
@@ -111,8 +111,8 @@ def design(
 
     Raises
     ------
-    InputError : unknown names, no bounds, bounds that exclude the network or a sum, constraints of
-        a function, and a goal that depends on none of the variables.
+    InputError : unknown names, no bounds, bounds that exclude the network or a sum, constraints or
+        ``per`` of a function, and a goal that depends on none of the variables.
     """
     space: Numbers | Parameters
     sums: Sequence[tuple[Array, float]] = ()
@@ -120,6 +120,9 @@ def design(
         space = _read_parameters(x, vary, bounds)
         if constraints:
             raise InputError("a function of parameters has no sums", mend="Leave constraints out")
+        if per != "each":
+            refused = f"a function has no balls and contacts to group per {brief(per)}"
+            raise InputError(refused, mend="Leave per out")
     else:
         space = Numbers.of(given_network(x), vary, bounds, per)
         sums = space.read_sums(constraints)

@@ -280,6 +280,13 @@ def test_names_that_a_function_of_parameters_lacks_are_refused(vary):
         gp.design(lambda force: force, gp.WidestGap(), vary, {"load": (1, 2), "force": (1, 2)})
 
 
+@pytest.mark.parametrize("options", [{"per": "kind"}, {"constraints": {"force": 1.0}}])
+def test_groups_and_sums_of_a_function_of_parameters_are_refused(options):
+    (word,) = options
+    with pytest.raises(InputError, match=word):
+        gp.design(lambda force: force, gp.WidestGap(), "force", (1.0, 2.0), **options)
+
+
 def test_what_cannot_vary_is_refused(chain):
     still = replace(chain, masses=np.full(2, np.inf), inertias=np.full(2, np.inf))
     with pytest.raises(InputError, match="no mass to vary"):
