@@ -228,8 +228,9 @@ class PosedDesign:
         return cost
 
     def describe(self) -> list[tuple[str, Any, str]]:
-        """Return rows (name, value, SI unit) on the unknowns and on the goal at the start, of a
-        gap the smooth width, with which the search begins, or that it is closed.
+        """Return two rows (name, value, SI unit): the number and names of the unknowns, and the
+        value of the goal at the start of the search. The value of the widest gap is its smooth
+        width, or words where that gap is closed.
         """
         problem = self.problem
         space = problem.space

@@ -72,7 +72,7 @@ if TYPE_CHECKING:
     from granphon.phonons.surfaces import SurfaceSpectrum
     from granphon.runs.dataset import Dataset
     from granphon.scene.design import PosedDesign
-    from granphon.scene.uncertainty import Spread
+    from granphon.scene.uncertainty import ErrorPropagation
 
 
 #: the file, in the folder of the result, in which finished tasks are kept until the result has been
@@ -290,10 +290,10 @@ class Scene(SceneValues):
                     with progress.step(row.label):
                         result.values[row.name] = row.find_value(result)
         if self.errors:
-            self._spread_errors(result, executor, progress)
+            self._propagate_errors(result, executor, progress)
         return result
 
-    def _spread_errors(
+    def _propagate_errors(
         self, result: RunResult, executor: Executor | None, progress: Progress
     ) -> None:
         """Add the standard errors that follow from those of the parameters to the values of a
@@ -304,13 +304,13 @@ class Scene(SceneValues):
         from granphon.scene.uncertainty import warn_of_lacking
 
         pairs = self._compute_shifted(result, executor, progress)
-        dataset, spreads = self._spread_over_states(result, pairs, executor)
+        dataset, propagations = self._propagate_to_states(result, pairs, executor)
         if OUTPUTS["errors"] in result.rows:
-            spreads.append(self._spread_over_summary(result, dataset, pairs))
+            propagations.append(self._propagate_to_summary(result, dataset, pairs))
         for row in result.rows:
             if row.columns is not None and result[row.name] is not None:
-                spreads.append(self._spread_over_table(row, result, pairs))
-        result.values["states"] = warn_of_lacking(dataset, spreads)
+                propagations.append(self._propagate_to_table(row, result, pairs))
+        result.values["states"] = warn_of_lacking(dataset, propagations)
 
     def _compute_shifted(
         self, result: RunResult, executor: Executor | None, progress: Progress
@@ -330,71 +330,79 @@ class Scene(SceneValues):
                 step.advance()
         return pairs
 
-    def _spread_over_states(
+    def _propagate_to_states(
         self,
         result: RunResult,
         pairs: Sequence[tuple[RunResult, RunResult]],
         executor: Executor | None,
-    ) -> tuple[Dataset, list[Spread]]:
-        """Return the data set of the ``result`` with standard errors, and the spreads from which
-        these are: that of the results of the shifted scenes, ``pairs``, and for waves of an edge,
-        gaps and peaks, if there are any, one of small changes, whose scenes are computed.
+    ) -> tuple[Dataset, list[ErrorPropagation]]:
+        """Return the data set of the ``result`` with standard errors, and the propagations that
+        found them: one from the results of the shifted scenes, ``pairs``, and, if the data set has
+        waves of an edge, gaps or peaks, one from slightly shifted scenes, which are computed.
         """
-        from granphon.scene.uncertainty import Spread, is_near
+        from granphon.scene.uncertainty import ErrorPropagation, is_by_small_change
 
-        spread_of_states = Spread.of(
+        whole_names = list[str]()
+        small_names = list[str]()
+        for name in map(str, result.dataset.data_vars):
+            names = small_names if is_by_small_change(name) else whole_names
+            names.append(name)
+        by_whole_errors = ErrorPropagation.of(
             self, [(lower.dataset, upper.dataset) for lower, upper in pairs]
         )
-        spreads = [spread_of_states]
-        names = [str(name) for name in result.dataset.data_vars]
-        dataset = spread_of_states.add_to(
-            result.dataset, [name for name in names if not is_near(name)]
-        )
-        near_names = [name for name in names if is_near(name)]
-        if near_names:
-            near_pairs = [
+        propagations = [by_whole_errors]
+        dataset = by_whole_errors.add_to(result.dataset, whole_names)
+        if small_names:
+            slight_pairs = [
                 (lower.plan.sweep(silent, executor), upper.plan.sweep(silent, executor))
-                for lower, upper in self._shifted_a_little
+                for lower, upper in self._slightly_shifted
             ]
-            spread_of_near = Spread.of_small_changes(self, near_pairs)
-            spreads.append(spread_of_near)
-            dataset = spread_of_near.add_to(dataset, near_names)
-        return dataset, spreads
+            by_small_changes = ErrorPropagation.of_small_changes(self, slight_pairs)
+            propagations.append(by_small_changes)
+            dataset = by_small_changes.add_to(dataset, small_names)
+        return dataset, propagations
 
-    def _spread_over_summary(
+    def _propagate_to_summary(
         self, result: RunResult, dataset: Dataset, pairs: Sequence[tuple[RunResult, RunResult]]
-    ) -> Spread:
+    ) -> ErrorPropagation:
         """Put the standard errors of the summary of a single state, among them those of numbers
-        that no data set has, into the output "errors" of the ``result``, and return their spread
-        over the results of the shifted scenes, ``pairs``. Those of gaps and peaks are taken from
-        the ``dataset`` with standard errors.
+        that no data set has, into the output "errors" of the ``result``, and return the propagation
+        from the results of the shifted scenes, ``pairs``. Errors of waves of an edge, gaps and
+        peaks are taken from the ``dataset`` with standard errors.
         """
-        from granphon.scene.uncertainty import Spread, is_near, list_near_errors
+        from granphon.scene.uncertainty import (
+            ErrorPropagation,
+            is_by_small_change,
+            list_errors_by_small_changes,
+        )
 
         numbers = result.summary()
-        spread = Spread.of(self, [(lower.summary(), upper.summary()) for lower, upper in pairs])
-        errors = spread.summarise({n: x for n, x in numbers.items() if not is_near(n)})
-        near_errors = list_near_errors(dataset, numbers)
-        sources = errors["errors_from"] | near_errors["errors_from"]
-        result.values["errors"] = errors | near_errors | {"errors_from": sources}
-        return spread
+        summaries = [(lower.summary(), upper.summary()) for lower, upper in pairs]
+        propagation = ErrorPropagation.of(self, summaries)
+        errors = propagation.summarise(
+            {name: value for name, value in numbers.items() if not is_by_small_change(name)}
+        )
+        errors_of_dataset = list_errors_by_small_changes(dataset, numbers)
+        sources = errors["errors_from"] | errors_of_dataset["errors_from"]
+        result.values["errors"] = errors | errors_of_dataset | {"errors_from": sources}
+        return propagation
 
-    def _spread_over_table(
+    def _propagate_to_table(
         self, row: Export, result: RunResult, pairs: Sequence[tuple[RunResult, RunResult]]
-    ) -> Spread:
+    ) -> ErrorPropagation:
         """Put the standard errors of the tables of the output ``row`` into the ``column_errors`` of
-        the ``result``, and return their spread over the results of the shifted scenes, ``pairs``;
-        what it lacks has the words for the output behind its name.
+        the ``result``, and return the propagation from the results of the shifted scenes,
+        ``pairs``; names of columns whose errors it lacks end in the words for the output.
         """
-        from granphon.scene.uncertainty import Spread
+        from granphon.scene.uncertainty import ErrorPropagation
 
         assert row.columns is not None
         tables = [(_list_columns(row, lower), _list_columns(row, upper)) for lower, upper in pairs]
-        spread = Spread.of(self, tables)
-        errors = spread.find_along(row.columns(result), row.along)
+        propagation = ErrorPropagation.of(self, tables)
+        errors = propagation.find_along(row.columns(result), row.along)
         result.column_errors[row.name] = errors
-        spread.lacking = {f"{name} of {row.label}": None for name in spread.lacking}
-        return spread
+        propagation.lacking = {f"{name} of {row.label}": None for name in propagation.lacking}
+        return propagation
 
     @cached_property
     def shifted(self) -> list[tuple[Self, Self]]:
@@ -410,13 +418,13 @@ class Scene(SceneValues):
         ]
 
     @cached_property
-    def _shifted_a_little(self) -> list[tuple[Self, Self]]:
+    def _slightly_shifted(self) -> list[tuple[Self, Self]]:
         """For each parameter with a standard error two scenes with a small change of it, which
         observe alone what has waves of an edge, gaps or peaks; empty if nothing of the scene has.
         """
-        from granphon.scene.uncertainty import shift_a_little
+        from granphon.scene.uncertainty import shift_slightly
 
-        return shift_a_little(self)
+        return shift_slightly(self)
 
     # -- the plan ----------------------------------------------------------------------------------
 
@@ -523,8 +531,8 @@ class Scene(SceneValues):
         # the scene itself, the two shifted scenes of each parameter with an error, and for waves of
         # an edge, gaps and peaks two more, with a small change
         counted = [(part, 1 + 2 * n_errors) for part in self.plan.parts]
-        if n_errors and self._shifted_a_little:
-            counted += [(part, 2 * n_errors) for part in self._shifted_a_little[0][0].plan.parts]
+        if n_errors and self._slightly_shifted:
+            counted += [(part, 2 * n_errors) for part in self._slightly_shifted[0][0].plan.parts]
         counted += [
             (row.estimate_cost(self), 1 + 2 * n_errors * _is_uncertain(row))
             for row in rows

@@ -19,7 +19,8 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from copy import copy
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -61,7 +62,7 @@ _OF_NODES = "dos_frequency"
 _RANKED = {"response_peak": "peaks_frequency", "surface_wave": "surface_frequency"}
 #: the observables whose numbers have the derivatives of small changes, and how the names of these
 #: begin
-_NEAR = {
+_BY_SMALL_CHANGES = {
     "surface": ("surface_",),
     "gaps": ("gap_",),
     "response": (
@@ -75,7 +76,7 @@ _SMALL = 1e-4
 #: small change of a parameter that is zero, over its error
 _PART = 1e-2
 #: relative change of such a number that is put down to rounding
-_ROUNDING_NEAR = 1e-10
+_ROUNDING_OF_SMALL = 1e-10
 
 
 def settle_errors(scene: Any) -> tuple[tuple[Keys, float], ...]:
@@ -190,7 +191,7 @@ def list_parameters(scene: Any) -> list[tuple[str, float, float, str]]:
 
 def find_state_errors(scene: Any, numbers: Mapping[str, Any]) -> dict[str, Any]:
     """Return the standard errors of ``numbers`` of the states of a scene as
-    :meth:`Spread.summarise` does. The ``numbers`` are by name, as
+    :meth:`ErrorPropagation.summarise` does. The ``numbers`` are by name, as
     :meth:`granphon.runs.plan.Plan.collect` returns them; they are found again in the two shifted
     scenes of each parameter.
     """
@@ -198,7 +199,7 @@ def find_state_errors(scene: Any, numbers: Mapping[str, Any]) -> dict[str, Any]:
     pairs = [
         (lower.plan.collect(names), upper.plan.collect(names)) for lower, upper in scene.shifted
     ]
-    return Spread.of(scene, pairs).summarise(numbers)
+    return ErrorPropagation.of(scene, pairs).summarise(numbers)
 
 
 def write_errors(scene: Any, blocks: dict[str, Any]) -> None:
@@ -278,20 +279,20 @@ def _are_same(first: tuple[Any, Any], second: tuple[Any, Any]) -> bool:
     )
 
 
-def is_near(name: str) -> bool:
-    """Return whether the number called ``name`` of a summary or a data set is of a wave of an edge,
-    a gap or a peak, so that its derivative is that of a small change.
+def is_by_small_change(name: str) -> bool:
+    """Return whether the standard error of the number called ``name``, of a summary or a data set,
+    is found by a small change of each parameter: that of a wave of an edge, a gap or a peak.
     """
-    beginnings = (beginning for of_word in _NEAR.values() for beginning in of_word)
+    beginnings = (beginning for of_word in _BY_SMALL_CHANGES.values() for beginning in of_word)
     return name == "gaps" or name.startswith((*beginnings,))
 
 
-def shift_a_little(scene: Any) -> list[tuple[Any, Any]]:
+def shift_slightly(scene: Any) -> list[tuple[Any, Any]]:
     """Return for each parameter with a standard error two scenes that observe alone what has waves
     of an edge, gaps or peaks: the parameter is a little smaller in the first, and larger in the
     second. Empty if the scene observes none of these.
     """
-    observed = [word for word in scene.observe if word in _NEAR]
+    observed = [word for word in scene.observe if word in _BY_SMALL_CHANGES]
     if not observed:
         return []
     return [
@@ -300,13 +301,14 @@ def shift_a_little(scene: Any) -> list[tuple[Any, Any]]:
     ]
 
 
-def list_near_errors(dataset: Dataset, numbers: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the standard errors of those of the ``numbers`` of a summary which :func:`is_near`
-    names, from the ``dataset`` of its only state, as :meth:`Spread.summarise` does.
+def list_errors_by_small_changes(dataset: Dataset, numbers: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the standard errors of those ``numbers`` of a summary that small changes give, see
+    :func:`is_by_small_change`, from the ``dataset`` of its only state, in the form of
+    :meth:`ErrorPropagation.summarise`.
     """
     errors: dict[str, Any] = {}
     sources: dict[str, str] = {}
-    for name in filter(is_near, numbers):
+    for name in filter(is_by_small_change, numbers):
         names = ("gap_lower", "gap_upper") if name == "gaps" else (name,)
         found = [dataset.get(f"{variable}{_ERROR}") for variable in names]
         known = [error for error in found if error is not None]
@@ -334,7 +336,7 @@ def _list_small_changes(scene: Any) -> list[tuple[float, float]]:
     return changes
 
 
-class Spread:
+class ErrorPropagation:
     """The standard errors of results that follow from those of the parameters.
 
     Attributes
@@ -365,22 +367,22 @@ class Spread:
         self.lacking: dict[str, None] = {}
 
     @classmethod
-    def of(cls, scene: Any, pairs: Sequence[tuple[Any, Any]]) -> Spread:
-        """Return the spread of the results of a ``scene``. The ``pairs`` are the results, by name,
-        of the shifted scenes of each parameter.
+    def of(cls, scene: Any, pairs: Sequence[tuple[Any, Any]]) -> ErrorPropagation:
+        """Return the propagation to the results of a ``scene``. The ``pairs`` are the results, by
+        name, of the shifted scenes of each parameter.
         """
         names = [name_keys(keys) for keys, _ in scene.errors]
         return cls(names, pairs, make_matrix(names, scene.correlations))
 
     @classmethod
-    def of_small_changes(cls, scene: Any, pairs: Sequence[tuple[Any, Any]]) -> Spread:
-        """Return the spread of the waves of an edge, the gaps and the peaks of a ``scene``. The
-        ``pairs`` are data sets of the two scenes of each parameter that :func:`shift_a_little`
-        returns.
+    def of_small_changes(cls, scene: Any, pairs: Sequence[tuple[Any, Any]]) -> ErrorPropagation:
+        """Return the propagation to the waves of an edge, the gaps and the peaks of a ``scene``.
+        The ``pairs`` are data sets of the two scenes of each parameter that
+        :func:`shift_slightly` returns.
         """
         names = [name_keys(keys) for keys, _ in scene.errors]
         parts = [part for part, _ in _list_small_changes(scene)]
-        return cls(names, pairs, make_matrix(names, scene.correlations), parts, _ROUNDING_NEAR)
+        return cls(names, pairs, make_matrix(names, scene.correlations), parts, _ROUNDING_OF_SMALL)
 
     def find(
         self, name: str, value: Any, sampling: Any = None, unit: str = ""
@@ -421,16 +423,24 @@ class Spread:
         parameters change. Where rows lie ``along`` one of the columns, such as a time, the others
         are compared at equal values of it.
         """
-        pairs = self.pairs
+        propagation = self
         if along:
             places = np.asarray(columns[along])
-            self.pairs = [
-                (_resample(lower, along, places), _resample(upper, along, places))
-                for lower, upper in pairs
-            ]
-        found = {name: self.find(name, values) for name, values in columns.items() if name != along}
-        self.pairs = pairs
-        return {name: errors[0] for name, errors in found.items() if errors is not None}
+            propagation = self._change_results(lambda results: _resample(results, along, places))
+        errors: dict[str, Array] = {}
+        for name, values in columns.items():
+            found = None if name == along else propagation.find(name, values)
+            if found is not None:
+                errors[name], _parameter = found
+        return errors
+
+    def _change_results(self, change: Callable[[Any], Any]) -> ErrorPropagation:
+        """Return the same propagation with ``change(results)`` in place of the results of each
+        shifted scene. Both add to the same ``lacking`` names.
+        """
+        changed = copy(self)
+        changed.pairs = [(change(lower), change(upper)) for lower, upper in self.pairs]
+        return changed
 
     def summarise(self, numbers: Mapping[str, Any]) -> dict[str, Any]:
         """Return the standard errors of ``numbers``, by name as NAME_error, and under "errors_from"
@@ -458,11 +468,11 @@ class Spread:
         waves of an edge differs the errors of these; ``lacking`` then has the name.
         """
         added = {}
+        propagation = self
         if _OF_NODES in dataset:
-            self.pairs = [
-                (_resample_densities(lower, dataset), _resample_densities(upper, dataset))
-                for lower, upper in self.pairs
-            ]
+            propagation = self._change_results(
+                lambda results: _resample_densities(results, dataset)
+            )
         for name, variable in dataset.data_vars.items():
             if str(name).endswith(_ERROR) or name == _OF_NODES:
                 continue
@@ -471,7 +481,7 @@ class Spread:
             sampling = dataset.get(f"{name}{_ERROR}")
             sampling_errors = None if sampling is None else sampling.values
             unit = str(variable.attrs.get("units", ""))
-            found = self.find(str(name), variable.values, sampling_errors, unit)
+            found = propagation.find(str(name), variable.values, sampling_errors, unit)
             if found is not None:
                 errors, parameter = found
                 attributes = {"units": unit} if unit else {}
@@ -505,12 +515,12 @@ class Spread:
         return is_same
 
 
-def warn_of_lacking(dataset: Dataset, spreads: Sequence[Spread]) -> Dataset:
+def warn_of_lacking(dataset: Dataset, propagations: Sequence[ErrorPropagation]) -> Dataset:
     """Return the ``dataset`` with one more warning, which names the results whose standard errors
-    the ``spreads`` have not found; the same data set if there are none.
+    the ``propagations`` have not found; the same data set if there are none.
     """
     # each name once, in order
-    names = dict.fromkeys(name for spread in spreads for name in spread.lacking)
+    names = dict.fromkeys(name for propagation in propagations for name in propagation.lacking)
     if not names:
         return dataset
     why = "their number differs within the errors of the parameters"

@@ -18,7 +18,7 @@ from granphon.figures.motions import motions_figure
 from granphon.fits.measurements import Measurements
 from granphon.scene.outputs import OUTPUTS, Results
 from granphon.scene.report import read_report
-from granphon.scene.uncertainty import Spread
+from granphon.scene.uncertainty import ErrorPropagation
 from tests.conftest import one_error
 from tests.figures.conftest import read_edges, with_gid
 from tests.scene.mistakes import BALLS
@@ -114,14 +114,16 @@ def test_correlated_errors_are_those_of_many_random_scenes(tmp_path, count):
 
 
 def test_numbers_whose_count_changes_have_no_errors_and_a_warning():
-    spread = Spread(["p"], [({"x": [1.0]}, {"x": [1.0, 2.0]})], np.eye(1))
-    assert spread.find("x", [1.0]) is None
-    assert list(spread.lacking) == ["x"]
+    propagation = ErrorPropagation(["p"], [({"x": [1.0]}, {"x": [1.0, 2.0]})], np.eye(1))
+    assert propagation.find("x", [1.0]) is None
+    assert list(propagation.lacking) == ["x"]
 
 
 def test_angles_change_by_no_turns():
     ends = {"phase": np.array([3.1, 1.0])}, {"phase": np.array([-3.1, 1.2])}
-    errors, source = Spread(["p"], [ends], np.eye(1)).find("phase", [np.pi, 1.1], unit="rad")
+    errors, source = ErrorPropagation(["p"], [ends], np.eye(1)).find(
+        "phase", [np.pi, 1.1], unit="rad"
+    )
     assert_allclose(errors, [np.pi - 3.1, 0.1], rtol=1e-12)
     assert source == "p"
 
@@ -453,14 +455,14 @@ def test_receivers_with_more_peaks_at_one_end_have_no_errors_of_peaks():
     def make(*rows):
         return xr.Dataset({"peaks_frequency": (("receiver", "response_peak"), np.array(rows))})
 
-    spread = Spread(
+    propagation = ErrorPropagation(
         ["p"],
         [(make([1.0, 3.0], [2.0, np.nan]), make([1.2, 3.2], [2.1, 4.0]))],
         np.eye(1),
     )
-    found = spread.add_to(make([1.1, 3.1], [2.05, np.nan]))["peaks_frequency_error"]
+    found = propagation.add_to(make([1.1, 3.1], [2.05, np.nan]))["peaks_frequency_error"]
     assert_allclose(found.values, [[0.1, 0.1], [np.nan, np.nan]])
-    assert list(spread.lacking) == ["peaks_frequency"]
+    assert list(propagation.lacking) == ["peaks_frequency"]
 
 
 STATE = (
@@ -600,19 +602,21 @@ def test_contacts_of_a_motion_have_errors_in_their_table(tmp_path):
 def test_derivatives_that_are_constant_powers_have_no_errors():
     """Differences of them are their own rounding."""
     powers = xr.Dataset({"sensitivity": (("sensitivity_to",), np.array([1.0 / 3.0]))})
-    spread = Spread(["p"], [(powers * (1.0 - 1e-11), powers * (1.0 + 1e-11))], np.eye(1))
-    assert "sensitivity_error" not in spread.add_to(powers)
+    propagation = ErrorPropagation(
+        ["p"], [(powers * (1.0 - 1e-11), powers * (1.0 + 1e-11))], np.eye(1)
+    )
+    assert "sensitivity_error" not in propagation.add_to(powers)
 
 
 def test_tables_along_a_time_are_compared_at_equal_times():
     """Signals that only run faster have the error of their slope."""
     times = np.linspace(0.0, 1.0, 11)
-    spread = Spread(
+    propagation = ErrorPropagation(
         ["p"],
         [({"time": 1.01 * times, "a": times}, {"time": 0.99 * times, "a": times})],
         np.eye(1),
     )
-    errors = spread.find_along({"time": times, "a": times}, "time")
+    errors = propagation.find_along({"time": times, "a": times}, "time")
     assert list(errors) == ["a"]
     assert_allclose(errors["a"][:-1], 0.01 * times[:-1], rtol=1e-3)
     assert np.isnan(errors["a"][-1])  # one of the two has ended
@@ -624,10 +628,10 @@ def test_peaks_that_another_one_replaces_have_no_errors():
     def make(*row):
         return xr.Dataset({"peaks_frequency": (("receiver", "response_peak"), np.array([row]))})
 
-    spread = Spread(["p"], [(make(0.9, 1.9), make(1.1, 3.4))], np.eye(1))
-    found = spread.add_to(make(1.0, 2.0))["peaks_frequency_error"]
+    propagation = ErrorPropagation(["p"], [(make(0.9, 1.9), make(1.1, 3.4))], np.eye(1))
+    found = propagation.add_to(make(1.0, 2.0))["peaks_frequency_error"]
     assert_allclose(found.values, [[0.1, np.nan]])
-    assert list(spread.lacking) == ["peaks_frequency"]
+    assert list(propagation.lacking) == ["peaks_frequency"]
 
 
 def test_waves_of_an_edge_have_errors_where_their_number_stays():
@@ -637,14 +641,14 @@ def test_waves_of_an_edge_have_errors_where_their_number_stays():
         dims = ("surface_point", "surface_wave")
         return xr.Dataset({"surface_frequency": (dims, np.array(rows))})
 
-    spread = Spread(
+    propagation = ErrorPropagation(
         ["p"],
         [(make([1.0, np.nan], [2.0, np.nan]), make([1.2, np.nan, np.nan], [0.5, 2.2, 4.0]))],
         np.eye(1),
     )
-    found = spread.add_to(make([1.1], [2.1]))["surface_frequency_error"]
+    found = propagation.add_to(make([1.1], [2.1]))["surface_frequency_error"]
     assert_allclose(found.values, [[0.1], [np.nan]])
-    assert list(spread.lacking) == ["surface_frequency"]
+    assert list(propagation.lacking) == ["surface_frequency"]
 
 
 @pytest.mark.claim("errors-edges")
