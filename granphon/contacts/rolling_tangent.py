@@ -152,10 +152,7 @@ def _resist(
 
     ``v_n``, ``v_t`` and ``v_b`` are components of the motion of centre j against centre i, ``r_t``
     and ``r_b`` those of arm_i phi_i + arm_j phi_j, and ``turn`` is the part of the spin that
-    follows from rotations alone. The ``law`` is the tuple of :func:`_fill_space`: k; the two
-    couplings of T to the overlap; the three stiffnesses against slip; eps and f eps over the
-    distance of the centres; eps/2; the two components of T; and the tangential components of e
-    over 1 + n.e, by which the contact spins as n turns along b and t.
+    follows from rotations alone. The ``law`` is the tuple of :func:`_collect_law`.
     """
     k, c_t, c_b, s_tt, s_tb, s_bb, over, push, lever, held_t, held_b, back_t, back_b = law
     slip_t = v_t - r_b
@@ -178,6 +175,92 @@ def _resist(
 
 
 @compiled
+def _collect_law(
+    c: int,
+    ratio: float,
+    distance: float,
+    tangent: SlipTangent,
+    force: float,
+    shears: Array,
+    lattice_normal: tuple[float, float, float],
+) -> tuple[float, ...]:
+    """Return what the resistance of contact ``c`` to small motions consists of, for
+    :func:`_resist`.
+
+    The tuple has k; the two couplings of T to the overlap; the three stiffnesses against slip;
+    eps = ``ratio`` and eps f, both over the ``distance`` of the centres, with the normal ``force``
+    f; eps/2; the two components of T, of the ``shears`` (2, n_c); and the tangential components of
+    the normal e on the lattice over 1 + n.e, by which the contact spins as n turns along b and t.
+    ``lattice_normal`` are the components of e along n, t and b.
+    """
+    shear = tangent.shear[c]
+    q_t = tangent.sliding[0, c]
+    q_b = tangent.sliding[1, c]
+    over = ratio / distance
+    e_n, e_t, e_b = lattice_normal
+    below = max(1.0 + e_n, ROUND)
+    return (
+        tangent.stiffness[c],
+        tangent.coupling[0, c],
+        tangent.coupling[1, c],
+        shear * (1.0 - q_t * q_t) + tangent.drag,
+        -shear * q_t * q_b,
+        shear * (1.0 - q_b * q_b) + tangent.drag,
+        over,
+        over * force,
+        0.5 * ratio,
+        shears[0, c],
+        shears[1, c],
+        e_t / below,
+        e_b / below,
+    )
+
+
+@compiled
+def _set_wrench(
+    resistance: tuple[float, ...],
+    along: Array,
+    turning: Array,
+    arms: tuple[float, float],
+    push: Array,
+    torques: Array,
+) -> None:
+    """Set ``push`` (3,), the force on ball j in the coordinates of displacements, and ``torques``
+    (2, 3), those on balls i and j along the axes of space, from the components of a ``resistance``,
+    which :func:`_resist` returns.
+
+    The rows n, t and b of ``along`` (3, 3) and of ``turning`` (3, 3) have the coordinates of
+    displacements and the axes of space; ``arms`` are those of balls i and j.
+    """
+    f_n, f_t, f_b, w_n, w_t, w_b, l_t, l_b = resistance
+    arm_i, arm_j = arms
+    for axis in range(3):
+        push[axis] = along[0, axis] * f_n + along[1, axis] * f_t + along[2, axis] * f_b
+        wrench = turning[0, axis] * w_n + turning[1, axis] * w_t + turning[2, axis] * w_b
+        lever = turning[1, axis] * l_t + turning[2, axis] * l_b
+        torques[0, axis] = -arm_i * wrench - lever
+        torques[1, axis] = -arm_j * wrench - lever
+
+
+@compiled
+def _set_axes(along: Array, turning: Array, normal: Any, tangent: Any, axes: Array) -> None:
+    """Set the rows n, t and b of ``turning`` (3, 3) along the axes of space, from the ``normal`` n
+    and the ``tangent`` t, and those of ``along`` (3, 3) in the coordinates of displacements, which
+    the matrix ``axes`` (3, 3) takes to the axes of space.
+    """
+    set_row(turning, 0, normal)
+    set_row(turning, 1, tangent)
+    set_row(turning, 2, cross(normal, tangent))
+    for row in range(3):
+        for axis in range(3):
+            along[row, axis] = (
+                turning[row, 0] * axes[0, axis]
+                + turning[row, 1] * axes[1, axis]
+                + turning[row, 2] * axes[2, axis]
+            )
+
+
+@compiled
 def _fill_space(
     contacts: RollingContacts,
     at: Configuration,
@@ -196,12 +279,10 @@ def _fill_space(
     """
     is_free = ahead.shape[1] > 0
     eps = contacts.ratio
-    # along n, t, b: each axis of displacements, and of rotations
     along = np.empty((3, 3))
     turning = np.empty((3, 3))
-    push_on = np.empty(3)
-    on_i = np.empty(3)
-    on_j = np.empty(3)
+    push = np.empty(3)
+    torques = np.empty((2, 3))
     corner = 0.0
     count = len(normal_force)
     forward_rows = np.empty((6, 6, _CHUNK))
@@ -214,129 +295,60 @@ def _fill_space(
             j = contacts.j[c]
             n = get_row(at.normal, c)
             t = get_row(at.tangent, c)
-            b = cross(n, t)
             e = get_row(contacts.normal, c)
             size = at.distance[c]
-            over = eps / size
-            arm_i = 0.5 * size - contacts.uneven[c]
-            arm_j = 0.5 * size + contacts.uneven[c]
-            k = tangent.stiffness[c]
-            shear = tangent.shear[c]
-            c_t = tangent.coupling[0, c]
-            q_t = tangent.sliding[0, c]
-            held_t = shears[0, c]
-            c_b = tangent.coupling[1, c]
-            q_b = tangent.sliding[1, c]
-            held_b = shears[1, c]
-            # the direction on the lattice in the frame of the contact
+            arms = (0.5 * size - contacts.uneven[c], 0.5 * size + contacts.uneven[c])
+            _set_axes(along, turning, n, t, axes)
             e_n = dot(n, e)
             e_t = dot(t, e)
-            e_b = dot(b, e)
-            below = max(1.0 + e_n, ROUND)
-            law = (
-                k,
-                c_t,
-                c_b,
-                shear * (1.0 - q_t * q_t) + tangent.drag,
-                -shear * q_t * q_b,
-                shear * (1.0 - q_b * q_b) + tangent.drag,
-                over,
-                over * normal_force[c],
-                0.5 * eps,
-                held_t,
-                held_b,
-                e_t / below,
-                e_b / below,
-            )
-            # turning: n, t and b, as rows, along the axes of space; along: their components in the
-            # coordinates of displacements
-            set_row(turning, 0, n)
-            set_row(turning, 1, t)
-            set_row(turning, 2, b)
-            for row in range(3):
+            e_b = dot(cross(n, t), e)
+            law = _collect_law(c, eps, size, tangent, normal_force[c], shears, (e_n, e_t, e_b))
+            k = tangent.stiffness[c]
+            if is_free:  # a unit of the overlap moves the centres against the lattice direction e
+                resistance = _resist(law, -e_n, -e_t, -e_b, 0.0, 0.0, 0.0)
+                _set_wrench(resistance, along, turning, arms, push, torques)
+                corner += k * e_n
                 for axis in range(3):
-                    along[row, axis] = (
-                        turning[row, 0] * axes[0, axis]
-                        + turning[row, 1] * axes[1, axis]
-                        + turning[row, 2] * axes[2, axis]
-                    )
-            # displacements of ball j, and a unit of the overlap y
-            for motion in range(4 if is_free else 3):
-                if motion < 3:
-                    v_n = along[0, motion]
-                    v_t = along[1, motion]
-                    v_b = along[2, motion]
-                else:  # a unit of y
-                    v_n = -e_n
-                    v_t = -e_t
-                    v_b = -e_b
-                f_n, f_t, f_b, w_n, w_t, w_b, l_t, l_b = _resist(law, v_n, v_t, v_b, 0.0, 0.0, 0.0)
-                for line in range(3):
-                    push_on[line] = (
-                        along[0, line] * f_n + along[1, line] * f_t + along[2, line] * f_b
-                    )
-                for line in range(3):
-                    wrench = (
-                        turning[0, line] * w_n + turning[1, line] * w_t + turning[2, line] * w_b
-                    )
-                    lever = turning[1, line] * l_t + turning[2, line] * l_b
-                    on_i[line] = -arm_i * wrench - lever
-                    on_j[line] = -arm_j * wrench - lever
-                if motion == 3:
-                    corner -= k * v_n
-                    for line in range(3):
-                        ahead[line, i] -= push_on[line]
-                        ahead[line, j] += push_on[line]
-                    for line in range(3):
-                        ahead[3 + line, i] += on_i[line]
-                        ahead[3 + line, j] += on_j[line]
-                    continue
-                if is_free:
-                    back[motion, i] += k * v_n
-                    back[motion, j] -= k * v_n
-                for line in range(3):
-                    diagonal[line, motion, i] += push_on[line]
-                    diagonal[line, motion, j] += push_on[line]
-                    forward_rows[line, motion, place] = -push_on[line]
-                    backward_rows[motion, line, place] = -push_on[line]
-                for line in range(3):
-                    diagonal[3 + line, motion, i] -= on_i[line]
-                    diagonal[3 + line, motion, j] += on_j[line]
-                    forward_rows[3 + line, motion, place] = on_i[line]
-                    backward_rows[motion, 3 + line, place] = -on_j[line]
-            # rotations of either ball
+                    ahead[axis, i] -= push[axis]
+                    ahead[axis, j] += push[axis]
+                    ahead[3 + axis, i] += torques[0, axis]
+                    ahead[3 + axis, j] += torques[1, axis]
+                    back[axis, i] += k * along[0, axis]
+                    back[axis, j] -= k * along[0, axis]
+            # columns of displacements: those of ball j, which are minus those of ball i
             for motion in range(3):
+                resistance = _resist(
+                    law, along[0, motion], along[1, motion], along[2, motion], 0.0, 0.0, 0.0
+                )
+                _set_wrench(resistance, along, turning, arms, push, torques)
+                for axis in range(3):
+                    diagonal[axis, motion, i] += push[axis]
+                    diagonal[axis, motion, j] += push[axis]
+                    forward_rows[axis, motion, place] = -push[axis]
+                    backward_rows[motion, axis, place] = -push[axis]
+                    diagonal[3 + axis, motion, i] -= torques[0, axis]
+                    diagonal[3 + axis, motion, j] += torques[1, axis]
+                    forward_rows[3 + axis, motion, place] = torques[0, axis]
+                    backward_rows[motion, 3 + axis, place] = -torques[1, axis]
+            # columns of rotations, of ball i and of ball j
+            for motion in range(3):
+                spin = 0.5 * eps * contacts.normal[c, motion]
                 r_t = turning[1, motion]
                 r_b = turning[2, motion]
-                for end in range(2):
-                    arm = arm_j if end else arm_i
-                    f_n, f_t, f_b, w_n, w_t, w_b, l_t, l_b = _resist(
-                        law,
-                        0.0,
-                        0.0,
-                        0.0,
-                        arm * r_t,
-                        arm * r_b,
-                        0.5 * eps * contacts.normal[c, motion],
-                    )
-                    for line in range(3):
-                        force = along[0, line] * f_n + along[1, line] * f_t + along[2, line] * f_b
-                        if end:
-                            diagonal[line, 3 + motion, j] += force
-                            forward_rows[line, 3 + motion, place] = -force
-                        else:
-                            diagonal[line, 3 + motion, i] -= force
-                            backward_rows[3 + motion, line, place] = force
-                    for line in range(3):
-                        wrench = (
-                            turning[0, line] * w_n + turning[1, line] * w_t + turning[2, line] * w_b
-                        )
-                        if end:
-                            diagonal[3 + line, 3 + motion, j] -= arm_j * wrench
-                            forward_rows[3 + line, 3 + motion, place] = -arm_i * wrench
-                        else:
-                            diagonal[3 + line, 3 + motion, i] -= arm_i * wrench
-                            backward_rows[3 + motion, 3 + line, place] = -arm_j * wrench
+                resistance = _resist(law, 0.0, 0.0, 0.0, arms[0] * r_t, arms[0] * r_b, spin)
+                _set_wrench(resistance, along, turning, arms, push, torques)
+                for axis in range(3):
+                    diagonal[axis, 3 + motion, i] -= push[axis]
+                    backward_rows[3 + motion, axis, place] = push[axis]
+                    diagonal[3 + axis, 3 + motion, i] += torques[0, axis]
+                    backward_rows[3 + motion, 3 + axis, place] = torques[1, axis]
+                resistance = _resist(law, 0.0, 0.0, 0.0, arms[1] * r_t, arms[1] * r_b, spin)
+                _set_wrench(resistance, along, turning, arms, push, torques)
+                for axis in range(3):
+                    diagonal[axis, 3 + motion, j] += push[axis]
+                    forward_rows[axis, 3 + motion, place] = -push[axis]
+                    diagonal[3 + axis, 3 + motion, j] += torques[1, axis]
+                    forward_rows[3 + axis, 3 + motion, place] = torques[0, axis]
         _write_rows(forward_rows, forward, start, stop)
         _write_rows(backward_rows, backward, start, stop)
     return corner
