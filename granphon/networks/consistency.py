@@ -569,65 +569,78 @@ def _compare_balls(network: Any) -> Iterator[Comparison]:
     """Yield the comparisons of masses against the density, if that is known, and of inertias
     against those of solid spheres, of the balls that move.
     """
-    is_ball = network.moving & np.isfinite(network.radii)
-    if not np.any(is_ball):
+    balls = np.flatnonzero(network.moving & np.isfinite(network.radii))
+    if not balls.size:
         return
-    radii = network.radii[is_ball]
-    masses = network.masses[is_ball]
-    densities = _find_of_materials(network, lambda material: material.density)[is_ball]
+    densities = _find_of_materials(network, lambda material: material.density)[balls]
     if np.all(np.isfinite(densities)):
-        mass_ratios = masses / (densities * (4.0 / 3.0 * np.pi) * radii**3)
-        mass_ratio = float(np.median(mass_ratios))
-        listed = ", ".join(f"{density:g}" for density in np.unique(densities))
-        yield _compare_median(
-            "masses",
-            "median of the mass over that of a solid ball of the material, less one",
-            mass_ratio,
-            f"The masses are {{ratio}} times those of solid balls of {listed} kg/m3",
-            "The masses count, and the density does not: if the density is right, all frequencies"
-            " are off by {effect}. Compare units and material. If balls are not solid, give the"
-            " density of mass over volume",
-            effect=mass_ratio**-0.5,
-        )
-        relative = mass_ratios / mass_ratio
-        is_odd = _is_far(relative)
-        yield _compare_single_balls(
-            network,
-            "single masses",
-            "balls whose mass is more than ten times that of a solid ball of the material, or less"
-            " than a tenth, beside the median ratio of all",
-            np.flatnonzero(is_ball)[is_odd],
-            relative[is_odd],
-            "{count} more than ten times the mass of the size, or less than a tenth: {listed} times"
-            " the mass",
-            "Frequencies are of balls with these masses. Compare columns and units",
-        )
-    inertias = network.inertias[is_ball]
-    inertia_ratios = inertias / (_SOLID * masses * radii**2)
-    inertia_ratio = float(np.median(inertia_ratios))
+        yield from _compare_masses(network, balls, densities)
     if network.ball_motions.rotate:
-        yield _compare_median(
-            "inertias",
-            "median of the moment of inertia over that of a solid sphere of the mass, less one",
-            inertia_ratio,
-            "The moments of inertia are {ratio} times those of solid spheres",
-            "They count: if balls are solid, frequencies of rotations are off by {effect}",
-            effect=inertia_ratio**-0.5,
-        )
-        is_odd = _is_far(inertia_ratios / inertia_ratio)
-        is_odd |= inertia_ratios > (1.0 + _ALIKE) * _HOLLOW
-        yield _compare_single_balls(
-            network,
-            "single inertias",
-            "balls whose moment of inertia is above that of a hollow sphere of the mass, 2/3 m r^2,"
-            " or ten times or a tenth of that of a solid sphere, beside the median ratio of all",
-            np.flatnonzero(is_ball)[is_odd],
-            inertia_ratios[is_odd],
-            "{count} a moment of inertia that no sphere of the mass and the radius has, or one far"
-            " from those of others: {listed} times that of a solid sphere",
-            "Frequencies of rotations are of balls with these moments. Compare columns and units,"
-            " or leave the moments out: those of solid spheres are taken",
-        )
+        yield from _compare_inertias(network, balls)
+
+
+def _compare_masses(network: Any, balls: Index, densities: Array) -> Iterator[Comparison]:
+    """Yield the comparisons of the masses of ``balls``, indices (n,), with those of solid spheres
+    of the ``densities`` (n,): of the median ratio, and of single masses.
+    """
+    volumes = 4.0 / 3.0 * np.pi * network.radii[balls] ** 3
+    ratios = network.masses[balls] / (densities * volumes)
+    median_ratio = float(np.median(ratios))
+    listed = ", ".join(f"{density:g}" for density in np.unique(densities))
+    yield _compare_median(
+        "masses",
+        "median of the mass over that of a solid ball of the material, less one",
+        median_ratio,
+        f"The masses are {{ratio}} times those of solid balls of {listed} kg/m3",
+        "The masses count, and the density does not: if the density is right, all frequencies are"
+        " off by {effect}. Compare units and material. If balls are not solid, give the density of"
+        " mass over volume",
+        effect=median_ratio**-0.5,
+    )
+    relative = ratios / median_ratio
+    is_odd = _is_far(relative)
+    yield _compare_single_balls(
+        network,
+        "single masses",
+        "balls whose mass is more than ten times that of a solid ball of the material, or less than"
+        " a tenth, beside the median ratio of all",
+        balls[is_odd],
+        relative[is_odd],
+        "{count} more than ten times the mass of the size, or less than a tenth: {listed} times the"
+        " mass",
+        "Frequencies are of balls with these masses. Compare columns and units",
+    )
+
+
+def _compare_inertias(network: Any, balls: Index) -> Iterator[Comparison]:
+    """Yield the comparisons of the moments of inertia of ``balls``, indices (n,), with those of
+    solid spheres of their masses and radii: of the median ratio, and of single moments.
+    """
+    of_solid_spheres = _SOLID * network.masses[balls] * network.radii[balls] ** 2
+    ratios = network.inertias[balls] / of_solid_spheres
+    median_ratio = float(np.median(ratios))
+    yield _compare_median(
+        "inertias",
+        "median of the moment of inertia over that of a solid sphere of the mass, less one",
+        median_ratio,
+        "The moments of inertia are {ratio} times those of solid spheres",
+        "They count: if balls are solid, frequencies of rotations are off by {effect}",
+        effect=median_ratio**-0.5,
+    )
+    # a moment far from the others, or one above that of a hollow sphere
+    is_odd = _is_far(ratios / median_ratio) | (ratios > (1.0 + _ALIKE) * _HOLLOW)
+    yield _compare_single_balls(
+        network,
+        "single inertias",
+        "balls whose moment of inertia is above that of a hollow sphere of the mass, 2/3 m r^2, or"
+        " ten times or a tenth of that of a solid sphere, beside the median ratio of all",
+        balls[is_odd],
+        ratios[is_odd],
+        "{count} a moment of inertia that no sphere of the mass and the radius has, or one far from"
+        " those of others: {listed} times that of a solid sphere",
+        "Frequencies of rotations are of balls with these moments. Compare columns and units, or"
+        " leave the moments out: those of solid spheres are taken",
+    )
 
 
 def _compare_single_balls(

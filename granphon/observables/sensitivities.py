@@ -11,12 +11,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
 from granphon.balls.layers import find_axes
-from granphon.base.arrays import Array, Flags
+from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError
 from granphon.base.results import held, result_class
 from granphon.dynamics.contact_lattice import ContactLattice
@@ -201,60 +202,89 @@ def _find_velocity_slopes(network: ContactNetwork, direction: Array) -> dict[str
     its kinetic energy instead, m v^2 times a squared displacement, which counts with a minus.
     """
     lattice = ContactLattice.from_network(network)
-    named, polarisations = lattice.sound_velocities(direction)
-    order = np.argsort(named, axis=-1, kind="stable")
-    reduced = np.take_along_axis(named, order, -1)
-    # displacements (..., n_u, n_u), columns, with which the mass that each wave moves is M
-    vectors = lattice._per_mass @ np.take_along_axis(polarisations, order[..., None, :], -1)
-    total = lattice.masses.sum()
-    groups = number_equal(reduced)  # waves of one velocity have one number
-    # dv over d(M v^2), for each wave
-    slope = np.full(reduced.shape, np.nan)  # a velocity of zero has no derivative
-    np.divide(1.0, 2.0 * reduced * total, out=slope, where=reduced > 0.0)
-
-    def average(values: Array) -> Array:
-        """Return derivatives (m, ..., n_u) of M v^2 as derivatives of v, in which each wave has the
-        mean over all waves of the same velocity.
-        """
-        scaled = np.moveaxis(values, 0, -2) * slope[..., None, :]
-        flat = scaled.reshape(math.prod(scaled.shape[:-2]), *scaled.shape[-2:])
-        flat_groups = groups.reshape(-1, groups.shape[-1])
-        means = [
-            average_equal(at_direction, groups_there, groups_there)
-            for at_direction, groups_there in zip(flat, flat_groups, strict=True)
-        ]
-        return np.moveaxis(np.reshape(means, scaled.shape), -2, 0)
+    waves = _SoundWaves.along(lattice, direction)
 
     def square(deformation: Array) -> Array:
         """Return the derivatives (n_c, ..., n_u) of v that follow from the squares of the
         ``deformation`` (n_c, n_u, p) of contacts in the waves.
         """
-        waves = np.einsum("cij,...iu,...j->c...u", deformation, vectors, direction)
-        return average(waves**2)
+        deformed = np.einsum("cij,...iu,...j->c...u", deformation, waves.vectors, direction)
+        return waves.average(deformed**2)
 
     unit = network.scales.velocity
     products = {name: unit * product for name, product in _sum_products(lattice, square).items()}
     fields = _make_slopes(network, products)
-    # (balls, ..., n_u, n_u) displacements of each ball in each wave
-    carried = np.einsum("bij,...ju->b...iu", lattice.carried, vectors)
-    kinetic = np.sum(carried**2, axis=-2) * reduced**2
-    motions = network.ball_motions
     # springs against displacements leave no sound: only derivatives by those of rotations exist
+    motions = network.ball_motions
     turns = square(_list_turns(network, lattice))
-    turns = turns.reshape(lattice.n_balls, len(motions.rotations), *reduced.shape)
-    by_spring = np.full((network.n_balls, motions.count, *reduced.shape), np.nan)
+    turns = turns.reshape(lattice.n_balls, len(motions.rotations), *waves.velocities.shape)
+    by_spring = np.full((network.n_balls, motions.count, *waves.velocities.shape), np.nan)
     by_spring[~network.moving] = 0.0
     twist_unit = network.scales.stiffness * network.scales.length**2
     by_spring[network.moving, motions.turning] = unit / twist_unit * turns
-    by_mass = np.zeros((network.n_balls, *reduced.shape))
-    by_mass[network.moving] = -unit / network.scales.mass * average(kinetic)
-    sizes = np.sum(groups[..., :, None] == groups[..., None, :], axis=-1)
+    # (balls, ..., n_u, n_u) displacements of each ball in each wave
+    carried = np.einsum("bij,...ju->b...iu", lattice.carried, waves.vectors)
+    kinetic = np.sum(carried**2, axis=-2) * waves.velocities**2
+    by_mass = np.zeros((network.n_balls, *waves.velocities.shape))
+    by_mass[network.moving] = -unit / network.scales.mass * waves.average(kinetic)
     return fields | {
         "mass": np.moveaxis(by_mass, 0, -1),
         "on_site": np.moveaxis(by_spring, (0, 1), (-2, -1)),
-        "velocities": unit * reduced,
-        "degenerate": sizes > 1,
+        "velocities": unit * waves.velocities,
+        "degenerate": waves.are_degenerate,
     }
+
+
+@dataclass(frozen=True, eq=False)
+class _SoundWaves:
+    """The sound waves of a lattice along one or more directions, in reduced units.
+
+    Attributes
+    ----------
+    velocities : (..., n_u) ascending velocities v.
+    vectors : (..., n_u, n_u) columns of displacements, with which the mass that each wave moves is
+        M, the mass of all balls.
+    groups : (..., n_u) numbers that waves of one velocity have in common.
+    slopes : (..., n_u) derivatives of v by M v^2; nan for a velocity of zero, which has none.
+    """
+
+    velocities: Array
+    vectors: Array
+    groups: Index
+    slopes: Array
+
+    @classmethod
+    def along(cls, lattice: ContactLattice, direction: Array) -> _SoundWaves:
+        """Return the waves of a ``lattice`` along a ``direction`` (p,), or along each of several
+        (n, p).
+        """
+        velocities, polarisations = lattice.sound_velocities(direction)
+        order = np.argsort(velocities, axis=-1, kind="stable")
+        ascending = np.take_along_axis(velocities, order, -1)
+        vectors = lattice._per_mass @ np.take_along_axis(polarisations, order[..., None, :], -1)
+        slopes = np.full(ascending.shape, np.nan)
+        momenta = 2.0 * ascending * lattice.masses.sum()
+        np.divide(1.0, momenta, out=slopes, where=ascending > 0.0)
+        return cls(ascending, vectors, number_equal(ascending), slopes)
+
+    @property
+    def are_degenerate(self) -> Flags:
+        """(..., n_u) whether other waves have the same velocity."""
+        sizes = np.sum(self.groups[..., :, None] == self.groups[..., None, :], axis=-1)
+        return np.asarray(sizes > 1)
+
+    def average(self, values: Array) -> Array:
+        """Return derivatives (m, ..., n_u) of M v^2 as derivatives of v, in which each wave has the
+        mean over all waves of the same velocity.
+        """
+        scaled = np.moveaxis(values, 0, -2) * self.slopes[..., None, :]
+        flat = scaled.reshape(math.prod(scaled.shape[:-2]), *scaled.shape[-2:])
+        flat_groups = self.groups.reshape(-1, self.groups.shape[-1])
+        means = [
+            average_equal(at_direction, groups, groups)
+            for at_direction, groups in zip(flat, flat_groups, strict=True)
+        ]
+        return np.moveaxis(np.reshape(means, scaled.shape), -2, 0)
 
 
 def _list_turns(network: ContactNetwork, lattice: ContactLattice) -> Array:
