@@ -233,10 +233,10 @@ class Moments:
     def __init__(
         self, operator: WaveOperator, starts: Sequence[Callable[[], Array]], *, keep: bool = False
     ) -> None:
-        together = operator.vectors_at_once
+        block_size = operator.vectors_at_once
         self._recursions = [
-            _Recursion(operator, starts[first : first + together], keep)
-            for first in range(0, len(starts), together)
+            _Recursion(operator, starts[first : first + block_size], keep)
+            for first in range(0, len(starts), block_size)
         ]
 
     def first(self, count: int, step: Step = silent) -> Array:

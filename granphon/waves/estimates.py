@@ -99,27 +99,27 @@ class WaveEstimate:
         matrix = self.operator.matrix
         return _MAKING_SHARE * (matrix.data.nbytes + matrix.indices.nbytes)
 
-    def _time_product(self, together: int) -> float:
-        """Return the time, s, of a product of D with one of ``together`` vectors that share it, as
+    def _time_product(self, block_size: int) -> float:
+        """Return the time, s, of a product of D with one of ``block_size`` vectors that share it, as
         measured on this machine.
         """
         operator = self.operator
-        shape = (operator.size,) if together == 1 else (operator.size, together)
+        shape = (operator.size,) if block_size == 1 else (operator.size, block_size)
         vectors = np.ones(shape)
         seconds = time_once(lambda: operator.advance(vectors, np.zeros(shape)))
-        return seconds / together
+        return seconds / block_size
 
     def _cost_products(
-        self, words: str, products: float, together: int = 1, memory: float = 0.0
+        self, words: str, products: float, block_size: int = 1, memory: float = 0.0
     ) -> Cost:
         """Return the cost of D and of a number of ``products`` of D with vectors, of which
-        ``together`` share each product, plus ``memory``, bytes; ``words`` name the result.
+        ``block_size`` share each product, plus ``memory``, bytes; ``words`` name the result.
         """
         n_balls = self.operator.balls.size
-        vectors = 8.0 * _HELD_VECTORS * self.operator.size * together
+        vectors = 8.0 * _HELD_VECTORS * self.operator.size * block_size
         return Cost(
             self._matrix_bytes + vectors + memory,
-            units=(Units(products, partial(self._time_product, together)),),
+            units=(Units(products, partial(self._time_product, block_size)),),
             parts=(f"{words} of {counted(n_balls, 'ball')}, {products:,.0f} products",),
         )
 
@@ -162,10 +162,10 @@ class WaveEstimate:
             return self._cost_dense("density of states")
         n_moments = request.kernel.moments
         n_starts = request.vectors * (2 if operator.motions.rotate else 1)
-        together = min(operator.vectors_at_once, n_starts)
+        block_size = min(operator.vectors_at_once, n_starts)
         memory = _DENSITY_BYTES * request.vectors * n_moments
         return self._cost_products(
-            "density of states", n_starts * (n_moments // 2), together, memory
+            "density of states", n_starts * (n_moments // 2), block_size, memory
         )
 
     def _find_spectra(
@@ -183,8 +183,8 @@ class WaveEstimate:
         operator = self.operator
         kernel = Kernel.of(operator.top / (2.0 * math.pi), resolution, moments)
         n_waves = PlaneWaves(operator, q, polarisation, direction).n_waves
-        together = min(operator.vectors_at_once, n_waves)
-        return self._cost_products("spectral functions", n_waves * (kernel.moments // 2), together)
+        block_size = min(operator.vectors_at_once, n_waves)
+        return self._cost_products("spectral functions", n_waves * (kernel.moments // 2), block_size)
 
     def _find_modes(self, count: int = 10, nearest: float | None = None) -> Cost:
         """Return the cost of modes; arguments are those of ``Waves.modes``. If the modes would be
@@ -196,7 +196,7 @@ class WaveEstimate:
         if work.factors:
             return self._cost_factors(counted(count, "mode"), work.factors)
         return self._cost_products(
-            counted(count, "mode"), work.products, work.together, work.memory
+            counted(count, "mode"), work.products, work.block_size, work.memory
         )
 
     def _find_branches(self, q: Any, count: int = 6) -> Cost:
@@ -211,11 +211,11 @@ class WaveEstimate:
         )
         if operator.size <= DENSE:
             return self._cost_dense(words, float(len(wavevectors)))
-        together = size_block(count)
-        products, memory = estimate_lowest(operator, together)
+        block_size = size_block(count)
+        products, memory = estimate_lowest(operator, block_size)
         # vectors, boxes and factors of single balls are complex, and D itself is made anew
         memory = 3.0 * memory + 2.0 * self._matrix_bytes
-        return self._cost_products(words, 2.0 * len(wavevectors) * products, together, memory)
+        return self._cost_products(words, 2.0 * len(wavevectors) * products, block_size, memory)
 
     def _find_counts(self, frequencies: Any) -> Cost:
         """Return the cost of the numbers of modes below ``frequencies``, Hz: factors for each that
@@ -312,11 +312,11 @@ class WaveEstimate:
             return self._cost_dense(words)
         periods = int(np.count_nonzero(operator.network.pbc))
         if ContactLattice.from_network(operator.network).tries_iteration:
-            together = periods**2  # all gradients of a displacement
+            block_size = periods**2  # all gradients of a displacement
             iterations = _ITERATIONS * operator.balls.size ** (1.0 / periods)
-            columns = _RELAXATIONS * together + PROBES
-            held = 2.0 * 8.0 * _HELD_VECTORS * operator.size * together + self._matrix_bytes
-            return self._cost_products(words, iterations * columns, together, held)
+            columns = _RELAXATIONS * block_size + PROBES
+            held = 2.0 * 8.0 * _HELD_VECTORS * operator.size * block_size + self._matrix_bytes
+            return self._cost_products(words, iterations * columns, block_size, held)
         return self._cost_factors(words, _FACTORS_OF_MODULI)
 
     def _find_pulse(

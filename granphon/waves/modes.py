@@ -771,14 +771,14 @@ class ModesWork(NamedTuple):
     factors : number of factorisations of D; 0 if the search takes products.
     products : time of the products of D with vectors, and of what is done with each, over the time
         of one product.
-    together : number of vectors that share each product.
+    block_size : number of vectors that share each product.
     memory : of the vectors, bytes.
     """
 
     is_dense: bool = False
     factors: float = 0.0
     products: float = 0.0
-    together: int = 1
+    block_size: int = 1
     memory: float = 0.0
 
 
@@ -799,9 +799,9 @@ def estimate_modes(operator: WaveOperator, count: int, nearest: float | None) ->
     if problem.has_factors:
         return ModesWork(factors=_FACTORS_OF_MODES)
     if target <= ZERO * problem.top:
-        together = size_block(count + _count_rigid(operator))
-        products, memory = estimate_lowest(operator, together)
-        return ModesWork(products=products, together=together, memory=memory)
+        block_size = size_block(count + _count_rigid(operator))
+        products, memory = estimate_lowest(operator, block_size)
+        return ModesWork(products=products, block_size=block_size, memory=memory)
     search = _FilterSearch(problem, count, target)
     window, starts = search.choose_window()
     _require_affordable(problem, window, starts, count, InputError)
@@ -809,7 +809,7 @@ def estimate_modes(operator: WaveOperator, count: int, nearest: float | None) ->
     return ModesWork(
         # the sums over filters take as long as the products
         products=float(_SUMS_OF_FILTERS * window.order * n_vectors),
-        together=starts,
+        block_size=starts,
         memory=_count_bytes(window, operator.size, starts),
     )
 
