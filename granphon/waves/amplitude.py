@@ -180,8 +180,8 @@ def _find_double_elongation(
 
 
 def _find_mean_elongation(operator: WaveOperator, wavevector: Array, tension: Complex) -> Complex:
-    """Return the elongations (n_c,) with which contacts answer a ``tension`` (n_c,) that is constant
-    in time and the same in all cells, while the cell keeps its size.
+    """Return the elongations (n_c,) with which contacts answer a ``tension`` (n_c,) that is
+    constant in time and the same in all cells, while the cell keeps its size.
 
     ``wavevector`` (p,), that of the wave, enters times zero: the elongations have no phase.
     """
