@@ -858,7 +858,7 @@ def fit_damping(
         **{name: _average_contacts(losses[name]) for name in SECOND_LOSSES},
         restitution=float(np.mean(losses[_RESTITUTION])),
         measured=with_errors,
-        quantity=Places(network, direction, polarisation, distance).refine(quantity, source),
+        quantity=Places(network, direction, polarisation, distance).find_quantity(quantity, source),
         sigma_given=sigma_given,
         magnitude=np.abs(comparison.respond(best.x)),
         phase=comparison.find_phases(best.x),

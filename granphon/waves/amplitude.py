@@ -37,9 +37,10 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
 
     Raises :class:`~granphon.base.errors.InputError` for what :class:`NonlinearWaves` refuses, for a
     network that does not repeat, and for ``q`` of another shape; for a law that is no power of the
-    overlap, and contacts without an overlap; for a branch whose frequency at q is zero or that of
-    another branch, or in which balls only turn; and where a wave of wave vector 2 q has twice the
-    frequency.
+    overlap, and contacts without an overlap; for a branch that is not there, whose frequency at q
+    is zero or that of another branch, or in which balls only turn; and where a wave of wave vector
+    2 q has twice the frequency. Raises :class:`~granphon.base.errors.PrecisionError` for ``q`` too
+    far from Gamma.
     """
     waves = NonlinearWaves(x, law)
     if not isinstance(waves.normal, Powers):
@@ -57,31 +58,29 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     wavevector = _read_wavevector(network, q)
     number = whole_number("branch", branch, 0, operator.size - 1)
     matrix, rows = _compose_harmonic(operator, wavevector, 1)
-    square, vector = _require_single_branch(matrix, number, operator.top**2)
+    square, vector = _find_single_mode(matrix, number, operator.top**2)
     amplitude = _find_amplitude(operator, vector, number)
-    # a contact stretched by e has the tension k e + second e^2 + third e^3 beyond that at rest
+    # a contact stretched by e has the tension k e + k2 e^2 + k3 e^3 beyond that at rest
     exponent = waves.normal.exponent
     k = network.normal_stiffness
     delta = waves.overlap
-    second = -0.5 * k * (exponent - 1.0) / delta
-    third = k * (exponent - 1.0) * (exponent - 2.0) / (6.0 * delta**2)
+    k2 = -0.5 * k * (exponent - 1.0) / delta
+    k3 = k * (exponent - 1.0) * (exponent - 2.0) / (6.0 * delta**2)
     # contacts of the wave stretch by Re(e exp(-i omega t)); the square of this makes elongations
     # of order two, constant ones and others at twice the frequency
     e = rows @ vector
-    e_double = _find_double_elongation(operator, wavevector, square, 0.5 * second * e * e)
-    e_mean = _find_mean_elongation(operator, wavevector, 0.5 * second * np.abs(e) ** 2)
-    # the tension of order three that has the frequency of the wave, from second (e + e_mean +
-    # e_double)^2 and third e^3: it changes omega^2 as a small stiffness does, by e^* . tension
-    tension = 2.0 * second * e * e_mean + second * e.conj() * e_double
-    tension += 0.75 * third * np.abs(e) ** 2 * e
+    e_double = _find_double_elongation(operator, wavevector, square, 0.5 * k2 * e * e)
+    e_mean = _find_mean_elongation(operator, wavevector, 0.5 * k2 * np.abs(e) ** 2)
+    # the tension of order three that has the frequency of the wave, from k2 (e + e_mean +
+    # e_double)^2 and k3 e^3: it changes omega^2 as a small stiffness does, by e^* . tension
+    tension = 2.0 * k2 * e * e_mean + k2 * e.conj() * e_double
+    tension += 0.75 * k3 * np.abs(e) ** 2 * e
     square_change = float((e.conj() @ tension).real)
     shift = square_change / (2.0 * square)
     return shift * (float(np.mean(delta)) / amplitude) ** 2
 
 
-def _require_single_branch(
-    matrix: Complex, number: int, top_square: float
-) -> tuple[float, Complex]:
+def _find_single_mode(matrix: Complex, number: int, top_square: float) -> tuple[float, Complex]:
     """Return omega^2, (rad/s)^2, and the mode (size,), of norm one, of the branch with this
     ``number``; ``matrix`` (size, size), (rad/s)^2, is D of the wave vector.
 
@@ -99,10 +98,11 @@ def _require_single_branch(
 
 def _read_wavevector(network: ContactNetwork, q: ArrayLike) -> Array:
     """Return the wave vector (p,), in fractions of the reciprocal cell, that ``q`` (p,) or (3,)
-    gives; p is the number of axes along which the network repeats.
+    gives: the first p components, of the p periods in their order.
 
     Raises :class:`~granphon.base.errors.InputError` for a network that does not repeat, for ``q``
-    of another shape or not finite, and if the components of ``q`` beyond the first p are not zero.
+    of another shape or not finite, and if the components of ``q`` beyond the first p are not zero;
+    and :class:`~granphon.base.errors.PrecisionError` for ``q`` too far from Gamma.
     """
     p = int(np.count_nonzero(network.pbc))
     if p == 0:
@@ -134,8 +134,9 @@ def _compose_harmonic(
 
 
 def _find_amplitude(operator: WaveOperator, vector: Complex, number: int) -> float:
-    """Return the largest displacement of a ball in a mode ``vector`` (size,), mass-weighted, of the
-    branch with this ``number``: each ball moves on an ellipse, of which half the long axis counts.
+    """Return the largest displacement of a ball in the mode ``vector`` (size,), mass-weighted and
+    of norm one, of the branch with this ``number``. Each ball moves on an ellipse, and half of the
+    long axis of the ellipse counts.
 
     Raises :class:`~granphon.base.errors.InputError` for a mode in which balls only turn.
     """
@@ -162,8 +163,9 @@ def _find_double_elongation(
     """Return the elongations (n_c,), complex amplitudes, with which contacts answer a ``tension``
     (n_c,) at twice the frequency and twice the wave vector of a wave.
 
-    ``square`` is omega^2 of the wave, (rad/s)^2; ``wavevector`` (p,) is in fractions. Raises
-    :class:`~granphon.base.errors.InputError` if a wave of wave vector 2 q has twice the frequency.
+    ``square`` is omega^2 of the wave, (rad/s)^2; ``wavevector`` (p,), q in fractions, is that of
+    the wave. Raises :class:`~granphon.base.errors.InputError` if a wave of wave vector 2 q has
+    twice the frequency.
     """
     matrix, rows = _compose_harmonic(operator, wavevector, 2)
     double_square = 4.0 * square  # (2 omega)^2
@@ -178,8 +180,10 @@ def _find_double_elongation(
 
 
 def _find_mean_elongation(operator: WaveOperator, wavevector: Array, tension: Complex) -> Complex:
-    """Return the elongations (n_c,) with which contacts answer a constant ``tension`` (n_c,), the
-    same in all cells, while the cell keeps its size.
+    """Return the elongations (n_c,) with which contacts answer a ``tension`` (n_c,) that is
+    constant in time and the same in all cells, while the cell keeps its size.
+
+    ``wavevector`` (p,), that of the wave, enters times zero: the elongations have no phase.
     """
     matrix, rows = _compose_harmonic(operator, wavevector, 0)
     force = -rows.conj().T @ tension

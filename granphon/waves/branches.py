@@ -15,6 +15,7 @@ from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.text import counted
 from granphon.base.validation import finite_array, whole_number
+from granphon.dynamics.compatibility import require_digits
 from granphon.dynamics.lowest_modes import size_block
 from granphon.waves.lowest import find_lowest
 from granphon.waves.modes import DENSE, ZERO, find_allowed_fall
@@ -25,9 +26,11 @@ def find_branches(operator: WaveOperator, q: ArrayLike, count: int) -> Array:
     """Return the ``count`` lowest frequencies (n_q, count), Hz, at wave vectors ``q`` (n_q, p), in
     fractions of the reciprocal cell; see :meth:`granphon.waves.waves.Waves.branches`.
 
-    Raises what :func:`read_count` and :func:`read_wavevectors` raise; and
+    Raises what :func:`read_count` and :func:`read_wavevectors` raise;
     :class:`~granphon.base.errors.InstabilityError` at the first wave vector at which a squared
-    frequency is below zero.
+    frequency is below zero; and :class:`~granphon.base.errors.ConvergenceError` if the branches of
+    a large network are not found. With static tangential forces squared frequencies below zero are
+    returned as zero, as :func:`_require_stable` says.
     """
     count = read_count(operator, count)
     wavevectors = read_wavevectors(operator, q)
@@ -54,7 +57,9 @@ def read_count(operator: WaveOperator, count: int) -> int:
     """
     count = whole_number("count", count, 1)
     size = operator.size
-    if size_block(count) * 3 > size > DENSE or count > size:
+    # an iteration of the block has a space of three blocks: vectors, residuals and last changes
+    exceeds_space = size > DENSE and 3 * size_block(count) > size
+    if count > size or exceeds_space:
         fault = f"{counted(count, 'branch is', 'branches are')} asked for, of {size:,}"
         raise InputError(fault, "Only the lowest ones are found", "Ask for fewer")
     return count
@@ -65,7 +70,8 @@ def read_wavevectors(operator: WaveOperator, q: ArrayLike) -> Array:
     (p,) gives; p is the number of axes along which the network repeats.
 
     Raises :class:`~granphon.base.errors.InputError` for ``q`` of another shape, without a wave
-    vector or not finite, and for a network that does not repeat.
+    vector or not finite, and for a network that does not repeat; and
+    :class:`~granphon.base.errors.PrecisionError` for a wave vector too far from Gamma.
     """
     p = int(np.count_nonzero(operator.network.pbc))
     if not p:
@@ -81,6 +87,7 @@ def read_wavevectors(operator: WaveOperator, q: ArrayLike) -> Array:
             f"A wave vector has {counted(p, 'component')}, one for each period, in fractions",
             f"Give an array (n, {p})",
         )
+    require_digits(wavevectors)
     return wavevectors
 
 

@@ -45,8 +45,8 @@ _POINTS = 4
 #: relative difference of frequencies, and of numbers of moments before they are rounded up, that is
 #: rounding
 _ROUNDING = 1e-12
-#: bytes of vectors that a result keeps, so that more moments go on from these vectors; a result
-#: whose vectors would take more bytes keeps none, and for more moments begins the recursion again
+#: most bytes of vectors that a result keeps, so that more moments go on from these vectors; a
+#: result whose vectors would take more keeps none, and for more moments begins the recursion again
 _KEPT = 2**28
 #: share by which rounding may raise a moment above that of order zero, and the norm of T_n x above
 #: that of x; greater ones have a squared frequency below zero
@@ -73,8 +73,8 @@ class Kernel:
         :data:`MOMENTS`.
 
         ``top`` is the bound of all frequencies, Hz. Raises
-        :class:`~granphon.base.errors.InputError` if both are given, or if the number of moments
-        would be too large or too small.
+        :class:`~granphon.base.errors.InputError` if both are given, for a resolution that is not
+        above zero, and if the number of moments is not whole, or would be too large or too small.
         """
         if resolution is None:
             count = MOMENTS if moments is None else moments
@@ -110,11 +110,11 @@ class Kernel:
     @cached_property
     def weights(self) -> Array:
         """(M,) factors g_n of the moments: those of Jackson for 2M orders, at the even orders."""
-        n_orders = 2.0 * self.moments  # even and odd ones
+        n_orders = 2.0 * self.moments  # even and odd orders
         angle = math.pi / n_orders
-        order = 2.0 * np.arange(self.moments)
-        cosines = (n_orders - order) * np.cos(order * angle)
-        sines = np.sin(order * angle) / math.tan(angle)
+        orders = 2.0 * np.arange(self.moments)
+        cosines = (n_orders - orders) * np.cos(orders * angle)
+        sines = np.sin(orders * angle) / math.tan(angle)
         return np.asarray((cosines + sines) / n_orders)
 
     @property
@@ -181,10 +181,8 @@ class Kernel:
         """Raise :class:`~granphon.base.errors.InputError` if ``frequencies``, Hz, of a result that
         was read from data, are not :attr:`frequencies`.
         """
-        are_same = frequencies.size == self.count
-        if are_same:
-            are_same = np.allclose(frequencies, self.frequencies, rtol=_ROUNDING, atol=0.0)
-        if not are_same:
+        have_size = frequencies.size == self.count
+        if not have_size or not np.allclose(frequencies, self.frequencies, _ROUNDING, 0.0):
             fault = f"the frequencies are not those of {self.moments} moments up to {self.top:g} Hz"
             raise InputError(fault, mend="Compute the spectrum again")
 
@@ -233,10 +231,10 @@ class Moments:
     def __init__(
         self, operator: WaveOperator, starts: Sequence[Callable[[], Array]], *, keep: bool = False
     ) -> None:
-        together = operator.vectors_at_once
+        block_size = operator.vectors_at_once
         self._recursions = [
-            _Recursion(operator, starts[first : first + together], keep)
-            for first in range(0, len(starts), together)
+            _Recursion(operator, starts[first : first + block_size], keep)
+            for first in range(0, len(starts), block_size)
         ]
 
     def first(self, count: int, step: Step = silent) -> Array:
@@ -321,7 +319,8 @@ class Refinable(Result):
     """A frozen spectrum, broadened by the Jackson kernel, that can be computed again with more
     moments or a finer resolution.
 
-    More moments are computed from the network, which plain data and pickles do not keep.
+    More moments are computed from the network, which plain data and pickles do not keep: a spectrum
+    from data stays as it is.
 
     Attributes
     ----------
@@ -333,8 +332,8 @@ class Refinable(Result):
     frequencies: Array
     top: float
     moments: int
-    #: the function that returns the result of a number of moments; None in a result from data
-    _work: Callable[..., Any] | None = None
+    #: the function that finds the result of a number of moments; None in a result from data
+    _finder: Callable[..., Any] | None = None
 
     def _check(self) -> None:
         """Check the shapes, and that the frequencies are those of the kernel of the moments."""
@@ -353,37 +352,38 @@ class Refinable(Result):
         """
         return self._kernel.resolution
 
-    def _with_work(self, work: Callable[..., Self]) -> Self:
-        """Keep ``work``, the function that returns the result of a number of moments, in this
+    def _with_finder(self, finder: Callable[..., Self]) -> Self:
+        """Keep ``finder``, the function that finds the result of a number of moments, in this
         result, and return this result.
         """
-        object.__setattr__(self, "_work", work)  # the result is frozen for everyone else
+        object.__setattr__(self, "_finder", finder)  # the result is frozen for everyone else
         return self
 
-    def _known_work(self) -> Callable[..., Self]:
-        """Return the function that returns the result of a number of moments.
+    def _require_finder(self) -> Callable[..., Self]:
+        """Return the function that finds the result of a number of moments.
 
         Raises :class:`~granphon.base.errors.InputError` if this result was read from data.
         """
-        if self._work is None:
+        if self._finder is None:
             name = type(self).__name__
             mend = "Ask gp.Waves(network) for it again"
             raise InputError(
                 f"this {name} was read from data, which do not have the network", mend=mend
             )
-        return self._work
+        return self._finder
 
     def with_moments(self, moments: int) -> Self:
         """Return the result of this number of moments; moments that are known, and whose vectors
         were small enough to be kept, are not computed again.
 
         The result is the same, bit for bit, as if that number had been requested at once. Raises
-        :class:`~granphon.base.errors.InputError` if this result was read from data.
+        :class:`~granphon.base.errors.InputError` if this result was read from data, and for a
+        number that is not whole or out of range.
         """
-        return self._known_work()(Kernel.of(self.top, moments=moments).moments)
+        return self._require_finder()(Kernel.of(self.top, moments=moments).moments)
 
     def with_resolution(self, resolution: float) -> Self:
-        """Return the result whose resolution is at least as fine as ``resolution``, Hz; all that
-        :meth:`with_moments` says holds.
+        """Return the result whose resolution is at least as fine as ``resolution``, Hz, above zero;
+        all that :meth:`with_moments` says holds.
         """
-        return self._known_work()(Kernel.of(self.top, resolution).moments)
+        return self._require_finder()(Kernel.of(self.top, resolution).moments)

@@ -76,7 +76,8 @@ def find_local_density(
     :meth:`granphon.waves.waves.Waves.local_dos`.
 
     Raises :class:`~granphon.base.errors.InputError` for a ball that is not there or does not move,
-    for frequencies below zero or of another shape, and for more of them than memory holds.
+    for frequencies that are not finite, below zero or of another shape, and for more of them than
+    memory holds; and what :meth:`Kernel.of` raises.
     """
     network = operator.network
     kernel = Kernel.of(operator.top / (2.0 * math.pi), resolution, moments)
@@ -109,8 +110,8 @@ def _find_ball_moments(operator: WaveOperator, ball: int, count: int) -> Array:
     n_motions = operator.motions.count
     # one vector for each motion of the ball: (motions, n_free, motions)
     starts = np.zeros((n_motions, operator.balls.size, n_motions))
-    number = np.searchsorted(operator.balls, ball)  # of the ball among those that move
-    starts[:, number] = np.eye(n_motions)
+    index = np.searchsorted(operator.balls, ball)  # of the ball among those that move
+    starts[:, index] = np.eye(n_motions)
     return Moments(operator, [partial(operator.vector, start) for start in starts]).first(count)
 
 
@@ -219,7 +220,7 @@ class SpectralDensity(Refinable):
         density by all modes, without random vectors, stays as it is. Raises
         :class:`~granphon.base.errors.InputError` if this result was read from data.
         """
-        return self._known_work()(self.moments, vectors=whole_number("vectors", vectors, 1))
+        return self._require_finder()(self.moments, vectors=whole_number("vectors", vectors, 1))
 
 
 class DensityRequest(NamedTuple):
@@ -255,7 +256,8 @@ class AllModes:
     """All modes of a network: their frequencies, and the shares of translations and of rotations in
     the kinetic energy of each, from which :meth:`find` makes the density of states.
 
-    ``seed`` is only passed on to the result. The constructor finds all modes by a dense matrix.
+    The constructor finds all modes by a dense matrix. The caller has made sure that the network is
+    stable. ``seed`` is only passed on to the result.
     """
 
     def __init__(self, operator: WaveOperator, seed: int) -> None:
@@ -263,7 +265,8 @@ class AllModes:
         self._top = operator.top / (2.0 * math.pi)
         self._seed = seed
         self._n_balls = operator.balls.size
-        # rounding may leave zeros below zero
+        # squares of a stable network are below zero by rounding, by forces that do not quite
+        # balance, or because D lacks the antisymmetric part of G: all of these count as zero
         omega = np.sqrt(np.maximum(squared_frequencies, 0.0))
         self._frequencies = omega / (2.0 * math.pi)
         self._dimension = operator.network.dimension
@@ -271,7 +274,7 @@ class AllModes:
         energies = modes**2
         translations = np.sum(energies[~operator.is_rotation], axis=0)
         rotations = np.sum(energies[operator.is_rotation], axis=0)
-        # (2, modes): the shares of translations and rotations in the energy of each mode
+        # (2, modes) of translations and of rotations, as vectors are weighted with masses
         self._energy_shares = np.stack([translations, rotations])
 
     def find(self, moments: int, vectors: int) -> SpectralDensity:
@@ -302,7 +305,7 @@ class AllModes:
             seed=self._seed,
             dimension=self._dimension,
             warnings=self._warnings,
-        )._with_work(partial(self.find, vectors=0))
+        )._with_finder(partial(self.find, vectors=0))
 
 
 class RandomVectors:
@@ -400,7 +403,7 @@ class RandomVectors:
             seed=self._seed,
             dimension=self._operator.network.dimension,
             warnings=network_warnings(self._operator.network),
-        )._with_work(partial(self.find, vectors=vectors))
+        )._with_finder(partial(self.find, vectors=vectors))
 
 
 def _find_error(densities: Array) -> Array:

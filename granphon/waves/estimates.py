@@ -50,6 +50,9 @@ _DENSITY_BYTES = 400.0
 _STEP_PRODUCTS = 2.0
 #: time, s, over n^3, of all eigenvalues and vectors of a dense symmetric matrix (n, n)
 _DENSE_TIME = 1.5e-9
+#: dense matrices that are held while the modes of one are found: the matrix itself, its vectors,
+#: and two for the work; measured with a matrix of 2000 motions
+_DENSE_COPIES = 4.0
 #: time, s, over n^3, of all eigenvalues and vectors of a dense complex matrix that is not Hermitian
 _EIGEN_TIME = 4e-9
 #: time, s, over n^3, of the elimination of a slice of n motions
@@ -78,7 +81,7 @@ class WaveEstimate:
         Raises :class:`~granphon.base.errors.InputError` for a name without an estimate, and for
         arguments that the method refuses.
         """
-        parts: dict[str, Callable[..., Cost]] = {
+        finders: dict[str, Callable[..., Cost]] = {
             "dos": self._find_density,
             "spectral_function": self._find_spectra,
             "modes": self._find_modes,
@@ -89,7 +92,8 @@ class WaveEstimate:
             "transmission": self._find_transmission,
             "moduli": self._find_moduli,
         }
-        return parts[one_of("the result", name, parts)](*arguments, **options)
+        find_cost = finders[one_of("the result", name, finders)]
+        return find_cost(*arguments, **options)
 
     @cached_property
     def _matrix_bytes(self) -> float:
@@ -99,27 +103,27 @@ class WaveEstimate:
         matrix = self.operator.matrix
         return _MAKING_SHARE * (matrix.data.nbytes + matrix.indices.nbytes)
 
-    def _time_product(self, together: int) -> float:
-        """Return the time, s, of a product of D with one of ``together`` vectors that share it, as
-        measured on this machine.
+    def _time_product(self, block_size: int) -> float:
+        """Return the time, s, of a product of D with one of ``block_size`` vectors that share the
+        product; this machine is measured.
         """
         operator = self.operator
-        shape = (operator.size,) if together == 1 else (operator.size, together)
+        shape = (operator.size,) if block_size == 1 else (operator.size, block_size)
         vectors = np.ones(shape)
         seconds = time_once(lambda: operator.advance(vectors, np.zeros(shape)))
-        return seconds / together
+        return seconds / block_size
 
     def _cost_products(
-        self, words: str, products: float, together: int = 1, memory: float = 0.0
+        self, words: str, products: float, block_size: int = 1, memory: float = 0.0
     ) -> Cost:
         """Return the cost of D and of a number of ``products`` of D with vectors, of which
-        ``together`` share each product, plus ``memory``, bytes; ``words`` name the result.
+        ``block_size`` share each product, plus ``memory``, bytes; ``words`` name the result.
         """
         n_balls = self.operator.balls.size
-        vectors = 8.0 * _HELD_VECTORS * self.operator.size * together
+        vectors = 8.0 * _HELD_VECTORS * self.operator.size * block_size
         return Cost(
             self._matrix_bytes + vectors + memory,
-            units=(Units(products, partial(self._time_product, together)),),
+            units=(Units(products, partial(self._time_product, block_size)),),
             parts=(f"{words} of {counted(n_balls, 'ball')}, {products:,.0f} products",),
         )
 
@@ -142,7 +146,7 @@ class WaveEstimate:
         """
         size = self.operator.size
         return Cost(
-            4.0 * 8.0 * size**2,
+            8.0 * _DENSE_COPIES * size**2,
             units=(Units(count * float(size) ** 3, lambda: _DENSE_TIME),),
             parts=(f"{words} of {counted(self.operator.balls.size, 'ball')}",),
         )
@@ -162,10 +166,10 @@ class WaveEstimate:
             return self._cost_dense("density of states")
         n_moments = request.kernel.moments
         n_starts = request.vectors * (2 if operator.motions.rotate else 1)
-        together = min(operator.vectors_at_once, n_starts)
+        block_size = min(operator.vectors_at_once, n_starts)
         memory = _DENSITY_BYTES * request.vectors * n_moments
         return self._cost_products(
-            "density of states", n_starts * (n_moments // 2), together, memory
+            "density of states", n_starts * (n_moments // 2), block_size, memory
         )
 
     def _find_spectra(
@@ -183,8 +187,10 @@ class WaveEstimate:
         operator = self.operator
         kernel = Kernel.of(operator.top / (2.0 * math.pi), resolution, moments)
         n_waves = PlaneWaves(operator, q, polarisation, direction).n_waves
-        together = min(operator.vectors_at_once, n_waves)
-        return self._cost_products("spectral functions", n_waves * (kernel.moments // 2), together)
+        block_size = min(operator.vectors_at_once, n_waves)
+        return self._cost_products(
+            "spectral functions", n_waves * (kernel.moments // 2), block_size
+        )
 
     def _find_modes(self, count: int = 10, nearest: float | None = None) -> Cost:
         """Return the cost of modes; arguments are those of ``Waves.modes``. If the modes would be
@@ -196,12 +202,12 @@ class WaveEstimate:
         if work.factors:
             return self._cost_factors(counted(count, "mode"), work.factors)
         return self._cost_products(
-            counted(count, "mode"), work.products, work.together, work.memory
+            counted(count, "mode"), work.products, work.block_size, work.memory
         )
 
     def _find_branches(self, q: Any, count: int = 6) -> Cost:
-        """Return the cost of branches; arguments are those of ``Waves.branches``. Products of
-        complex numbers take twice the time.
+        """Return the cost of branches; arguments are those of ``Waves.branches``. Products of the
+        complex numbers of a large network count twice.
         """
         operator = self.operator
         count = read_count(operator, count)
@@ -211,11 +217,11 @@ class WaveEstimate:
         )
         if operator.size <= DENSE:
             return self._cost_dense(words, float(len(wavevectors)))
-        together = size_block(count)
-        products, memory = estimate_lowest(operator, together)
+        block_size = size_block(count)
+        products, memory = estimate_lowest(operator, block_size)
         # vectors, boxes and factors of single balls are complex, and D itself is made anew
         memory = 3.0 * memory + 2.0 * self._matrix_bytes
-        return self._cost_products(words, 2.0 * len(wavevectors) * products, together, memory)
+        return self._cost_products(words, 2.0 * len(wavevectors) * products, block_size, memory)
 
     def _find_counts(self, frequencies: Any) -> Cost:
         """Return the cost of the numbers of modes below ``frequencies``, Hz: factors for each that
@@ -260,8 +266,10 @@ class WaveEstimate:
         words = f"response at {counted(hertz.size, 'frequency', 'frequencies')}"
         total = self._cost_factors(words, n_factors) if n_factors else Cost()
         if n_factors < hertz.size:
-            in_space = seconds - (n_factors * work.factor_time if n_factors else 0.0)
-            total += self._cost_products(words, _STEP_PRODUCTS * in_space / work.step_time)
+            # without factors their time may be infinite, and is not multiplied by zero
+            factor_seconds = n_factors * work.factor_time if n_factors else 0.0
+            steps = (seconds - factor_seconds) / work.step_time
+            total += self._cost_products(words, _STEP_PRODUCTS * steps)
         return total
 
     def _find_transmission(
@@ -279,20 +287,21 @@ class WaveEstimate:
         restitution: Any = 1.0,
     ) -> Cost:
         """Return the cost of a transmission through the network, between the leads ``left`` and
-        ``right``; the other arguments are those of :func:`granphon.transmission`.
+        ``right``; the other arguments are those of :func:`granphon.transmission`, and ``q`` is ()
+        where the strip repeats along no other axis.
         """
         given = GivenLosses(damping, loss_factor, drag, dashpot, restitution)
         Losses.of(self.operator.network, given)  # refuses wrong numbers
         work = TransmissionWork.of(left, self.operator.network, right, frequencies, axis, q)
         count = work.hertz.size
         seconds = 2.0 * _EIGEN_TIME * (2.0 * work.lead_size) ** 3  # waves of both leads
-        of_slices = _SLICE_TIME * float(np.sum(work.widths**3))
+        slice_seconds = _SLICE_TIME * float(np.sum(work.widths**3))
         if work.by_slices:
-            seconds += of_slices
+            seconds += slice_seconds
         else:
             # strips are mostly narrow: their factors cost less than those of a cube
-            of_factors, _bytes = self.operator.estimate_factors()
-            seconds += min(of_factors, of_slices)
+            factor_seconds, _bytes = self.operator.estimate_factors()
+            seconds += min(factor_seconds, slice_seconds)
         words = f"transmission at {counted(count, 'frequency', 'frequencies')}"
         return Cost(
             # the complex matrix of the strip, and beside it the squared frequency less this matrix
@@ -312,11 +321,13 @@ class WaveEstimate:
             return self._cost_dense(words)
         periods = int(np.count_nonzero(operator.network.pbc))
         if ContactLattice.from_network(operator.network).tries_iteration:
-            together = periods**2  # all gradients of a displacement
+            block_size = periods**2  # all gradients of a displacement
             iterations = _ITERATIONS * operator.balls.size ** (1.0 / periods)
-            columns = _RELAXATIONS * together + PROBES
-            held = 2.0 * 8.0 * _HELD_VECTORS * operator.size * together + self._matrix_bytes
-            return self._cost_products(words, iterations * columns, together, held)
+            columns = _RELAXATIONS * block_size + PROBES
+            # conjugate gradients hold three times the vectors of a recursion, which are counted
+            # once below, and the lattice has a matrix of its own
+            memory = 2.0 * 8.0 * _HELD_VECTORS * operator.size * block_size + self._matrix_bytes
+            return self._cost_products(words, iterations * columns, block_size, memory)
         return self._cost_factors(words, _FACTORS_OF_MODULI)
 
     def _find_pulse(

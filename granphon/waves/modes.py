@@ -98,8 +98,9 @@ _HELD_PER_REQUESTED = 2
 _FRESH = 4
 #: random vectors so far, over fresh ones
 _GROWTH = 3
-#: time of a product with D and of the sums over filters for it, over the time of the product
-_SUMS_OF_FILTERS = 2.0
+#: time of a product with D and of the sums over filters for it, over the time of the product alone:
+#: the sums take as long
+_PRODUCT_WITH_SUMS = 2.0
 #: factorisations of a search for modes: one at the shift, with its solutions, and two to count the
 #: modes below both ends of the interval that was searched
 _FACTORS_OF_MODES = 3.0
@@ -122,7 +123,7 @@ _MOST_PRODUCTS = 2_000_000
 _ROWS = 2**9
 #: polynomials T_n x that are kept until they are summed together, times the coefficients of filters
 _KEPT_POLYNOMIALS = 32
-#: vectors that are worked on at a time
+#: columns of a basis that are worked on at a time
 _COLUMNS = 32
 #: most motions of a matrix that is made dense because many modes are requested, or because many
 #: modes cost no energy: such a matrix and its modes take 2 GB
@@ -134,8 +135,8 @@ _ALL_OVER_FOUND = 3
 _SHIFT = 1e-6
 #: products with D that tell whether a network too large to be factorised is stable
 _KRYLOV_PRODUCTS = 400
-#: error of the lowest eigenvalue by these products, over top^2. D is lower than the whole by a
-#: tenth of that, where overlaps are d/50
+#: error of the lowest eigenvalue by these products, over top^2. The lowest eigenvalue of D is below
+#: that of the whole matrix by a tenth of this error, where overlaps are d/50
 _RITZ_ERROR = 1e-5
 #: greatest rate of growth of a fall, over the top frequency, that forces left on balls at rest
 #: excuse; a network that grows faster is unstable
@@ -291,8 +292,8 @@ class Problem:
         frequencies (m,), rad/s, ascending, modes (size, m) and residuals (m,) over top^2.
 
         Without static forces the modes are found as singular vectors of A, so that low frequencies
-        lose no digits. With static forces they are eigenvectors of D, and
-        :func:`find_roots` raises an error if the network is not stable.
+        lose no digits. With static forces they are eigenvectors of D, and the method raises what
+        :func:`find_roots` raises.
         """
         operator = self.operator
         basis = np.zeros((operator.size, vectors.shape[1]))
@@ -311,8 +312,8 @@ class Problem:
 
     def choose_nearest(self, omega: Array, count: int, target: float) -> NDArray[np.intp]:
         """Return the indices, ascending, of the ``count`` modes nearest to ``target``, rad/s, among
-        modes of the frequencies ``omega`` (m,), rad/s; fewer if fewer cost energy, as zero modes
-        are left out.
+        modes of the frequencies ``omega`` (m,), rad/s. Zero modes are left out, and so there are
+        fewer indices if fewer modes cost energy.
         """
         elastic = np.flatnonzero(omega > ZERO * self.top)
         from_nearest = np.argsort(np.abs(omega[elastic] - target), kind="stable")
@@ -340,8 +341,8 @@ def _find_singular(deformations: Array) -> tuple[Array, Array]:
 
 
 def find_allowed_fall(operator: WaveOperator) -> float:
-    """Return s^2, (rad/s)^2: squared frequencies below zero count as zero down to -s^2, and belong
-    to an unstable network beyond.
+    """Return s^2, (rad/s)^2, the size of squared frequencies below zero that count as zero: a
+    network with a square below -s^2 is unstable.
 
     A square that is zero may come out below zero by rounding, or because static forces on balls do
     not balance: no program brings forces to rest to all digits, and balls that carry no load have
@@ -358,11 +359,12 @@ def find_allowed_fall(operator: WaveOperator) -> float:
     forces, torques = network.unbalanced
     force = np.linalg.norm(forces[balls], axis=1)
     torque = np.linalg.norm(torques[balls], axis=1)
-    square_rates = force / (network.masses[balls] * network.radii[balls])
-    square_rates = square_rates + torque / network.inertias[balls]
+    of_forces = force / (network.masses[balls] * network.radii[balls])
+    of_torques = torque / network.inertias[balls]
+    fastest = float(np.max(of_forces + of_torques))
     # a faster fall is no imbalance that a program leaves, but an instability
     greatest = (_BALANCED * operator.top) ** 2
-    return rounding + min(float(np.max(square_rates)), greatest)
+    return rounding + min(fastest, greatest)
 
 
 def find_roots(operator: WaveOperator, squares: Array) -> Array:
@@ -380,8 +382,8 @@ def find_roots(operator: WaveOperator, squares: Array) -> Array:
 
 
 def require_motions(count: int, available: int) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` for a request of more modes than the motions
-    that are ``available``.
+    """Raise :class:`~granphon.base.errors.InputError` for a request of more modes, ``count``, than
+    the number of motions that are ``available``.
     """
     if count > available:
         request = counted(count, "mode is", "modes are")
@@ -390,8 +392,8 @@ def require_motions(count: int, available: int) -> None:
 
 
 def explain_too_few(available: int, count: int) -> InputError:
-    """Return the error for a request of ``count`` modes, if only ``available`` modes cost
-    energy.
+    """Return the error for a request of ``count`` modes in a network of which only ``available``
+    modes, a number, cost energy.
     """
     request = counted(count, "mode is", "modes are")
     among = f"only {available}" if available else "none"
@@ -474,17 +476,18 @@ class _Window:
         """
         size, m = starts.shape
         filtered = np.zeros((size, self.filters, m))
-        recursion = polynomials(operator, starts)
-        kept = np.empty((_KEPT_POLYNOMIALS, size, m))
+        recursion = polynomials(operator, starts)  # yields T_n x, of one order n after the other
+        kept_polynomials = np.empty((_KEPT_POLYNOMIALS, size, m))
         with operator.progress.step("modes of a window", self.order + 1) as step:
-            for first in range(0, self.order + 1, _KEPT_POLYNOMIALS):
-                coefficients = self.coefficients[:, first : first + _KEPT_POLYNOMIALS]
+            for first_order in range(0, self.order + 1, _KEPT_POLYNOMIALS):
+                last_order = first_order + _KEPT_POLYNOMIALS
+                coefficients = self.coefficients[:, first_order:last_order]
                 count = coefficients.shape[1]
                 for offset in range(count):
-                    kept[offset] = next(recursion)
+                    kept_polynomials[offset] = next(recursion)
                 for row in range(0, size, _ROWS):
                     block = slice(row, row + _ROWS)
-                    polynomials_of_block = kept[:count, block].reshape(count, -1)
+                    polynomials_of_block = kept_polynomials[:count, block].reshape(count, -1)
                     sums = coefficients @ polynomials_of_block  # (filters, rows x m)
                     filtered[block] += sums.reshape(self.filters, -1, m).swapaxes(0, 1)
                 step.advance(count)
@@ -771,14 +774,14 @@ class ModesWork(NamedTuple):
     factors : number of factorisations of D; 0 if the search takes products.
     products : time of the products of D with vectors, and of what is done with each, over the time
         of one product.
-    together : number of vectors that share each product.
+    block_size : number of vectors that share each product.
     memory : of the vectors, bytes.
     """
 
     is_dense: bool = False
     factors: float = 0.0
     products: float = 0.0
-    together: int = 1
+    block_size: int = 1
     memory: float = 0.0
 
 
@@ -799,17 +802,16 @@ def estimate_modes(operator: WaveOperator, count: int, nearest: float | None) ->
     if problem.has_factors:
         return ModesWork(factors=_FACTORS_OF_MODES)
     if target <= ZERO * problem.top:
-        together = size_block(count + _count_rigid(operator))
-        products, memory = estimate_lowest(operator, together)
-        return ModesWork(products=products, together=together, memory=memory)
+        block_size = size_block(count + _count_rigid(operator))
+        products, memory = estimate_lowest(operator, block_size)
+        return ModesWork(products=products, block_size=block_size, memory=memory)
     search = _FilterSearch(problem, count, target)
     window, starts = search.choose_window()
     _require_affordable(problem, window, starts, count, InputError)
     n_vectors = starts + _count_fresh(starts)
     return ModesWork(
-        # the sums over filters take as long as the products
-        products=float(_SUMS_OF_FILTERS * window.order * n_vectors),
-        together=starts,
+        products=float(_PRODUCT_WITH_SUMS * window.order * n_vectors),
+        block_size=starts,
         memory=_count_bytes(window, operator.size, starts),
     )
 
@@ -895,7 +897,7 @@ def _draw_vectors(problem: Problem, random: np.random.Generator, count: int, pow
 
 
 def _find_ritz_modes(problem: Problem, window: _Window, basis: Array) -> _FoundModes:
-    """Return the modes of the ``window`` in the space of an orthonormal ``basis`` (size, n): the
+    """Return the modes of the ``window`` in the space of an orthonormal ``basis`` (size, n): those
     Ritz vectors of D with frequencies in the window whose residuals are at most :data:`RESIDUAL`.
 
     Raises what :func:`find_roots` raises.
@@ -1045,8 +1047,8 @@ class NetworkModes(Result):
 
         The share is 2 d ln f / d ln k, where all stiffnesses of the contact change by the same
         factor as k. The shares of a mode add up to one, less the share of springs to the ground
-        and, with ``prestress``, that of static forces, whose energy is below zero where they press.
-        Then the shares add up to more than one, the more the softer the mode: to 1.03, say, or 1.2.
+        and, with ``prestress``, that of static forces. Where contacts are pressed, the energy of
+        static forces is below zero, so that the shares may add up to more than one.
         """
         network = self.network
         by_kind = self.sensitivities
@@ -1061,8 +1063,9 @@ class NetworkModes(Result):
         return np.asarray(2.0 * slopes / self.frequencies[:, None])
 
     def _square_deformations(self) -> dict[str, Array]:
-        """Return for each kind of stiffness, by its name, the squares (n_c, m) of the deformations
-        of contacts that it resists, in each mode.
+        """Return for each kind of stiffness, by its name in
+        :class:`~granphon.dynamics.sensitivities.FrequencySensitivities`, the sums (n_c, m) of the
+        squared deformations of contacts that it resists, in each mode.
         """
         network = self.network
         scale = np.where(network.moving, 1.0 / np.sqrt(network.masses), 0.0)
@@ -1070,9 +1073,10 @@ class NetworkModes(Result):
         rows = network_unit_rows(network)
         squares = np.empty((len(rows), network.n_contacts, len(motions)))
         for row, squares_of_row in zip(rows, squares, strict=True):
-            part_of_j = np.einsum("ca,mca->cm", row.head, motions[:, network.j])
-            part_of_i = np.einsum("ca,mca->cm", row.tail, motions[:, network.i])
-            squares_of_row[:] = (part_of_j - part_of_i) ** 2
+            # sums over the motions a of each ball, of contact c in mode m
+            by_ball_j = np.einsum("ca,mca->cm", row.head, motions[:, network.j])
+            by_ball_i = np.einsum("ca,mca->cm", row.tail, motions[:, network.i])
+            squares_of_row[:] = (by_ball_j - by_ball_i) ** 2
         return sum_kinds(rows, squares.reshape(-1, len(motions)))
 
     @property
@@ -1202,10 +1206,12 @@ def _find_unevenly_damped(
     """Return the complex angular frequencies (count,), rad/s, and the shapes (size, count) of the
     damped modes nearest to ``target``, rad/s, in a network whose motions are damped unevenly.
 
-    In small networks all modes are found, and nearest means by the real part of the frequency. In
-    larger ones the modes nearest in the complex plane are found. Raises
+    In small networks all modes are found, and the nearest are those whose real parts are nearest.
+    In larger networks the modes nearest in the complex plane are found. Raises
     :class:`~granphon.base.errors.InputError` for a network too large to be factorised, for more
-    modes than cost energy, and for more modes than can be found in a large network.
+    modes than cost energy, and for more modes than can be found in a large network;
+    :class:`~granphon.base.errors.PrecisionError` for dashpots that differ and are far stiffer than
+    springs; and :class:`~granphon.base.errors.ConvergenceError` if the iteration does not end.
     """
     problem = Problem.of(operator)
     top = operator.top
@@ -1214,16 +1220,17 @@ def _find_unevenly_damped(
         mend = "Damp all contacts alike, or take a smaller network"
         raise InputError(f"{live.size:,} motions that are damped unevenly are too many", mend=mend)
     # in units of the top frequency: x'' + viscous x' + stiffness x = 0
-    lossy = (operator.matrix + 1j * operator.weigh(losses.factors)) / top**2
-    stiffness = lossy.tocsr()[live][:, live]
+    complex_matrix = (operator.matrix + 1j * operator.weigh(losses.factors)) / top**2
+    stiffness = complex_matrix.tocsr()[live][:, live]
     viscous = (operator.resist(losses) / top).tocsr()[live][:, live]
     # drag that differs between displacements and rotations couples zero modes to the others
     drags = losses.drag_of(operator.motions)
     is_coupled = bool(np.ptp(drags) > 0.0)
-    # the matrix of first order has twice the size of D
-    is_small = 2 * live.size <= DENSE
-    are_many = _ALL_OVER_FOUND * (2 * count + _SPARE) > 2 * live.size
-    is_dense = is_small or (are_many and live.size <= DENSE)
+    # the matrix of first order has twice the size of D, and each mode two of its rates
+    n_rates = 2 * live.size
+    is_small = n_rates <= DENSE
+    takes_most_rates = _ALL_OVER_FOUND * (2 * count + _SPARE) > n_rates
+    is_dense = is_small or (takes_most_rates and live.size <= DENSE)
     find_damped_modes = _find_damped_dense if is_dense else _find_damped_near
     omega_over_top, vectors = find_damped_modes(
         problem, stiffness, viscous, count, target / top, is_coupled
@@ -1482,8 +1489,9 @@ def _choose_whole(
     frequencies have real parts nearest to ``target``, over the top frequency, in the order of
     :class:`DampedModes`; fewer if no more of them cost energy.
     """
-    # smaller squares are rounding, or due to forces on balls that do not balance
-    costs_energy = np.flatnonzero(np.abs(squares) > find_allowed_fall(operator) / operator.top**2)
+    # squares up to the allowed fall are rounding, or due to forces on balls that do not balance
+    largest_zero = find_allowed_fall(operator) / operator.top**2
+    costs_energy = np.flatnonzero(np.abs(squares) > largest_zero)
     omega = np.sqrt(squares[costs_energy].astype(complex))
     return costs_energy[_choose_damped(omega, count, target)]
 
@@ -1524,11 +1532,11 @@ def is_stable(operator: WaveOperator, fall: float | None = None) -> bool:
 
 def find_falling_motions(operator: WaveOperator, fall: float) -> Array:
     """Return the motions (size, m) by which a network that is not stable falls: all modes whose
-    squared frequency is below zero by more than ``fall``, (rad/s)^2.
+    squared frequency is below zero by more than ``fall``, (rad/s)^2, above zero.
 
-    With static tangential forces only the lowest mode is returned, of which each number is the size
-    of a complex one. Raises :class:`~granphon.base.errors.InstabilityError` for a network too large
-    to be factorised.
+    With static tangential forces only the lowest mode is returned, as the sizes of its complex
+    numbers. Raises :class:`~granphon.base.errors.InstabilityError` for a network too large to be
+    factorised.
     """
     if not _has_factors(operator):
         raise explain_instability(operator.network)
@@ -1538,13 +1546,13 @@ def find_falling_motions(operator: WaveOperator, fall: float) -> Array:
         return sizes[:, None]
     network = operator.network
     problem = Problem(operator, np.arange(operator.size))
-    # no square is lower than twice that of a single ball which static forces alone move
-    static_stiffness = np.maximum(network.normal_force, 0.0) / network.distance
-    stiffness_of_balls = np.bincount(network.i, static_stiffness, network.n_balls)
-    stiffness_of_balls = stiffness_of_balls + np.bincount(
-        network.j, static_stiffness, network.n_balls
-    )
-    shift = -2.0 * float(np.max(stiffness_of_balls / network.masses))
+    # no square is lower than twice that of a single ball which static forces alone move: f/r of a
+    # contact that is pressed pushes both of its balls
+    normal_force, _ = network.static_forces
+    static_stiffness = np.maximum(normal_force, 0.0) / network.distance
+    as_ball_i = np.bincount(network.i, static_stiffness, network.n_balls)
+    as_ball_j = np.bincount(network.j, static_stiffness, network.n_balls)
+    shift = -2.0 * float(np.max((as_ball_i + as_ball_j) / network.masses))
     count = problem.count_below(-fall)
     solve = problem.factorise_shifted(shift).solve
     _, vectors = find_nearest(problem.shifted(0.0), count, shift, solve)
@@ -1703,9 +1711,14 @@ def _find_large(problem: Problem, count: int, target: float) -> Eigenpairs:
     nearest to another frequency by filters. If filters would take more vectors than there are
     modes, a dense matrix finds all.
     """
-    pairs = _find_lowest_by_block(problem, count) if target <= ZERO * problem.top else None
-    pairs = pairs or find_filtered(problem, count, target)
-    return pairs or _find_dense(problem, count, target)
+    pairs = None
+    if target <= ZERO * problem.top:
+        pairs = _find_lowest_by_block(problem, count)
+    if pairs is None:
+        pairs = find_filtered(problem, count, target)
+    if pairs is None:
+        pairs = _find_dense(problem, count, target)
+    return pairs
 
 
 def _find_lowest_by_block(problem: Problem, count: int) -> Eigenpairs | None:
@@ -1713,8 +1726,10 @@ def _find_lowest_by_block(problem: Problem, count: int) -> Eigenpairs | None:
     that are not known.
 
     The block is made larger until it holds these zero modes as well as the requested modes. Returns
-    None if there are more of them than :data:`_MOST_ZEROS`, and if the block would be a large part
-    of the network.
+    None if more than :data:`_MOST_ZEROS` of these zero modes are expected, and if the block would
+    have more than a third as many vectors as there are motions. Raises
+    :class:`~granphon.base.errors.ConvergenceError` if the block does not converge, and what
+    :func:`find_roots` raises.
     """
     operator = problem.operator
     known = problem.collect_known_zeros()
@@ -1723,11 +1738,11 @@ def _find_lowest_by_block(problem: Problem, count: int) -> Eigenpairs | None:
         n_expected <= _MOST_ZEROS
         and _ALL_OVER_FOUND * size_block(count + n_expected) <= operator.size
     ):
-        found = find_lowest(operator, operator.matrix, count + n_expected, known)
-        is_elastic = find_roots(operator, found.values) > ZERO * problem.top
+        lowest = find_lowest(operator, operator.matrix, count + n_expected, known)
+        is_elastic = find_roots(operator, lowest.values) > ZERO * problem.top
         n_zeros = int(np.count_nonzero(~is_elastic))
         if n_zeros <= n_expected:
-            vectors = found.vectors[problem.live][:, is_elastic][:, :count]
+            vectors = lowest.vectors[problem.live][:, is_elastic][:, :count]
             omega, modes, residuals = problem.refine(vectors)
             return Eigenpairs(omega, modes, float(residuals.max()), known.shape[1] + n_zeros)
         n_expected = max(2 * n_expected, n_zeros)
@@ -1751,9 +1766,9 @@ def _prove_complete(
     """Return the number of zero modes of the live motions, if no mode is missing; None if one is.
 
     ``omega`` (m,), rad/s, are the frequencies of all modes that were found, of which those of the
-    indices ``chosen`` are to be returned. None is missing if factors count as many modes nearer to
-    ``target``, rad/s, than the farthest chosen one as were found. Besides the found modes there are
-    the free motions of single balls, from which the search was kept free.
+    indices ``chosen`` are the requested ones. No mode is missing if, nearer to ``target``, rad/s,
+    than the farthest chosen mode, factors count as many modes as were found. Besides the found
+    modes there are the free motions of single balls, from which the search was kept free.
     """
     zero = ZERO * problem.top
     n_free = problem.free_motions.shape[1]

@@ -14,7 +14,8 @@ mass-weighted motions: M^1/2 u and M^1/2 w of its displacement u and its rotatio
 w = (I/M)^1/2 phi.
 
 Static tangential forces T add a matrix G (:func:`granphon.dynamics.deformation_rows.carry_rows`),
-and so does slip by levers that exceed the arms of contacts
+and so do static torques of contacts (:func:`granphon.dynamics.deformation_rows.torque_pairs`), and
+slip by levers that exceed the arms of contacts
 (:func:`granphon.dynamics.deformation_rows.excess_pairs`). G is not symmetric, as such forces, which
 follow the laws of discrete elements, have no potential. D has the symmetric part of G. The
 antisymmetric part, which D lacks, changes an eigenvalue by a term of second order in T/(k r) and in
@@ -75,11 +76,12 @@ def explain_instability(network: ContactNetwork) -> InstabilityError:
     """
     why = "Its static forces exceed what its springs hold, so that it would buckle"
     fault = message("the network is not stable: a squared frequency is below zero", why)
-    mend = "Bring it to rest first, give its tangential_force if it has friction"
     imbalance = network.describe_imbalance() if network.prestress else ""
-    return InstabilityError(
-        message(fault, imbalance, f"{mend}, or leave the static forces out (prestress=False)")
+    mend = (
+        "Bring it to rest first, give its tangential_force if it has friction, or leave the static"
+        " forces out (prestress=False)"
     )
+    return InstabilityError(message(fault, imbalance, mend))
 
 
 class Parts(NamedTuple):
@@ -133,11 +135,11 @@ class WaveOperator(LinearOperator):
         return int(self.shape[0])
 
     def estimate_factors(self) -> tuple[float, float]:
-        """Return the time, s, and bytes of factors of D less a complex number; infinite if D is too
-        large to be factorised.
+        """Return the time, s, and bytes of factors of D less a complex number; both are infinite if
+        D is too large to be factorised.
         """
-        contacts = 2.0 * self.network.n_contacts / self.balls.size
-        return estimate_factors(self.size, self.network.dimension, contacts)
+        contacts_per_ball = 2.0 * self.network.n_contacts / self.balls.size
+        return estimate_factors(self.size, self.network.dimension, contacts_per_ball)
 
     # -- vectors and values of balls ---------------------------------------------------------------
 
@@ -215,7 +217,7 @@ class WaveOperator(LinearOperator):
 
         network = self.network
         m = self.motions.count
-        # masses make motions of mass-weighted ones; balls that are held have none
+        # from mass-weighted motions to motions; those of balls that are held are no part of vectors
         scale = np.where(network.moving, 1.0 / np.sqrt(network.masses), 0.0)
         scale_i = scale[network.i]
         scale_j = scale[network.j]
@@ -324,8 +326,8 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def _static_rows(self) -> list[Row]:
-        """The kinds of displacements across contacts on which static normal forces act: none
-        without prestress, or where balls move along a line alone.
+        """The kinds of displacements across contacts on which static normal forces act; none
+        without prestress, and none where balls move only along a line.
         """
         network = self.network
         if not network.prestress:
@@ -355,8 +357,7 @@ class WaveOperator(LinearOperator):
 
     def weigh(self, weights: Array | None = None, phase: Any = None) -> csr_array[Any]:
         """Return R^H W R, (size, size), (rad/s)^2, with R of :attr:`full_root` and W of
-        :meth:`row_weights`; without ``weights`` (2, n_c) this is D, but for static tangential
-        forces.
+        :meth:`row_weights`; without ``weights`` (2, n_c) this is D, but for G.
 
         With a ``phase`` (n_c,) the matrix is that of waves in which balls j of contacts move with
         that phase.
@@ -367,8 +368,8 @@ class WaveOperator(LinearOperator):
         return product
 
     def drag(self, losses: Losses) -> Array:
-        """Return the drag (size,), 1/s, of each motion, of which all balls have the same: Gamma of
-        :mod:`granphon.dynamics.damping`.
+        """Return the drag (size,), 1/s, of each motion, Gamma of :mod:`granphon.dynamics.damping`;
+        all balls have the same.
         """
         shape = (self.balls.size, self.motions.count)
         return self.vector(np.broadcast_to(losses.drag_of(self.motions), shape))
@@ -417,9 +418,7 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def parts(self) -> Parts:
-        """D, but for static tangential forces, as three functions; the rows are those of
-        :attr:`full_root`.
-        """
+        """D, but for G, as three functions; the rows are those of :attr:`full_root`."""
         root = self.full_root
         transposed = root.T.tocsr()
         return Parts(
@@ -467,9 +466,9 @@ class WaveOperator(LinearOperator):
         """Return the mass-weighted forces (size,), N/kg^1/2, on balls that move when bodies that
         are held are displaced.
 
-        ``moved`` (n, motions) are the displacements of these bodies, m. Springs and static forces
-        act; with ``weights`` (2, n_c), those of :meth:`row_weights`, only the springs of contacts
-        act, each times its weight.
+        ``moved`` (n, motions) are the displacements of these bodies, m, and zero for balls that
+        move. Springs and static forces act; with ``weights`` (2, n_c), those of
+        :meth:`row_weights`, only the springs of contacts act, each times its weight.
         """
         tensions = self.row_weights(weights) * self.stretch(moved)
         forces = -(self.full_root.T @ tensions)
@@ -489,8 +488,8 @@ class WaveOperator(LinearOperator):
     @cached_property
     def _pairs(self) -> tuple[tuple[list[Row], list[Array]], ...]:
         """The rows "pull" and the rows "move", each with their factors, of which G = pull^H move is
-        the product; an empty tuple if no static tangential forces act, and no lever of slip exceeds
-        its arm.
+        the product; an empty tuple if no static tangential forces or torques act, and no lever of
+        slip exceeds its arm.
         """
         of_forces = self._find_carried_pairs()
         of_levers = self._find_excess_pairs()
@@ -522,34 +521,42 @@ class WaveOperator(LinearOperator):
         )
 
     def _find_carried_pairs(self) -> list[tuple[Row, Row]]:
-        """Return the pairs (pull, move) of rows of static tangential forces; none if none act."""
+        """Return the pairs (pull, move) of rows of static torques and of static tangential forces;
+        none if none act.
+        """
         network = self.network
         if not network.prestress:
             return []
-        _, tangential_force = network.static_forces
         gyration = find_gyration(network)
+        gyration_i = gyration[network.i]
+        gyration_j = gyration[network.j]
         pairs: list[tuple[Row, Row]] = []
         torque = network.contact_torque
+        # in a plane torques are about the axis across it, which motions in the plane do not turn
         if torque is not None and np.any(torque) and network.dimension == 3:
-            ends = gyration[network.i], gyration[network.j]
-            pairs = torque_pairs(
-                network.normal, torque, network.distance, network.ball_motions, ends
+            pairs += torque_pairs(
+                network.normal,
+                torque,
+                network.distance,
+                network.ball_motions,
+                (gyration_i, gyration_j),
             )
-        if not np.any(tangential_force):
-            return pairs
-        return pairs + carry_rows(
-            network.normal,
-            tangential_force,
-            network.distance,
-            network.arm_i,
-            network.arm_j,
-            network.ball_motions,
-            gyration[network.i],
-            gyration[network.j],
-            network.tangential_growth,
-            network.arm_rates,
-            turns=network.turns_with_balls,
-        )
+        _, tangential_force = network.static_forces
+        if np.any(tangential_force):
+            pairs += carry_rows(
+                network.normal,
+                tangential_force,
+                network.distance,
+                network.arm_i,
+                network.arm_j,
+                network.ball_motions,
+                gyration_i,
+                gyration_j,
+                network.tangential_growth,
+                network.arm_rates,
+                turns=network.turns_with_balls,
+            )
+        return pairs
 
     @cached_property
     def _carried(self) -> csr_array[Any] | None:
@@ -665,8 +672,8 @@ def find_kinds(network: ContactNetwork) -> NDArray[np.intp] | None:
 
     The array must have all balls, three cells or more along each axis, and neither prestress nor
     springs to the ground. Masses must be equal, as must moments of inertia. Contacts must have the
-    directions and arms of the lattice, each from ball i to ball j of the table. An array so short
-    that a ball touches another twice is not described by stencils.
+    directions and arms of the lattice, each from ball i to ball j of the table; and no ball may
+    touch another twice.
     """
     lattice = network.lattice
     shape = network.shape
@@ -674,22 +681,22 @@ def find_kinds(network: ContactNetwork) -> NDArray[np.intp] | None:
         return None
     is_short = min(shape) < 3  # along an axis of two cells a ball meets its neighbour twice
     is_full = network.n_balls == lattice.n_balls * math.prod(shape)
-    has_more = network.prestress or network.on_site is not None
-    if has_more or is_short or not is_full:
+    has_springs_alone = not network.prestress and network.on_site is None
+    if is_short or not is_full or not has_springs_alone:
         return None
     if not _are_equal(network.masses) or not _are_equal(network.inertias):
         return None
     kinds = _find_table_rows(network, lattice, shape)
     if np.any(kinds < 0):
         return None
-    # a ball i has one contact of each kind, unless it touches another twice
-    ball_and_kind = kinds * network.n_balls + network.i
-    if len(np.unique(ball_and_kind)) < kinds.size:
+    # one number for each pair of a kind and a ball i: it comes twice if balls touch twice
+    kind_and_ball = kinds * network.n_balls + network.i
+    if len(np.unique(kind_and_ball)) < kinds.size:
         return None
-    return kinds if _have_geometry(network, lattice, kinds) else None
+    return kinds if _is_as_tabulated(network, lattice, kinds) else None
 
 
-def _have_geometry(network: ContactNetwork, lattice: Lattice, kinds: NDArray[np.intp]) -> bool:
+def _is_as_tabulated(network: ContactNetwork, lattice: Lattice, kinds: NDArray[np.intp]) -> bool:
     """Return whether contacts have the directions of their ``kinds`` (n_c,) in the table of the
     ``lattice``, and arms in proportion to those of the table.
     """
@@ -726,7 +733,7 @@ def _find_table_rows(
 
 
 def _are_equal(values: Array) -> bool:
-    """Whether all ``values`` (n,) are finite and, but for rounding, the same."""
+    """Return whether all ``values`` (n,) are finite and, but for rounding, the same."""
     if not np.all(np.isfinite(values)):
         return False
     return bool(np.ptp(values) <= ALIKE * np.max(np.abs(values), initial=0.0))
@@ -841,14 +848,16 @@ class ArrayOperator(WaveOperator):
             """Return the stiffnesses over the mass (rows,), (rad/s)^2, times ``weights`` (2, n_c)
             of the elongation and of the other deformations, if given.
             """
-            springs = np.ones((2, self.network.n_contacts)) if weights is None else weights
-            return self._spread_over_cells(np.asarray(weigh_rows(self.rows, springs))).ravel()
+            given_weights = np.ones((2, self.network.n_contacts)) if weights is None else weights
+            weights_of_rows = np.asarray(weigh_rows(self.rows, given_weights))
+            return self._spread_over_cells(weights_of_rows).ravel()
 
         return Parts(deform, pull, weigh)
 
     def advance(self, current: Array, previous: Array) -> Array:
-        """Return T_n+1 x from ``current``, T_n x, and ``previous``, T_n-1 x: by the matrix for
-        several vectors (size, m), by stencils for one (size,); see :meth:`WaveOperator.advance`.
+        """Return T_n+1 x from ``current``, T_n x, and ``previous``, T_n-1 x: by stencils for one
+        vector (size,), and by the sparse matrix of D for several (size, m); see
+        :meth:`WaveOperator.advance`.
         """
         if current.ndim > 1:  # the matrix is faster, as it is read once for all vectors
             return super().advance(current, previous)

@@ -18,7 +18,7 @@ from granphon.base.results import Result, held, result_class
 from granphon.base.scales import Units
 from granphon.base.staging import write_text
 from granphon.base.tables import Heading, table_text
-from granphon.base.validation import real_array, whole_number
+from granphon.base.validation import one_of, real_array, whole_number
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.networks.network import ContactNetwork
 from granphon.waves.spectral_functions import PeriodicCell, SpectralFunction, nearest_wavevectors
@@ -29,6 +29,8 @@ from granphon.waves.waves import Waves
 _SAME = 1e-6
 #: points of the bands between two corners
 _BAND_POINTS = 101
+#: units of the numbers of a line that may have errors, by the names of their columns
+_UNITS = {"peak": "Hz", "width": "Hz", "mean_free_path": "m", "attenuation": "1/m"}
 
 
 @result_class
@@ -66,12 +68,14 @@ class PathSpectra(Result):
     ) -> Self:
         """Return the ``spectra`` of a packing, without bands, as a packing has no lattice.
 
-        ``spectra`` are those at wave vectors with the ``distances`` (n,), 1/m, along the ``path``,
-        and ``corners`` (m,), 1/m, and ``labels`` are those of its corners.
+        ``spectra`` are those at wave vectors with the ``distances`` (n,), 1/m, along the ``path``;
+        its corners have the distances ``corners`` (m,), 1/m, and the names ``labels``, which
+        :func:`join_labels` joins.
         """
-        none = np.zeros(0)
-        names = join_labels(path, labels)
-        return cls(corners, names, distances, tuple(spectra), none, none.reshape(0, 0))
+        corner_labels = join_labels(path, labels)
+        no_distances = np.zeros(0)
+        no_bands = np.zeros((0, 0))
+        return cls(corners, corner_labels, distances, tuple(spectra), no_distances, no_bands)
 
     @classmethod
     def of(
@@ -85,7 +89,8 @@ class PathSpectra(Result):
         labels: Sequence[str],
     ) -> Self:
         """Return the ``spectra`` together with the bands of a ``lattice`` along the ``path``, which
-        are computed here, :data:`_BAND_POINTS` points between two corners.
+        this method computes at :data:`_BAND_POINTS` points from each corner to the next, both
+        counted.
 
         ``spectra`` are those at wave vectors with the ``distances`` (n,), 1/m, and ``corners``
         (m,), 1/m, are the distances of the corners; the other arguments are those of
@@ -105,10 +110,12 @@ class PathSpectra(Result):
 
     @property
     def numbers(self) -> dict[str, Array]:
-        """The numbers of the lines, by name as :meth:`write_csv` has them, (polarisations, n)."""
-        names = ("peak", "width", "mean_free_path", "attenuation")
+        """The numbers (polarisations, n) of the lines, by the names of their columns in
+        :meth:`write_csv`: peak and width, Hz, mean_free_path, m, and attenuation, 1/m.
+        """
         return {
-            name: np.array([getattr(spectrum, name) for spectrum in self.spectra]) for name in names
+            name: np.array([getattr(spectrum, name) for spectrum in self.spectra])
+            for name in _UNITS
         }
 
     def write_csv(
@@ -121,7 +128,10 @@ class PathSpectra(Result):
         and width, Hz, whether the width is resolved (1 or 0), the mean free path, m, and the
         attenuation, 1/m. ``errors`` are standard errors (polarisations, n), in the units of the
         columns, by the names of :attr:`numbers`, for further columns, as peak_error.
+
+        Raises :class:`~granphon.base.errors.InputError` for errors of another name or shape.
         """
+        tables = self._read_errors(errors or {})
         names = [f"q{axis}" for axis in "xyz"[: self.spectra[0].q.shape[1]]]
         headings: list[Heading | str] = [
             "polarisation",
@@ -133,9 +143,7 @@ class PathSpectra(Result):
             Heading("mean_free_path", "m"),
             Heading("attenuation", "1/m"),
         ]
-        of_errors = {name: real_array("errors", table) for name, table in (errors or {}).items()}
-        units = {"peak": "Hz", "width": "Hz", "mean_free_path": "m", "attenuation": "1/m"}
-        headings += [Heading(name, units[name]).of_error for name in of_errors]
+        headings += [Heading(name, _UNITS[name]).of_error for name in tables]
         rows: list[tuple[Any, ...]] = []
         for number, spectrum in enumerate(self.spectra):
             columns = [
@@ -147,10 +155,24 @@ class PathSpectra(Result):
                 spectrum.resolved.astype(int).tolist(),
                 spectrum.mean_free_path.tolist(),
                 spectrum.attenuation.tolist(),
-                *(table[number].tolist() for table in of_errors.values()),
+                *(table[number].tolist() for table in tables.values()),
             ]
             rows.extend(zip(*columns, strict=True))
         write_text(path, table_text(headings, rows))
+
+    def _read_errors(self, errors: Mapping[str, ArrayLike]) -> dict[str, Array]:
+        """Return the ``errors`` of :meth:`write_csv` as arrays (polarisations, n), by name; raises
+        :class:`~granphon.base.errors.InputError` for errors of another name or shape.
+        """
+        shape = (len(self.spectra), self.distances.size)
+        tables: dict[str, Array] = {}
+        for name, values in errors.items():
+            table = real_array("errors", values)
+            if table.shape != shape:
+                fault = f"the errors of {name} have the shape {table.shape}"
+                raise InputError(fault, mend=f"Give an array {shape}")
+            tables[one_of("the column with an error", name, _UNITS)] = table
+        return tables
 
 
 def find_path_spectra(
@@ -174,8 +196,8 @@ def find_path_spectra(
     path : pieces of the path, each the corners (n_corners, p) or (n_corners, 3) of a line without
         a jump, in fractions of the reciprocal cell.
     labels : names of the corners, one for each.
-    points : number of points between two corners, both counted. If the same wave vector of the cell
-        is nearest to several points, it counts once.
+    points : number of points from each corner to the next, both counted. If the same wave vector of
+        the cell is nearest to several points, it counts once.
     polarisations, resolution : see :meth:`~granphon.waves.waves.Waves.spectral_function`; the
         resolution is in Hz.
 
@@ -225,9 +247,38 @@ class _Leg(NamedTuple):
         """
         unit_vector = (self.end - self.start) / self.length
         distance_on_leg = float(np.clip((q - self.start) @ unit_vector, 0.0, self.length))
-        distance = self.distance + distance_on_leg
-        offset = q - self.start - (distance - self.distance) * unit_vector
-        return distance, float(np.linalg.norm(offset))
+        offset = q - self.start - distance_on_leg * unit_vector
+        return self.distance + distance_on_leg, float(np.linalg.norm(offset))
+
+
+def _list_legs(pieces: Sequence[Array]) -> tuple[list[_Leg], Array]:
+    """Return the legs between the corners of the ``pieces`` of a path, (corners, p), 1/m, each, and
+    the distances (m,), 1/m, along the path: of the start of the first leg, and of the end of each.
+
+    A jump from one piece to the next has no length.
+    """
+    ends = list(chain.from_iterable(pairwise(piece) for piece in pieces))
+    lengths = [float(np.linalg.norm(end - start)) for start, end in ends]
+    corners = np.concatenate([[0.0], np.cumsum(lengths)])
+    legs = [
+        _Leg(start, end, length, distance)
+        for (start, end), length, distance in zip(ends, lengths, corners[:-1], strict=True)
+    ]
+    return legs, corners
+
+
+def _gather_points(
+    corners: Array, wavevectors: Mapping[tuple[int, ...], tuple[float, Array]]
+) -> PathPoints:
+    """Return the points of a path with the distances ``corners`` (m,), 1/m, of its corners, from
+    the distance, 1/m, and the wave vector (d,), 1/m, of each point, in their order.
+
+    The keys of ``wavevectors``, numbers of waves along the periods of the cell, tell the wave
+    vectors apart, and are left out.
+    """
+    distances = np.array([distance for distance, _ in wavevectors.values()])
+    q = np.array([wavevector for _, wavevector in wavevectors.values()])
+    return PathPoints(corners, distances, q)
 
 
 def find_path_points(
@@ -241,14 +292,12 @@ def find_path_points(
     each leg of a path, as waves with a whole number of periods in the cell.
 
     Left out are wave vectors of Gamma, those farther off the path than half the distance of two
-    points, and repeated ones. ``spacing`` is the unit of length of the ``lattice``, m; ``path``
-    and the errors raised are those of :func:`find_path_spectra`.
+    points, and repeated ones. ``spacing`` is the unit of length of the ``lattice``, m; ``path``, in
+    which no corner is that before it, and the errors raised are those of :func:`find_path_spectra`.
     """
     count = whole_number("points", points, 2)
     pieces = [lattice.wavevectors(piece) / spacing for piece in path]  # (corners, p), 1/m
-    legs = list(chain.from_iterable(pairwise(piece) for piece in pieces))
-    lengths = np.array([np.linalg.norm(end - start) for start, end in legs])
-    corners = np.concatenate([[0.0], np.cumsum(lengths)])
+    legs, corners = _list_legs(pieces)
     p = len(pieces[0][0])
     d = network.dimension
     periods = network.cell[list(network.pbc)][:, :d]
@@ -256,9 +305,8 @@ def find_path_points(
     to_fractions = np.linalg.inv(lattice.wavevectors(np.eye(p)) / spacing)
     # distances and wave vectors; the key is the number of waves along each period of the cell
     wavevectors: dict[tuple[int, ...], tuple[float, Array]] = {}
-    for (start, end), length, first_distance in zip(legs, lengths, corners[:-1], strict=True):
-        leg = _Leg(start, end, length, first_distance)
-        half_step = 0.5 * length / (count - 1)
+    for leg in legs:
+        half_step = 0.5 * leg.length / (count - 1)
         targets = np.zeros((count, d))
         targets[:, :p] = leg.place_points(count)
         for q in nearest_wavevectors(network, targets):
@@ -274,9 +322,7 @@ def find_path_points(
         raise InputError(
             fault, mend="Take a larger array, or a path through the middle of the zone"
         )
-    distances = np.array([distance for distance, _ in wavevectors.values()])
-    q_of_points = np.array([q for _, q in wavevectors.values()])
-    return PathPoints(corners, distances, q_of_points)
+    return _gather_points(corners, wavevectors)
 
 
 def find_packing_points(
@@ -287,38 +333,33 @@ def find_packing_points(
     wave vector is a sum of whole numbers of its reciprocal vectors.
 
     The ``path`` has pieces, each the corners (n, p) or (n, 3) of a line without a jump, in
-    fractions of the reciprocal vectors of the p periods, in their order; corners may lie in any
-    zone. Left out are the wave vector zero, those farther off the path than half the distance of
-    two points, and repeated ones. Raises :class:`~granphon.base.errors.InputError` for fewer than
-    two points, and if no wave vector is left.
+    fractions of the reciprocal vectors of the p periods, in their order; further components are
+    zero. No corner is that before it, and corners may lie in any zone. Left out are the wave vector
+    zero, those farther off the path than half the distance of two points, and repeated ones. Raises
+    :class:`~granphon.base.errors.InputError` for fewer than two points, and if no wave vector is
+    left.
     """
     count = whole_number("points", points, 2)
     periods = network.cell[list(network.pbc)][:, : network.dimension]
     reciprocal = 2.0 * np.pi * np.linalg.pinv(periods).T  # (p, d), 1/m
     pieces = [np.asarray(piece)[:, : len(periods)] @ reciprocal for piece in path]
-    ends = list(chain.from_iterable(pairwise(piece) for piece in pieces))
-    lengths = [float(np.linalg.norm(end - start)) for start, end in ends]
-    corners = np.concatenate([[0.0], np.cumsum(lengths)])
+    legs, corners = _list_legs(pieces)
     # distances and wave vectors; the key is the number of waves along each period of the cell
-    found: dict[tuple[int, ...], tuple[float, Array]] = {}
-    for (start, end), length, first_distance in zip(ends, lengths, corners[:-1], strict=True):
-        leg = _Leg(start, end, length, first_distance)
-        half_step = 0.5 * length / (count - 1)
+    wavevectors: dict[tuple[int, ...], tuple[float, Array]] = {}
+    for leg in legs:
+        # half the distance of two points, with room for rounding
+        farthest = 0.5 * leg.length / (count - 1) + _SAME * leg.length
         waves_along_periods = np.rint(leg.place_points(count) @ periods.T / (2.0 * np.pi))
         for numbers in waves_along_periods:
             q = numbers @ reciprocal
             distance, deviation = leg.measure(q)
-            if np.any(numbers) and deviation <= half_step + _SAME * length:
-                found.setdefault(tuple(numbers.astype(int).tolist()), (distance, q))
-    if not found:
+            if np.any(numbers) and deviation <= farthest:
+                wavevectors.setdefault(tuple(numbers.astype(int).tolist()), (distance, q))
+    if not wavevectors:
         fault = "the path has no wave vector of the packing but zero"
         why = "Those of its cell are whole numbers of reciprocal vectors"
         raise InputError(fault, why, "Take a longer path, as 0 0 0 8 0 0")
-    return PathPoints(
-        corners,
-        np.array([distance for distance, _ in found.values()]),
-        np.array([q for _, q in found.values()]),
-    )
+    return _gather_points(corners, wavevectors)
 
 
 def join_labels(path: Sequence[Any], labels: Sequence[str]) -> tuple[str, ...]:

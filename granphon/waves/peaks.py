@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 
 from granphon.base.arrays import Array, Complex, Index
 
-#: most rounds in which a narrow line is approached: the distance from its pole falls as its square
+#: most rounds in which a narrow line is approached: with each round the distance from its pole, in
+#: half widths, becomes about its square
 _ROUNDS = 12
 #: rounds after which the change of a pole must fall to a tenth from one to the next
 _FREE_ROUNDS = 3
@@ -103,26 +104,21 @@ def find_peaks(
     """
     magnitude = np.abs(values)
     rows, is_top = _find_tops(magnitude)
-    # the values in each row of a maximum, and in the rows before and after it
-    squares = np.array([frequencies[rows + step] ** 2 for step in (-1, 0, 1)])
-    triples = np.array([values[rows + step] for step in (-1, 0, 1)])
-    fits = _fit_peaks(squares[..., None], triples, magnitude[rows])
+    tops = _Tops(
+        rows=rows,
+        is_top=is_top,
+        # the values in each row of a maximum, and in the rows before and after it
+        squares=np.array([frequencies[rows + step] ** 2 for step in (-1, 0, 1)]),
+        values=np.array([values[rows + step] for step in (-1, 0, 1)]),
+        heights=magnitude[rows],
+    )
+    fits = _fit_peaks(tops.squares[..., None], tops.values, tops.heights)
     if solve is not None and rows.size:
         windows = _find_windows(frequencies, magnitude, rows, is_top)
-        starts = fits.squares.copy()
-        is_narrow = is_top & ~fits.is_broad
-        lines = np.flatnonzero(np.any(is_narrow, axis=1))  # indices of rows with a narrow line
-        if lines.size:
-            solved = _solve_lines(squares[:, lines], triples[:, lines], is_narrow[lines], solve)
-            # a line lower than the highest value is not the line of this value
-            is_line = solved.is_line & (solved.heights >= magnitude[rows[lines]])
-            starts[lines] = np.where(is_line, solved.squares[:, None], starts[lines])
-            # if all receivers with a maximum in this row have the line, its window is enough
-            for number in np.flatnonzero(np.all(is_line | ~is_top[lines], axis=1)).tolist():
-                windows.replace(int(lines[number]), solved.windows[:, number, None])
-        refined, is_settled = _refine_peaks(fits._replace(squares=starts), windows, is_top, solve)
-        is_better = is_settled & (refined.heights >= _LEAST_HEIGHT * magnitude[rows])
-        fits = _PeakFits(*(np.where(is_better, *pair) for pair in zip(refined, fits, strict=True)))
+        starts = _place_starts(tops, fits, windows, solve)
+        refined, is_settled = _refine_peaks(starts, windows, is_top, solve)
+        is_better = is_settled & (refined.heights >= _LEAST_HEIGHT * tops.heights)
+        fits = fits.replace_where(is_better, refined)
     peaks = []
     for receiver, is_peak in enumerate(is_top.T):
         peak_frequencies = np.sqrt(fits.squares[is_peak, receiver])
@@ -142,6 +138,25 @@ def _find_tops(magnitude: Array) -> tuple[Index, NDArray[np.bool_]]:
     return 1 + inner_rows, is_top[inner_rows]
 
 
+class _Tops(NamedTuple):
+    """Maxima of a magnitude at the given frequencies.
+
+    Attributes
+    ----------
+    rows : (n,) indices of the frequencies at which some receiver has a maximum.
+    is_top : (n, n_r) which receivers have one there.
+    squares : (3, n) squares of the frequencies before, at and after each row, Hz^2.
+    values : (3, n, n_r) complex amplitudes there.
+    heights : (n, n_r) magnitudes at the rows.
+    """
+
+    rows: Index
+    is_top: NDArray[np.bool_]
+    squares: Array
+    values: Complex
+    heights: Array
+
+
 class _PeakFits(NamedTuple):
     """Peaks fitted to maxima: arrays (n, n_r) over rows, in each of which some receiver has a
     maximum, and receivers. Numbers of receivers without a maximum there mean nothing.
@@ -158,6 +173,37 @@ class _PeakFits(NamedTuple):
     heights: Array
     quality: Array
     is_broad: NDArray[np.bool_]
+
+    def replace_where(self, is_replaced: NDArray[np.bool_], fits: _PeakFits) -> _PeakFits:
+        """Return these peaks, with those of ``fits`` where ``is_replaced`` (n, n_r) is true."""
+        return _PeakFits(
+            squares=np.where(is_replaced, fits.squares, self.squares),
+            heights=np.where(is_replaced, fits.heights, self.heights),
+            quality=np.where(is_replaced, fits.quality, self.quality),
+            is_broad=np.where(is_replaced, fits.is_broad, self.is_broad),
+        )
+
+
+def _place_starts(tops: _Tops, fits: _PeakFits, windows: _Windows, solve: Solve) -> _PeakFits:
+    """Return the ``fits`` of the maxima ``tops``, of which those that are narrower than the step of
+    the frequencies are moved to the lines at which the response was solved.
+
+    If all receivers with a maximum in a row have the line, its window in ``windows`` is replaced by
+    that of the line.
+    """
+    is_narrow = tops.is_top & ~fits.is_broad
+    lines = np.flatnonzero(np.any(is_narrow, axis=1))  # indices of rows with a narrow line
+    if not lines.size:
+        return fits
+    solved = _solve_lines(tops.squares[:, lines], tops.values[:, lines], is_narrow[lines], solve)
+    # a line lower than the highest value is not the line of this value
+    is_line = solved.is_line & (solved.heights >= tops.heights[lines])
+    is_line_of_all = np.all(is_line | ~tops.is_top[lines], axis=1)
+    for number in np.flatnonzero(is_line_of_all).tolist():
+        windows.replace(int(lines[number]), solved.windows[:, number, None])
+    squares = fits.squares.copy()
+    squares[lines] = np.where(is_line, solved.squares[:, None], squares[lines])
+    return fits._replace(squares=squares)
 
 
 def _fit_peaks(x: Array, values: Complex, highest: Array) -> _PeakFits:
@@ -202,12 +248,12 @@ class _SolvedLines(NamedTuple):
     is_line: NDArray[np.bool_]
 
 
-def _solve_lines(x: Array, values: Complex, is_narrow: Any, solve: Solve) -> _SolvedLines:
+def _solve_lines(
+    x: Array, values: Complex, is_narrow: NDArray[np.bool_], solve: Solve
+) -> _SolvedLines:
     """Return n lines that are narrower than the step of the frequencies, after the response was
-    solved at them.
-
-    ``x`` (3, n), Hz^2, ``values`` (3, n, n_r) and ``solve`` are those of :func:`_approach_lines`,
-    and ``is_narrow`` (n, n_r) says which receivers may have each line.
+    solved at them; the arguments are those of :func:`_approach_lines`. No receiver has a line that
+    was not found.
     """
     pole, points, line_values = _approach_lines(x, values, is_narrow, solve)
     receiver_poles = _fit_pole(points[..., None], line_values)
@@ -222,42 +268,52 @@ def _solve_lines(x: Array, values: Complex, is_narrow: Any, solve: Solve) -> _So
     )
 
 
-def _fit_pole(x: Array, values: Complex, weights: Any = None) -> Any:
-    """Return the complex poles p (n, n_r) of B + R/(p - x) through three ``values`` (3, n, n_r) at
-    ``x`` (3, n, 1), Hz^2; not finite where values are equal.
-
-    If ``weights`` (n, n_r) of receivers are given, and ``x`` (3, n), one pole for all receivers,
-    (n,), is returned, by least squares.
+def _fit_pole(x: Array, values: Complex) -> Complex:
+    """Return the complex poles p (n, n_r), Hz^2, of B + R/(p - x) through three ``values``
+    (3, n, n_r) at ``x`` (3, n, 1), Hz^2; not finite where values are equal.
     """
-    rise = values[1] - values[0]
-    following = values[2] - values[1]
     with np.errstate(divide="ignore", invalid="ignore"):  # equal values have no pole
-        if weights is None:
-            ratio_of_rises = rise / following
-        else:
-            overlap = np.sum(weights * rise * following.conj(), axis=-1)
-            ratio_of_rises = overlap / np.sum(weights * np.abs(following) ** 2, axis=-1)
-        # the ratio of the slopes is (p - x_2)/(p - x_0)
-        ratio_of_slopes = ratio_of_rises * (x[2] - x[1]) / (x[1] - x[0])
-        return (x[2] - ratio_of_slopes * x[0]) / (1.0 - ratio_of_slopes)
+        return _locate_pole(x, (values[1] - values[0]) / (values[2] - values[1]))
+
+
+def _fit_common_pole(x: Array, values: Complex, is_fitted: NDArray[np.bool_]) -> Complex:
+    """Return the poles (n,), Hz^2, of B + R/(p - x) that the receivers for which ``is_fitted``
+    (n, n_r) is true have in common, by least squares, from three ``values`` (3, n, n_r) at ``x``
+    (3, n), Hz^2; not finite where values are equal.
+    """
+    first_rise = np.where(is_fitted, values[1] - values[0], 0.0)
+    second_rise = np.where(is_fitted, values[2] - values[1], 0.0)
+    overlap = np.sum(first_rise * second_rise.conj(), axis=-1)
+    square = np.sum(np.abs(second_rise) ** 2, axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):  # equal values have no pole
+        return _locate_pole(x, overlap / square)
+
+
+def _locate_pole(x: Array, ratio_of_rises: Complex) -> Complex:
+    """Return the pole p (...), Hz^2, of B + R/(p - x) from the ratio (...) of the rise of this line
+    from ``x[0]`` to ``x[1]`` to the rise from there to ``x[2]``, (3, ...), Hz^2.
+    """
+    # the ratio of the slopes is (p - x_2)/(p - x_0)
+    ratio_of_slopes = ratio_of_rises * (x[2] - x[1]) / (x[1] - x[0])
+    return np.asarray((x[2] - ratio_of_slopes * x[0]) / (1.0 - ratio_of_slopes))
 
 
 def _approach_lines(
-    x: Array, values: Complex, heard: Any, solve: Solve
+    x: Array, values: Complex, is_narrow: NDArray[np.bool_], solve: Solve
 ) -> tuple[Complex, Array, Complex]:
     """Solve the response about n narrow lines, round by round, until their poles settle.
 
     ``x`` (3, n) are three squares of frequencies, Hz^2, between which each line lies, ``values``
-    (3, n, n_r) the amplitudes there, and ``heard`` (n, n_r) says which receivers may have the line.
-    Returns the poles (n,), Hz^2, nan of lines that are not found, and the last three points (3, n),
-    Hz^2, and values (3, n, n_r) about each line.
+    (3, n, n_r) the amplitudes there, and ``is_narrow`` (n, n_r) says which receivers may have the
+    line, one or more. Returns the poles (n,), Hz^2, nan of lines that are not found, and the last
+    three points (3, n), Hz^2, and values (3, n, n_r) about each line.
     """
     low = x[0]
     high = x[2]
     last_points = x.copy()
     last_values = values.copy()
     poles = np.full(len(low), np.nan + 0j)
-    estimates = _fit_pole(x, values, heard)
+    estimates = _fit_common_pole(x, values, is_narrow)
     active = np.arange(len(low))  # indices of the lines whose poles are not settled yet
     last_change = np.full(len(low), np.inf)
     for number in range(_ROUNDS):
@@ -268,7 +324,7 @@ def _approach_lines(
         last_points[:, active] = points
         frequencies, index = np.unique(np.sqrt(points), return_inverse=True)
         last_values[:, active] = solve(frequencies)[index.reshape(points.shape)]
-        renewed = _fit_pole(points, last_values[:, active], heard[active])
+        renewed = _fit_common_pole(points, last_values[:, active], is_narrow[active])
         change = np.abs(renewed - estimates[active])
         is_above_rounding = renewed.imag > _NARROWEST * points[1]
         is_settled = (change <= _POLE_CHANGE * renewed.imag) & is_above_rounding
@@ -553,6 +609,11 @@ class _Quotient(NamedTuple):
             return None
         position = brentq(self._find_slope, *sides, xtol=_POSITION_ERROR)
         half_square = 0.5 * float(self.find_square(position))
+
+        def exceed_half(end: float) -> float:
+            """Return by how much the square exceeds half of that of the peak at an ``end``."""
+            return float(self.find_square(end)) - half_square
+
         ends = [math.nan, math.nan]
         is_open = [False, False]
         for number, side in enumerate((-1, 1)):
@@ -560,11 +621,7 @@ class _Quotient(NamedTuple):
             is_open[number] = still_falls and bool(may_widen[number])
             if steps:
                 bracket = mesh[top + side * (steps - 1)], mesh[top + side * steps]
-                ends[number] = brentq(
-                    lambda end: float(self.find_square(end)) - half_square,
-                    *bracket,
-                    xtol=_POSITION_ERROR,
-                )
+                ends[number] = brentq(exceed_half, *bracket, xtol=_POSITION_ERROR)
         has_end = np.isfinite(ends)
         is_wider = bool(np.any(is_open) and np.all(has_end | is_open))
         if np.all(has_end):

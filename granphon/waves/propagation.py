@@ -170,10 +170,10 @@ class _Exponentials:
         creeps = np.flatnonzero(damped_square < 0.0)
         damped_omega = np.sqrt(damped_square[swings])
         half_split = np.sqrt(-damped_square[creeps])  # half of the difference of the two rates
-        # the product of the two rates is omega^2: the slow rate over the fast one is then found
-        # without a difference of near numbers
-        slow = -(omega[creeps] ** 2) / (decay[creeps] + half_split)
+        # the product of the two rates is omega^2: the slow rate follows from the fast one without a
+        # difference of near numbers
         fast = -(decay[creeps] + half_split)
+        slow = omega[creeps] ** 2 / fast
         swing = -decay[swings] + 1j * damped_omega
         split = 2.0 * half_split
         velocities = [-1j * swing / damped_omega, slow / split, -fast / split]
@@ -231,10 +231,13 @@ class Propagation:
         """Number of polynomials that are summed; the coefficients of all higher orders add up to
         :data:`TOLERANCE` at most, or are rounding of phases.
 
-        The latest response needs the most polynomials. Its coefficients are found with more nodes
-        than the order that results, and the number of nodes is doubled until that is so.
+        The latest response needs the most polynomials. Its coefficients are found from the response
+        at nodes, which are more than the order that results: their number is doubled until the
+        order falls short of it by a quarter of a margin.
         """
-        # coefficients J_2n(top t) fall off beyond 2n = top t, within a width of (top t)^1/3
+        # coefficients J_2n(top t) fall off beyond 2n = top t, within a width of (top t)^1/3: twelve
+        # widths, and forty orders where the phase is small, nearly always suffice; where they do
+        # not, more nodes are tried
         phase = 0.5 * self.operator.top * self.duration
         margin = 12.0 * phase ** (1.0 / 3.0) + 40.0
         count = math.ceil(phase + margin)
@@ -250,7 +253,8 @@ class Propagation:
             remainders = np.cumsum(sizes[::-1])[::-1]  # sums of all sizes from an order on
             is_negligible = remainders <= TOLERANCE
             order = int(np.argmax(is_negligible)) if np.any(is_negligible) else count
-            if order < count - 0.25 * margin:
+            has_spare_nodes = order < count - 0.25 * margin
+            if has_spare_nodes:
                 # strong damping leaves no response at the end, and no order: two are the least
                 return max(order, 2)
             count *= 2
@@ -410,10 +414,11 @@ class Spans:
         Terms that are left out are at most :data:`_LEAST_TERM` at the end of the span.
         """
         phase = self.radius * span
-        # more orders than needed are tried: terms fall off beyond an order of about the phase
+        # more orders than needed are examined: terms fall off beyond an order of about the phase,
+        # later where damping makes the polynomials grow
         n_orders = math.ceil(2.0 * phase + 3.0 * self.half_damping * span) + 80
         orders = np.arange(n_orders)
-        # of the polynomials, for each order
+        # logarithm of the factor by which polynomials grow from order to order
         growth_rate = math.asinh(self.half_damping / self.radius)
         growth = np.exp(np.minimum(orders * growth_rate, _LARGEST_LOG))
         terms = np.abs(jv(orders, phase)) * growth
@@ -449,14 +454,14 @@ class ViscousPropagation:
     ) -> None:
         self.operator = operator
         self.burst = burst
+        self._push = push
         self._viscous = operator.resist(losses)
         self._spans = Spans.of(operator.top, burst, losses)
-        amplitudes, self._omegas = burst.waves
         # alpha of the source; see the head of this module
         self._alpha = _SOURCE_SIZE * float(np.linalg.norm(push)) / self._spans.radius
+        amplitudes, self._omegas = burst.waves
         # the burst is the imaginary part of the sum of amplitude (cos + i sin)
         factors = np.concatenate([np.imag(amplitudes), np.real(amplitudes)])
-        self._push = push
         self._source_factors = factors / self._alpha
 
     def _apply(self, z: Array) -> Array:
@@ -483,21 +488,21 @@ class ViscousPropagation:
         """
         half_damping = self._spans.half_damping
         radius = self._spans.radius
-        kept = np.arange(self._spans.find_order(span))
-        multiplicity = np.where(kept, 2.0, 1.0)  # orders above zero count twice
-        bessel = multiplicity * jv(kept, radius * times[:, None])
+        orders = np.arange(self._spans.find_order(span))
+        multiplicity = np.where(orders > 0, 2.0, 1.0)  # orders above zero count twice
+        bessel = multiplicity * jv(orders, radius * times[:, None])
         return np.asarray(bessel * np.exp(-half_damping * times)[:, None])
 
     def follow(
         self, listen: Callable[[Array], Array], times: Array, frames: Array
     ) -> tuple[Array, Array, Array]:
         """Return the signals of receivers, and the motions of all balls, span by span; arguments
-        and results are those of :meth:`Propagation.follow`.
+        and results are those of :meth:`Propagation.follow`. All is at rest at the time zero.
         """
         size = self._push.size
         n_waves = self._omegas.size
         end = max(float(times[-1]), float(np.max(frames, initial=0.0)))
-        # all is at rest, and the waves of the source begin with cosines of one and sines of zero
+        # the waves of the source begin with cosines of one and sines of zero
         z = np.zeros(2 * size + 2 * n_waves)
         z[2 * size : 2 * size + n_waves] = self._alpha
 

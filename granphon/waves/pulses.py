@@ -71,13 +71,12 @@ _LEAST_SHIFT = 0.05
 #: why a signal has no time of flight
 _RECORD_TOO_SHORT = (
     "the record ends before the pulse is over: use a longer duration; in a periodic network a"
-    " longer array, a shorter "
-    "distance, fewer cycles, a higher frequency, or ends: free"
+    " longer array, a shorter distance, fewer cycles, a higher frequency, or ends: free"
 )
 _TOO_EARLY = (
-    "the signal comes not after the burst: what is heard has not travelled, as no waves of"
-    " this frequency and polarisation "
-    "do, the plane is too near, or the array is far shorter than the pulse"
+    "the signal does not come after the burst: what is heard has not travelled, as no waves of"
+    " this frequency and polarisation do, the plane is too near, or the array is far shorter than"
+    " the pulse"
 )
 #: part of the maximum of the envelope at which a signal begins, by default
 _THRESHOLD = 0.1
@@ -96,6 +95,7 @@ _LARGEST_ERROR = 0.5
 #: half width of the gate around the height of a pulse, in durations of the burst: it holds all of a
 #: pulse that keeps its shape, and a margin
 _GATE_REACH = 0.75
+#: warning of a pulse whose damping is above _MOST_DAMPING
 _DAMPED_REMARK = (
     "waves of the frequency of the pulse hardly swing, so much are they damped: what arrives has"
     " no velocity of sound"
@@ -231,15 +231,15 @@ class Course:
         if self.period >= shortest * (1.0 - _ZERO_LENGTH):
             return
         direction = _write_direction(self.direction[: self.network.dimension])
-        closes = "do not close"
+        closure = "do not close"
         if self.period > self.spacing:
-            closes = f"come back to themselves after {self.period:.6g} m"
+            closure = f"come back to themselves after {self.period:.6g} m"
         cell, longer_array = self._describe_cell()
         offers = [
             f"{_write_direction(vector)}, with {period:.6g} m"
             for vector, period in self._find_directions(shortest)
         ]
-        fault = f"planes across {direction} {closes} in this periodic network"
+        fault = f"planes across {direction} {closure} in this periodic network"
         remedy = f"or {longer_array}"
         if offers:
             remedy = f"{longer_array}, or the direction {' or '.join(offers)}"
@@ -337,10 +337,17 @@ class Course:
         """Return the course through the network in which the last balls, those with contacts that
         pass the beginning, are held: they are the walls.
 
-        Raises :class:`~granphon.base.errors.InputError` if no ball is left that moves.
+        Raises :class:`~granphon.base.errors.InputError` if no contact passes the beginning, and if
+        no ball is left that moves.
         """
         network = self.network
         crosses = self.crossings != 0
+        if not np.any(crosses):
+            raise InputError(
+                "there are no balls for walls: no contact joins the last balls to the first",
+                "Walls are made of the last balls, where a period is cut",
+                "Leave ends out: the network is cut already",
+            )
         is_forward = self.crossings[crosses] > 0
         held = np.unique(np.where(is_forward, network.i[crosses], network.j[crosses]))
         masses = np.array(network.masses)
@@ -377,11 +384,9 @@ class Course:
             raise InputError(
                 f"there is no plane of balls for the {role} at {place:.6g} m", why, mend
             )
-        half_thickness = (
-            _LAYER_THICKNESS if self.network.lattice is None else _PLANE_THICKNESS
-        ) * self.spacing
+        thickness = _LAYER_THICKNESS if self.network.lattice is None else _PLANE_THICKNESS
         from_nearest = np.abs(self._find_offset(offsets - offsets[nearest]))
-        return moving[from_nearest <= half_thickness]
+        return moving[from_nearest <= thickness * self.spacing]
 
     @property
     def _is_closed(self) -> bool:
@@ -458,20 +463,20 @@ def _find_period(network: ContactNetwork, direction: Array) -> float:
     return period
 
 
-def _find_common_measure(longer: float, shorter: float, rounding: float) -> float:
-    """Return the greatest length, m, of which the lengths ``longer`` and ``shorter``, m, are both
-    multiples, by Euclid's algorithm; lengths up to ``rounding``, m, are zero.
+def _find_common_measure(a: float, b: float, rounding: float) -> float:
+    """Return the greatest length, m, of which the lengths ``a`` and ``b``, m, are both multiples,
+    by Euclid's algorithm; lengths up to ``rounding``, m, are zero.
     """
-    while shorter > rounding:
-        remainder = abs(longer - shorter * round(longer / shorter))
-        longer = shorter
-        shorter = remainder
-    return longer
+    while b > rounding:
+        remainder = abs(a - b * round(a / b))
+        a = b
+        b = remainder
+    return a
 
 
 def drop_falling(cut: ContactNetwork, whole: ContactNetwork) -> ContactNetwork:
-    """Return a network ``cut`` from a ``whole`` one without the balls that its static forces push
-    over.
+    """Return a network ``cut`` from a ``whole`` one without the balls that static forces push over;
+    ``cut`` itself if no static forces act (``prestress``), or if it is stable.
 
     The balls of a cut still feel the forces of the contacts that they have lost, as dead loads,
     which keep the balance and do not change with small motions. A ball that hangs on one contact
@@ -507,7 +512,8 @@ def drop_falling(cut: ContactNetwork, whole: ContactNetwork) -> ContactNetwork:
 
 def _find_hanging(network: ContactNetwork) -> Index:
     """Return the indices (m,) of the balls that hang: fewer contacts hold them than there are
-    dimensions, when contacts with other balls that hang do not count. Held bodies do not hang.
+    dimensions, where contacts with other balls that hang do not count. Bodies that do not move do
+    not hang.
     """
     i = network.i
     j = network.j
@@ -520,9 +526,9 @@ def _find_hanging(network: ContactNetwork) -> Index:
     while np.count_nonzero(is_hanging) > count_before:
         count_before = int(np.count_nonzero(is_hanging))
         weights_left = np.where(is_hanging[i] | is_hanging[j], 0, weights)
-        n_holding = np.bincount(i, weights_left, n_balls)
-        n_holding = n_holding + np.bincount(j, weights_left, n_balls)
-        is_hanging = network.moving & (n_holding < network.dimension)
+        n_as_i = np.bincount(i, weights_left, n_balls)
+        n_as_j = np.bincount(j, weights_left, n_balls)
+        is_hanging = network.moving & (n_as_i + n_as_j < network.dimension)
     return np.flatnonzero(is_hanging)
 
 
@@ -573,12 +579,14 @@ def find_arrivals(
     Parameters
     ----------
     times : (n_t,) even times of the readings, s.
-    duration : length of the signal that was sent, s. The record must be at least as long as the
-        time of flight and this duration.
+    signals, sent : in any units.
+    duration : length of the signal that was sent, s. A record that is shorter than the time of
+        flight and this duration does not hold the signal.
     method : "envelope": the time between the maxima of both envelopes; the maximum of an envelope
         is the first one that has half the height of the greatest. "first": the time between the
         moments at which the envelopes first reach the part ``threshold`` of that maximum.
         "correlation": the shift at which the cross-correlation of both signals is greatest.
+    threshold : part of the maximum, above 0 and below 1; other methods do not use it.
 
     Returns
     -------
@@ -1115,27 +1123,23 @@ def _require_same_settings(pulse: Pulse, first: Pulse, count: int) -> None:
     Dampings and the distances of all planes, which differ from sample to sample, need only be
     similar.
     """
-    settings = (
-        "frequency",
-        "cycles",
-        "direction",
-        "polarisation",
-        "drag",
-    )
-    unlike = [
-        name for name in settings if not np.array_equal(getattr(pulse, name), getattr(first, name))
+    unlike_names = [
+        name
+        for name in ("frequency", "cycles", "direction", "polarisation", "drag")
+        if not np.array_equal(getattr(pulse, name), getattr(first, name))
     ]
-    if not _are_similar(pulse.plane_distances, first.plane_distances):
-        unlike.append("plane_distances")
     # what depends on the balls differs a little from sample to sample
-    for name in ("damping", "tangential_damping", "distance"):
-        if not unlike and not _are_similar(getattr(pulse, name), getattr(first, name)):
-            unlike.append(name)
+    unlike_names += [
+        name
+        for name in ("damping", "tangential_damping", "distance", "plane_distances")
+        if not _are_similar(getattr(pulse, name), getattr(first, name))
+    ]
     rounding = _ROUNDING * np.max(np.abs(first.sent))
-    if not unlike and not np.allclose(pulse.sent[:count], first.sent[:count], atol=rounding):
-        unlike.append("sent")
-    if unlike:
-        fault = f"the pulses differ in {', '.join(unlike)}"
+    # bursts of other settings differ in any case, and are not named beside these
+    if not unlike_names and not np.allclose(pulse.sent[:count], first.sent[:count], atol=rounding):
+        unlike_names.append("sent")
+    if unlike_names:
+        fault = f"the pulses differ in {', '.join(unlike_names)}"
         raise InputError(fault, mend="Average pulses that were sent alike")
 
 
@@ -1172,28 +1176,35 @@ class PulseSource:
     def of(
         cls, settings: PulseSettings, network: ContactNetwork, direction: ArrayLike | None = None
     ) -> Self:
-        """Return the pulse of the ``settings`` of a scene in a ``direction`` (p,), Cartesian, or
-        along x for None.
+        """Return the pulse of the ``settings`` of a scene in a ``direction`` (1,) to (3,),
+        Cartesian, or along x for None.
 
         If the settings have no distance, it is half of the period of the ``network``, or a quarter
         if ends are periodic, less a small part of a diameter: if two planes are equally near to
         that place, the one nearer to the source is then taken, in all samples. Raises
-        :class:`~granphon.base.errors.InputError` if the period is too short for a pulse.
+        :class:`~granphon.base.errors.InputError` for what is no direction; and without a distance,
+        if the network has no period along the direction, or one too short for a pulse.
         """
-        periods = sum(network.pbc)
-        vector = np.eye(periods)[0] if direction is None else np.asarray(direction, float)
+        given_direction = [1.0] if direction is None else direction
+        unit_vector = read_vector("direction", given_direction, network.dimension)
         distance = settings.distance
         if distance is None:
-            unit_vector = np.zeros(3)
-            unit_vector[:periods] = vector / np.linalg.norm(vector)
             course = Course.along(network, unit_vector)
-            share = 0.25 if settings.ends == "periodic" else 0.5
-            part = "a quarter" if settings.ends == "periodic" else "half"
-            course.require_period(2.0 * course.spacing, f"A pulse goes {part} of that way")
+            if math.isinf(course.period):
+                raise InputError(
+                    "the pulse has no distance",
+                    "A part of the period is taken by default, and the network does not repeat"
+                    " along the direction",
+                    "Give pulse.distance",
+                )
+            share, share_words = 0.5, "half"
+            if settings.ends == "periodic":
+                share, share_words = 0.25, "a quarter"
+            course.require_period(2.0 * course.spacing, f"A pulse goes {share_words} of that way")
             distance = share * course.period - _DISTANCE_REDUCTION * course.spacing
         return cls(
             settings.frequency,
-            vector,
+            given_direction,
             distance,
             settings.cycles,
             settings.polarisation,
@@ -1265,21 +1276,18 @@ class Route:
         groups = [course.find_plane(start + length, "receivers") for length in distances]
         receivers = groups[0]
         _require_apart(course, distance, sources, receivers)
-        may_have_fallen = ends == "free" and np.any(network.moving & ~course.network.moving)
-        fastest = _find_fastest(
-            course, push, sources, receivers, may_have_fallen=bool(may_have_fallen)
-        )
+        has_fallen = ends == "free" and bool(np.any(network.moving & ~course.network.moving))
+        fastest = _find_fastest(course, push, sources, receivers, has_fallen)
         if request.duration is not None:
             duration = positive("duration", request.duration, "s")
         else:
             duration = burst.duration + _RECORD_LENGTH * farthest / float(fastest[0])
             if ends == "periodic":
-                # the record ends before the pulse that runs the other way round comes
                 flight_length = course.find_distance(start, receivers)
                 _require_room(course.period, flight_length, fastest[0] / margin, burst)
+                # the record ends before the pulse that runs the other way round comes
                 other_way = course.period - flight_length
                 duration = min(duration, other_way / float(fastest[0]))
-        times = _list_readings(burst, duration)
         return cls(
             course=course,
             burst=burst,
@@ -1288,7 +1296,7 @@ class Route:
             sources=sources,
             groups=groups,
             fastest=fastest,
-            times=times,
+            times=_list_readings(burst, duration),
             frames=frames,
         )
 
@@ -1366,7 +1374,7 @@ def _find_sources(course: Course, source: str | int | Sequence[int]) -> Index:
 
 
 def _find_fastest(
-    course: Course, push: Array, sources: Index, receivers: Index, may_have_fallen: bool
+    course: Course, push: Array, sources: Index, receivers: Index, has_fallen: bool
 ) -> Array:
     """Return upper bounds (2,), m/s, of the velocity of long waves, with motions along ``push``
     (3,), and in the stiffest direction.
@@ -1376,15 +1384,16 @@ def _find_fastest(
     static forces of pressed contacts. Of the pieces that join the ``sources`` to the ``receivers``,
     the fastest counts.
 
-    Raises :class:`~granphon.base.errors.InputError` if no contacts join sources and receivers, or
-    none resists ``push``; if ``may_have_fallen``, as balls were left out between free ends,
-    :class:`~granphon.base.errors.InstabilityError` in the first case.
+    Raises :class:`~granphon.base.errors.InputError` if no contact resists ``push``, or if no
+    contacts join sources and receivers; in the latter case
+    :class:`~granphon.base.errors.InstabilityError` if ``has_fallen`` says that balls were left out
+    behind free ends.
     """
     network = course.network
     piece_of_ball = number_pieces(network.i, network.j, network.moving)
     shared_pieces = np.intersect1d(piece_of_ball[receivers], piece_of_ball[sources])
     if not shared_pieces.size:
-        if may_have_fallen:
+        if has_fallen:
             raise InstabilityError(_NOTHING_HELD)
         fault = (
             f"no contacts join the source and the {counted(len(receivers), 'ball')} of the"
@@ -1458,8 +1467,8 @@ def _require_room(period: float, distance: float, velocity: float, burst: ToneBu
         f" of {flight} are over"
     )
     why = (
-        f"Then the pulse that runs the other way round the periodic network"
-        f" comes, which is {period:.4g} m long"
+        f"Then the pulse comes that runs the other way round the periodic network, which is"
+        f" {period:.4g} m long"
     )
     changes = "fewer cycles, a higher frequency, or ends: free"
     mend = f"Use {nearer}an array of {least_period:.4g} m along the direction, {changes}"

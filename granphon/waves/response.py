@@ -319,7 +319,7 @@ def require_places(
     """
     places = Places(network, **options)
     if name == "source":
-        is_held = places.refine(quantity, value) in OF_MOVED_WALL
+        is_held = places.find_quantity(quantity, value) in OF_MOVED_WALL
         places.find(name, value, held=is_held)
     elif quantity in OF_FORCE:
         places.find_sensors(value)
@@ -374,7 +374,7 @@ def find_response(
     The response keeps functions that compute its derivatives and, unless nothing loses energy, its
     values at other frequencies.
     """
-    options = options._replace(quantity=places.refine(options.quantity, source))
+    options = options._replace(quantity=places.find_quantity(options.quantity, source))
     is_moved = options.quantity in OF_MOVED_WALL
     sources, pushes = places.find("source", source, held=is_moved)
     sensors: list[Sensor] = []
@@ -492,9 +492,12 @@ class Places:
         self.distance = None if distance is None else positive("distance", distance, "m")
         self._sensor_places = SensorPlaces.of(network)
 
-    def refine(self, quantity: str, source: Any) -> str:
+    def find_quantity(self, quantity: str, source: Any) -> str:
         """Return the quantity of a response: the given ``quantity``, or "stiffness" in place of
-        "force" if the bodies of the ``source`` are held, as these are moved and not pushed.
+        "force" if all bodies of the ``source`` are held, as these are moved and not pushed.
+
+        Raises :class:`~granphon.base.errors.InputError` for a source of a force that cannot be
+        read.
         """
         if quantity != "force":
             return quantity
@@ -765,9 +768,8 @@ class ResponseWork:
     @property
     def is_strong(self) -> bool:
         """Whether dashpots or drags differ, and are too strong for the symmetric process."""
-        strongest = float(np.max(self.row_losses[1])) * self.operator.top + float(
-            np.max(self.drags)
-        )
+        strongest_dashpot = float(np.max(self.row_losses[1])) * self.operator.top
+        strongest = strongest_dashpot + float(np.max(self.drags))
         return self.has_order_one and strongest > _STRONGEST_SYMMETRIC
 
     @cached_property
@@ -873,7 +875,11 @@ class ResponseWork:
                     f"is not found by a Krylov space of {_MOST_STEPS:,} steps", most_steps
                 )
         if method is None and seconds > _LONGEST_TIME:
-            raise self.explain("takes longer than an hour", float(np.max(self.steps)))
+            raise self.explain(
+                "takes longer than an hour",
+                float(np.max(self.steps)),
+                alternative="name the method, to wait for it",
+            )
         return by_factors, seconds
 
     def _divide_frequencies(self, may_factorise: bool) -> tuple[NDArray[np.bool_], float]:
@@ -895,12 +901,15 @@ class ResponseWork:
         by_factors[slowest_first[n_factors:]] = False
         return by_factors, float(times[n_factors])
 
-    def explain(self, failure: str, steps: float = math.inf) -> ConvergenceError:
+    def explain(
+        self, failure: str, steps: float = math.inf, alternative: str = ""
+    ) -> ConvergenceError:
         """Return the error of a response that is not found; the message has the time that each
         method would take, and a loss factor that would be enough.
 
         ``failure`` is the end of a sentence that begins with "the response", such as "takes longer
-        than an hour"; ``steps`` is the number of steps of the Krylov space.
+        than an hour"; ``steps`` is the number of steps of the Krylov space, infinite if the space
+        does not serve; ``alternative`` is what may be done in place of more damping, if anything.
         """
         lowest = write_quantity(float(self.omega[0]) / (2.0 * math.pi), "Hz", 4)
         fault = f"the response of {self.operator.size:,} motions from {lowest} on {failure}"
@@ -914,8 +923,8 @@ class ResponseWork:
         if not np.all(self.distance > 0.0):
             why = "Where nothing loses energy, nothing bounds the error of a Krylov space"
         mend = self._suggest_damping()
-        if "longer" in failure:
-            mend += "; or name the method, to wait for it"
+        if alternative:
+            mend += f"; or {alternative}"
         return ConvergenceError(fault, self.why_no_space or why, mend)
 
     def _explain_no_factors(self) -> ConvergenceError:
@@ -945,8 +954,9 @@ class ResponseWork:
         return methods
 
     def _suggest_damping(self) -> str:
-        """Return an advice for the message: the least of :data:`_ADVISED_LOSSES` with which a
-        Krylov space solves all frequencies within an hour, or if there is none another one.
+        """Return how to mend a response that takes too much: by the least of
+        :data:`_ADVISED_LOSSES` with which a Krylov space solves all frequencies within an hour, or
+        if there is none, by fewer frequencies or balls.
         """
         from granphon.media.cost import write_duration
 
@@ -1028,36 +1038,38 @@ class _SensorReadings:
     times: Array
 
     def find_factors(self, omega: Any) -> NDArray[Any]:
-        """Return the complex stiffnesses (n_f, n_h) of the contacts at ``omega`` (n_f,), rad/s,
-        over those without losses; (n_h,) if ``omega`` is a number.
+        """Return the stiffnesses (n_f, n_h) of the contacts at ``omega`` (n_f,), rad/s, over those
+        without losses; (n_h,) if ``omega`` is a number. They are complex if a contact loses energy,
+        and else real.
         """
-        return np.asarray(1.0 + 1j * (self.factors + np.asarray(omega)[..., None] * self.times))
+        losses = self.factors + np.asarray(omega)[..., None] * self.times
+        return np.asarray(1.0 + 1j * losses if np.any(losses) else np.ones_like(losses))
 
     def read(self, omega: Array, solution: _Solution) -> _Solution:
         """Return the solution with forces (n_f, n_r), N, of sensors, above zero where contacts are
         pressed more, from a ``solution`` with elongations (n_f, n_h), m, at ``omega`` (n_f,),
-        rad/s; its error becomes that of the forces.
+        rad/s; the error of the returned one is that of the forces.
         """
         stiffness = self.find_factors(omega) * self.stiffness
         forces: Complex = -(solution.values * stiffness) @ self.weights.T.astype(complex)
         # the error is given over the largest elongation: each contact of a sensor may have as much
-        largest = np.max(np.abs(solution.values), axis=1)
-        error = largest * np.max(np.abs(stiffness) @ self.weights.T, axis=1)
+        largest_elongation = np.max(np.abs(solution.values), axis=1)
+        force_error = largest_elongation * np.max(np.abs(stiffness) @ self.weights.T, axis=1)
         loudest = np.max(np.abs(forces), axis=1)
-        share = np.divide(error, loudest, out=np.ones_like(error), where=loudest > 0.0)
-        return solution._replace(values=forces, error=solution.error * share)
+        growth = np.divide(force_error, loudest, out=np.ones_like(loudest), where=loudest > 0.0)
+        return solution._replace(values=forces, error=solution.error * growth)
 
     def find_weights(self, w: float) -> NDArray[Any]:
         """Return the weights (n_h, n_r), N/m, of elongations in the forces of sensors at the
         angular frequency ``w``, rad/s; they are real if nothing loses energy.
         """
         stiffness = self.find_factors(w) * self.stiffness
-        return np.real_if_close(-stiffness[:, None] * self.weights.T)
+        return np.asarray(-stiffness[:, None] * self.weights.T)
 
     def find_stiffness_slopes(self, w: float, elongations: NDArray[Any]) -> NDArray[Any]:
         """Return the derivatives (n_r, n_h), m, of the forces of sensors with respect to the
-        stiffness of each contact, at given ``elongations`` (n_h,), m, and the angular frequency
-        ``w``, rad/s.
+        stiffness of each contact without losses, at given ``elongations`` (n_h,), m, and the
+        angular frequency ``w``, rad/s.
         """
         return np.asarray(-(self.find_factors(w) * elongations) * self.weights)
 
@@ -1168,8 +1180,9 @@ class _Problem:
             most_steps = 2.0 * expected_steps if may_factorise else math.inf
             krylov_work = replace(work, omega=omega[by_krylov])
             with self.operator.progress.step("response", expected_steps) as step:
-                in_space = self._solve_in_space(krylov_work, most_steps, step)
-            values[by_krylov], error[by_krylov], steps = in_space
+                values[by_krylov], error[by_krylov], steps = self._solve_in_space(
+                    krylov_work, most_steps, step
+                )
         # a response deep in a gap is less than the rounding of a Krylov space; factors keep all of
         # its digits
         imprecise = np.flatnonzero(np.isfinite(error) & (error > max(_WARNED_ERROR, tolerance)))
@@ -1254,9 +1267,10 @@ class _Problem:
             return product
 
         source = self._make_first_order_source(spring, times)
-        strength: Any = (
-            -1.0 / top * (np.ones(w.size) if self.driven.is_moved else _invert(1j * omega))
-        )
+        # from velocities, for which equations are of first order, to motions; a wall is displaced,
+        # and its source has the factor i omega already
+        to_motions = np.ones(w.size, complex) if self.driven.is_moved else _invert(1j * omega)
+        strength = -to_motions / top
         # |(H - i w)^-1| is at most this, with the largest |1 + i eta|^1/2 of a spring
         largest_spring = math.sqrt(math.hypot(1.0, float(np.max(work.row_losses[0]))))
         bound = np.where(w > 0.0, (w + largest_spring) * _invert(work.distance), np.inf)
@@ -1331,7 +1345,7 @@ class _Problem:
         signals = np.zeros(len(self.heard_motions), complex)
         try:
             factors = equations.elimination.factorise(matrix)
-            for solution in range(_SOLUTIONS):
+            for number in range(_SOLUTIONS):
                 residual = drive - matrix @ x
                 change = factors.solve(residual)
                 x += change
@@ -1339,7 +1353,8 @@ class _Problem:
                 signals = self._listen(x) + self.shift
                 loudest = np.max(np.abs(signals)) or 1.0
                 error = float(np.max(np.abs(signals - previous)) / loudest)
-                if solution and error <= TOLERANCE:
+                is_corrected = number > 0
+                if is_corrected and error <= TOLERANCE:
                     break
             # the entries of Z, and omega, have the rounding of a float
             entry_sizes = np.abs(matrix.diagonal()) + 2.0 * w**2 / equations.top_square
@@ -1408,32 +1423,42 @@ class _Problem:
         sensors = self.sensors
         count = len(self.heard_motions) if sensors is None else len(sensors.weights)
         slopes.require_memory(hertz.size * count)
-        receiver_vectors = np.zeros((self.operator.size, len(self.heard_motions)))
-        for receiver, (motions, weights) in enumerate(
-            zip(self.heard_motions, self.motion_weights, strict=True)
-        ):
-            np.add.at(receiver_vectors[:, receiver], motions, weights)
+        signal_vectors = self._make_signal_vectors()
         equations = _Equations(self)
-        parts = []
+        # of each field the derivatives at all frequencies; None of a field that there is not
+        fields: dict[str, list[Any]] = {}
         for frequency, w in zip(hertz.tolist(), omega.tolist(), strict=True):
-            vectors_at_w = (
-                receiver_vectors if sensors is None else receiver_vectors @ sensors.find_weights(w)
-            )
-            motions = self._solve_adjoint(equations, w, vectors_at_w)
-            fields = slopes.find(motions[:, 0], motions[:, 1:], frequency)
+            receiver_vectors = signal_vectors
             if sensors is not None:
-                elongations = self._listen(motions[:, 0]) + self.shift
-                fields["normal_stiffness"][:, sensors.contacts] += sensors.find_stiffness_slopes(
-                    w, elongations
-                )
+                receiver_vectors = signal_vectors @ sensors.find_weights(w)
+            motions = self._solve_adjoint(equations, w, receiver_vectors)
+            x = motions[:, 0]
+            derivatives = slopes.find(x, motions[:, 1:], frequency)
+            if sensors is not None:
+                elongations = self._listen(x) + self.shift
+                of_readings = sensors.find_stiffness_slopes(w, elongations)
+                derivatives["normal_stiffness"][:, sensors.contacts] += of_readings
             rate = (1j * w) ** _DERIVATIVES.get(quantity, 0)
-            parts.append({name: None if f is None else rate * f for name, f in fields.items()})
+            for name, values in derivatives.items():
+                fields.setdefault(name, []).append(None if values is None else rate * values)
         stacked: dict[str, Any] = {
-            name: None if first is None else np.array([part[name] for part in parts], complex)
-            for name, first in parts[0].items()
+            name: None if values[0] is None else np.array(values, complex)
+            for name, values in fields.items()
         }
         unit = QUANTITIES[quantity]
         return ResponseSensitivities(**stacked, frequencies=hertz, quantity_unit=unit)
+
+    def _make_signal_vectors(self) -> Array:
+        """Return the vectors e (size, n_r) of receivers: the signal of each, without its shift, is
+        e^T x of motions x (size,).
+        """
+        vectors = np.zeros((self.operator.size, len(self.heard_motions)))
+        receivers = zip(self.heard_motions, self.motion_weights, strict=True)
+        for number, (motions, weights) in enumerate(receivers):
+            np.add.at(
+                vectors[:, number], motions, weights
+            )  # both ends of a contact may be one ball
+        return vectors
 
     def _solve_adjoint(
         self, equations: _Equations, w: float, receiver_vectors: Array
@@ -1473,9 +1498,9 @@ class _Problem:
         scale = space.scale[number]
         bands = process.bands[:, :steps]
         solutions = _solve_tridiagonal(bands, space.shifts[number], process.largest)
-        signals_of_solutions = process.size * scale * (solutions @ process.signals[:steps])
-        in_space, of_rounding = signals_of_solutions
-        signals = in_space + space.direct[number]
+        # signals of the solution in the space, and of its change by rounding
+        of_solution, of_rounding = process.size * scale * (solutions @ process.signals[:steps])
+        signals = of_solution + space.direct[number]
         residual = process.find_residual(number)
         bound = abs(scale) * self._greatest_signal * residual * space.bound[number]
         # the first vectors may not reach the receivers: then the bound stands for their signals
@@ -1644,13 +1669,15 @@ class _KrylovProcess:
 
     def _eliminate(self, above: Any, diagonal: Any) -> None:
         """Eliminate the new column, with its entries ``above`` and on the ``diagonal``, in the
-        shifted matrices of all frequencies: set their pivots (n_f,) and the last entries of their
-        solutions.
+        shifted matrices of all frequencies: set the pivots (n_f,) of these matrices and the last
+        entries of their solutions.
         """
         pivot = diagonal - self.space.shifts - above * self._below / self._pivot
-        divisor = np.where(pivot == 0.0, np.finfo(float).tiny, pivot)
-        quotient = np.abs(self._below / divisor)
-        self._pivot = pivot
+        # a shift may be a number on the diagonal: a pivot of zero is replaced by its rounding
+        numbers = np.finfo(float)
+        rounding = max(numbers.eps * max(self.largest, abs(diagonal)), numbers.tiny)
+        self._pivot = np.where(pivot == 0.0, rounding, pivot)
+        quotient = np.abs(self._below / self._pivot)
         self.last_entry = np.minimum(self.last_entry * quotient, _DIVERGED)
 
     def _check_end(self, diagonal_size: float) -> None:

@@ -57,7 +57,9 @@ class ResponseSensitivities(Result):
     quantity_unit: str = held(str)
 
     def _field_units(self) -> dict[str, str]:
-        """Return the unit of each attribute; those of derivatives depend on the response."""
+        """Return the unit of each attribute, by its name; those of derivatives depend on the unit
+        of the response.
+        """
         return {**name_units(self.quantity_unit), **self.units}
 
 
@@ -66,7 +68,7 @@ class ResponseSlopes:
     motions and adjoint motions.
 
     ``moved`` (n, motions) are the displacements, m, of bodies that are held and moved as a source;
-    zeros if there are none.
+    zeros if there are none. :meth:`find` says what motions and adjoint motions are.
     """
 
     def __init__(self, operator: WaveOperator, losses: Losses, moved: Array) -> None:
@@ -91,42 +93,62 @@ class ResponseSlopes:
 
     def find(self, x: Complex, y: Complex, hertz: float) -> dict[str, Any]:
         """Return the derivatives of the signals at the frequency ``hertz``, Hz, by the names of the
-        fields of :class:`ResponseSensitivities`: (n_r, n_c) for contacts, (n_r, n) for masses and
-        inertias, (n_r, n, motions) for springs to the ground, and None where there are none.
+        fields of :class:`ResponseSensitivities`, without the axis of frequencies: (n_r, n_c) for
+        contacts, (n_r, n) for masses and inertias, (n_r, n, motions) for springs to the ground.
+        That of ``normal_force`` is None without prestress.
 
         ``x`` (size,) are the mass-weighted motions that the source makes, and ``y`` (size, n_r) the
-        adjoint ones of each receiver.
+        mass-weighted adjoint motions of each receiver.
+        """
+        omega = 2.0 * math.pi * hertz
+        return {**self._find_of_contacts(x, y, omega), **self._find_of_balls(x, y, omega)}
+
+    def _find_of_contacts(self, x: Complex, y: Complex, omega: float) -> dict[str, Any]:
+        """Return the derivatives (n_r, n_c) with respect to parameters of contacts at ``omega``,
+        rad/s, by the names of fields; ``x`` and ``y`` are those of :meth:`find`.
         """
         network = self.operator.network
-        omega = 2.0 * math.pi * hertz
         deformations = self._deform @ x + self._stretched
-        # -y^T (dK/dk) x of a contact is the product of both deformations, with its losses
-        products: Any = deformations[:, None] * np.asarray(self._deform @ y)
-        normal, other = 1.0 + 1j * (self.losses.factors + omega * self.losses.times)
-        fields: dict[str, Any] = {"normal_force": None}
-        none = np.zeros((network.n_contacts, y.shape[1]))
+        adjoint_deformations = np.asarray(self._deform @ y)
+        # y^T (dK/dk) x of a contact is the product of both deformations, times its losses
+        products: Any = deformations[:, None] * adjoint_deformations
         sums = sum_kinds(self.rows, products)
+        zeros = np.zeros((network.n_contacts, y.shape[1]))  # of kinds that no motion makes
+        # complex stiffness over the stiffness, (n_c,), of the elongation and of the others
+        of_elongation, of_others = 1.0 + 1j * (self.losses.factors + omega * self.losses.times)
+        fields: dict[str, Any] = {"normal_force": None}
         for name, factor in (
-            ("normal_stiffness", normal),
-            ("shear_stiffness", other),
-            ("torsion", other),
-            ("bending", other),
+            ("normal_stiffness", of_elongation),
+            ("shear_stiffness", of_others),
+            ("torsion", of_others),
+            ("bending", of_others),
         ):
-            fields[name] = (-factor[:, None] * sums.get(name, none)).T
+            fields[name] = (-factor[:, None] * sums.get(name, zeros)).T
         if network.prestress:
-            fields["normal_force"] = (sums.get("normal_force", none) / network.distance[:, None]).T
-            by_growth, by_excess = (
-                -sums.get(name, none).T for name in ("tangential_growth", "excess")
-            )
+            # a force f that presses adds -(f/r) B^T B to the stiffness: two signs cancel
+            pushes = sums.get("normal_force", zeros) / network.distance[:, None]
+            fields["normal_force"] = pushes.T
+            by_growth = -sums.get("tangential_growth", zeros).T
+            by_excess = -sums.get("excess", zeros).T
             add_static(fields, network, by_growth, by_excess)
-        moving = self.operator.balls
-        motions = self.operator.motions
+        return fields
+
+    def _find_of_balls(self, x: Complex, y: Complex, omega: float) -> dict[str, Any]:
+        """Return the derivatives with respect to masses and inertias (n_r, n) and to springs to the
+        ground (n_r, n, motions) at ``omega``, rad/s, by the names of fields; zero for balls that do
+        not move. ``x`` and ``y`` are those of :meth:`find`.
+        """
+        operator = self.operator
+        network = operator.network
+        motions = operator.motions
+        moving = operator.balls
+        products = operator.values(x[:, None] * y)  # (n_free, motions, n_r), mass-weighted
         on_site = np.zeros((y.shape[1], network.n_balls, motions.count), complex)
-        of_moving = -np.moveaxis(self.operator.values(x[:, None] * y), 2, 0)
-        on_site[:, moving] = of_moving / list_inertias(network)[moving]
-        fields["on_site"] = on_site
+        on_site[:, moving] = -np.moveaxis(products, 2, 0) / list_inertias(network)[moving]
         # a mass enters Z by the factor i omega drag - omega^2, a spring to the ground by 1
         by_inertia = (1j * omega * self.losses.drag_of(motions) - omega**2) * on_site
-        fields["mass"] = by_inertia[..., motions.translating].sum(axis=-1)
-        fields["inertia"] = by_inertia[..., motions.turning].sum(axis=-1)
-        return fields
+        return {
+            "on_site": on_site,
+            "mass": by_inertia[..., motions.translating].sum(axis=-1),
+            "inertia": by_inertia[..., motions.turning].sum(axis=-1),
+        }

@@ -77,19 +77,21 @@ class SensorPlaces:
         """
         joins = ((self.i == i) & (self.j == j)) | ((self.i == j) & (self.j == i))
         contacts = np.flatnonzero(joins)
-        if contacts.size != 1:
-            number = "no contact" if not contacts.size else f"{contacts.size} contacts"
-            mend = "Give two balls that touch"
-            if contacts.size:
-                mend = "Repeat the network, so that balls touch once"
-            raise InputError(f"balls {i} and {j} have {number}", mend=mend)
-        normal = self.normal[contacts[0]]
-        outward = normal if self.i[contacts[0]] == i else -normal
+        if not contacts.size:
+            raise InputError(f"balls {i} and {j} have no contact", mend="Give two balls that touch")
+        if contacts.size > 1:
+            raise InputError(
+                f"balls {i} and {j} have {contacts.size} contacts",
+                mend="Repeat the network, so that balls touch once",
+            )
+        contact = contacts[0]
+        outward = self.normal[contact] if self.i[contact] == i else -self.normal[contact]
         return Sensor(i, j, outward, contacts, np.ones(1))
 
     def in_body(self, body: int, direction: Array) -> Sensor:
-        """Return the sensor in a ``body``, an index, whose axis is the unit vector ``direction``
-        (3,). If the body moves, it is a ball, and weights have the factor 1/2 of balls.
+        """Return the sensor in a ``body``, an index of the network, whose axis is the unit vector
+        ``direction`` (3,). Weights have the factor 1/2 if the body moves, as it is then a ball; a
+        body that is held, ball or wall, reads the whole sum.
 
         Raises :class:`~granphon.base.errors.InputError` for a body without a contact along this
         axis.

@@ -40,33 +40,38 @@ def solve_by_slices(matrix: Any, drive: Any, lower: Any, upper: Any) -> tuple[Co
     """
     slices = find_slices(matrix, np.unique(lower.tocoo().col))
     require_slices(max(len(rows) for rows in slices))
-    # of the slice after the one at hand, its motions, the map from these to the motions at the
-    # upper end, and its equations with all later slices eliminated
-    beyond = None
-    at_upper = np.zeros((upper.shape[0], 0), complex)
-    inner = np.zeros((0, 0), complex)
     upper_columns = upper.tocsc()
+    # of slice k + 1: its motions, its equations with all later slices eliminated, and the map from
+    # its motions to those at the upper end
+    next_rows = None
+    next_equations = np.zeros((0, 0), complex)
+    next_to_upper = np.zeros((upper.shape[0], 0), complex)
     for rows in reversed(slices):
-        of_slice = matrix[rows]
-        own = of_slice[:, rows].toarray().astype(complex)
-        taken = upper_columns[:, rows].toarray().astype(complex)
-        if beyond is not None:
-            passed_on = -np.linalg.solve(inner, matrix[beyond][:, rows].toarray())  # P_(k+1)
-            own += of_slice[:, beyond] @ passed_on
-            taken += at_upper @ passed_on
-        inner = own
-        at_upper = taken
-        beyond = rows
-    first = slices[0]
-    motions = np.asarray(np.linalg.solve(inner, np.asarray(drive[first], complex)), complex)
-    at_lower: Complex = np.asarray(lower.tocsc()[:, first] @ motions)
-    return at_lower, np.asarray(at_upper @ motions, complex)
+        coupling = matrix[rows]
+        equations = coupling[:, rows].toarray().astype(complex)
+        to_upper = upper_columns[:, rows].toarray().astype(complex)
+        if next_rows is not None:
+            next_coupling = matrix[next_rows][:, rows].toarray()
+            next_motions = -np.linalg.solve(next_equations, next_coupling)  # P_(k+1)
+            equations += coupling[:, next_rows] @ next_motions
+            to_upper += next_to_upper @ next_motions
+        next_rows = rows
+        next_equations = equations
+        next_to_upper = to_upper
+    # slice 0 remains, the only one that is driven
+    first_rows = slices[0]
+    drive_of_first = np.asarray(drive[first_rows], complex)
+    motions = np.asarray(np.linalg.solve(next_equations, drive_of_first), complex)
+    at_lower: Complex = np.asarray(lower.tocsc()[:, first_rows] @ motions)
+    return at_lower, np.asarray(next_to_upper @ motions, complex)
 
 
 def find_slices(matrix: Any, first: Index) -> list[Index]:
-    """Return the indices of the motions (n_k,) of each slice, from the ``first`` one, at the driven
-    end, on; motions are coupled where a sparse ``matrix`` (n, n) has entries. Motions that are
-    coupled to the first slice neither directly nor through others are in no slice.
+    """Return the indices of the motions (n_k,) of each slice, in order from the ``first`` slice
+    (n_0,), at the driven end.
+
+    Motions are coupled where a sparse ``matrix`` (n, n) has entries. Motions that are coupled to
+    the first slice neither directly nor through others are in no slice.
     """
     is_new = np.ones(matrix.shape[0], bool)
     pattern = matrix.tocsr()
@@ -82,7 +87,7 @@ def find_slices(matrix: Any, first: Index) -> list[Index]:
 
 
 def count_slice_bytes(width: int) -> float:
-    """Return the bytes that the elimination of slices takes, the widest of which has ``width``
+    """Return the bytes that the elimination of slices takes if the widest slice has ``width``
     motions.
     """
     return _HELD * _ENTRY * float(width) ** 2

@@ -845,4 +845,4 @@ class PlaneWaves:
             moments=moments,
             shortest=fold_wavevectors(self._operator.network, self._q),
             warnings=network_warnings(self._operator.network),
-        )._with_work(self.find)
+        )._with_finder(self.find)

@@ -317,8 +317,11 @@ class Waves:
         count : number of branches at each wave vector.
 
         Raises :class:`~granphon.base.errors.InputError` for a network without a period, for wave
-        vectors of another shape, and for more than about a third of all branches;
-        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero;
+        vectors of another shape, for more branches than there are, and for more than about a third
+        of them in a network of more than 600 motions;
+        :class:`~granphon.base.errors.PrecisionError` for wave vectors too far from Gamma;
+        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero, unless
+        static tangential forces act;
         :class:`~granphon.base.errors.ConvergenceError` if the branches are not found, as when
         hundreds of them are zero.
         """

@@ -127,7 +127,7 @@ def test_path_to_a_vector_of_the_reciprocal_lattice_leaves_out_gamma_at_both_end
     assert len(found.q) == 5
 
 
-def test_path_of_an_array_has_the_wave_vectors_of_its_cell():
+def test_path_of_an_array_has_the_wave_vectors_of_its_cell(tmp_path):
     packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, gp.Uniform(2.04e-6))
     state = gp.DirectSimulation(packing, shape=(12, 12)).at_force(50.0)
     waves = gp.Waves(state.sample)
@@ -151,6 +151,14 @@ def test_path_of_an_array_has_the_wave_vectors_of_its_cell():
     first = np.argmin(found.spectra[0].wavenumber)
     bands = lattice.frequencies(q[first : first + 1] * packing.diameter)[0] * state.scales.frequency
     assert np.min(np.abs(bands / found.spectra[0].peak[first] - 1.0)) < 0.02
+    table = tmp_path / "spectra.csv"
+    for errors, words in (
+        ({"height": found.numbers["peak"]}, "height"),
+        ({"peak": found.spectra[0].peak}, "shape"),
+    ):
+        with pytest.raises(gp.GranphonError, match=words):
+            found.write_csv(table, errors)
+        assert not table.exists()
 
 
 def test_settings_are_checked_in_python_too():

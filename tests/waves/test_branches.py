@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon.base.errors import InconsistencyWarning, InputError
+from granphon.base.errors import InconsistencyWarning, InputError, PrecisionError
 from tests import packings
 from tests.dynamics.test_network_lattice import random_network
 
@@ -71,3 +71,11 @@ def test_what_has_no_branches_is_refused():
         waves.branches([0.1, 0.2], 10_000)
     with pytest.raises(InputError, match="repeats"):
         gp.Waves(network.cut(1, 1).cut(0, 1)).branches([0.1])
+
+
+def test_a_wave_vector_without_digits_is_refused():
+    """As by gp.Phonons: 1e20 does not say where a wave vector is between reciprocal vectors."""
+    network = random_network("chain", (9,))
+    for find in (gp.Waves(network).branches, gp.Phonons(network).frequencies):
+        with pytest.raises(PrecisionError, match="Gamma"):
+            find([[1e20]])

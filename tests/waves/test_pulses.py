@@ -493,6 +493,12 @@ def test_open_network_has_the_ends_that_it_has():
         opened.transmit(0.4 * HERTZ, (1,), 20.0 * D, ends="walls")
     with pytest.raises(InputError, match="between the walls"):
         gp.Waves(chain(1)).transmit(0.4 * HERTZ, (1,), 0.9 * D, ends="walls")
+    # a network whose contacts across the period are gone, and that has its period still
+    uncrossed = replace(whole, **{name: fields[name] for name in names})
+    with pytest.raises(InputError, match="no balls for walls"):
+        gp.Waves(uncrossed).transmit(0.4 * HERTZ, (1,), 20.0 * D, ends="walls")
+    with pytest.raises(InputError, match="no distance"):
+        PulseSource.of(PulseSettings(0.4 * HERTZ), opened.network)
 
 
 #: lattice and its array, whether it is as a large one, ends
@@ -761,7 +767,7 @@ def test_what_does_not_travel_has_no_time_of_flight():
     pulse = gp.Waves(network).transmit(
         0.4 * HERTZ, (0, 1), 25.0 * D, 20, "out_of_plane", duration=140 / HERTZ
     )
-    require_unknown(pulse, "not after the burst")
+    require_unknown(pulse, "after the burst")
 
 
 def test_signal_that_comes_at_once_has_no_time_of_flight():

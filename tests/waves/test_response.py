@@ -15,6 +15,7 @@ from scipy.optimize import brentq, minimize_scalar
 import granphon as gp
 from granphon.balls.contact_model import ContactModel
 from granphon.base.errors import ConvergenceError, InputError, PrecisionError
+from granphon.waves.response import _KrylovProcess, _Space
 from tests import packings
 
 UNITS = gp.Units(8e-3, 3e6, 2e-3)
@@ -1026,3 +1027,29 @@ def test_reasons_of_what_is_not_found_are_true(monkeypatch):
     monkeypatch.setattr("granphon.waves.operator.estimate_factors", lambda *_: (math.inf, math.inf))
     with pytest.raises(ConvergenceError, match="too large to be factorised"):
         waves.response([100.0], place, place, damping=1e-6, method="direct")
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_shift_on_the_diagonal_of_a_space_does_not_end_its_solution():
+    """The first pivot is zero, and yet the last entry of each solution is that of a dense one."""
+    matrix = np.diag([2.0, 3.0, 5.0]) + np.diag([1.0, 0.5], 1) + np.diag([1.0, 0.5], -1)
+    start = np.array([1.0, 0.0, 0.0])
+    shifts = np.array([2.0, 0.7])
+    ones = np.ones(shifts.size)
+    space = _Space(
+        apply=lambda x: matrix @ x,
+        product=np.dot,
+        start=start,
+        shifts=shifts,
+        scale=ones,
+        bound=ones,
+        direct=np.zeros((2, 1)),
+    )
+    process = _KrylovProcess(space, lambda x: x[:1])
+    for size in (1, 2, 3):
+        process.advance()
+        part = matrix[:size, :size]
+        for number, shift in enumerate(shifts):
+            if size > 1 or shift != 2.0:  # one equation with the pivot zero has no solution
+                y = np.linalg.solve(part - shift * np.eye(size), start[:size])
+                assert_allclose(process.last_entry[number], abs(y[-1]), rtol=1e-12)
