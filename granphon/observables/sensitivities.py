@@ -205,7 +205,7 @@ def _find_velocity_slopes(network: ContactNetwork, direction: Array) -> dict[str
     order = np.argsort(named, axis=-1, kind="stable")
     reduced = np.take_along_axis(named, order, -1)
     # displacements (..., n_u, n_u), columns, with which the mass that each wave moves is M
-    vectors = lattice._per_mass @ np.take_along_axis(polarisations, order[..., None, :], -1)
+    vectors = lattice.root_mass_ratio @ np.take_along_axis(polarisations, order[..., None, :], -1)
     total = lattice.masses.sum()
     groups = number_equal(reduced)  # waves of one velocity have one number
     # dv over d(M v^2), for each wave
