@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.lattices import as_direction, one_direction
 from granphon.balls.neighbours import steps_within
 from granphon.base.arrays import ROUNDED, Array
-from granphon.base.errors import GranphonError, UnreachableFrequencyError
-from granphon.base.validation import real_array
+from granphon.base.errors import GranphonError, InputError, UnreachableFrequencyError
+from granphon.base.validation import finite_array
 from granphon.dynamics.blocks import DEGENERATE
 from granphon.dynamics.contact_lattice import ContactLattice
 
@@ -52,8 +52,17 @@ def connect_branches(eigenvectors: ArrayLike) -> NDArray[np.intp]:
     -------
     order : (n_q, n_branches), the column of each branch at each point, such that
         ``np.take_along_axis(frequencies, order, 1)`` is smooth; the first row counts up.
+
+    Raises
+    ------
+    InputError : another shape, or no point.
     """
     vectors = np.asarray(eigenvectors)
+    if vectors.ndim != 3 or not len(vectors):
+        raise InputError(
+            f"eigenvectors has the shape {vectors.shape}",
+            mend="Give an array (n_q, n_dof, n_branches) of one or more points",
+        )
     overlap = np.abs(vectors[:-1].conj().swapaxes(1, 2) @ vectors[1:]) ** 2
     order = np.empty(vectors.shape[::2], np.intp)
     order[0] = np.arange(vectors.shape[2])
@@ -109,11 +118,12 @@ class AcousticBranch:
         """Return the wavenumbers (n,), 1/d, and the group velocities (n, p), d (k/M)^1/2, that
         pulses of angular ``frequency`` (n,), (k/M)^1/2, have on this branch.
 
-        Raises :class:`~granphon.base.errors.UnreachableFrequencyError` for a frequency above the
-        top of the branch, and :class:`~granphon.base.errors.GranphonError` where the branch cannot
-        be followed through an avoided crossing.
+        Raises :class:`~granphon.base.errors.InputError` for a frequency below zero or not finite,
+        :class:`~granphon.base.errors.UnreachableFrequencyError` for one above the top of the
+        branch, and :class:`~granphon.base.errors.GranphonError` where the branch cannot be followed
+        through an avoided crossing.
         """
-        target = np.atleast_1d(real_array("frequency", frequency))
+        target = np.atleast_1d(finite_array("frequency", frequency, low="zero or above"))
         if np.any(target > self.top):
             raise UnreachableFrequencyError(
                 f"the {self.name} branch ends at {self.top:.10g} (k/M)^1/2, below"
@@ -133,7 +143,7 @@ class AcousticBranch:
         return _solve_wavenumbers(lattice, along, target, q, omega, self.vectors[above], self.name)
 
 
-def _find_nearest(
+def _find_nearest_modes(
     lattice: ContactLattice, wavenumbers: Array, along: Array, references: NDArray[np.complex128]
 ) -> tuple[Array, Array]:
     """Return the frequency (n,), (k/M)^1/2, and the group velocity (n, p), d (k/M)^1/2, of the mode
@@ -163,9 +173,9 @@ def _find_nearest(
         coincides = difference <= DEGENERATE * frequencies[:, None]
         coincides &= slope_difference <= DEGENERATE * steepest
         counts = np.count_nonzero(coincides, axis=1)
-        several = np.flatnonzero(counts > 1)
-        sums = np.sum(coincides[several, :, None] * modes.group_velocities[several], axis=1)
-        velocities[several] = sums / counts[several, None]
+        shared = np.flatnonzero(counts > 1)  # points at which several branches coincide
+        sums = np.sum(coincides[shared, :, None] * modes.group_velocities[shared], axis=1)
+        velocities[shared] = sums / counts[shared, None]
     return frequencies, velocities
 
 
@@ -193,7 +203,7 @@ def _solve_wavenumbers(
     # below the first point the branch is nearly straight, so linear interpolation starts close to
     # the root at any scale
     q = low + (high - low) * (target - low_omega) / (high_omega - low_omega)
-    omega, velocity = _find_nearest(lattice, q, along, references)
+    omega, velocity = _find_nearest_modes(lattice, q, along, references)
     unsettled = np.arange(q.size)
     for _ in range(_MOST_STEPS):
         goal = target[unsettled]
@@ -208,7 +218,7 @@ def _solve_wavenumbers(
         # a step of Newton's method that leaves the bracket is replaced by bisection
         is_inside = (newton >= low[unsettled]) & (newton <= high[unsettled])
         q[unsettled] = np.where(is_inside, newton, middle)
-        omega[unsettled], velocity[unsettled] = _find_nearest(
+        omega[unsettled], velocity[unsettled] = _find_nearest_modes(
             lattice, q[unsettled], along[unsettled], references[unsettled]
         )
         # Newton's method converges quadratically: after a step as small as this only rounding is
@@ -295,10 +305,10 @@ class AcousticBranches:
             last_rise = np.maximum(rising[:, followed] - 1, 0)
             reached = frequencies[:, followed, :][np.arange(n_waves)[:, None], row, last_rise]
             is_below = ~falls[:, followed] & (reached < goals[:, followed])
-            go_on = np.any(is_below, axis=0)
-            followed = followed[go_on]
-            column = column[:, go_on]
-            last_vectors = modes.vectors[go_on, -1]
+            is_unfinished = np.any(is_below, axis=0)
+            followed = followed[is_unfinished]
+            column = column[:, is_unfinished]
+            last_vectors = modes.vectors[is_unfinished, -1]
             if not followed.size:
                 break
         return cls(
@@ -327,7 +337,7 @@ class AcousticBranches:
             low = q[count - 1] if count else 0.0
             reference = vectors[count][None]
             q[count] = _find_maximum(self.lattice, along, low, q[count], reference)
-            frequency, _ = _find_nearest(self.lattice, q[count : count + 1], along, reference)
+            frequency, _ = _find_nearest_modes(self.lattice, q[count : count + 1], along, reference)
             omega[count] = frequency[0]
         name = self.lattice.wave_names[which]
         return AcousticBranch(self.lattice, along, name, q, omega, vectors)
@@ -412,7 +422,8 @@ def _find_sound(
     size = lattice.n_branches
     vectors = lattice.modes(q * directions, directions).eigenvectors
     motion = vectors.reshape(len(directions), lattice.n_balls, lattice.motions.count, size)
-    # displacement (n, n_u, n_branches) of the centre of mass along each polarisation
+    # displacement (n, n_u, n_branches) of the centre of mass along each polarisation k, in each
+    # branch b: sums over the balls i and the axes a
     drift = np.einsum(
         "i,niab,nak->nkb",
         np.sqrt(lattice.masses),
@@ -439,7 +450,7 @@ def _find_maximum(
     references = np.broadcast_to(reference, (_PIECES - 1, reference.shape[1]))
     while high - low > ROUNDED * high:
         points = np.linspace(low, high, _PIECES + 1)[1:-1]
-        _, velocities = _find_nearest(lattice, points, along, references)
+        _, velocities = _find_nearest_modes(lattice, points, along, references)
         rises = np.append(velocities @ along > 0.0, False)  # the branch falls at `high`
         first_fall = int(np.argmin(rises))
         edges = np.concatenate([[low], points, [high]])

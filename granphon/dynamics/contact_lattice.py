@@ -822,7 +822,7 @@ class ContactLattice(LongWaves):
         generic rank of C(q).
         """
         free = None if self._large is None else self._large.free_branches
-        return sum(block.free for block in self._blocks) if free is None else free
+        return sum(block.n_free for block in self._blocks) if free is None else free
 
     @cached_property
     def free_branch_warnings(self) -> tuple[str, ...]:
@@ -932,9 +932,9 @@ class ContactLattice(LongWaves):
         total = 0
         for block in self._blocks:
             zeros = rigid[block.columns]
-            if block.free:
+            if block.n_free:
                 _, modes = block.solve(_BESIDE_GAMMA * direction)
-                free = modes[0][:, : block.free]
+                free = modes[0][:, : block.n_free]
                 zeros = np.concatenate([zeros, free], axis=1)
             total += int(np.linalg.matrix_rank(zeros, tol=_INDEPENDENT))
         return total

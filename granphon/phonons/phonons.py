@@ -33,7 +33,7 @@ from granphon.base.validation import (
     whole_number,
 )
 from granphon.dynamics.bloch_waves import (
-    LEAST_PART,
+    LEAST_FACTOR,
     BlochWaves,
     find_bloch_waves,
     require_bloch_memory,
@@ -758,7 +758,7 @@ class Phonons:
         squares = (hertz / half_space.units.frequency) ** 2
         # far above all bands the factor by which a wave decays from layer to layer is about the
         # couplings over omega^2
-        is_far = squares * LEAST_PART > np.max(np.abs(blocks.inner))
+        is_far = squares * LEAST_FACTOR > np.max(np.abs(blocks.inner))
         _require_digits(hertz, is_far)
         motions_of_layer = half_space.size // half_space.reach
         waves = find_bloch_waves(blocks, squares, motions_of_layer)
@@ -1219,11 +1219,11 @@ def _distances_along(paths: Array) -> Array:
 
 
 def _decay_fully(upward: BlochWaves, downward: BlochWaves) -> bool:
-    """Return whether some of the waves at a frequency decays by more than 1/:data:`LEAST_PART` from
-    layer to layer, so that its wavenumber has no digits.
+    """Return whether some of the waves at a frequency decays by more than 1/:data:`LEAST_FACTOR`
+    from layer to layer, so that its wavenumber has no digits.
     """
     decays = np.concatenate([np.abs(upward.factors), 1.0 / np.abs(downward.factors)])
-    return bool(np.any(decays < LEAST_PART))
+    return bool(np.any(decays < LEAST_FACTOR))
 
 
 def _require_digits(hertz: Array, is_far: ArrayLike) -> None:
@@ -1233,7 +1233,7 @@ def _require_digits(hertz: Array, is_far: ArrayLike) -> None:
     far = np.asarray(is_far, bool)
     if np.any(far):
         raise PrecisionError(
-            f"at {float(hertz[far][0]):g} Hz a wave decays by more than {1.0 / LEAST_PART:g} from"
+            f"at {float(hertz[far][0]):g} Hz a wave decays by more than {1.0 / LEAST_FACTOR:g} from"
             " layer to layer",
             "Its wave number would have no digits",
             "Take lower frequencies",
