@@ -104,7 +104,7 @@ def _repeat(name: str, values: ArrayLike, shape: tuple[int, ...], low: Low | Non
     names; numbers are not checked if ``low`` is None.
     """
     numbers = real_array(name, values)
-    if numbers.size and low is not None:
+    if numbers.size and low is not None:  # a lattice may have no balls or no contacts
         numbers = finite_array(name, numbers, low=low)
     try:
         return read_only(np.broadcast_to(numbers, shape))
@@ -119,12 +119,12 @@ def _read_vectors(name: str, vectors: ArrayLike) -> Array:
     Raises :class:`~granphon.base.errors.InputError`, with the argument's ``name``, for another
     number of axes, and for a number that is not finite.
     """
-    numbers = finite_array(name, vectors)
+    numbers = real_array(name, vectors)
     if numbers.ndim != 2:
         raise InputError(
             f"{name} has the shape {numbers.shape}", mend="Give one vector in each row"
         )
-    return numbers
+    return finite_array(name, numbers) if numbers.size else numbers
 
 
 class Compatibility:

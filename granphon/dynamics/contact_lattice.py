@@ -1031,7 +1031,10 @@ class _LatticeContacts(NamedTuple):
         count = int(np.count_nonzero(network.moving))
         number = np.full(network.n_balls, count)
         number[network.moving] = np.arange(count)
-        i, j = self._order_ends(number[network.i], number[network.j])
+        ball_i = number[network.i[self.numbers]]
+        ball_j = number[network.j[self.numbers]]
+        i = np.where(self.is_swapped, ball_j, ball_i)
+        j = np.where(self.is_swapped, ball_i, ball_j)
         arm_i, arm_j = self._order_ends(network.arm_i, network.arm_j)
         # a body that does not move has no phase
         shift = network.shift[self.numbers][:, self.periodic_axes]

@@ -178,6 +178,7 @@ def symmetrise(tensor: Array, lattice: Lattice) -> Array:
     number[b, a] = np.arange(len(a))
     full = tensor[..., number[:, :, None, None], number[None, None]]
     turns = point_group(lattice)
+    # the sum over the operations g of the tensor whose four indices a, b, c, d they turn
     total = np.einsum(
         "gia,gjb,gkc,gld,...abcd->...ijkl", turns, turns, turns, turns, full, optimize=True
     )
@@ -205,9 +206,9 @@ def is_cubic(tensor: Array, tolerance: float = _ROUNDED) -> bool:
     and not isotropic, to a ``tolerance`` relative to the largest entry.
     """
     n = len(tensor)
-    p = _PERIODS[len(tensor)]
     if n == 1:
         return False
+    p = _PERIODS[n]
     cubic = np.zeros((n, n))
     cubic[:p, :p] = tensor[0, 1]
     cubic[np.arange(p), np.arange(p)] = tensor[0, 0]

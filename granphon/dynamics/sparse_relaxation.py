@@ -98,7 +98,7 @@ class SparseRelaxation:
         self.lattice = lattice
         with single_products():
             self._factorise(difference, soft, progress)
-            self._find_free(total, soft)
+            self._set_free_motions(total, soft)
 
     @property
     def n_free(self) -> int:
@@ -148,9 +148,10 @@ class SparseRelaxation:
         self._top = _bound(matrix)
         self._fronts = Fronts(matrix, self.layers, motions.count, progress)
 
-    def _find_free(self, total: Any, soft: float) -> None:
+    def _set_free_motions(self, total: Any, soft: float) -> None:
         """Set ``free``, as the class describes it, from the motions that the factors have set
-        aside, and the deformations and motions of the others of these, which are soft.
+        aside, and set the deformations and motions of the soft ones among these, which cost a
+        little.
 
         ``total`` and ``soft`` are those of the class.
         """
@@ -202,8 +203,8 @@ class SparseRelaxation:
 
     def _relax(self, deformations: Array) -> tuple[Array, Array]:
         """Return the part of the ``deformations`` (n_rows, ...) that remains, and the motions
-        (n_branches, m) that make the rest, in units of the scale of their columns; m is the number
-        of deformations.
+        (n_branches, m) that make the part that does not, in units of the scale of their columns; m
+        is the number of columns of deformations.
         """
         relaxed = deformations.reshape(len(deformations), -1)
         motions = np.zeros((len(self._scale), relaxed.shape[1]))
@@ -213,9 +214,8 @@ class SparseRelaxation:
                 relaxed = relaxed - self._rows @ motion
                 motions += motion
         # motions that the factors have set aside, and that deform contacts, relax last
-        soft = self._soft_deformations
-        amplitudes = soft.T @ relaxed
-        relaxed = relaxed - soft @ amplitudes
+        amplitudes = self._soft_deformations.T @ relaxed
+        relaxed = relaxed - self._soft_deformations @ amplitudes
         motions += self._soft_motions @ amplitudes
         return relaxed.reshape(deformations.shape), motions
 

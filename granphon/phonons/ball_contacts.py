@@ -38,7 +38,7 @@ from granphon.balls.neighbours import find_pairs
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InconsistencyWarning, InputError, brief, warn_caller
 from granphon.base.text import list_names
-from granphon.base.validation import require, spell_out, truth
+from granphon.base.validation import finite_array, require, spell_out, truth
 from granphon.contacts.laws import ContactLaws
 from granphon.networks.network import ContactNetwork
 from granphon.networks.sources import Completion, CompletionOptions
@@ -138,8 +138,9 @@ class BallContacts(ContactCalculator):
     def find_radii(self, atoms: Atoms) -> tuple[list[str], Array]:
         """Return the kinds (n,) of the balls of ``atoms``, and their radii (n,), m.
 
-        Raises :class:`~granphon.base.errors.InputError` for a kind without a ball, for balls
-        without a radius above zero, and for positions that are not finite.
+        Raises :class:`~granphon.base.errors.InputError` for a kind without a ball, for an array
+        ``radius`` that is not a number above zero for each ball, and for positions that are not
+        finite.
         """
         kinds = [str(kind) for kind in atoms.arrays.get("kinds", atoms.get_chemical_symbols())]
         missing = sorted(set(kinds) - set(self.balls))
@@ -157,15 +158,18 @@ class BallContacts(ContactCalculator):
                     "the Atoms have no array 'radius', and the kinds are materials",
                     mend="Set the radii, m, or give a granphon.Ball for each kind",
                 )
-        sizes = np.asarray(radii, float).reshape(len(kinds))
-        are_sizes = np.all(np.isfinite(sizes) & (sizes > 0.0))
-        are_places = np.all(np.isfinite(atoms.positions))
-        if not (are_places and are_sizes):
+        if len(kinds):
+            radii = finite_array("the array radius", radii, low="above zero")
+        if np.shape(radii) != (len(kinds),):
             raise InputError(
-                "the Atoms have a place that is not finite, or a radius that is not above zero",
-                mend="Mend their positions, or the array radius",
+                f"the array radius has the shape {np.shape(radii)}",
+                mend="Give one number for each ball, m",
             )
-        return kinds, sizes
+        if not np.all(np.isfinite(atoms.positions)):
+            raise InputError(
+                "the Atoms have a position that is not finite", mend="Mend their positions"
+            )
+        return kinds, np.asarray(radii, float)
 
     def _find_law(
         self, kind_i: str, radius_i: float, kind_j: str, radius_j: float
@@ -211,7 +215,7 @@ class BallContacts(ContactCalculator):
             raise InputError(
                 f"balls are up to {longest:.3g} m wide, and a period of the cell is"
                 f" {shortest:.3g} m",
-                mend="Give the cell, the places and the radii in m",
+                mend="Give the cell, the positions and the radii in m",
             )
         i, j, steps, vector = find_pairs(atoms.positions, atoms.cell.array[periods], longest)
         distance = np.linalg.norm(vector, axis=1)
@@ -397,7 +401,7 @@ def _warn_of_lengths(words: str, distance: float) -> None:
     """Warn of balls that are a ``distance``, m, from each other; the ``words`` continue the
     sentence, and say how wide the balls are.
     """
-    text = f"the balls are {distance:.3g} m from each other {words}. Their places are to be in m"
+    text = f"the balls are {distance:.3g} m from each other {words}. Their positions are to be in m"
     warn_caller(text, InconsistencyWarning)
 
 
@@ -419,7 +423,7 @@ lammps_format = ExternalIOFormat(
 
 def _write_atoms(network: ContactNetwork) -> Atoms:
     """Return the balls of a ``network`` as Atoms in its reduced units, with the arrays ``radius``,
-    ``kinds`` and ``rattler``, whether a ball carries no load; ``info`` holds the units.
+    ``kinds`` and ``rattler`` (whether a ball carries no load); ``info`` holds the units.
 
     Balls that are held are Atoms of infinite mass. A flat wall, whose radius is infinite, is left
     out.

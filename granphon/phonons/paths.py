@@ -37,7 +37,7 @@ MESHES = ((1024,), (64, 64), (32, 32, 32))
 _GAP_MESHES = ((256,), (48, 48), (16, 16, 16))
 #: number of balls of a cell up to which the whole of such a mesh is used
 _FEW_BALLS = 16
-#: greatest size of a coordinate of a path in a scene
+#: greatest coordinate of a path in a scene, with either sign: larger ones are mistakes
 _LARGEST_FRACTION = 1e3
 #: letters of the corners of the path around the irreducible zone, and the coordinates of the
 #: corners as fractions of the reciprocal cell, for a hexagonal cell of 120 degrees and for a square
@@ -330,8 +330,8 @@ def read_paths(value: Any, periods: int = 2, letters: str = "") -> Pieces:
     """
     example = _EXAMPLES[periods - 1]
     allowed = (
-        f"points of three numbers or fractions each, such as '{example}'; a comma parts separate"
-        f" paths"
+        f"points of three numbers or fractions each, such as '{example}'; a comma stands between"
+        f" pieces that do not join"
     )
     if letters:
         allowed = f"letters of special points, such as {letters}, or {allowed}"
