@@ -435,9 +435,9 @@ class Block:
         theirs are left as they are.
         """
         solved = np.unique(np.concatenate([points for points, _ in equal_slopes]))
-        beside = point.q[solved] + _STEP_BESIDE * along[solved]
-        rows_beside = self.deforming.compute_rows(beside)
-        across = None if self.pushing is None else self.pushing.compute_rows(beside)
+        q_beside = point.q[solved] + _STEP_BESIDE * along[solved]
+        rows_beside = self.deforming.compute_rows(q_beside)
+        across = None if self.pushing is None else self.pushing.compute_rows(q_beside)
         matrices = self._make_matrix(rows_beside, across)
         squares = np.linalg.eigvalsh(matrices)
         for points, branches in equal_slopes:

@@ -279,10 +279,16 @@ class AcousticBranches:
         goals = np.broadcast_to(np.asarray(targets, float), (n_waves, n_directions))
         edges = find_zone_boundary(lattice, directions)
         grid = edges[:, None] * np.arange(1, _PATH_POINTS + 1) / _PATH_POINTS
-        frequencies = np.full((n_waves, n_directions, _PATH_POINTS), np.inf)
-        vectors = np.zeros((n_waves, n_directions, _PATH_POINTS, lattice.n_branches), complex)
-        rising = np.zeros((n_waves, n_directions), int)
-        falls = np.zeros((n_waves, n_directions), bool)
+        shape = (n_waves, n_directions, _PATH_POINTS)
+        branches = cls(
+            lattice=lattice,
+            directions=directions,
+            wavenumbers=grid,
+            frequencies=np.full(shape, np.inf),
+            rising=np.zeros((n_waves, n_directions), np.intp),
+            falls=np.zeros((n_waves, n_directions), bool),
+            vectors=np.zeros((*shape, lattice.n_branches), complex),
+        )
         # eigenvectors at the last point, and the column of each wave among them
         last_vectors, column = _find_sound(lattice, _BESIDE_GAMMA * grid[:, :1], directions)
         followed = np.arange(n_directions)  # directions in which some branch is not at its end
@@ -294,32 +300,45 @@ class AcousticBranches:
                 # the column, at this point, of the mode that continues each of the last point
                 next_column = _assign_columns(modes.overlap[:, point])
                 column = np.stack([next_column[row, branch] for branch in column])
-                # a branch that has fallen once is not followed up again
-                climbs = ~falls[:, followed] & (modes.slopes[row, point, column] > 0.0)
-                rising_frequencies = np.where(climbs, modes.frequencies[row, point, column], np.inf)
-                falls[:, followed] |= ~climbs
-                rising[:, followed] += climbs
-                frequencies[:, followed, first + point] = rising_frequencies
-                vectors[:, followed, first + point] = modes.vectors[row, point, :, column]
-            # the frequency at the last point at which each branch rose
-            last_rise = np.maximum(rising[:, followed] - 1, 0)
-            reached = frequencies[:, followed, :][np.arange(n_waves)[:, None], row, last_rise]
-            is_below = ~falls[:, followed] & (reached < goals[:, followed])
-            is_unfinished = np.any(is_below, axis=0)
+                branches._add_point(modes, point, column, followed, first + point)
+            is_below = branches._find_top()[:, followed] < goals[:, followed]
+            is_unfinished = np.any(is_below & ~branches.falls[:, followed], axis=0)
             followed = followed[is_unfinished]
             column = column[:, is_unfinished]
             last_vectors = modes.vectors[is_unfinished, -1]
             if not followed.size:
                 break
-        return cls(
-            lattice=lattice,
-            directions=directions,
-            wavenumbers=grid,
-            frequencies=frequencies,
-            rising=rising,
-            falls=falls,
-            vectors=vectors,
-        )
+        return branches
+
+    def _add_point(
+        self,
+        modes: _PathModes,
+        point: int,
+        column: NDArray[np.intp],
+        followed: NDArray[np.intp],
+        number: int,
+    ) -> None:
+        """Write into the arrays, in place, what the branches have at the point of this ``number``
+        in the directions ``followed`` (k,).
+
+        ``modes`` are those of several points in these directions, of which this is the
+        ``point``-th; ``column`` (n_u, k) are the columns of the branches among them.
+        """
+        row = np.arange(len(followed))
+        # a branch that has fallen once is not followed up again
+        climbs = ~self.falls[:, followed] & (modes.slopes[row, point, column] > 0.0)
+        rising_frequencies = np.where(climbs, modes.frequencies[row, point, column], np.inf)
+        self.falls[:, followed] |= ~climbs
+        self.rising[:, followed] += climbs
+        self.frequencies[:, followed, number] = rising_frequencies
+        self.vectors[:, followed, number] = modes.vectors[row, point, :, column]
+
+    def _find_top(self) -> Array:
+        """Return the frequency (n_u, n), (k/M)^1/2, of each branch at the last point at which it
+        rose; +inf if it rose at none.
+        """
+        last_rise = np.maximum(self.rising - 1, 0)
+        return np.take_along_axis(self.frequencies, last_rise[..., None], 2)[..., 0]
 
     def take_branch(self, which: int, direction: int) -> AcousticBranch:
         """Return the branch of index ``which`` in the lattice's ``wave_names``, in the direction of
@@ -467,14 +486,15 @@ def _assign_columns(overlap: Array) -> NDArray[np.intp]:
     the sum of their overlaps is the greatest. ``overlap`` (n, m, n_branches) is that of each branch
     with all columns.
     """
-    # where each branch has its largest overlap with another column, this is the best assignment
-    best: NDArray[np.intp] = np.argmax(overlap, axis=2)
-    all_differ = np.all(np.diff(np.sort(best, axis=1), axis=1) > 0, axis=1)
+    # where each branch has its largest overlap with another column, these columns are the best
+    # assignment
+    columns: NDArray[np.intp] = np.argmax(overlap, axis=2)
+    all_differ = np.all(np.diff(np.sort(columns, axis=1), axis=1) > 0, axis=1)
     for row in np.flatnonzero(~all_differ).tolist():
         from scipy.optimize import linear_sum_assignment
 
-        _, best[row] = linear_sum_assignment(overlap[row], maximize=True)
-    return best
+        _, columns[row] = linear_sum_assignment(overlap[row], maximize=True)
+    return columns
 
 
 def follow_acoustic_branches(

@@ -90,8 +90,7 @@ def require_digits(components: Array) -> None:
     if not farthest <= _FARTHEST:  # also nan, the difference of two components that overflow
         raise PrecisionError(
             f"a wave vector is {farthest:.3g} reciprocal vectors from Gamma",
-            f"Beyond {_FARTHEST:.0e} nothing is left of the digits that say where it is"
-            f" between two of them",
+            f"Beyond {_FARTHEST:.0e} no digit is left for its place between two reciprocal vectors",
             "Leave whole reciprocal vectors out",
         )
 
@@ -995,11 +994,12 @@ class Compatibility:
 
     def dynamical_matrix(self, wavevectors: ArrayLike) -> NDArray[np.complex128]:
         """Return the Hermitian D(q) = M^-1/2 C^H K C M^-1/2, (n_q, n_branches, n_branches), in
-        units of k/M.
+        units of k/M, with the effect of static forces if there are any.
 
         Rows and columns are the motions, (x, y, w) in the plane, of the first ball, then those of
         the second, and so on. Phases are taken at the positions of the balls, as in phonopy.
-        ``wavevectors`` (n_q, p) are in 1/d.
+        ``wavevectors`` (n_q, p) are in 1/d; another shape raises
+        :class:`~granphon.base.errors.InputError`.
         """
         return np.asarray(
             self._to_balls @ self._compute_frame_matrix(wavevectors) @ self._to_balls.conj().T

@@ -101,7 +101,7 @@ class Modes(Result):
         plane, within it.
         """
         total = self.rotational_fraction + self.longitudinal_fraction + self.out_of_plane_fraction
-        return np.clip(1.0 - total, 0.0, 1.0)
+        return np.clip(1.0 - total, 0.0, 1.0)  # rounding may leave this range
 
 
 class ContactLattice(LongWaves):
@@ -283,7 +283,7 @@ class ContactLattice(LongWaves):
         """
         q, _ = self._fold(wavevectors)
         self._require_memory_of_results(len(q), 1)
-        omega = np.concatenate(self._share_out(lambda part: self._solve(q[part]), len(q)))
+        omega = np.concatenate(self._share_out(lambda points: self._solve(q[points]), len(q)))
         # almost at Gamma powers of the deformations of contacts would underflow. Frequencies are
         # found farther out, and follow from those by their powers of |q|
         is_almost_gamma = _is_almost_gamma(q)
@@ -349,7 +349,7 @@ class ContactLattice(LongWaves):
                 "Group velocities there depend on it",
                 "Give direction",
             )
-        parts = self._share_out(lambda part: self._find_modes(q[part], along[part]), len(q))
+        parts = self._share_out(lambda points: self._find_modes(q[points], along[points]), len(q))
         return Modes(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
     def find_onset(self, direction: ArrayLike) -> tuple[Array, Array]:
@@ -432,13 +432,16 @@ class ContactLattice(LongWaves):
         frame = np.eye(self.dimension) if axes is None else axes
         turn = turn_motions(self.motions, frame)
         parts = self._share_out(
-            lambda part: self._measure_modes(q[part], branches[part], turn), len(q)
+            lambda points: self._measure_modes(q[points], branches[points], turn), len(q)
         )
         frequencies, degenerate, squares, motions = zip(*parts, strict=True)
         return ModeEnergies(
             np.concatenate(frequencies),
             np.concatenate(degenerate),
-            {name: np.concatenate([part[name] for part in squares]) for name in squares[0]},
+            {
+                name: np.concatenate([of_points[name] for of_points in squares])
+                for name in squares[0]
+            },
             np.concatenate(motions),
         )
 
@@ -454,39 +457,33 @@ class ContactLattice(LongWaves):
         frequencies, vectors = self._find_vectors(q)
         # modes of one frequency are a group; all modes of the groups of the branches are needed
         groups = number_equal(frequencies)
-        chosen = np.take_along_axis(groups, branches, axis=1)
-        is_needed = [
-            np.isin(groups_at_q, chosen_at_q)
-            for groups_at_q, chosen_at_q in zip(groups, chosen, strict=True)
-        ]
+        group_of_branch = np.take_along_axis(groups, branches, axis=1)
+        is_needed = [np.isin(*pair) for pair in zip(groups, group_of_branch, strict=True)]
         columns = np.flatnonzero(np.any(is_needed, axis=0))
+        groups_of_columns = groups[:, columns]
         needed_vectors = vectors[:, :, columns]
         squares = self._square_deformations(q, needed_vectors)
         by_ball = needed_vectors.reshape(len(q), self.n_balls, self.motions.count, -1)
         motions = np.abs(turn @ by_ball) ** 2
-
-        # number of modes in the group of each branch
-        sizes = [
-            np.bincount(groups_at_q)[chosen_at_q]
-            for groups_at_q, chosen_at_q in zip(groups, chosen, strict=True)
+        n_equal = [
+            np.bincount(groups_at_q)[of_branches]
+            for groups_at_q, of_branches in zip(groups, group_of_branch, strict=True)
         ]
-        is_degenerate = np.reshape(sizes, chosen.shape) > 1
-        column_of_branch = np.searchsorted(columns, branches)
-        are_in_order = column_of_branch.shape[1] == len(columns) and np.all(
-            column_of_branch == np.arange(len(columns))
-        )
+        is_degenerate = np.reshape(n_equal, branches.shape) > 1
+        # without degenerate branches, and with the branches in the order of the columns, the values
+        # of the columns are those of the branches
+        are_columns = branches.shape[1] == len(columns) and np.all(branches == columns)
+        is_plain = are_columns and not np.any(is_degenerate)
 
         def average(values: Array) -> Array:
             """Return (n_q, b, ...), for each branch the mean over its group of ``values``
             (n_q, ..., m), where m counts the columns.
             """
-            if are_in_order and not np.any(is_degenerate):
+            if is_plain:
                 return np.moveaxis(values, -1, 1)
             means = [
-                average_equal(values_at_q, groups_at_q[columns], chosen_at_q)
-                for values_at_q, groups_at_q, chosen_at_q in zip(
-                    values, groups, chosen, strict=True
-                )
+                average_equal(*at_q)
+                for at_q in zip(values, groups_of_columns, group_of_branch, strict=True)
             ]
             return np.moveaxis(np.reshape(means, (*values.shape[:-1], branches.shape[1])), -1, 1)
 
@@ -1015,8 +1012,8 @@ class _LatticeContacts(NamedTuple):
         return oriented
 
     def _order_ends(self, at_i: Array, at_j: Array) -> tuple[Array, Array]:
-        """Return the values at balls i and at balls j of the lattice, (n_c,) each, from those at
-        balls i and at balls j of all contacts of the network.
+        """Return the values at balls i and at balls j of the lattice, (n_c,) each, from the values
+        ``at_i`` and ``at_j`` of all contacts of the network.
         """
         at_i = at_i[self.numbers]
         at_j = at_j[self.numbers]

@@ -314,8 +314,8 @@ def _read_pair(name: str, value: Any, count: int, parts: str = "normal, tangenti
     pair = value if isinstance(value, tuple) else (value, value)
     if len(pair) != 2:
         raise InputError(f"{name} is {brief(value)}", mend=f"Give a number, or ({parts})")
-    several = ", one for each contact" if count > 1 else ""
-    mend = f"Give a number{several}, or a tuple ({parts})"
+    for_contacts = ", one for each contact" if count > 1 else ""
+    mend = f"Give a number{for_contacts}, or a tuple ({parts})"
     rule = partial(finite_numbers, unit=LOSSES[name], low="zero or above")
     read: Callable[[Any], Any] = partial(read_loss, name, rule=rule)
     return np.stack([_broadcast(name, require(name, read, losses), count, mend) for losses in pair])

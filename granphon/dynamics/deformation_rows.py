@@ -241,8 +241,8 @@ def push_rows(normal: Array, motions: Motions) -> list[Row]:
     """Return the rows of the displacements of ball j relative to ball i along both tangents of each
     contact, on which static normal forces act.
 
-    ``normal`` (n_c, d) are unit vectors from ball i to ball j. Rows that no motion has are left
-    out.
+    ``normal`` (n_c, d) are unit vectors from ball i to ball j. The rows are coefficients of the
+    ``motions`` of each ball; rows in which no motion takes part are left out.
     """
     _, t, b = contact_frames(normal)
     none = [np.zeros(len(normal))] * 3
@@ -311,7 +311,8 @@ def carry_rows(
     ]
     if np.any(growth):
         slip = _slip_row(n, force, arm_i, arm_j, motions, gyration_i, gyration_j)
-        head, tail = (growth[:, None] * ends for ends in (elongation.head, elongation.tail))
+        head = growth[:, None] * elongation.head
+        tail = growth[:, None] * elongation.tail
         pairs.append((slip, Row("elongation", 1.0, head, tail)))
     if turns:
         slip = _slip_row(n, turned_force, arm_i, arm_j, motions, gyration_i, gyration_j)

@@ -62,6 +62,9 @@ class EdgeEnergies:
     """The energies of the waves of the edge of a ``half_space``."""
 
     def __init__(self, half_space: HalfSpace) -> None:
+        """List the rows of the contacts of the cut, and what its balls and contacts are in the
+        crystal.
+        """
         self.half_space = half_space
         cut = half_space.cut
         self.rows: list[Row] = network_unit_rows(cut)
@@ -91,7 +94,7 @@ class EdgeEnergies:
         point : (n,) number of the wave vector of each wave, ascending.
         q : (n_q, p - 1) wave vectors along the edge, fractions of the reciprocal cell.
         squares : (n,) w of the waves, ascending at each wave vector, in reduced units.
-        warnings : of the crystal.
+        warnings : sentences about the crystal, which the results hold.
 
         Raises :class:`~granphon.base.errors.InputError` for arrays larger than the memory, and
         :class:`~granphon.base.errors.PrecisionError` for a wave that decays too slowly to be told
@@ -315,9 +318,9 @@ def _sum_blocks(first: Complex, step: Complex) -> Complex:
     """Return the sum over n from zero of S^n ``first`` S^nH, all (size, size), for a ``step`` S."""
     total = first
     for _ in range(_MOST_DOUBLINGS):
-        part = step @ total @ step.conj().T
-        total = total + part
-        if np.linalg.norm(part) <= _LAST_PART * np.linalg.norm(total):
+        addition = step @ total @ step.conj().T
+        total = total + addition
+        if np.linalg.norm(addition) <= _LAST_PART * np.linalg.norm(total):
             break
         step = step @ step
     return total

@@ -45,7 +45,7 @@ _CHUNK = 2**20
 _MATRICES_HELD = 12
 #: matrices of all contacts that are held together while layers are made
 _COPIES = 2.0
-#: wave numbers across the edge on which the edges of bands are bracketed
+#: wavenumbers across the edge on which the edges of bands are bracketed
 _BAND_SAMPLES = 48
 #: golden sections that refine a bracket
 _SECTIONS = 40
@@ -379,14 +379,15 @@ class HalfSpace:
         return fractions if fractions.size else np.zeros(n_along)
 
     def wavenumbers(self, factors: Complex, q: Array) -> Complex:
-        """Return wave numbers across the edge, 1/m, of motions that change by ``factors`` from
-        layer to layer.
+        """Return the wavenumbers (...) across the edge, 1/m, of motions that change by ``factors``
+        (...) from layer to layer.
 
         Real parts are within half of the period 2 pi over a layer's height. The wave vector along
         the edge is q (p - 1,), in fractions of the reciprocal cell.
         """
         n_along = len(q)
-        # a layer is shifted along the edge against the one above; its phase counts to q
+        # a layer is shifted along the edge against the layer above: the phase of this shift in the
+        # wave along the edge is no part of the wave across
         layer_shift = np.linalg.solve(self.layers.cell[:, :n_along].T, self.layers.stack[:n_along])
         phase_along_edge = layer_shift @ q
         turns = np.angle(factors) / (2.0 * np.pi) - phase_along_edge
@@ -467,12 +468,14 @@ class HalfSpace:
 
     def bands(self, q: Array) -> Array:
         """Return the lowest and the highest w (n_q, size, 2) of each branch at q (n_q, p - 1), over
-        all wave numbers across the edge.
+        all wavenumbers across the edge.
         """
         _, inner, hop = self.blocks(q)
 
         def solve(point: Index, angle: Array) -> Array:
-            """Return w (n, size), ascending, at phases ``angle`` (n,) from block to block."""
+            """Return w (n, size), ascending, at phases ``angle`` (n,) from block to block, at the
+            wave vectors of numbers ``point`` (n,).
+            """
             turned = hop[point] * np.exp(1j * angle)[:, None, None]
             return np.linalg.eigvalsh(inner[point] + turned + turned.conj().swapaxes(1, 2))
 
@@ -520,8 +523,9 @@ class HalfSpace:
     def _join_intervals(
         self, intervals_of_points: list[list[tuple[float, float]]]
     ) -> tuple[Index, Array]:
-        """Return the number (n,) of the wave vector of each interval, and the ends (2, n), from the
-        ends of the intervals of each wave vector, less a margin at both ends.
+        """Return the number (n,) of the wave vector of each interval, and the ends (2, n), less a
+        margin at both ends; ``intervals_of_points`` has a list of the intervals of each wave
+        vector, pairs of ends.
         """
         points = []
         ends = []
@@ -579,18 +583,20 @@ class HalfSpace:
         is_new[1:] = (np.diff(point[order]) > 0) | is_apart
         for degenerate_set in np.split(order, np.flatnonzero(is_new)[1:]):
             first = degenerate_set[:1]
-            mean = np.mean(w[degenerate_set])
+            mean_square = np.mean(w[degenerate_set])
             matrices, slopes, motions = crystal.find_matrices(
-                point[first], np.array([mean]), gap[:, first]
+                point[first], np.array([mean_square]), gap[:, first]
             )
             slope = slopes[0]
-            beyond = motions[0, : self.size]
-            on_top = motions[0, self.size :]
-            for wave in _choose_side(matrices[0], beyond, on_top, len(degenerate_set)):
+            motions_beyond = motions[0, : self.size]
+            motions_on_top = motions[0, self.size :]
+            for wave in _choose_side(
+                matrices[0], motions_beyond, motions_on_top, len(degenerate_set)
+            ):
                 energy = float((wave.conj() @ slope @ wave).real)
-                top_energy = float(np.sum(np.abs(on_top @ wave) ** 2))
+                top_energy = float(np.sum(np.abs(motions_on_top @ wave) ** 2))
                 points.append(point[first[0]])
-                squares.append(mean)
+                squares.append(mean_square)
                 weights.append(top_energy / energy)
         return EdgeWaves(
             np.array(points, np.intp), np.array(squares, complex), np.array(weights, float)
@@ -746,8 +752,8 @@ class HalfSpace:
                 return complex(np.nan)
             aside = _LEAST_STEP * width
             inverse = blocks.inverse_green(w, descent.vectors)
-            beside = blocks.continue_waves(w + aside, descent.factors)
-            inverse_beside = blocks.inverse_green(w + aside, beside.vectors)
+            waves_beside = blocks.continue_waves(w + aside, descent.factors)
+            inverse_beside = blocks.inverse_green(w + aside, waves_beside.vectors)
             slope = (inverse_beside - inverse) / aside
             shifts = np.linalg.eigvals(np.linalg.solve(slope, -inverse))
             shift = shifts[np.argmin(np.abs(shifts))]
@@ -865,6 +871,7 @@ class _CutCrystal:
     """
 
     def __init__(self, space: HalfSpace, q: Array) -> None:
+        """Make the blocks of the crystal, and the root of V, at wave vectors ``q``."""
         self.space = space
         outer, inner, hop = space.blocks(q)
         back = hop.conj().swapaxes(1, 2)
@@ -911,19 +918,21 @@ class _CutCrystal:
         return np.asarray(np.linalg.eigvalsh(matrices), float)
 
 
-def _choose_side(matrix: Complex, beyond: Complex, on_top: Complex, count: int) -> Complex:
+def _choose_side(
+    matrix: Complex, motions_beyond: Complex, motions_on_top: Complex, count: int
+) -> Complex:
     """Return the waves (m, 2 size) of this edge among ``count`` waves on which M, ``matrix``, is
     zero.
 
-    ``beyond`` and ``on_top`` (size, 2 size) are the motions beyond the cut and on top. A wave of
-    this edge moves nothing beyond the cut, and a wave of the edge beyond nothing on top: the
-    degenerate waves are turned into those whose share of the motion on top is one or zero.
+    ``motions_beyond`` and ``motions_on_top`` (size, 2 size) are the motions beyond the cut and on
+    top. A wave of this edge moves nothing beyond the cut, and a wave of the edge beyond nothing on
+    top: the degenerate waves are turned into those whose share of the motion on top is one or zero.
     """
     eigenvalues, vectors = np.linalg.eigh(matrix)
     smallest = np.argsort(np.abs(eigenvalues))[:count]
     null_vectors = vectors[:, smallest]
-    moved_on_top = on_top @ null_vectors
-    moved_beyond = beyond @ null_vectors
+    moved_on_top = motions_on_top @ null_vectors
+    moved_beyond = motions_beyond @ null_vectors
     top_metric = moved_on_top.conj().T @ moved_on_top
     whole_metric = top_metric + moved_beyond.conj().T @ moved_beyond
     # in the basis of the inverse factor the whole motion of each wave is one
@@ -994,30 +1003,30 @@ def _find_roots(evaluate: Callable[[Index, Array], Array], ends: Array, values: 
     n = len(low)
     roots = np.zeros(n)
     last_side = np.zeros(n)  # 1 if the last point was above the root, else -1
-    wide = np.arange(n)  # functions whose brackets are not yet narrow
+    unsettled = np.arange(n)  # functions whose brackets are not yet narrow
     for step in range(_SECTIONS * 3):
-        if not wide.size:
+        if not unsettled.size:
             break
-        a = low[wide]
-        b = high[wide]
-        fa = f_low[wide]
-        fb = f_high[wide]
+        a = low[unsettled]
+        b = high[unsettled]
+        fa = f_low[unsettled]
+        fb = f_high[unsettled]
         is_bisection = step % 3 == 2
         trial = 0.5 * (a + b) if is_bisection else (a * fb - b * fa) / (fb - fa)
         x = np.clip(trial, a, b)
-        value = evaluate(wide, x)
+        value = evaluate(unsettled, x)
         is_above = value > 0.0
         side = np.where(is_above, 1.0, -1.0)
         # an end that stays twice counts half
-        weight = np.where(side == last_side[wide], 0.5, 1.0)
-        high[wide] = np.where(is_above, x, b)
-        low[wide] = np.where(is_above, a, x)
-        f_high[wide] = np.where(is_above, value, weight * fb)
-        f_low[wide] = np.where(is_above, weight * fa, value)
-        last_side[wide] = side
-        roots[wide] = x
-        is_wide = high[wide] - low[wide] > _ROOT_TOLERANCE * x
-        wide = wide[is_wide & (value != 0.0)]
+        weight = np.where(side == last_side[unsettled], 0.5, 1.0)
+        high[unsettled] = np.where(is_above, x, b)
+        low[unsettled] = np.where(is_above, a, x)
+        f_high[unsettled] = np.where(is_above, value, weight * fb)
+        f_low[unsettled] = np.where(is_above, weight * fa, value)
+        last_side[unsettled] = side
+        roots[unsettled] = x
+        is_wide = high[unsettled] - low[unsettled] > _ROOT_TOLERANCE * x
+        unsettled = unsettled[is_wide & (value != 0.0)]
     return roots
 
 

@@ -94,8 +94,8 @@ class IterativeRelaxation:
         # the root of the largest entry of the diagonal: no deformation that a ball makes is greater
         self._highest = math.sqrt(float(np.max(difference.power(2).sum(axis=0), initial=0.0)))
         matrix = (self._columns @ difference).tocsr()
-        self._ball_inverses, alone = invert_blocks(matrix, lattice.motions.count)
-        self._local_motions = _join_clusters(lattice, matrix, alone)
+        self._ball_inverses, ball_motions = invert_blocks(matrix, lattice.motions.count)
+        self._local_motions = _join_clusters(lattice, matrix, ball_motions)
 
     def keep_back(self, staying: Array) -> Self:
         """Return the same relaxation, but for orthonormal motions ``staying`` (n_branches, k),
@@ -199,10 +199,10 @@ class IterativeRelaxation:
             n_probes = _MORE_PROBES
             probed = _find_span(self._probe(n_probes, loose))
             n_found = probed.shape[1]
-            further, also_costs_little = self._purify(probed, loose)
-            loose = np.concatenate([loose, further], axis=1)
+            further_loose, also_costs_little = self._purify(probed, loose)
+            loose = np.concatenate([loose, further_loose], axis=1)
             costs_little |= also_costs_little
-            if not further.size:
+            if not further_loose.size:
                 break
         return loose, costs_little
 
@@ -335,8 +335,9 @@ class IterativeRelaxation:
         """Return the motions (n_branches, m) that ``apply`` takes to ``right`` (n_branches, m), by
         conjugate gradients for all columns at once; without the motions that stay behind.
 
-        ``apply`` multiplies by a symmetric matrix. The iteration ends at residuals of the size
-        ``floor`` (m,), or those of :data:`_REDUCTION` if they are larger. Raises
+        ``apply`` multiplies by a symmetric matrix. The size of a residual r is (r^T P r)^1/2, with
+        the preconditioner P. The iteration ends at residuals of the size ``floor`` (m,), or those
+        of :data:`_REDUCTION` if they are larger. Raises
         :class:`~granphon.base.errors.InstabilityError` for a direction in which the energy falls,
         and :class:`~granphon.base.errors.ConvergenceError` after :data:`_MOST_ITERATIONS`.
         """
@@ -344,7 +345,7 @@ class IterativeRelaxation:
         residual = self._hold_back(right)
         preconditioned = self._precondition(residual)
         direction = preconditioned.copy()
-        sizes = np.einsum("nm,nm->m", residual, preconditioned)
+        sizes = np.einsum("nm,nm->m", residual, preconditioned)  # their squares, by columns
         limits = np.maximum(_REDUCTION**2 * sizes, np.square(floor))
         digits = -math.log10(_REDUCTION)
         reached = 0.0
@@ -388,16 +389,17 @@ def _find_span(remainders: Array) -> Array:
     return np.asarray(basis[:, sizes > _LOOSE])
 
 
-def _join_clusters(lattice: Compatibility, matrix: Any, alone: Any) -> Any:
+def _join_clusters(lattice: Compatibility, matrix: Any, ball_motions: Any) -> Any:
     """Return orthonormal motions (n_branches, k), sparse by rows, that cost nothing: those of
-    single balls, ``alone`` (n_branches, m), and in their place those of small clusters of balls
-    that no contact joins to others, as null vectors of the stiffness ``matrix`` of the cell.
+    single balls, ``ball_motions`` (n_branches, m), and in their place those of small clusters of
+    balls that no contact joins to others, as null vectors of the stiffness ``matrix`` (n_branches,
+    n_branches) of the cell of the ``lattice``.
     """
     from scipy.sparse import csc_array, hstack
 
     clusters = _find_clusters(lattice)
     if not clusters:
-        return alone
+        return ball_motions
     count = lattice.motions.count
     highest = float(np.max(matrix.diagonal()))
     # entries of the motions of clusters, with their lines and columns
@@ -419,15 +421,15 @@ def _join_clusters(lattice: Compatibility, matrix: Any, alone: Any) -> Any:
         (np.concatenate(entries), (np.concatenate(lines), np.concatenate(columns))),
         shape=(lattice.n_branches, n_motions),
     )
-    of_balls = alone.tocsc()
+    of_balls = ball_motions.tocsc()
     ball_of_motion = of_balls.indices[of_balls.indptr[:-1]] // count
     is_single = ~np.isin(ball_of_motion, np.concatenate(clusters))
     return hstack([of_balls[:, is_single], of_clusters], format="csr")
 
 
 def _find_clusters(lattice: Compatibility) -> list[Index]:
-    """Return the balls of each cluster of two and up to :data:`_MOST_IN_CLUSTER` balls that no
-    contact joins to others, and that does not go on from cell to cell.
+    """Return the balls of each cluster of two and up to :data:`_MOST_IN_CLUSTER` balls of the cell
+    of a ``lattice`` that no contact joins to others, and that does not go on from cell to cell.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

@@ -295,7 +295,7 @@ class LargeCell:
 
 def _make_frame(lattice: Compatibility, image: NDArray[np.intp] | None) -> Any:
     """Return a sparse unitary matrix (n_branches, n_branches), whose columns are the motions, as
-    combinations of those of balls, in terms of which D is found.
+    combinations of those of the balls of a ``lattice``, in terms of which D is found.
 
     An inversion takes each ball to its ``image`` (n,). The columns are then even motions, and odd
     motions times i. Without an inversion, ``image`` is None, and the matrix is that of unity.

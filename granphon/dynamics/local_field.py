@@ -172,8 +172,8 @@ def local_field(
 def _compute_local_field(
     structure: Lattice, eta: float, bending: float, torsion: float
 ) -> LocalField:
-    """Return the local field of a lattice, see :func:`local_field`, from arguments that have been
-    checked.
+    """Return the local field of the lattice ``structure`` at the Mindlin ratio ``eta``, from
+    arguments of :func:`local_field` that have been checked; the errors are as there.
     """
     medium = ContactLattice.of(structure, eta, torsion=torsion, bending=bending)
     try:
@@ -216,8 +216,9 @@ def _compute_local_field(
 
 
 def _integrate_response(medium: ContactLattice) -> Array | None:
-    """Return the mean elongations (kinds,) under a unit tension of one ball's star, of the kinds of
-    contacts of :class:`_Response`; None if the integral over the zone does not settle.
+    """Return the mean elongations (kinds,) of the kinds of contacts of :class:`_Response` on a
+    lattice, ``medium``, under a unit tension of one ball's star; None if the integral over the zone
+    does not settle.
     """
     response = _Response(medium)
     operations = _find_operations(medium)
@@ -303,10 +304,10 @@ class _Response:
 
 
 def _list_kinds(medium: ContactLattice) -> list[list[tuple[Array, Array]]]:
-    """Return, for each kind of contacts of :class:`_Response` and each ball of the cell, the
-    contacts of that kind about the ball: their midpoints (m, p) along the periods, d, and a table
-    (m, n_c) that is 1 where a midpoint is that of a contact of the lattice, up to periods, and else
-    0.
+    """Return, for each kind of contacts of :class:`_Response` on a lattice, ``medium``, and each
+    ball of its cell, the contacts of that kind about the ball: their midpoints (m, p) along the
+    periods, d, and a table (m, n_c) that is 1 where a midpoint is that of a contact of the lattice,
+    up to periods, and else 0.
 
     Only the triangular lattice has more kinds than the star. It is recognised, in any cell, as the
     lattice in the plane with three contacts per ball.

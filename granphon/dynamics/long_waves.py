@@ -359,15 +359,15 @@ class LongWaves(Compatibility):
         between = slice(0, self.n_between)  # springs to the ground have no arms
         balls = np.concatenate([table.i[between], table.j[between]])
         arms = np.concatenate([table.arm_i[between], table.arm_j[between]])
-        mean = np.bincount(balls, arms) / np.maximum(np.bincount(balls), 1)
-        deviation = np.zeros(len(mean))  # largest deviation from the mean, of each ball
-        np.maximum.at(deviation, balls, np.abs(arms - mean[balls]))
-        is_evened = (deviation > _ROUNDED_ARM * mean) & (deviation <= _UNEVEN_ARM * mean)
+        mean_arm = np.bincount(balls, arms) / np.maximum(np.bincount(balls), 1)
+        deviation = np.zeros(len(mean_arm))  # largest deviation from the mean, of each ball
+        np.maximum.at(deviation, balls, np.abs(arms - mean_arm[balls]))
+        is_evened = (deviation > _ROUNDED_ARM * mean_arm) & (deviation <= _UNEVEN_ARM * mean_arm)
         if not np.any(is_evened):
             return self
         arm_i = table.arm_i.copy()
         arm_j = table.arm_j.copy()
-        evened = np.where(is_evened[balls], mean[balls], arms)
+        evened = np.where(is_evened[balls], mean_arm[balls], arms)
         arm_i[between], arm_j[between] = np.split(evened, 2)
         return type(self)(
             self.cell,

@@ -135,11 +135,11 @@ class LowestSearch:
             return vectors + 1.0j * self._random.normal(size=vectors.shape)
         return vectors
 
-    def _draw_block(self, size: int, others: NDArray[Any] | None) -> _Block:
+    def _draw_block(self, size: int, left_out: NDArray[Any] | None) -> _Block:
         """Return a block of about ``size`` vectors: preconditioned random ones, made perpendicular
-        to the known eigenvectors and to orthonormal ``others`` (n, k).
+        to the known eigenvectors and to orthonormal ``left_out`` (n, k).
         """
-        vectors = self._make_perpendicular(self._precondition(self._draw(size)), others)
+        vectors = self._make_perpendicular(self._precondition(self._draw(size)), left_out)
         return self._make_block(_orthonormalise(vectors), size)
 
     def _make_block(self, basis: NDArray[Any], size: int) -> _Block:
@@ -152,27 +152,27 @@ class LowestSearch:
         return _Block(basis @ turn, images @ turn, values[:size], basis[:, :0])
 
     def _make_perpendicular(
-        self, vectors: NDArray[Any], others: NDArray[Any] | None
+        self, vectors: NDArray[Any], left_out: NDArray[Any] | None
     ) -> NDArray[Any]:
         """Return the parts of ``vectors`` (size, m) that are perpendicular to the known
-        eigenvectors and to orthonormal ``others`` (size, k).
+        eigenvectors and to orthonormal ``left_out`` (size, k).
         """
-        for basis in (self._known, others):
+        for basis in (self._known, left_out):
             if basis is not None and basis.shape[1]:
                 vectors = vectors - basis @ (basis.conj().T @ vectors)
         return np.asarray(vectors)
 
     def _iterate(
-        self, block: _Block, residuals: NDArray[Any], others: NDArray[Any] | None
+        self, block: _Block, residuals: NDArray[Any], left_out: NDArray[Any] | None
     ) -> _Block:
         """Return the next block: the lowest Ritz vectors of the space of the vectors of the
         ``block``, of its last change, and of the preconditioned ``residuals`` (size, k) of some of
-        its vectors, made perpendicular to ``others`` (size, l).
+        its vectors, made perpendicular to ``left_out`` (size, l).
         """
         x = block.vectors
         m = x.shape[1]
         space = np.hstack(
-            [self._make_perpendicular(self._precondition(residuals), others), block.change]
+            [self._make_perpendicular(self._precondition(residuals), left_out), block.change]
         )
         # the lengths of residuals differ by orders of magnitude; each vector counts as much
         space /= np.maximum(np.linalg.norm(space, axis=0), np.finfo(float).tiny)

@@ -170,20 +170,22 @@ class SparseRelaxation:
         # idle motions cost nothing, and deform nothing in a wave either; all others are active
         is_idle = costs_nothing
         is_idle[change.col[np.abs(change.data) > rounding]] = False
-        active = scaled[:, ~is_idle].toarray()
+        active_motions = scaled[:, ~is_idle].toarray()
         for _ in range(_CORRECTIONS):
-            active -= self._fronts.solve(self._columns @ (self._rows @ active))
-        basis = np.linalg.qr(_leave_out(scaled[:, is_idle], active))[0]
+            active_motions -= self._fronts.solve(self._columns @ (self._rows @ active_motions))
+        basis = np.linalg.qr(_leave_out(scaled[:, is_idle], active_motions))[0]
         deformations, singular_values, right_vectors = np.linalg.svd(
             self._rows @ basis, full_matrices=False
         )
         is_free = singular_values <= limit
         self._soft_deformations = deformations[:, ~is_free]
         self._soft_motions = basis @ (right_vectors[~is_free] / singular_values[~is_free, None]).T
-        idle = motions[:, is_idle]
-        free_active = _leave_out(idle, basis @ right_vectors[is_free].T / self._scale[:, None])
+        idle_motions = motions[:, is_idle]
+        free_active = _leave_out(
+            idle_motions, basis @ right_vectors[is_free].T / self._scale[:, None]
+        )
         shifts = self.lattice.shifts
-        idle_shifts = _orthonormalise(shifts - _leave_out(idle, shifts))
+        idle_shifts = _orthonormalise(shifts - _leave_out(idle_motions, shifts))
         free = np.concatenate([idle_shifts, free_active], axis=1)
         self.free: Array = _orthonormalise(free - shifts @ (shifts.T @ free))
 

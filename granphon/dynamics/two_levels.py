@@ -146,8 +146,8 @@ def compose_boxes(frame: BallFrame, q: Array | None = None) -> Any:
     n = len(boxes.box)
     chosen = [*motions.translations, *(3 + axis for axis in motions.rotations)]
     roots = np.sqrt(frame.masses)[:, None]
-    # motions of each ball, u and w, in the six motions of its box as a rigid body; rotations of a
-    # box are about its middle, and multiplied by its side
+    # motions of each ball, u and w, in the six motions of its box as a rigid body. A rotation of a
+    # box is about its middle, and counted as the angle times the side of a box
     effects = np.zeros((n, 6, 6))  # ball, its motion, motion of the box
     for axis, along in enumerate(np.eye(3)):
         effects[:, axis, axis] = roots[:, 0]

@@ -120,6 +120,7 @@ class BallContacts(ContactCalculator):
     def __init__(
         self, balls: Mapping[str, Ball | Material], law: Any = None, friction: bool = True
     ) -> None:
+        """Check the arguments; laws of pairs are found when they are needed."""
         super().__init__()
         any_balls: Any = balls
         are_balls = isinstance(any_balls, Mapping) and all(
@@ -174,8 +175,8 @@ class BallContacts(ContactCalculator):
     def _find_law(
         self, kind_i: str, radius_i: float, kind_j: str, radius_j: float
     ) -> tuple[PairLaw, float, float]:
-        """Return the contact law of two balls of these kinds and radii, m, and 4 G*/E* and E*, Pa,
-        of their contacts; each pair is computed and checked once.
+        """Return the contact law of two balls i and j of these kinds and radii, m, and 4 G*/E* and
+        E*, Pa, of their contacts; each pair is computed and checked once, and then kept.
         """
         key = (kind_i, radius_i, kind_j, radius_j)
         if key not in self._laws:
@@ -199,8 +200,8 @@ class BallContacts(ContactCalculator):
         (n_c, 3) of ball j in periods, the vectors (n_c, 3) from centre i to centre j, m, the laws,
         and 4 G*/E* (n_c,).
 
-        Warns if the positions seem to be in another unit than m. Raises
-        :class:`~granphon.base.errors.InputError` as the class says.
+        Warns with :class:`~granphon.base.errors.InconsistencyWarning` if the positions seem to be
+        in another unit than m. Raises :class:`~granphon.base.errors.InputError` as the class says.
         """
         kinds, radii = self.find_radii(atoms)
         keys = list(zip(kinds, radii.tolist(), strict=True))
@@ -382,9 +383,9 @@ def _group_equal(numbers: Index) -> list[Index]:
 
 
 def _warn_of_far_balls(atoms: Atoms, radii: Array, shortest: float) -> None:
-    """Warn if balls of ``radii`` (n,), m, none of which touch, are so far from each other that
-    their positions seem not to be in m. ``shortest`` is the shortest period, m, the distance of a
-    ball from its own image.
+    """Warn with :class:`~granphon.base.errors.InconsistencyWarning` if the balls of ``atoms``, none
+    of which touch, with ``radii`` (n,), m, are so far from each other that their positions seem not
+    to be in m. ``shortest`` is the shortest period, m, the distance of a ball from its own image.
     """
     # imported here, because the import loads much of scipy, and is hardly ever needed
     from scipy.spatial import cKDTree
@@ -398,8 +399,9 @@ def _warn_of_far_balls(atoms: Atoms, radii: Array, shortest: float) -> None:
 
 
 def _warn_of_lengths(words: str, distance: float) -> None:
-    """Warn of balls that are a ``distance``, m, from each other; the ``words`` continue the
-    sentence, and say how wide the balls are.
+    """Warn with :class:`~granphon.base.errors.InconsistencyWarning` of balls that are a
+    ``distance``, m, from each other; the ``words`` continue the sentence, and say how wide the
+    balls are.
     """
     text = f"the balls are {distance:.3g} m from each other {words}. Their positions are to be in m"
     warn_caller(text, InconsistencyWarning)
@@ -458,7 +460,7 @@ def _find_beside(path: Any, contacts: Any, word: str, replacement: str) -> Any:
     if word not in balls.name:
         raise InputError(
             f"{path} has its contacts in another file",
-            mend=f"Name it, or call the file ...{word}...",
+            mend=f"Name that file too, or call the file of balls ...{word}...",
         )
     return balls.with_name(balls.name.replace(word, replacement))
 
@@ -482,12 +484,12 @@ def read_granphon_lammps(path: Any, pairs: Any = None, **options: Any) -> Atoms:
 
     By default the dump of pairs lies beside that of atoms, with "pairs" instead of "atoms" in its
     name. ``options`` are those of :meth:`ContactNetwork.from_lammps`, which also says what is
-    raised; by default rattlers are kept. Without a material and without stiffnesses, all normal
-    stiffnesses are 1 N/m and all shear stiffnesses zero.
+    raised; by default rattlers are kept. Without a ``material`` and a ``normal_stiffness``, all
+    normal stiffnesses are 1 N/m, and shear stiffnesses are zero unless they are given.
     """
     has_stiffness = "material" in options or "normal_stiffness" in options
     if not has_stiffness:
-        options |= {"normal_stiffness": 1.0, "shear_stiffness": 0.0}
+        options = {"normal_stiffness": 1.0, "shear_stiffness": 0.0} | options
     pairs_file = _find_beside(path, pairs, "atoms", "pairs")
     options = {"keep_rattlers": True} | options
     return _write_atoms(ContactNetwork.from_lammps(path, pairs_file, **options))

@@ -159,7 +159,7 @@ class EdgeSearch(NamedTuple):
 
     def _choose_starts(self, edges: BandEdges, most_starts: int) -> Array:
         """Return the wave vectors (e, n_starts, p), 1/d, of the mesh at which frequencies come
-        nearest to each edge, the nearest first; n_starts is ``most_starts`` or less.
+        nearest to each of the e ``edges``, the nearest first; n_starts is ``most_starts`` or less.
         """
         frequencies = self.zone.frequencies
         n_starts = max(1, min(most_starts, _FEW_BRANCHES // frequencies.shape[1]))
@@ -242,8 +242,8 @@ class EdgeSearch(NamedTuple):
             longest = np.minimum(longest, widths.ravel())
         ends = self._climb(starts.reshape(-1, p), branch, sign, longest)
         highest = np.argmax(ends.heights.reshape(n_edges, n_starts), axis=1)
-        best = np.arange(n_edges) * n_starts + highest
-        return Extremes(ends.heights[best], ends.points[best])
+        number = np.arange(n_edges) * n_starts + highest
+        return Extremes(ends.heights[number], ends.points[number])
 
     def _climb(self, starts: Array, branch: Index, sign: Array, longest: Array) -> Extremes:
         """Return the extremes (n,) that n paths along group velocities reach from the wave vectors

@@ -124,6 +124,7 @@ class Bands(Result):
     gyration: Any = held(Any, "n", default=None)  # an array from the constructor on
 
     def __post_init__(self) -> None:
+        """Fill in the defaults of ``gyration`` and ``pbc``, and check the fields."""
         if self.gyration is None:
             object.__setattr__(self, "gyration", np.full(len(self.masses), GYRATION))
         super().__post_init__()
@@ -640,7 +641,8 @@ def _read_velocities(modes: list[Any], periods: int) -> Array:
 
 
 def _read_counts(data: Any) -> tuple[int, int, int]:
-    """Return the numbers of segments, of points in a segment and of atoms of a band.yaml.
+    """Return the numbers of segments, of points in a segment and of atoms from the ``data`` of a
+    band.yaml.
 
     Raises :class:`~granphon.base.errors.InputError` for numbers that do not fit the rest of the
     file.

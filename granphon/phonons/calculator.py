@@ -133,8 +133,10 @@ def _place_balls(vectors: Array, positions: Array) -> Atoms:
     """Return Atoms at ``positions`` (n, d) that repeat along ``vectors`` (p, d), in three
     dimensions; the cell is one diameter thick across the periods.
     """
-    cell, places = place_in_space(vectors, positions)
-    return Atoms([BALL] * len(places), positions=places, cell=cell, pbc=np.arange(3) < len(vectors))
+    cell, in_space = place_in_space(vectors, positions)
+    return Atoms(
+        [BALL] * len(in_space), positions=in_space, cell=cell, pbc=np.arange(3) < len(vectors)
+    )
 
 
 def _make_network_atoms(state: NetworkState) -> Atoms:
@@ -248,7 +250,7 @@ class HarmonicContacts(ContactCalculator):
 
     def _find_displacements(self, balls: Atoms) -> Array:
         """Return the displacement (n_c, 3), in diameters, of ball j of each contact against ball i,
-        from their positions at rest.
+        from the positions at rest to those of ``balls``.
 
         Raises :class:`~granphon.base.errors.InputError` for a displacement that is not small.
         """
@@ -275,7 +277,7 @@ class HarmonicContacts(ContactCalculator):
         return np.asarray(displacement)
 
     def _find_rotations(self, balls: Atoms) -> Array:
-        """Return w = R_g phi (n + 1, r), in diameters, of the balls about the r axes of their
+        """Return w = R_g phi (n + 1, r), in diameters, of the n ``balls`` about the r axes of their
         motions; the last row, of zeros, is that of bodies that do not move.
         """
         lattice = self.state.contact_lattice()
@@ -373,7 +375,7 @@ class _PairSearch(NamedTuple):
         self, positions: Array, cell: Array, periodic: tuple[bool, ...], cutoff: float
     ) -> bool:
         """Return whether ``pairs`` contains all pairs nearer than ``cutoff`` at these positions
-        (N, m), in this cell (m, m).
+        (N, m), in this cell (m, m) that repeats along the ``periodic`` (m,) of its vectors.
 
         A change of the cell multiplies all vectors by a matrix F. Let s be the smallest singular
         value of F. Balls that were farther apart than the reach are then at least as far apart as s
@@ -679,8 +681,8 @@ class HertzMindlin(ContactCalculator):
             )
 
     def _find_stress(self, balls: Atoms, virial: Array) -> Array | None:
-        """Return the stress (6,) in Voigt order, k/d, of contacts with a ``virial`` (3, 3), k d^2;
-        None of a cell without a length, area or volume.
+        """Return the stress (6,) in Voigt order, k/d, of ``balls`` whose contacts have a ``virial``
+        (3, 3), k d^2; None if their cell has no length, area or volume.
         """
         p = self._periods
         volume = float(abs(np.linalg.det(np.asarray(balls.cell)[:p, :p])))
@@ -898,9 +900,9 @@ class HertzMindlin(ContactCalculator):
         return self.state.law
 
     def _require_known_sample(self, balls: Atoms) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` for Atoms of a sample whose contacts this
-        calculator does not know: a sample among several of the state, one that was loaded with
-        friction, one with its exact geometry, and one whose cell has sheared.
+        """Raise :class:`~granphon.base.errors.InputError` if ``balls`` are Atoms of a sample whose
+        contacts this calculator does not know: a sample among several of the state, one that was
+        loaded with friction, one with its exact geometry, and one whose cell has sheared.
         """
         samples = self.state.samples
         if not samples or not has_sampled(balls):
@@ -1044,13 +1046,13 @@ class HertzMindlin(ContactCalculator):
         return lattice, law, contacts.overlap
 
     def _find_sites(self, atoms: Atoms) -> Array:
-        """Return the sites (N, m) of balls, d: their positions without their displacements."""
+        """Return the sites (N, m) of ``atoms``, d: their positions without their displacements."""
         m = self._coordinates
         return np.asarray(atoms.positions[:, :m] - atoms.arrays["displacements"][:, :m])
 
     def _find_closed_at_rest(self, atoms: Atoms, sites: Array, law: Law) -> _ContactsAtRest:
-        """Return the contacts between balls at ``sites`` (N, m), d, that are closed in the
-        reference state under the ``law``.
+        """Return the contacts between the balls of ``atoms`` at their ``sites`` (N, m), d, that are
+        closed in the reference state under the ``law``.
         """
         i, j, shift, vector = self._find_pairs(atoms, sites)
         deviations = atoms.arrays["diameter_deviations"]

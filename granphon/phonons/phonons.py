@@ -116,7 +116,7 @@ class _Cell(NamedTuple):
 
     @classmethod
     def of_atoms(cls, atoms: Atoms, periods: int) -> Self:
-        """Return the cell of given Atoms, of which the first ``periods`` vectors may be periods.
+        """Return the cell of ``atoms``, of which the first ``periods`` vectors may be periods.
 
         Vectors along which the balls do not repeat become perpendicular to the others, and are one
         diameter long where the Atoms have none.
@@ -181,6 +181,7 @@ class Phonons:
     def __init__(
         self, state: Any, atoms: Atoms | None = None, dim: Sequence[int] | None = None
     ) -> None:
+        """Find the lattice of the cell, and check the arguments; frequencies are found later."""
         self.state: State = as_state(state)
         self.scales: Units = self.state.scales
         if not isinstance(atoms, Atoms | None):
@@ -382,12 +383,12 @@ class Phonons:
         images, which must not include images that do not exist.
         """
         cell = self._cell.vectors.copy()
-        spread = np.ptp(self._cell.positions, axis=0)
+        extents = np.ptp(self._cell.positions, axis=0)
         is_period = np.arange(3) < self._periods
         # across the periods the cell is one diameter thick, which is enough if the balls lie in a
         # line or in a plane
-        is_open = np.where(is_period, ~self._cell.pbc, spread > 0.5)
-        extent = float(spread[is_period | is_open].sum())
+        is_open = np.where(is_period, ~self._cell.pbc, extents > 0.5)
+        extent = float(extents[is_period | is_open].sum())
         for axis in np.flatnonzero(is_open):
             length = np.linalg.norm(cell[axis])
             # whole cells, over twice the extent of the balls with a margin
@@ -883,7 +884,8 @@ class Phonons:
         self, grid: ZoneMesh, omega: Array, frequencies: Array, shares: Array
     ) -> Array:
         """Return densities of states (2, n) at ``omega`` (n,) by linear interpolation of the
-        ``frequencies`` (n_q, n_branches), weighted with ``shares`` (2, n_q, n_branches).
+        ``frequencies`` (n_q, n_branches) at the points of ``grid``, weighted with ``shares``
+        (2, n_q, n_branches).
 
         Each density is the mean over the interval around its frequency, that is, a difference of
         the integrated density over the width of the interval. So van Hove singularities stay
@@ -1240,7 +1242,7 @@ def _require_slow_decay(hertz: Array, is_far: ArrayLike) -> None:
         raise PrecisionError(
             f"at {float(hertz[far][0]):g} Hz a wave decays by more than {1.0 / LEAST_FACTOR:g} from"
             " layer to layer",
-            "Its wave number would have no digits",
+            "Its wavenumber would have no digits",
             "Take lower frequencies",
         )
 
@@ -1248,9 +1250,9 @@ def _require_slow_decay(hertz: Array, is_far: ArrayLike) -> None:
 def _list_wavenumbers(
     space: HalfSpace, waves: list[tuple[BlochWaves, BlochWaves]], along: Array
 ) -> Complex:
-    """Return the wavenumbers (n_f, 2 m), 1/m, of ``waves``, which are a pair at each frequency,
-    those towards higher and those towards lower layers; ``along`` (p - 1,) is their wave vector
-    along the layers.
+    """Return the wavenumbers (n_f, 2 m), 1/m, of ``waves`` across the layers of ``space``. The
+    waves are a pair at each frequency, those towards higher and those towards lower layers;
+    ``along`` (p - 1,) is their wave vector along the layers.
 
     The imaginary part is infinite for a motion that reaches no other layer at a frequency.
     """
@@ -1268,8 +1270,8 @@ def _list_wavenumbers(
 
 
 def _number_images(bridge: ContactPhonopy, dim: tuple[int, ...]) -> Index:
-    """Return the numbers (n_a, n1, ...), in phonopy's supercell of ``dim`` (n1, ...) cells, of the
-    images of the n_a atoms of the cell in each of these cells.
+    """Return the numbers (n_a, n1, ...), in the supercell of ``bridge`` of ``dim`` (n1, ...) cells,
+    of the images of the n_a atoms of the cell in each of these cells.
     """
     supercell = bridge.supercell
     unit_cell = bridge.unitcell

@@ -113,8 +113,8 @@ def name_balls(masses: Array, kinds: Sequence[str] = ()) -> list[str]:
 
 
 def name_atoms(masses: Array, motions: Motions, kinds: Sequence[str] = ()) -> list[str]:
-    """Return the chemical symbols of the one or two atoms of each ball, ball after ball, from the
-    ``masses`` (n,) and ``kinds`` of the balls as in :func:`name_balls`.
+    """Return the chemical symbols of the one or two atoms that hold the ``motions`` of each ball,
+    ball after ball, from the ``masses`` (n,) and ``kinds`` of the balls as in :func:`name_balls`.
     """
     balls = name_balls(masses, kinds)
     spin = free_symbol(SPIN, balls)
@@ -153,8 +153,9 @@ def place_in_space(vectors: Array, positions: Array) -> tuple[Array, Array]:
 
 
 def place_atoms(positions: Array, motions: Motions, offset: Array = OFFSET) -> Array:
-    """Return the positions of the one or two atoms of each ball, ball after ball, from the
-    ``positions`` (n, 3) of the balls; all in the unit of ``offset`` (3,).
+    """Return the positions (n_a, 3) of the one or two atoms that hold the ``motions`` of each ball,
+    ball after ball, from the ``positions`` (n, 3) of the balls; all in the unit of ``offset`` (3,),
+    by which a second atom is displaced from its ball.
     """
     steps = np.stack([np.zeros(3), offset])[: motions.atoms_per_ball]
     return np.asarray((positions[:, None] + steps).reshape(-1, 3))
@@ -184,8 +185,8 @@ def make_header(unit: HertzPrefix, scales: Units, motions: Motions, periods: int
 
 
 def _name_coordinates(motions: Motions) -> list[str]:
-    """Return, for each coordinate of the one or two atoms of a ball, the name of the motion that it
-    holds; "0" if it holds none.
+    """Return, for each coordinate of the one or two atoms that hold the ``motions`` of a ball, the
+    name of the motion that the coordinate holds; "0" if it holds none.
     """
     names = ["0"] * (3 * motions.atoms_per_ball)
     for slot, letter in zip(motions.slots, motions.letters, strict=True):

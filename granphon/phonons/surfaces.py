@@ -76,6 +76,7 @@ class SurfaceBranches(Result):
     weight: Array = held(float, "n")
 
     def __len__(self) -> int:
+        """Return the number of wave vectors."""
         return len(self.qpoints)
 
     def __getitem__(self, index: int) -> Array:
@@ -212,6 +213,7 @@ class Surface:
     """
 
     def __init__(self, x: Any, axis: Any, edge: str | Wall = "free") -> None:
+        """Cut the half space; its waves are found when they are needed."""
         self.network = given_network(x)
         self.half_space = HalfSpace(self.network, axis, require("edge", read_edge, edge))
 
@@ -623,8 +625,9 @@ def observe_surface(
 
 
 def _tabulate_waves(branches: Sequence[SurfaceBranches], n_q: int) -> tuple[Array, Array]:
-    """Return the frequencies, Hz, and the weights (surfaces, n_q, n_w) of waves of several surfaces
-    at the same wave vectors; nan where a wave vector has fewer waves than another.
+    """Return the frequencies, Hz, and the weights (surfaces, n_q, n_w) of the waves of several
+    surfaces, ``branches``, at the same ``n_q`` wave vectors; nan where a wave vector has fewer
+    waves than another.
     """
     counts = [int(np.bincount(waves.place, minlength=1).max()) for waves in branches]
     shape = (len(branches), n_q, max(1, *counts))
