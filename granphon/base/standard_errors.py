@@ -1,4 +1,6 @@
-"""Standard errors of means over independent values, such as those of samples."""
+"""Standard errors: those of means over independent values, such as those of samples, and those that
+a call gives.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +8,33 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from granphon.base.arrays import Array
+from granphon.base.errors import InputError
+from granphon.base.validation import real_array
 
 
 def standard_error(values: Array, axis: int) -> Array:
     """Return the standard error of the mean along an axis of two or more independent values."""
     return np.asarray(np.std(values, axis=axis, ddof=1) / math.sqrt(values.shape[axis]))
+
+
+def read_errors(name: str, errors: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """Return standard ``errors`` as an array of the ``shape`` of their values; nan stands for an
+    error that is not known.
+
+    Raises :class:`~granphon.base.errors.InputError`, with the argument's ``name``, for another
+    shape.
+    """
+    numbers = real_array(name, errors)
+    if numbers.shape != shape:
+        raise InputError(
+            f"{name} has the shape {numbers.shape}",
+            f"The values have the shape {shape}",
+            "Give a standard error for each",
+        )
+    return numbers
 
 
 def jackknife(of: Callable[[Array], Array], values: Array) -> Array:

@@ -48,9 +48,9 @@ _UNCOUPLED = 1e-12
 #: condition number of the waves of one sense above which they cannot be told apart
 _LARGEST_CONDITION = 1e11
 #: least |lambda| of a wave that decays: its wavenumber then still has three digits
-LEAST_PART = 1e-12
-#: difference of the lambda of two waves below which they may be at the edge of a band: some times
-#: the root of the rounding of w
+LEAST_FACTOR = 1e-12
+#: difference of the lambda of two waves below which both may be at the edge of a band: several
+#: times the root of the rounding of w
 _EDGE = 1e-6
 #: least singular value of the motions of waves of one lambda, each of length one, from which these
 #: motions are independent
@@ -98,21 +98,21 @@ class BlochWaves(NamedTuple):
     vectors : (n, m) motions of a block in each wave; a wave that runs is scaled such that its
         dw/dk, k being per block, is plus or minus one.
     running : number of waves that run.
-    still : (n, n - m) motions of a block that reach no other block in this sense.
+    still_motions : (n, n - m) motions of a block that reach no other block in this sense.
     """
 
     factors: Complex
     vectors: Complex
     running: int
-    still: Complex
+    still_motions: Complex
 
     def continue_by(self, steps: int) -> Complex:
         """Return the matrix (n, n) that turns a motion of a block into the motion, in the same
         waves, of the block ``steps`` layers higher, or lower if ``steps`` is below zero.
         """
-        basis = np.concatenate([self.vectors, self.still], axis=1)
+        basis = np.concatenate([self.vectors, self.still_motions], axis=1)
         # motions that reach no other block leave the other block at rest
-        n_still = self.still.shape[1]
+        n_still = self.still_motions.shape[1]
         continued = np.pad(self.vectors * self.factors**steps, ((0, 0), (0, n_still)))
         return np.asarray(np.linalg.solve(basis.T, continued.T).T)
 
@@ -120,7 +120,7 @@ class BlochWaves(NamedTuple):
         """Return the amplitudes (running, ...) of the running waves of which, with those that
         decay, a ``motion`` (n, ...) of a block is made.
         """
-        basis = np.concatenate([self.vectors, self.still], axis=1)
+        basis = np.concatenate([self.vectors, self.still_motions], axis=1)
         return np.asarray(np.linalg.solve(basis, motion)[: self.running])
 
 
@@ -173,15 +173,15 @@ def find_bloch_waves(
         null_spaces = [_null_space(coupling[n]) for coupling in (down, up)]
         _require_passing_on(null_spaces, inner[n], scale)
         # a motion that decays infinitely fast is no wave, and one nearly so fast has no digits
-        kept = _choose_finite(inverse[n], null_spaces)
-        smallest = np.min(np.abs(inverse[n, kept]), initial=1.0)
+        finite = _choose_finite(inverse[n], null_spaces)
+        smallest = np.min(np.abs(inverse[n, finite]), initial=1.0)
         if smallest < np.finfo(float).eps ** 2:
             raise PrecisionError(_ALIKE_WAVES, *_TOO_FAST)
-        factors = _SHIFT + 1.0 / inverse[n, kept]
-        motions = vectors[n][:size, kept]
+        factors = _SHIFT + 1.0 / inverse[n, finite]
+        motions = vectors[n][:size, finite]
         couplings = [step[n] for step in steps]
         couplings[reach] = couplings[reach] + w[n] * np.eye(layer)  # D_0 instead of D_0 - w
-        factors, motions = _sharpen_long(factors, motions, couplings, w[n])
+        factors, motions = _sharpen_long_waves(factors, motions, couplings, w[n])
         if w[n] > _NEAR_ZERO * scale:
             _require_senses(factors, motions)
         waves.append(_sort_senses(factors, motions, up[n], down[n], null_spaces, reach))
@@ -268,12 +268,13 @@ def _require_passing_on(null_spaces: list[Complex], inner: Complex, scale: float
         )
 
 
-def _sharpen_long(
+def _sharpen_long_waves(
     factors: Complex, vectors: Complex, couplings: list[Complex], w: float
 ) -> tuple[Complex, Complex]:
     """Return the ``factors`` (b,), lambda, and the ``vectors`` (n, b), motions of a block, of all
-    waves, those of long running waves with all digits. Where energy is lost nothing is changed. A
-    long wave whose motion is mostly stiff stays as it is, too: the edge of another band is near.
+    waves, those of long running waves with all digits. Where energy is lost the arguments are
+    returned as they are. A long wave whose motion is mostly stiff keeps its factor and vector too:
+    the edge of another band is near.
 
     ``couplings`` are the matrices D_s (layer, layer) of s = -reach ... reach, with D_0 itself, not
     less w; and ``w`` is the eigenvalue.
@@ -406,7 +407,7 @@ def _sort_senses(
     vectors = vectors / np.linalg.norm(vectors, axis=0)
     flux = _normalise_running(factors, vectors, np.flatnonzero(runs), up, down, reach)
     senses = []
-    for sign, still in zip((1.0, -1.0), null_spaces, strict=True):
+    for sign, still_motions in zip((1.0, -1.0), null_spaces, strict=True):
         running = np.flatnonzero(runs & (sign * flux > 0.0))
         running = running[np.argsort(np.angle(factors[running]), kind="stable")]
         # |lambda| in the sense of the waves; a lambda of zero has no finite inverse
@@ -415,7 +416,7 @@ def _sort_senses(
         decaying = np.flatnonzero(~runs & (decay < 1.0))
         decaying = decaying[np.argsort(-decay[decaying], kind="stable")]
         chosen = np.concatenate([running, decaying])
-        waves = BlochWaves(factors[chosen], vectors[:, chosen], running.size, still)
+        waves = BlochWaves(factors[chosen], vectors[:, chosen], running.size, still_motions)
         _require_basis(waves, decay[decaying] ** reach)
         senses.append(waves)
     upward, downward = senses
@@ -435,7 +436,7 @@ def _normalise_running(
     has motions.
     """
     flux = np.zeros(len(factors))
-    ungrouped = running
+    ungrouped = running  # waves that belong to no group of one lambda yet
     while ungrouped.size:
         is_equal = np.abs(factors[ungrouped] - factors[ungrouped[0]]) < _EQUAL_FACTORS
         group = ungrouped[is_equal]
@@ -459,11 +460,11 @@ def _require_basis(waves: BlochWaves, decays: Array) -> None:
     ``decays`` (m,) are the factors, from block to block, by which the waves that decay do so.
     """
     scaled = waves.vectors / np.linalg.norm(waves.vectors, axis=0)
-    basis = np.concatenate([scaled, waves.still], axis=1)
+    basis = np.concatenate([scaled, waves.still_motions], axis=1)
     is_square = basis.shape[0] == basis.shape[1]
     if is_square and not np.linalg.cond(basis) > _LARGEST_CONDITION:
         return
-    if np.any(decays < LEAST_PART):
+    if np.any(decays < LEAST_FACTOR):
         raise PrecisionError(_ALIKE_WAVES, *_TOO_FAST)
     raise PrecisionError(
         _ALIKE_WAVES,

@@ -201,7 +201,7 @@ class Block:
         return len(self.deforming.odd) * len(self.deforming.half)
 
     @property
-    def _kinds(self) -> tuple[WaveRows, ...]:
+    def _wave_rows(self) -> tuple[WaveRows, ...]:
         """The rows of C(q), followed by those on which static forces act, if there are any."""
         return (self.deforming,) if self.pushing is None else (self.deforming, self.pushing)
 
@@ -214,13 +214,13 @@ class Block:
         periods = self.deforming.half.shape[1]
         # the rank is lower at special wave vectors, and never higher than the generic one
         for q in GENERIC[:, None, :periods]:
-            rows = np.concatenate([waves.compute_rows(q)[0] for waves in self._kinds])
+            rows = np.concatenate([waves.compute_rows(q)[0] for waves in self._wave_rows])
             if largest < min(rows.shape):
                 largest = max(largest, find_rank(rows))
         return largest
 
     @property
-    def free(self) -> int:
+    def n_free(self) -> int:
         """Number of branches that vanish at every wave vector."""
         return self.size - self.rank
 
@@ -273,17 +273,23 @@ class Block:
         if np.any(joined):
             if np.any(frequencies[:, 0] == 0.0):
                 # nothing tells branches that vanish everywhere from each other
-                joined[:, : self.free] = False
+                joined[:, : self.n_free] = False
             self._split_degenerate(point, modes, slopes, joined, along)
         # d(omega^2)/dq over 2 omega; a branch that vanishes everywhere does not travel
         doubled = np.where(frequencies > 0.0, 2.0 * frequencies, np.inf)
         velocities = slopes.compute_gradients(modes) / doubled[..., None]
         if not frequencies.all():
             n_zeros = np.count_nonzero(frequencies == 0.0, axis=1)
-            for number in np.flatnonzero(n_zeros > self.free).tolist():
-                # `_leave_zero` changes the modes and velocities, of which these are views
-                at_number = (frequencies[number], modes[number], velocities[number], along[number])
-                self._leave_zero(point, number, *at_number)
+            for number in np.flatnonzero(n_zeros > self.n_free).tolist():
+                # modes and velocities of one wave vector are views, which `_leave_zero` changes
+                self._leave_zero(
+                    point,
+                    number,
+                    frequencies[number],
+                    modes[number],
+                    velocities[number],
+                    along[number],
+                )
         return frequencies, self._turn_back(point, modes), velocities
 
     def _leave_zero(
@@ -309,11 +315,13 @@ class Block:
         count = int(np.count_nonzero(frequencies == 0.0))
         motions = modes if point.basis is None else point.basis[number] @ modes
         q = point.q[number : number + 1]
-        rows = np.concatenate([waves.compute_rows(q)[0] for waves in self._kinds])
+        rows = np.concatenate([waves.compute_rows(q)[0] for waves in self._wave_rows])
         # the derivative of a row is by its half angle, whose gradient with respect to q is the half
         # vector
-        slope = np.concatenate([waves.compute_rows(q, derivative=True)[0] for waves in self._kinds])
-        half = np.concatenate([waves.repeat_half_vectors() for waves in self._kinds])
+        slope = np.concatenate(
+            [waves.compute_rows(q, derivative=True)[0] for waves in self._wave_rows]
+        )
+        half = np.concatenate([waves.repeat_half_vectors() for waves in self._wave_rows])
         stiff = rows @ motions[:, count:] / frequencies[count:]
         change = half.T[:, :, None] * (slope @ motions[:, :count])  # (p, rows, count)
         if self.signs is None:
@@ -328,8 +336,8 @@ class Block:
             u, _, vh = np.linalg.svd(turn[run, run])
             turn[:, run] = turn[:, run] @ (u @ vh).conj().T
         modes[:, :count] = modes[:, :count] @ turn
-        # (d omega^2/dq)/2 after a step s, over s; omega is s times the speed. A mode without speed
-        # does not travel
+        # (d omega^2/dq)/2 after a step s, over s: v^H forms v for the new mode v of each number z.
+        # omega is s times the speed. A mode without speed does not travel
         gradients = np.einsum("yz,ayx,xz->za", turn.conj(), forms, turn).real
         inverse = np.divide(1.0, speeds, out=np.zeros_like(speeds), where=speeds > 0.0)
         velocities[:count] = gradients * inverse[:, None] + 0.0  # no minus zero
@@ -427,9 +435,9 @@ class Block:
         theirs are left as they are.
         """
         solved = np.unique(np.concatenate([points for points, _ in equal_slopes]))
-        beside = point.q[solved] + _STEP_BESIDE * along[solved]
-        rows_beside = self.deforming.compute_rows(beside)
-        across = None if self.pushing is None else self.pushing.compute_rows(beside)
+        q_beside = point.q[solved] + _STEP_BESIDE * along[solved]
+        rows_beside = self.deforming.compute_rows(q_beside)
+        across = None if self.pushing is None else self.pushing.compute_rows(q_beside)
         matrices = self._make_matrix(rows_beside, across)
         squares = np.linalg.eigvalsh(matrices)
         for points, branches in equal_slopes:
@@ -519,15 +527,15 @@ class Block:
         matrices = None if point.across is None else self._make_matrix(point.rows, point.across)
         if matrices is not None:
             self._drop_rounding(point.q, matrices)
-        if self.free and self.size > _MANY_FREE:
+        if self.n_free and self.size > _MANY_FREE:
             frequencies, modes = self._split_free(point.rows, matrices)
         else:
             frequencies, modes = self._decompose_all(point.rows, matrices)
-        small = (frequencies <= self._rounding * self._longest_column) & (frequencies > 0.0)
-        doubtful = np.flatnonzero(np.any(small, axis=1))
-        if doubtful.size:
-            frequencies[doubtful], modes[doubtful] = self._drop_small(
-                point.q[doubtful], frequencies[doubtful], modes[doubtful]
+        may_be_rounding = frequencies <= self._rounding * self._longest_column
+        points = np.flatnonzero(np.any(may_be_rounding & (frequencies > 0.0), axis=1))
+        if points.size:
+            frequencies[points], modes[points] = self._drop_small(
+                point.q[points], frequencies[points], modes[points]
             )
         return frequencies, modes
 
@@ -545,26 +553,26 @@ class Block:
         self, rows: NDArray[Any], matrices: NDArray[Any] | None
     ) -> tuple[Array, NDArray[Any]]:
         """Return frequencies (n_q, n), ascending, and eigenvectors (n_q, n, n), as columns; the
-        ``free`` modes that cost nothing, of frequency zero, are found by LAPACK, and the others by
-        :meth:`_decompose_all`, whose arguments are the same.
+        ``n_free`` modes that cost nothing, of frequency zero, are found by LAPACK, and the others
+        by :meth:`_decompose_all`, whose arguments are the same.
 
         The plane rotations by which that method finds all modes would take minutes to tell the
         free modes of a large block from the softest others.
         """
         if matrices is None:
             basis = lapack_svd(rows)[1]
-            stiff = basis[:, :, self.free :]
+            stiff = basis[:, :, self.n_free :]
             frequencies, modes = self._decompose_all(rows @ stiff, None)
         else:
             squares, vectors = np.linalg.eigh(matrices)
             # a negative square, of a lattice that buckles, is not among the smallest
             order = np.argsort(np.abs(squares), axis=1)
             basis = np.take_along_axis(vectors, order[:, None], 2)
-            stiff = basis[:, :, self.free :]
+            stiff = basis[:, :, self.n_free :]
             stiff_matrices = stiff.conj().swapaxes(1, 2) @ matrices @ stiff
             frequencies, modes = self._decompose_all(rows, stiff_matrices)
-        all_vectors = np.concatenate([basis[:, :, : self.free], stiff @ modes], axis=2)
-        return np.pad(frequencies, ((0, 0), (self.free, 0))), all_vectors
+        all_vectors = np.concatenate([basis[:, :, : self.n_free], stiff @ modes], axis=2)
+        return np.pad(frequencies, ((0, 0), (self.n_free, 0))), all_vectors
 
     def _drop_small(
         self, q: Array, frequencies: Array, modes: NDArray[Any]
@@ -588,7 +596,7 @@ class Block:
         lengths = np.sqrt(np.einsum("qn,qnb->qb", squares, np.abs(modes) ** 2))
         rounding = self._rounding * lengths
         frequencies = np.where(frequencies <= rounding, 0.0, frequencies)
-        frequencies[:, : self.free] = 0.0
+        frequencies[:, : self.n_free] = 0.0
         if np.any(frequencies[:, 1:] < frequencies[:, :-1]):
             order = np.argsort(frequencies, axis=1, kind="stable")
             frequencies = np.take_along_axis(frequencies, order, 1)
@@ -615,7 +623,7 @@ class Block:
         to these lengths.
         """
         squares: Any = 0.0
-        for waves in self._kinds:
+        for waves in self._wave_rows:
             odd = np.abs(waves.odd)
             even = np.abs(waves.even)
             # `even` is the difference of the two ends of a contact. Unless it is exactly zero it
@@ -639,7 +647,11 @@ class Block:
         3 rad.
         """
         return 4.0 * float(
-            sum(np.linalg.norm(rows) for waves in self._kinds for rows in (waves.odd, waves.even))
+            sum(
+                np.linalg.norm(rows)
+                for waves in self._wave_rows
+                for rows in (waves.odd, waves.even)
+            )
         )
 
 
@@ -659,7 +671,7 @@ class _Slopes:
         #: for the rows of C(q), and for those on which static forces act: the rows (n_q, m, n),
         #: their derivatives with respect to the half angle, and the half vectors (m, p), multiplied
         #: by the sign with which the squares of the rows enter omega^2
-        self.kinds = [
+        self.row_sets = [
             (
                 point.rows,
                 block.deforming.compute_rows(point.q, derivative=True),
@@ -669,7 +681,7 @@ class _Slopes:
         if block.pushing is not None and point.across is not None:
             half = -np.asarray(block.signs) * block.pushing.repeat_half_vectors()
             slopes = block.pushing.compute_rows(point.q, derivative=True)
-            self.kinds.append((point.across, slopes, half))
+            self.row_sets.append((point.across, slopes, half))
         if point.basis is not None:
             displaced, rotated, half = block._tilted_factors
             angle = (point.q @ half.T)[..., None]
@@ -692,10 +704,11 @@ class _Slopes:
         if self.point.basis is not None:
             frequencies = self.frequencies[points, first]
             deformations, changes = self._deform_tilted(points, vectors, frequencies)
+            # at each wave vector q sums over the deformations x and the components a of `along`
             products = np.einsum("qxb,qaxc,qa->qbc", deformations.conj(), changes, along)
         else:
             products = np.zeros((len(points), vectors.shape[2], vectors.shape[2]))
-            for rows, slope, half in self.kinds:
+            for rows, slope, half in self.row_sets:
                 if len(points) < len(rows):
                     rows = rows[points]
                     slope = slope[points]
@@ -713,7 +726,7 @@ class _Slopes:
             deformations, changes = self._deform_tilted(slice(None), vectors, frequencies)
             return np.asarray(2.0 * np.einsum("qxb,qaxb->qba", deformations.conj(), changes).real)
         total: Any = 0.0
-        for rows, slope, half in self.kinds:
+        for rows, slope, half in self.row_sets:
             products = ((rows @ vectors).conj() * (slope @ vectors)).real
             total = total + 2.0 * half.T @ products
         return np.asarray(total.swapaxes(1, 2))
@@ -737,7 +750,7 @@ class _Slopes:
         count = len(block.bent)
         # amplitudes of the tilted motions, and then of the others
         tilted = np.linalg.solve(point.triangle[points], vectors)  # type: ignore[index]
-        rows, slope, half = self.kinds[0]
+        rows, slope, half = self.row_sets[0]
         motion = np.zeros_like(tilted)
         motion[:, block._order[count:]] = tilted[:, count:]
         plain = half.T[:, :, None] * (slope[points] @ motion)[:, None]

@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.lattices import as_direction, one_direction
 from granphon.balls.neighbours import steps_within
 from granphon.base.arrays import ROUNDED, Array
-from granphon.base.errors import GranphonError, UnreachableFrequencyError
-from granphon.base.validation import real_array
+from granphon.base.errors import GranphonError, InputError, UnreachableFrequencyError
+from granphon.base.validation import finite_array
 from granphon.dynamics.blocks import DEGENERATE
 from granphon.dynamics.contact_lattice import ContactLattice
 
@@ -52,8 +52,17 @@ def connect_branches(eigenvectors: ArrayLike) -> NDArray[np.intp]:
     -------
     order : (n_q, n_branches), the column of each branch at each point, such that
         ``np.take_along_axis(frequencies, order, 1)`` is smooth; the first row counts up.
+
+    Raises
+    ------
+    InputError : another shape, or no point.
     """
     vectors = np.asarray(eigenvectors)
+    if vectors.ndim != 3 or not len(vectors):
+        raise InputError(
+            f"eigenvectors has the shape {vectors.shape}",
+            mend="Give an array (n_q, n_dof, n_branches) of one or more points",
+        )
     overlap = np.abs(vectors[:-1].conj().swapaxes(1, 2) @ vectors[1:]) ** 2
     order = np.empty(vectors.shape[::2], np.intp)
     order[0] = np.arange(vectors.shape[2])
@@ -109,11 +118,12 @@ class AcousticBranch:
         """Return the wavenumbers (n,), 1/d, and the group velocities (n, p), d (k/M)^1/2, that
         pulses of angular ``frequency`` (n,), (k/M)^1/2, have on this branch.
 
-        Raises :class:`~granphon.base.errors.UnreachableFrequencyError` for a frequency above the
-        top of the branch, and :class:`~granphon.base.errors.GranphonError` where the branch cannot
-        be followed through an avoided crossing.
+        Raises :class:`~granphon.base.errors.InputError` for a frequency below zero or not finite,
+        :class:`~granphon.base.errors.UnreachableFrequencyError` for one above the top of the
+        branch, and :class:`~granphon.base.errors.GranphonError` where the branch cannot be followed
+        through an avoided crossing.
         """
-        target = np.atleast_1d(real_array("frequency", frequency))
+        target = np.atleast_1d(finite_array("frequency", frequency, low="zero or above"))
         if np.any(target > self.top):
             raise UnreachableFrequencyError(
                 f"the {self.name} branch ends at {self.top:.10g} (k/M)^1/2, below"
@@ -133,7 +143,7 @@ class AcousticBranch:
         return _solve_wavenumbers(lattice, along, target, q, omega, self.vectors[above], self.name)
 
 
-def _find_nearest(
+def _find_nearest_modes(
     lattice: ContactLattice, wavenumbers: Array, along: Array, references: NDArray[np.complex128]
 ) -> tuple[Array, Array]:
     """Return the frequency (n,), (k/M)^1/2, and the group velocity (n, p), d (k/M)^1/2, of the mode
@@ -163,9 +173,9 @@ def _find_nearest(
         coincides = difference <= DEGENERATE * frequencies[:, None]
         coincides &= slope_difference <= DEGENERATE * steepest
         counts = np.count_nonzero(coincides, axis=1)
-        several = np.flatnonzero(counts > 1)
-        sums = np.sum(coincides[several, :, None] * modes.group_velocities[several], axis=1)
-        velocities[several] = sums / counts[several, None]
+        shared = np.flatnonzero(counts > 1)  # points at which several branches coincide
+        sums = np.sum(coincides[shared, :, None] * modes.group_velocities[shared], axis=1)
+        velocities[shared] = sums / counts[shared, None]
     return frequencies, velocities
 
 
@@ -193,7 +203,7 @@ def _solve_wavenumbers(
     # below the first point the branch is nearly straight, so linear interpolation starts close to
     # the root at any scale
     q = low + (high - low) * (target - low_omega) / (high_omega - low_omega)
-    omega, velocity = _find_nearest(lattice, q, along, references)
+    omega, velocity = _find_nearest_modes(lattice, q, along, references)
     unsettled = np.arange(q.size)
     for _ in range(_MOST_STEPS):
         goal = target[unsettled]
@@ -208,7 +218,7 @@ def _solve_wavenumbers(
         # a step of Newton's method that leaves the bracket is replaced by bisection
         is_inside = (newton >= low[unsettled]) & (newton <= high[unsettled])
         q[unsettled] = np.where(is_inside, newton, middle)
-        omega[unsettled], velocity[unsettled] = _find_nearest(
+        omega[unsettled], velocity[unsettled] = _find_nearest_modes(
             lattice, q[unsettled], along[unsettled], references[unsettled]
         )
         # Newton's method converges quadratically: after a step as small as this only rounding is
@@ -269,10 +279,16 @@ class AcousticBranches:
         goals = np.broadcast_to(np.asarray(targets, float), (n_waves, n_directions))
         edges = find_zone_boundary(lattice, directions)
         grid = edges[:, None] * np.arange(1, _PATH_POINTS + 1) / _PATH_POINTS
-        frequencies = np.full((n_waves, n_directions, _PATH_POINTS), np.inf)
-        vectors = np.zeros((n_waves, n_directions, _PATH_POINTS, lattice.n_branches), complex)
-        rising = np.zeros((n_waves, n_directions), int)
-        falls = np.zeros((n_waves, n_directions), bool)
+        shape = (n_waves, n_directions, _PATH_POINTS)
+        branches = cls(
+            lattice=lattice,
+            directions=directions,
+            wavenumbers=grid,
+            frequencies=np.full(shape, np.inf),
+            rising=np.zeros((n_waves, n_directions), np.intp),
+            falls=np.zeros((n_waves, n_directions), bool),
+            vectors=np.zeros((*shape, lattice.n_branches), complex),
+        )
         # eigenvectors at the last point, and the column of each wave among them
         last_vectors, column = _find_sound(lattice, _BESIDE_GAMMA * grid[:, :1], directions)
         followed = np.arange(n_directions)  # directions in which some branch is not at its end
@@ -284,32 +300,45 @@ class AcousticBranches:
                 # the column, at this point, of the mode that continues each of the last point
                 next_column = _assign_columns(modes.overlap[:, point])
                 column = np.stack([next_column[row, branch] for branch in column])
-                # a branch that has fallen once is not followed up again
-                climbs = ~falls[:, followed] & (modes.slopes[row, point, column] > 0.0)
-                rising_frequencies = np.where(climbs, modes.frequencies[row, point, column], np.inf)
-                falls[:, followed] |= ~climbs
-                rising[:, followed] += climbs
-                frequencies[:, followed, first + point] = rising_frequencies
-                vectors[:, followed, first + point] = modes.vectors[row, point, :, column]
-            # the frequency at the last point at which each branch rose
-            last_rise = np.maximum(rising[:, followed] - 1, 0)
-            reached = frequencies[:, followed, :][np.arange(n_waves)[:, None], row, last_rise]
-            is_below = ~falls[:, followed] & (reached < goals[:, followed])
-            go_on = np.any(is_below, axis=0)
-            followed = followed[go_on]
-            column = column[:, go_on]
-            last_vectors = modes.vectors[go_on, -1]
+                branches._add_point(modes, point, column, followed, first + point)
+            is_below = branches._find_top()[:, followed] < goals[:, followed]
+            is_unfinished = np.any(is_below & ~branches.falls[:, followed], axis=0)
+            followed = followed[is_unfinished]
+            column = column[:, is_unfinished]
+            last_vectors = modes.vectors[is_unfinished, -1]
             if not followed.size:
                 break
-        return cls(
-            lattice=lattice,
-            directions=directions,
-            wavenumbers=grid,
-            frequencies=frequencies,
-            rising=rising,
-            falls=falls,
-            vectors=vectors,
-        )
+        return branches
+
+    def _add_point(
+        self,
+        modes: _PathModes,
+        point: int,
+        column: NDArray[np.intp],
+        followed: NDArray[np.intp],
+        number: int,
+    ) -> None:
+        """Write into the arrays, in place, what the branches have at the point of this ``number``
+        in the directions ``followed`` (k,).
+
+        ``modes`` are those of several points in these directions, of which this is the
+        ``point``-th; ``column`` (n_u, k) are the columns of the branches among them.
+        """
+        row = np.arange(len(followed))
+        # a branch that has fallen once is not followed up again
+        climbs = ~self.falls[:, followed] & (modes.slopes[row, point, column] > 0.0)
+        rising_frequencies = np.where(climbs, modes.frequencies[row, point, column], np.inf)
+        self.falls[:, followed] |= ~climbs
+        self.rising[:, followed] += climbs
+        self.frequencies[:, followed, number] = rising_frequencies
+        self.vectors[:, followed, number] = modes.vectors[row, point, :, column]
+
+    def _find_top(self) -> Array:
+        """Return the frequency (n_u, n), (k/M)^1/2, of each branch at the last point at which it
+        rose; +inf if it rose at none.
+        """
+        last_rise = np.maximum(self.rising - 1, 0)
+        return np.take_along_axis(self.frequencies, last_rise[..., None], 2)[..., 0]
 
     def take_branch(self, which: int, direction: int) -> AcousticBranch:
         """Return the branch of index ``which`` in the lattice's ``wave_names``, in the direction of
@@ -327,7 +356,7 @@ class AcousticBranches:
             low = q[count - 1] if count else 0.0
             reference = vectors[count][None]
             q[count] = _find_maximum(self.lattice, along, low, q[count], reference)
-            frequency, _ = _find_nearest(self.lattice, q[count : count + 1], along, reference)
+            frequency, _ = _find_nearest_modes(self.lattice, q[count : count + 1], along, reference)
             omega[count] = frequency[0]
         name = self.lattice.wave_names[which]
         return AcousticBranch(self.lattice, along, name, q, omega, vectors)
@@ -412,7 +441,8 @@ def _find_sound(
     size = lattice.n_branches
     vectors = lattice.modes(q * directions, directions).eigenvectors
     motion = vectors.reshape(len(directions), lattice.n_balls, lattice.motions.count, size)
-    # displacement (n, n_u, n_branches) of the centre of mass along each polarisation
+    # displacement (n, n_u, n_branches) of the centre of mass along each polarisation k, in each
+    # branch b: sums over the balls i and the axes a
     drift = np.einsum(
         "i,niab,nak->nkb",
         np.sqrt(lattice.masses),
@@ -439,7 +469,7 @@ def _find_maximum(
     references = np.broadcast_to(reference, (_PIECES - 1, reference.shape[1]))
     while high - low > ROUNDED * high:
         points = np.linspace(low, high, _PIECES + 1)[1:-1]
-        _, velocities = _find_nearest(lattice, points, along, references)
+        _, velocities = _find_nearest_modes(lattice, points, along, references)
         rises = np.append(velocities @ along > 0.0, False)  # the branch falls at `high`
         first_fall = int(np.argmin(rises))
         edges = np.concatenate([[low], points, [high]])
@@ -456,14 +486,15 @@ def _assign_columns(overlap: Array) -> NDArray[np.intp]:
     the sum of their overlaps is the greatest. ``overlap`` (n, m, n_branches) is that of each branch
     with all columns.
     """
-    # where each branch has its largest overlap with another column, this is the best assignment
-    best: NDArray[np.intp] = np.argmax(overlap, axis=2)
-    all_differ = np.all(np.diff(np.sort(best, axis=1), axis=1) > 0, axis=1)
+    # where each branch has its largest overlap with another column, these columns are the best
+    # assignment
+    columns: NDArray[np.intp] = np.argmax(overlap, axis=2)
+    all_differ = np.all(np.diff(np.sort(columns, axis=1), axis=1) > 0, axis=1)
     for row in np.flatnonzero(~all_differ).tolist():
         from scipy.optimize import linear_sum_assignment
 
-        _, best[row] = linear_sum_assignment(overlap[row], maximize=True)
-    return best
+        _, columns[row] = linear_sum_assignment(overlap[row], maximize=True)
+    return columns
 
 
 def follow_acoustic_branches(

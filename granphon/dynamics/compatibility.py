@@ -23,7 +23,7 @@ from granphon.base.errors import InputError, InstabilityError, PrecisionError
 from granphon.base.results import read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
-from granphon.base.validation import finite_array, not_negative, real_array
+from granphon.base.validation import Low, finite_array, not_negative, real_array
 from granphon.dynamics.deformation_rows import (
     ANCHOR,
     Row,
@@ -90,22 +90,40 @@ def require_digits(components: Array) -> None:
     if not farthest <= _FARTHEST:  # also nan, the difference of two components that overflow
         raise PrecisionError(
             f"a wave vector is {farthest:.3g} reciprocal vectors from Gamma",
-            f"Beyond {_FARTHEST:.0e} nothing is left of the digits that say where it is"
-            f" between two of them",
+            f"Beyond {_FARTHEST:.0e} no digit is left for its place between two reciprocal vectors",
             "Leave whole reciprocal vectors out",
         )
 
 
-def _spread(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
-    """Return ``values`` repeated to a ``shape``, read-only; InputError, with the argument's
-    ``name``, for values of a shape that cannot be.
+def _repeat(name: str, values: ArrayLike, shape: tuple[int, ...], low: Low | None = "") -> Array:
+    """Return ``values`` repeated to a ``shape``, read-only.
+
+    Raises :class:`~granphon.base.errors.InputError`, with the argument's ``name``, for values that
+    cannot have this shape, and for a number that is not finite, or not in the range that ``low``
+    names; numbers are not checked if ``low`` is None.
     """
     numbers = real_array(name, values)
+    if numbers.size and low is not None:  # a lattice may have no balls or no contacts
+        numbers = finite_array(name, numbers, low=low)
     try:
         return read_only(np.broadcast_to(numbers, shape))
     except ValueError:
         problem = f"{name} has the shape {numbers.shape}"
         raise InputError(problem, mend=f"Give a number, or an array {shape}") from None
+
+
+def _read_vectors(name: str, vectors: ArrayLike) -> Array:
+    """Return ``vectors`` as an array (n, d).
+
+    Raises :class:`~granphon.base.errors.InputError`, with the argument's ``name``, for another
+    number of axes, and for a number that is not finite.
+    """
+    numbers = real_array(name, vectors)
+    if numbers.ndim != 2:
+        raise InputError(
+            f"{name} has the shape {numbers.shape}", mend="Give one vector in each row"
+        )
+    return finite_array(name, numbers) if numbers.size else numbers
 
 
 class Compatibility:
@@ -148,9 +166,10 @@ class Compatibility:
         forces act; 1/2 by default.
     turns_with_balls : whether tangential forces turn about the normals with the balls; they do not
         by default.
-    distance : (n_c,) distance r of the two centres; a tangential force turns with the line between
-        them. By default r is the length of the vector of the contact. So ``distance`` must be given
-        if tangential forces act and balls touch bodies that do not move.
+    distance : (n_c,) distance r of the two centres, infinite from a flat wall; a tangential force
+        turns with the line between the centres. By default r is the length of the vector of the
+        contact. So ``distance`` must be given if tangential forces act and balls touch bodies that
+        do not move.
     motions : motions of each ball; those of the plane by default. Rotations that no contact and no
         spring to the ground resists are left out.
     on_site : (n_g, motions) stiffness, k, of springs to the ground against u and w of the balls;
@@ -160,7 +179,9 @@ class Compatibility:
 
     Raises
     ------
-    InputError : a wrong shape, and a mass or a stiffness that is not above zero.
+    InputError : a wrong shape; a number other than ``distance`` that is not finite; a mass, a
+        radius of gyration or a stiffness that is not above zero; and a ratio of stiffnesses below
+        zero.
     """
 
     def __init__(
@@ -193,8 +214,14 @@ class Compatibility:
         """
         self.name = name
         self.on_site = on_site
-        self.cell: Array = read_only(real_array("cell", cell))
-        self.positions: Array = read_only(real_array("positions", positions))
+        self.cell: Array = read_only(_read_vectors("cell", cell))
+        self.positions: Array = read_only(_read_vectors("positions", positions))
+        p, d = self.cell.shape
+        if not p <= d == self.positions.shape[1]:
+            raise InputError(
+                f"cell has the shape {self.cell.shape}, and positions {self.positions.shape}",
+                "A cell (p, d) has p vectors of as many components d as the positions, p <= d",
+            )
         self.contacts = contacts
         self.mindlin_ratio = self._read_ratio("mindlin_ratio", mindlin_ratio)
         self.torsion = self._read_ratio("torsion", torsion)
@@ -204,25 +231,20 @@ class Compatibility:
             self.mindlin_ratio, self.torsion, self.bending, motions, on_site
         )
         of_contacts = (len(contacts),)
-        self.stiffness = _spread("stiffness", stiffness, of_contacts)
-        self.prestress = _spread("prestress", prestress, of_contacts)
-        self.tangential_force = _spread("tangential_force", tangential_force, contacts.normal.shape)
-        self.contact_torque = _spread("contact_torque", contact_torque, (len(contacts), 3))
-        self.tangential_growth = _spread("tangential_growth", tangential_growth, of_contacts)
-        self.lever_excesses = _spread("lever_excesses", lever_excesses, (2, len(contacts)))
-        self.slip_stretch = _spread("slip_stretch", slip_stretch, of_contacts)
-        self.arm_rates = _spread("arm_rates", arm_rates, of_contacts)
+        self.stiffness = _repeat("stiffness", stiffness, of_contacts, "above zero")
+        self.prestress = _repeat("prestress", prestress, of_contacts)
+        self.tangential_force = _repeat("tangential_force", tangential_force, contacts.normal.shape)
+        self.contact_torque = _repeat("contact_torque", contact_torque, (len(contacts), 3))
+        self.tangential_growth = _repeat("tangential_growth", tangential_growth, of_contacts)
+        self.lever_excesses = _repeat("lever_excesses", lever_excesses, (2, len(contacts)))
+        self.slip_stretch = _repeat("slip_stretch", slip_stretch, of_contacts)
+        self.arm_rates = _repeat("arm_rates", arm_rates, of_contacts)
         self.turns_with_balls = turns_with_balls
         if distance is None:
             distance = np.linalg.norm(contacts.vector, axis=1)
-        self.distance = _spread("distance", distance, of_contacts)
-        self.masses = _spread("masses", masses, (self.n_balls,))
-        self.gyration = _spread("gyration", gyration, (self.n_balls,))
-        if not (np.all(self.masses > 0.0) and np.all(self.stiffness > 0.0)):
-            raise InputError(
-                "a mass or a contact stiffness is not above zero",
-                mend="Leave such balls and contacts out",
-            )
+        self.distance = _repeat("distance", distance, of_contacts, None)
+        self.masses = _repeat("masses", masses, (self.n_balls,), "above zero")
+        self.gyration = _repeat("gyration", gyration, (self.n_balls,), "above zero")
 
     def _read_ratio(self, name: str, ratio: Any) -> float | Array:
         """Return a ``ratio`` of stiffnesses as a float, or as an array (n_c,) if it is an array.
@@ -233,8 +255,7 @@ class Compatibility:
         is_array = isinstance(ratio, np.ndarray) and ratio.ndim > 0
         if not is_array:
             return not_negative(name, ratio)
-        ratios = finite_array(name, ratio, low="zero or above") if ratio.size else ratio
-        return _spread(name, ratios, (len(self.contacts),))
+        return _repeat(name, ratio, (len(self.contacts),), "zero or above")
 
     # -- sizes -------------------------------------------------------------------------------------
 
@@ -417,16 +438,16 @@ class Compatibility:
         if is_flat and moves_across:
             if self.periods == 1:
                 arrangement = "straight chain"
-                place = "line"
+                line_or_plane = "line"
                 motions = "longitudinal"
             else:
                 arrangement = "flat layer"
-                place = "plane"
+                line_or_plane = "plane"
                 motions = "in_plane"
             why = (
                 f"Under pressure a {arrangement} of balls does so at any load: each contact pushes"
-                f" balls that leave the {place} farther out, with the stiffness -f/a, and nothing"
-                " else acts on long waves"
+                f" balls that leave the {line_or_plane} farther out, with the stiffness -f/a, and"
+                " nothing else acts on long waves"
             )
             mend = f"Use the motions {motions}, or {leave_out}"
         return InstabilityError(f"the lattice {self.name} buckles: {where}", why, mend)
@@ -476,7 +497,7 @@ class Compatibility:
         -------
         (n_q, n_rows, n_branches), or (n_q, p, n_rows, n_branches) for the gradient.
         """
-        waves = self._own_waves
+        waves = self._contact_waves
         rows = waves.compute_rows(as_wavevectors(wavevectors, self.periods), derivative)
         if not derivative:
             return rows
@@ -513,7 +534,7 @@ class Compatibility:
         elongation; kinds without stiffness are left out.
         """
         table = self.contacts
-        gyration = np.append(self.gyration, 1.0)  # the last stands for a body that does not move
+        gyration_i, gyration_j = self._end_gyration
         rows = contact_rows(
             table.normal,
             table.arm_i,
@@ -522,8 +543,8 @@ class Compatibility:
             slip=slip,
             twist=twist,
             roll=roll,
-            gyration_i=gyration[table.i],
-            gyration_j=gyration[table.j],
+            gyration_i=gyration_i,
+            gyration_j=gyration_j,
         )
         for row in rows:  # springs to the ground have none of these deformations
             row.head[self.n_between :] = 0.0
@@ -540,19 +561,25 @@ class Compatibility:
         if self.is_prestressed:
             rows += push_rows(table.normal, self.motions)
         if self.has_excesses:
-            rows += excess_rows(*self._of_excesses)
+            rows += excess_rows(*self._excess_arguments)
         if self.has_tangential_force and np.any(self.tangential_growth):
-            gyration = np.append(self.gyration, 1.0)
             rows += growth_rows(
                 _put_in_space(table.normal),
                 _put_in_space(self.tangential_force),
                 table.arm_i,
                 table.arm_j,
                 self.motions,
-                gyration[table.i],
-                gyration[table.j],
+                *self._end_gyration,
             )
         return rows
+
+    @cached_property
+    def _end_gyration(self) -> tuple[Array, Array]:
+        """Radii of gyration, d, of balls i, (n_c,), and of balls j, (n_c,); 1 for a body that does
+        not move.
+        """
+        gyration = np.append(self.gyration, 1.0)  # the last stands for a body that does not move
+        return gyration[self.contacts.i], gyration[self.contacts.j]
 
     @property
     def shifts(self) -> Array:
@@ -568,14 +595,17 @@ class Compatibility:
         return shifts.reshape(self.n_branches, count)
 
     @property
-    def _of_excesses(self) -> tuple[Any, ...]:
-        """The arguments of :func:`~granphon.dynamics.deformation_rows.excess_pairs`."""
+    def _excess_arguments(self) -> tuple[Any, ...]:
+        """The arguments of :func:`~granphon.dynamics.deformation_rows.excess_pairs`, in order."""
         table = self.contacts
-        gyration = np.append(self.gyration, 1.0)  # the last of a body that does not move
-        at_i, at_j = self.lever_excesses
-        radii = (gyration[table.i], gyration[table.j])
-        arms = (table.arm_i, table.arm_j)
-        return table.normal, arms, (at_i, at_j), self.slip_stretch, self.motions, radii
+        return (
+            table.normal,
+            (table.arm_i, table.arm_j),
+            tuple(self.lever_excesses),
+            self.slip_stretch,
+            self.motions,
+            self._end_gyration,
+        )
 
     @cached_property
     def static_rows(self) -> list[tuple[Row, Array]]:
@@ -583,40 +613,48 @@ class Compatibility:
 
         Displacements across a contact with the normal force f and the distance a of its centres
         have the stiffness -f/a. A tangential force acts by three products of two rows, by one more
-        if it grows with the overlap, and by one more if it turns about the normal; a torque acts by
-        three; slip by levers that exceed the arms acts by a product for each tangent. Each product
-        is written as a difference of two squares, that is, by two rows.
+        if the force grows with the overlap, and by one more if the force turns about the normal; a
+        torque acts by three; slip by levers that exceed the arms acts by a product for each
+        tangent. Each product is written as a difference of two squares, that is, by two rows.
         """
-        table = self.contacts
-        pushes = [(row, -self.prestress) for row in push_rows(table.normal, self.motions)]
+        normal = self.contacts.normal
+        rows = [(row, -self.prestress) for row in push_rows(normal, self.motions)]
         if self.has_excesses:
             slip_stiffness = self.mindlin_ratio * self.stiffness
-            excesses = split_pairs(excess_pairs(*self._of_excesses))
-            pushes += [(row, sign * slip_stiffness) for row, sign in excesses]
-        gyration = np.append(self.gyration, 1.0)  # the last stands for a body that does not move
+            pairs = excess_pairs(*self._excess_arguments)
+            rows += [(row, sign * slip_stiffness) for row, sign in split_pairs(pairs)]
+        # rows of torques and tangential forces of size one: the size becomes the stiffness
         if self.has_torque:
-            ends = gyration[table.i], gyration[table.j]
-            unit_torque, size = _split_size(self.contact_torque)
-            pairs = torque_pairs(table.normal, unit_torque, self.distance, self.motions, ends)
-            pushes += [(row, sign * size) for row, sign in split_pairs(pairs)]
-        if not self.has_tangential_force:
-            return pushes
-        tangent, size = _split_size(_put_in_space(self.tangential_force))
-        # rows of tangential forces of size one; the size becomes the stiffness
-        pairs = carry_rows(
+            unit_torque, size = _split_lengths(self.contact_torque)
+            pairs = torque_pairs(
+                normal, unit_torque, self.distance, self.motions, self._end_gyration
+            )
+            rows += [(row, sign * size) for row, sign in split_pairs(pairs)]
+        if self.has_tangential_force:
+            unit_force, size = _split_lengths(_put_in_space(self.tangential_force))
+            pairs = self._carry_unit_force(unit_force)
+            rows += [(row, sign * size) for row, sign in split_pairs(pairs)]
+        return rows
+
+    def _carry_unit_force(self, unit_force: Array) -> list[tuple[Row, Row]]:
+        """Return the pairs of rows of :func:`~granphon.dynamics.deformation_rows.carry_rows` of
+        tangential forces of size one, ``unit_force`` (n_c, 3).
+        """
+        table = self.contacts
+        gyration_i, gyration_j = self._end_gyration
+        return carry_rows(
             _put_in_space(table.normal),
-            tangent,
+            unit_force,
             self.distance,
             table.arm_i,
             table.arm_j,
             self.motions,
-            gyration_i=gyration[table.i],
-            gyration_j=gyration[table.j],
+            gyration_i=gyration_i,
+            gyration_j=gyration_j,
             growth=self.tangential_growth,
             arm_rates=self.arm_rates,
             turns=self.turns_with_balls,
         )
-        return pushes + [(row, sign * size) for row, sign in split_pairs(pairs)]
 
     def _weight_rows(self, prestress: bool = False) -> tuple[list[Row], Array]:
         """Return :attr:`rows`, and the square roots (kinds, n_c) of their stiffnesses, k^1/2.
@@ -685,7 +723,7 @@ class Compatibility:
         return WaveRows(odd.real.copy(), even.real.copy(), half)
 
     @cached_property
-    def _own_waves(self) -> WaveRows:
+    def _contact_waves(self) -> WaveRows:
         """Rows of C(q), one for each deformation of each contact."""
         return self._make_waves()
 
@@ -771,11 +809,13 @@ class Compatibility:
         images = np.where(is_straight, straight, _look_up(numbers, j, i, -shift))
         if np.any(images < 0) or np.any(images[images] != np.arange(len(table))):
             return None
-        if self._keep_properties(images, is_straight):
+        if self._have_equal_properties(images, is_straight):
             return images
         return None
 
-    def _keep_properties(self, images: NDArray[np.intp], is_straight: NDArray[np.bool_]) -> bool:
+    def _have_equal_properties(
+        self, images: NDArray[np.intp], is_straight: NDArray[np.bool_]
+    ) -> bool:
         """Return whether the image of each contact has the same stiffnesses, arms, forces and
         vectors, but for rounding.
 
@@ -787,25 +827,22 @@ class Compatibility:
             np.broadcast_to(ratio, len(table))
             for ratio in (self.mindlin_ratio, self.torsion, self.bending)
         ]
-        scalars = np.column_stack(
+        scalars = np.array(
             [
-                table.arm_i,
-                table.arm_j,
                 self.stiffness,
                 self.prestress,
-                *self.lever_excesses,
                 self.slip_stretch,
                 self.arm_rates,
                 self.tangential_growth,
                 *ratios,
             ]
         )
-        # what belongs to the ends is exchanged where the image is straight
-        swapped = scalars.copy()
-        for at_i, at_j in ((0, 1), (4, 5)):
-            swapped[is_straight, at_i] = scalars[is_straight, at_j]
-            swapped[is_straight, at_j] = scalars[is_straight, at_i]
-        if np.any(np.abs(swapped[images] - scalars) > _ROUNDED_AT_REST * np.abs(scalars)):
+        if np.any(np.abs(scalars[:, images] - scalars) > _ROUNDED_AT_REST * np.abs(scalars)):
+            return False
+        # what belongs to the ends i and j, (2, 2, n_c), is exchanged where the image is straight
+        ends = np.array([(table.arm_i, table.arm_j), self.lever_excesses])
+        image_ends = np.where(is_straight, ends[:, ::-1, images], ends[:, :, images])
+        if np.any(np.abs(image_ends - ends) > _ROUNDED_AT_REST * np.abs(ends)):
             return False
         # a straight image has the same vectors, and any other the opposite ones; centres are
         # rounded in proportion to their distance from the origin
@@ -890,7 +927,7 @@ class Compatibility:
 
     @cached_property
     def _pushing(self) -> WaveRows:
-        """The same of the rows on which static forces act."""
+        """Rows on which static forces act, real where those of :attr:`_deforming` are."""
         return self._make_real_waves(prestress=True)
 
     @cached_property
@@ -904,8 +941,8 @@ class Compatibility:
 
     @cached_property
     def _push_signs(self) -> Array:
-        """(kinds, n_c) the same signs for the rows of :attr:`_pushing`, where the row of an image
-        belongs to the contact whose image it is.
+        """(kinds, n_c) signs of the rows of :attr:`_pushing`: those of :attr:`static_signs`, where
+        the row of an image has the sign of the contact whose image it is.
         """
         return self.static_signs[:, self._wave_contacts]
 
@@ -917,9 +954,9 @@ class Compatibility:
         rows = self._deforming.compute_rows(q)
         matrix = rows.conj().swapaxes(1, 2) @ rows
         if self.is_prestressed:
-            across = self._pushing.compute_rows(q)
+            push_rows_at_q = self._pushing.compute_rows(q)
             signs = self._push_signs.reshape(-1, 1)
-            matrix = matrix - across.conj().swapaxes(1, 2) @ (signs * across)
+            matrix = matrix - push_rows_at_q.conj().swapaxes(1, 2) @ (signs * push_rows_at_q)
         return np.asarray(matrix)
 
     def damped_matrices(
@@ -957,11 +994,12 @@ class Compatibility:
 
     def dynamical_matrix(self, wavevectors: ArrayLike) -> NDArray[np.complex128]:
         """Return the Hermitian D(q) = M^-1/2 C^H K C M^-1/2, (n_q, n_branches, n_branches), in
-        units of k/M.
+        units of k/M, with the effect of static forces if there are any.
 
         Rows and columns are the motions, (x, y, w) in the plane, of the first ball, then those of
         the second, and so on. Phases are taken at the positions of the balls, as in phonopy.
-        ``wavevectors`` (n_q, p) are in 1/d.
+        ``wavevectors`` (n_q, p) are in 1/d; another shape raises
+        :class:`~granphon.base.errors.InputError`.
         """
         return np.asarray(
             self._to_balls @ self._compute_frame_matrix(wavevectors) @ self._to_balls.conj().T
@@ -981,20 +1019,28 @@ class Compatibility:
         normal_force : (n_c,) compressive forces, over k d.
         radii : (n,) radii of the balls, over d.
         fields : further fields of the network, or other values of its ``motions``, ``prestress``,
-            ``pbc``, ``positions`` and ``tangential_force``.
+            ``pbc``, ``positions`` and ``tangential_force``. How tangential forces and levers of
+            slip change follows from fields of the network, and not from this lattice.
+
+        Raises
+        ------
+        InputError : balls touch bodies that do not move, or springs to the ground hold balls: the
+            network would lack these. Also a wrong shape, and what the network refuses.
         """
         table = self.contacts
+        if np.any(table.j == self.n_balls):
+            raise InputError(
+                "the lattice has contacts with bodies that do not move, or with the ground",
+                "Its balls alone are no network that holds those contacts",
+                "Use the network that the lattice was made from",
+            )
         d = units.length
         p = self.periods
         count = len(self.contacts)
         # networks have three components also in the plane
         cell = np.zeros((3, 3))
-        positions = np.zeros((self.n_balls, 3))
-        normal = np.zeros((count, 3))
         shift = np.zeros((count, 3), np.intp)
         cell[:p, : self.dimension] = d * self.cell
-        positions[:, : self.dimension] = d * self.positions
-        normal[:, : table.normal.shape[1]] = table.normal
         shift[:, :p] = table.shift
         masses = units.mass * self.masses
         spring = units.stiffness * self.stiffness
@@ -1002,24 +1048,22 @@ class Compatibility:
             "motions": self.named_motions.name,
             "prestress": self.is_prestressed,
             "pbc": (p > 0, p > 1, p > 2),
-            "positions": positions,
+            "positions": d * _put_in_space(self.positions),
         }
         if self.is_prestressed:
-            across = np.zeros((count, 3))
-            across[:, : self.tangential_force.shape[1]] = units.force * self.tangential_force
-            defaults["tangential_force"] = across
+            defaults["tangential_force"] = units.force * _put_in_space(self.tangential_force)
             if np.any(self.contact_torque):
                 defaults["contact_torque"] = units.force * units.length * self.contact_torque
         return ContactNetwork(
             cell=cell,
-            radii=d * np.broadcast_to(radii, self.n_balls),
+            radii=d * _repeat("radii", radii, (self.n_balls,)),
             masses=masses,
             inertias=masses * (d * self.gyration) ** 2,
             i=table.i,
             j=table.j,
             shift=shift,
-            normal=normal,
-            normal_force=units.stiffness * d * np.broadcast_to(normal_force, count),
+            normal=_put_in_space(table.normal),
+            normal_force=units.force * _repeat("normal_force", normal_force, (count,)),
             normal_stiffness=spring,
             shear_stiffness=self.mindlin_ratio * spring,
             torsion_stiffness=self.torsion * d * d * spring,
@@ -1031,14 +1075,14 @@ class Compatibility:
         )
 
 
-def _split_size(vectors: Array) -> tuple[Array, Array]:
-    """Return the unit vectors (n, 3) along ``vectors`` (n, 3), zero where these are, and the
-    lengths (n,) of these.
+def _split_lengths(vectors: Array) -> tuple[Array, Array]:
+    """Return the unit vectors (n, 3) along ``vectors`` (n, 3), zero for a vector of length zero,
+    and the lengths (n,) of the vectors.
     """
-    size = np.linalg.norm(vectors, axis=1)
-    has_size = size[:, None] > 0.0
-    units = np.divide(vectors, size[:, None], out=np.zeros_like(vectors), where=has_size)
-    return units, size
+    length = np.linalg.norm(vectors, axis=1)
+    has_length = length[:, None] > 0.0
+    units = np.divide(vectors, length[:, None], out=np.zeros_like(vectors), where=has_length)
+    return units, length
 
 
 def _look_up(

@@ -12,7 +12,7 @@ import itertools
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -84,7 +84,7 @@ class Modes(Result):
     longitudinal_fraction : (n_q, n_branches), the part of the kinetic energy that moves along q (at
         Gamma, along the given direction).
     out_of_plane_fraction : (n_q, n_branches), the part of the kinetic energy that moves across a
-        plane of balls; 0 on a line and in space. The transverse part is the rest.
+        plane of balls; 0 on a line and in space.
     """
 
     wavevectors: Array = held(float, "q p", "1/d", "finite")
@@ -101,7 +101,7 @@ class Modes(Result):
         plane, within it.
         """
         total = self.rotational_fraction + self.longitudinal_fraction + self.out_of_plane_fraction
-        return np.clip(1.0 - total, 0.0, 1.0)
+        return np.clip(1.0 - total, 0.0, 1.0)  # rounding may leave this range
 
 
 class ContactLattice(LongWaves):
@@ -214,55 +214,22 @@ class ContactLattice(LongWaves):
     def _make_of_network(cls, network: ContactNetwork) -> Self:
         """Return a new lattice of a ``network``, as :meth:`from_network` describes it."""
         network.require_rest()
-        axes = np.flatnonzero(network.pbc)
-        dimension = network.dimension
-        if not axes.size:
+        if not any(network.pbc):
             raise InputError(
                 "the network repeats along no axis",
                 "Bands and sound are those of balls that repeat without end",
                 "Use gp.Waves, or give pbc and a cell",
             )
+        contacts = _LatticeContacts.of(network)
+        cell = contacts.turn(network.cell[contacts.periodic_axes])
+        cell[:, len(cell) :] = 0.0  # rounding alone, as the periods lie along the first axes
         moving = network.moving
         units = network.scales
-        kept = np.flatnonzero(network.in_lattice)
-        # of a contact with a body that does not move, ball i is the one that moves
-        is_swapped = ~moving[network.i[kept]]
-        is_held = is_swapped | ~moving[network.j[kept]]
-        turn = find_axes(network.cell[axes, :dimension])
-
-        def turn_frame(vectors: Array) -> Array:
-            """Return the components (n, dimension) of ``vectors`` (n, 3) along the lattice's
-            axes.
-            """
-            return np.asarray(vectors[:, :dimension] @ turn.T)
-
-        cell = turn_frame(network.cell[axes])
-        cell[:, axes.size :] = 0.0  # rounding alone, as the periods lie along the first axes
-        normal = turn_frame(network.normal[kept])
-        normal[is_swapped] *= -1.0
-        vector = turn_frame(network.vector[kept])
-        vector[is_held] = 0.0  # a body that does not move has no phase; Compatibility requires zero
-        prestress: Any = 0.0
-        tangential_force = np.zeros((len(kept), 3))
-        if network.prestress:
-            pushes, forces = network.static_forces
-            prestress = pushes[kept] / network.distance[kept] / units.stiffness
-            tangential_force = forces[kept]
-        across = turn_frame(tangential_force)
-        across[is_swapped] *= -1.0
-        torque = np.zeros((len(kept), 3))
-        if network.prestress and network.contact_torque is not None and dimension == 3:
-            torque = turn_frame(network.contact_torque[kept])
-            torque[is_swapped] *= -1.0
-        excesses = np.zeros((2, len(kept)))
-        if network.lever_excesses is not None:
-            excesses[:] = [of_end[kept] for of_end in network.lever_excesses]
-            excesses[:, is_swapped] = excesses[::-1, is_swapped]
-        spring = network.normal_stiffness[kept]
-        rotational = spring * units.length**2
-        motions = allowed_motions(dimension)[network.motions]
-        table = _tabulate_contacts(network, kept, normal, vector)
-        anchored, springs = _find_springs(network, turn, motions)
+        numbers = contacts.numbers
+        normal_stiffness = network.normal_stiffness[numbers]
+        rotational = normal_stiffness * units.length**2
+        motions = allowed_motions(network.dimension)[network.motions]
+        anchored, springs = _find_springs(network, contacts.axes, motions)
 
         def extend(values: Array, of_spring: float = 0.0) -> Array:
             """Return ``values`` (n_c, ...) of contacts, followed by one value, ``of_spring``, for
@@ -270,28 +237,33 @@ class ContactLattice(LongWaves):
             """
             return np.concatenate([values, np.full((len(anchored), *values.shape[1:]), of_spring)])
 
+        static_fields: dict[str, Any] = {}
+        if network.prestress:
+            static_fields = {
+                "prestress": extend(contacts.find_prestress()),
+                "tangential_force": extend(contacts.find_tangential_forces()),
+                "contact_torque": extend(contacts.find_torques()),
+            }
         return cls(
             cell / units.length,
-            turn_frame(network.positions[moving]) / units.length,
-            _add_springs(table, anchored, int(np.count_nonzero(moving))),
-            extend(network.shear_stiffness[kept] / spring),
-            stiffness=extend(spring / units.stiffness, 1.0),
-            prestress=extend(prestress) if network.prestress else 0.0,
+            contacts.turn(network.positions[moving]) / units.length,
+            _add_springs(contacts.tabulate(), anchored, int(np.count_nonzero(moving))),
+            extend(network.shear_stiffness[numbers] / normal_stiffness),
+            stiffness=extend(normal_stiffness / units.stiffness, 1.0),
             masses=network.masses[moving] / units.mass,
             gyration=find_gyration(network)[moving] / units.length,
-            torsion=extend(network.torsion_stiffness[kept] / rotational),
-            bending=extend(network.bending_stiffness[kept] / rotational),
-            tangential_force=extend(across / units.force),
-            contact_torque=extend(torque / (units.force * units.length)),
-            tangential_growth=extend(network.tangential_growth[kept] * units.length),
-            lever_excesses=np.array([extend(of_end / units.length) for of_end in excesses]),
-            slip_stretch=extend(network.slip_stretch[kept]),
-            arm_rates=extend(network.arm_rates[kept]),
+            torsion=extend(network.torsion_stiffness[numbers] / rotational),
+            bending=extend(network.bending_stiffness[numbers] / rotational),
+            tangential_growth=extend(network.tangential_growth[numbers] * units.length),
+            lever_excesses=np.array([extend(at_end) for at_end in contacts.find_excesses()]),
+            slip_stretch=extend(network.slip_stretch[numbers]),
+            arm_rates=extend(network.arm_rates[numbers]),
             turns_with_balls=network.turns_with_balls,
-            distance=extend(network.distance[kept] / units.length, 1.0),
+            distance=extend(network.distance[numbers] / units.length, 1.0),
             motions=motions,
             on_site=springs if len(anchored) else None,
             name="of this network",
+            **static_fields,
         )
 
     # -- vibrations --------------------------------------------------------------------------------
@@ -303,28 +275,31 @@ class ContactLattice(LongWaves):
         ``wavevectors`` are (n_q, p), 1/d. Frequencies of branches that vanish at every q, and of
         modes that vanish at one q, are exactly zero.
 
-        Raises :class:`~granphon.base.errors.InstabilityError` if prestress makes a squared
-        frequency negative.
+        Raises :class:`~granphon.base.errors.InputError` for a wave vector of another shape or not
+        finite, and where results do not fit into memory;
+        :class:`~granphon.base.errors.PrecisionError` for a wave vector too far from Gamma; and
+        :class:`~granphon.base.errors.InstabilityError` if prestress makes a squared frequency
+        negative.
         """
         q, _ = self._fold(wavevectors)
-        self._require_room(len(q), 1)
-        omega = np.concatenate(self._share_out(lambda part: self._solve(q[part]), len(q)))
-        # very close to Gamma the deformations of contacts are less than rounding. Frequencies are
-        # found a little farther out, and follow from those by their powers of |q|
-        is_faint = _is_faint(q)
-        if np.any(is_faint):
-            near = _NEAR_GAMMA * as_direction(q[is_faint], self.periods)
+        self._require_memory_of_results(len(q), 1)
+        omega = np.concatenate(self._share_out(lambda points: self._solve(q[points]), len(q)))
+        # almost at Gamma powers of the deformations of contacts would underflow. Frequencies are
+        # found farther out, and follow from those by their powers of |q|
+        is_almost_gamma = _is_almost_gamma(q)
+        if np.any(is_almost_gamma):
+            near = _NEAR_GAMMA * as_direction(q[is_almost_gamma], self.periods)
             modes = self._solve_with_velocities(near, near / _NEAR_GAMMA)
-            omega[is_faint] = _follow_powers(q[is_faint], near, *modes)[0]
+            omega[is_almost_gamma] = _follow_powers(q[is_almost_gamma], near, *modes)[0]
         return omega
 
     @cached_property
     def top_frequency(self) -> float:
         """Highest frequency of all branches, (k/M)^1/2, on a coarse mesh of wave vectors.
 
-        The mesh of a cell of up to 200 balls contains Gamma, K, M and X. It is coarser for a larger
-        cell, because each point of its zone stands for many points of the zone of a small cell. For
-        more than 200 balls it is Gamma alone.
+        The mesh of a cell of up to 200 balls contains Gamma, K, M and X. The mesh of a larger cell
+        is coarser, because each point of its zone stands for many points of the zone of a small
+        cell. For more than 200 balls the mesh is Gamma alone.
         """
         if self.n_balls <= _FEW_BALLS:
             fractions = np.arange(12) / 12.0
@@ -347,13 +322,25 @@ class ContactLattice(LongWaves):
 
         Raises
         ------
-        InputError : q is Gamma and no direction is given: sound has no velocity without one.
+        InputError : a wave vector is Gamma and no direction is given, as sound has no velocity
+            without one; there is no wave vector, or one of a wrong shape; or the results do not fit
+            into memory.
+        PrecisionError : a wave vector is too far from Gamma.
         InstabilityError : prestress makes a squared frequency negative.
         """
         q = as_wavevectors(wavevectors, self.periods)
-        self._require_room(len(q), self.n_branches)
+        if not len(q):
+            raise InputError("there is no wave vector", mend="Give at least one")
+        self._require_memory_of_results(len(q), self.n_branches)
         if direction is not None:
-            along = np.broadcast_to(as_direction(direction, self.periods), q.shape)
+            along = as_direction(direction, self.periods)
+            if along.ndim == 2 and len(along) not in (1, len(q)):
+                raise InputError(
+                    f"direction has the shape {along.shape}",
+                    f"There are {len(q)} wave vectors",
+                    "Give one direction, or one for each wave vector",
+                )
+            along = np.broadcast_to(along, q.shape)
         elif np.all(np.any(q != 0.0, axis=1)):
             along = as_direction(q, self.periods)
         else:
@@ -362,13 +349,13 @@ class ContactLattice(LongWaves):
                 "Group velocities there depend on it",
                 "Give direction",
             )
-        parts = self._share_out(lambda part: self._find_modes(q[part], along[part]), len(q))
+        parts = self._share_out(lambda points: self._find_modes(q[points], along[points]), len(q))
         return Modes(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
     def find_onset(self, direction: ArrayLike) -> tuple[Array, Array]:
-        """Return the frequencies (n_branches,) at Gamma, (k/M)^1/2, ascending, and the curvatures
-        (n_branches,) d^2 omega/dq^2, d^2 (k/M)^1/2, of the branches beside Gamma, along a
-        ``direction`` (p,).
+        """Return the frequencies omega (n_branches,) at Gamma, (k/M)^1/2, ascending, and the second
+        derivatives (n_branches,) of omega with respect to q, in units of the square of d times
+        (k/M)^1/2, of the branches beside Gamma, along a ``direction`` (p,).
 
         The curvature of a branch that begins above zero follows from the first two derivatives of
         omega^2; that of a branch that begins at zero is the derivative of its group velocity v. A
@@ -385,10 +372,11 @@ class ContactLattice(LongWaves):
         slopes = np.where(begins_above_zero, 2.0 * modes.frequencies * velocities, velocities)
         # the first two coefficients of the cubic: the slope at Gamma, and its derivative
         slope, bend, *_ = np.linalg.solve(np.vander(lengths, increasing=True), slopes)
-        # omega'' = (omega^2)''/(2 omega) - omega'^2/omega, with omega' = (omega^2)'/(2 omega)
-        doubled = np.where(begins_above_zero, 2.0 * at_gamma, 1.0)
-        steepness = np.where(begins_above_zero, slope / doubled, 0.0)
-        return at_gamma, bend / doubled - steepness**2 / doubled * 2.0
+        # omega'' = (omega^2)''/(2 omega) - omega'^2/omega, with omega' = (omega^2)'/(2 omega); of a
+        # branch that begins at zero, omega'' = v'
+        twice_omega = np.where(begins_above_zero, 2.0 * at_gamma, 1.0)
+        first_derivative = np.where(begins_above_zero, slope / twice_omega, 0.0)
+        return at_gamma, bend / twice_omega - first_derivative**2 / twice_omega * 2.0
 
     def require_rigid(self, units: Units | None = None) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if springs to the ground hold the balls,
@@ -444,13 +432,16 @@ class ContactLattice(LongWaves):
         frame = np.eye(self.dimension) if axes is None else axes
         turn = turn_motions(self.motions, frame)
         parts = self._share_out(
-            lambda part: self._measure_modes(q[part], branches[part], turn), len(q)
+            lambda points: self._measure_modes(q[points], branches[points], turn), len(q)
         )
         frequencies, degenerate, squares, motions = zip(*parts, strict=True)
         return ModeEnergies(
             np.concatenate(frequencies),
             np.concatenate(degenerate),
-            {name: np.concatenate([part[name] for part in squares]) for name in squares[0]},
+            {
+                name: np.concatenate([of_points[name] for of_points in squares])
+                for name in squares[0]
+            },
             np.concatenate(motions),
         )
 
@@ -458,47 +449,41 @@ class ContactLattice(LongWaves):
         """Return the energies of the modes of ``branches`` (n_q, b) at a few wave vectors q
         (n_q, p), 1/d; those of modes with one frequency are their means.
 
-        ``turn`` (motions, motions) takes the motions of each ball to those along the axes that are
-        asked for.
+        ``turn`` (motions, motions) takes the motions of each ball to motions along the axes of
+        :meth:`mode_energies`.
         """
         from granphon.dynamics.sensitivities import ModeEnergies, average_equal, number_equal
 
         frequencies, vectors = self._find_vectors(q)
         # modes of one frequency are a group; all modes of the groups of the branches are needed
         groups = number_equal(frequencies)
-        chosen = np.take_along_axis(groups, branches, axis=1)
-        is_needed = [
-            np.isin(groups_at_q, chosen_at_q)
-            for groups_at_q, chosen_at_q in zip(groups, chosen, strict=True)
-        ]
+        group_of_branch = np.take_along_axis(groups, branches, axis=1)
+        is_needed = [np.isin(*pair) for pair in zip(groups, group_of_branch, strict=True)]
         columns = np.flatnonzero(np.any(is_needed, axis=0))
-        kept = vectors[:, :, columns]
-        squares = self._square_deformations(q, kept)
-        by_ball = kept.reshape(len(q), self.n_balls, self.motions.count, -1)
+        groups_of_columns = groups[:, columns]
+        needed_vectors = vectors[:, :, columns]
+        squares = self._square_deformations(q, needed_vectors)
+        by_ball = needed_vectors.reshape(len(q), self.n_balls, self.motions.count, -1)
         motions = np.abs(turn @ by_ball) ** 2
-
-        # number of modes in the group of each branch
-        sizes = [
-            np.bincount(groups_at_q)[chosen_at_q]
-            for groups_at_q, chosen_at_q in zip(groups, chosen, strict=True)
+        n_equal = [
+            np.bincount(groups_at_q)[of_branches]
+            for groups_at_q, of_branches in zip(groups, group_of_branch, strict=True)
         ]
-        is_degenerate = np.reshape(sizes, chosen.shape) > 1
-        column_of_branch = np.searchsorted(columns, branches)
-        are_in_order = column_of_branch.shape[1] == len(columns) and np.all(
-            column_of_branch == np.arange(len(columns))
-        )
+        is_degenerate = np.reshape(n_equal, branches.shape) > 1
+        # without degenerate branches, and with the branches in the order of the columns, the values
+        # of the columns are those of the branches
+        are_columns = branches.shape[1] == len(columns) and np.all(branches == columns)
+        is_plain = are_columns and not np.any(is_degenerate)
 
         def average(values: Array) -> Array:
             """Return (n_q, b, ...), for each branch the mean over its group of ``values``
             (n_q, ..., m), where m counts the columns.
             """
-            if are_in_order and not np.any(is_degenerate):
+            if is_plain:
                 return np.moveaxis(values, -1, 1)
             means = [
-                average_equal(values_at_q, groups_at_q[columns], chosen_at_q)
-                for values_at_q, groups_at_q, chosen_at_q in zip(
-                    values, groups, chosen, strict=True
-                )
+                average_equal(*at_q)
+                for at_q in zip(values, groups_of_columns, group_of_branch, strict=True)
             ]
             return np.moveaxis(np.reshape(means, (*values.shape[:-1], branches.shape[1])), -1, 1)
 
@@ -511,23 +496,29 @@ class ContactLattice(LongWaves):
 
     def _find_vectors(self, q: Array) -> tuple[Array, Complex]:
         """Return frequencies (n_q, n_branches) and eigenvectors (n_q, n_branches, n_branches), as
-        columns, at a few wave vectors q (n_q, p), 1/d.
+        columns, at a few wave vectors q (n_q, p), 1/d; n_q is one for large cells.
         """
-        is_limit = np.all(q == 0.0, axis=1) | _is_faint(q)
+        is_limit = np.all(q == 0.0, axis=1) | _is_almost_gamma(q)
         if self._large is not None and not np.any(is_limit):
             # large cells are solved at one wave vector at a time, the equivalent one near Gamma
             folded, copies = self._fold(q)
             modes = self._large.solve_modes(folded[0])
             if modes is not None:
                 frequencies, vectors = modes
-                # the phase of a displacement is that of the wave vector that was asked for
-                phase = np.exp(-1j * (copies @ self.positions[:, : self.periods].T))
-                in_phase = np.repeat(phase[0], self.motions.count)[:, None] * vectors
+                phase = self._find_copy_phases(copies)[0]
+                in_phase = np.repeat(phase, self.motions.count)[:, None] * vectors
                 return frequencies[None], in_phase[None]
         # any basis of the modes of one frequency will do, and so any path
         along = np.broadcast_to(np.eye(self.periods)[0], q.shape)
         _, frequencies, vectors, *_ = self._find_modes(q, along)
         return frequencies, vectors
+
+    def _find_copy_phases(self, copies: Array) -> Complex:
+        """Return the factors (n_q, n_balls) that take displacements of balls at a folded wave
+        vector to those at the wave vector that was folded, by the sums ``copies`` (n_q, p) of
+        reciprocal vectors, 1/d, that :meth:`_fold` subtracted.
+        """
+        return np.asarray(np.exp(-1j * (copies @ self.positions[:, : self.periods].T)))
 
     def _square_deformations(self, q: Array, vectors: Complex) -> dict[str, Array]:
         """Return a dictionary of the squares (n_q, n_c, m) of the deformations of contacts, by the
@@ -541,7 +532,7 @@ class ContactLattice(LongWaves):
         count = len(self.contacts)
         head, tail = compose_ends(self, rows, np.ones((len(rows), count)))
         if len(q) == 1:
-            flat_squares = self._square_by_blocks(q[0], head, tail, vectors[0])
+            flat_squares = self._square_at_wavevector(q[0], head, tail, vectors[0])
             sums_by_kind = sum_kinds(rows, flat_squares)
             return {name: sums[None, : self.n_between] for name, sums in sums_by_kind.items()}
         # one product for all wave vectors: the columns of `flat` are the modes at all of them. The
@@ -557,31 +548,32 @@ class ContactLattice(LongWaves):
         by_kind = sum_kinds(rows, squares)
         return {name: sums[: self.n_between].swapaxes(0, 1) for name, sums in by_kind.items()}
 
-    def _square_by_blocks(self, q: Array, head: Any, tail: Any, vectors: Complex) -> Array:
+    def _square_at_wavevector(self, q: Array, head: Any, tail: Any, vectors: Complex) -> Array:
         """Return the squares (kinds * n_c, m) of the deformations in modes with the ``vectors``
         (n_branches, m) at one wave vector q (p,).
 
         ``head`` and ``tail``, sparse matrices (kinds * n_c, n_branches), are the effects of the two
-        ends of each contact. The modes are multiplied :data:`_MODES_AT_ONCE` at a time, which stay
-        in the cache of the processor.
+        ends of each contact. :data:`_MODES_AT_ONCE` modes are multiplied at a time, so that they
+        stay in the cache of the processor.
         """
         phase = np.exp(-1j * (self.contacts.vector[:, : self.periods] @ q))
         by_row = np.tile(phase, head.shape[0] // len(phase))
         matrix = (head - tail.multiply(by_row[:, None])).tocsr()
         squares = np.empty((head.shape[0], vectors.shape[1]))
         for first in range(0, vectors.shape[1], _MODES_AT_ONCE):
-            block = slice(first, first + _MODES_AT_ONCE)
-            deformations = matrix @ np.ascontiguousarray(vectors[:, block])
-            squares[:, block] = deformations.real**2 + deformations.imag**2
+            columns = slice(first, first + _MODES_AT_ONCE)
+            deformations = matrix @ np.ascontiguousarray(vectors[:, columns])
+            squares[:, columns] = deformations.real**2 + deformations.imag**2
         return squares
 
-    def _require_room(self, points: int, numbers: int) -> None:
+    def _require_memory_of_results(self, points: int, numbers: int) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if results at ``points`` wave vectors do
         not fit into memory.
 
-        ``numbers`` is how many numbers are kept of each branch: 1 for the frequency alone, else
-        those of its eigenvector.
+        ``numbers`` is how many numbers a result holds of each branch: 1 for the frequency alone,
+        else the length of its eigenvector.
         """
+        # a frequency and the array in which it is found; three copies of complex eigenvectors
         bytes_per_number = 16.0 if numbers == 1 else 48.0
         require_memory(
             f"{self.n_branches:,} branches at {points:,} wave vectors",
@@ -597,12 +589,12 @@ class ContactLattice(LongWaves):
         q, copies = self._fold(requested)
         # modes at Gamma are limits along the direction, and modes very near Gamma limits along q
         at_gamma = np.all(q == 0.0, axis=1)
-        is_faint = _is_faint(q)
+        is_almost_gamma = _is_almost_gamma(q)
         near = np.where(at_gamma[:, None], _NEAR_GAMMA * along, q)
-        if np.any(is_faint):
-            near[is_faint] = _NEAR_GAMMA * as_direction(q[is_faint], self.periods)
+        if np.any(is_almost_gamma):
+            near[is_almost_gamma] = _NEAR_GAMMA * as_direction(q[is_almost_gamma], self.periods)
         frequencies, vectors, velocities = self._solve_with_velocities(near, along)
-        is_limit = at_gamma | is_faint
+        is_limit = at_gamma | is_almost_gamma
         if np.any(is_limit):
             frequencies[is_limit], vectors[is_limit], velocities[is_limit] = _follow_powers(
                 q[is_limit],
@@ -611,10 +603,8 @@ class ContactLattice(LongWaves):
                 vectors[is_limit],
                 velocities[is_limit],
             )
-        # the phase of a displacement is that of the requested wave vector
-        phase = np.exp(-1j * (copies @ self.positions[:, : self.periods].T))
         by_ball = vectors.reshape(len(q), self.n_balls, self.motions.count, self.n_branches)
-        motion = by_ball * phase[:, :, None, None]
+        motion = by_ball * self._find_copy_phases(copies)[:, :, None, None]
         wave_direction = np.where(at_gamma[:, None], along, requested)
         energy_parts = self._split_energy(motion, as_direction(wave_direction, self.periods))
         eigenvectors = motion.reshape(len(q), self.n_branches, self.n_branches)
@@ -633,6 +623,7 @@ class ContactLattice(LongWaves):
         direction_in_space[:, : self.periods] = direction
         displacement = motion[:, :, self.motions.translating]
         axes = list(self.motions.translations)
+        # component along the direction of each ball i in each branch b: the sum over the axes a
         parallel = np.einsum("qiab,qa->qib", displacement, direction_in_space[:, axes])
         longitudinal = (np.abs(parallel) ** 2).sum(axis=1)
         out_of_plane = np.zeros_like(rotation)
@@ -642,11 +633,11 @@ class ContactLattice(LongWaves):
 
     def _solve(self, q: Array) -> Array:
         """Return frequencies (n_q, n_branches), (k/M)^1/2, ascending, at wave vectors q (n_q, p),
-        1/d; n_q is one for large cells.
+        1/d; n_q is one at most for large cells.
 
         Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
         """
-        if self._large is not None:
+        if self._large is not None and len(q) == 1:
             frequencies = self._large.find_frequencies(q[0])
             if frequencies is not None:
                 return frequencies[None]
@@ -714,13 +705,12 @@ class ContactLattice(LongWaves):
         short that C(q) has no more than :data:`_ENTRIES` entries.
 
         Wave vectors of large cells are shared out to all processors, one by one. Without wave
-        vectors ``find`` is called with an empty slice, so that its result has a shape.
+        vectors ``find`` is called once, with an empty slice, so that its result has a shape.
         """
         length = 1
         if self._large is None:
             entries_per_point = 2 * len(self.contacts) * self.n_branches
             length = max(1, int(_ENTRIES / entries_per_point))
-        # no wave vector is one empty slice, whose results have shapes
         slices = [slice(start, start + length) for start in range(0, max(count, 1), length)]
         if self._large is None:
             return [find(points) for points in slices]
@@ -729,8 +719,8 @@ class ContactLattice(LongWaves):
 
     @cached_property
     def _large(self) -> LargeCell | None:
-        """Solver of cells of many balls, one wave vector at a time; None if the cell is small,
-        whose matrices of many wave vectors are best solved together.
+        """Solver of cells of many branches, one wave vector at a time; None if the cell is small,
+        as the matrices of many wave vectors are then best solved together.
         """
         if self.n_branches <= MANY_COLUMNS:
             return None
@@ -756,15 +746,15 @@ class ContactLattice(LongWaves):
             rows = [np.asarray(effect[..., columns].any(axis=2)) for effect in effects]
             if not rows[0].any():
                 rows[0][0, 0] = True  # a block without rows has one row of zeros
-            deforming = self._deforming.select(rows[0], columns)
-            block = Block(columns, deforming)
+            block = Block(columns, self._deforming.select(rows[0], columns))
             if self.is_prestressed:
                 pushing = self._pushing.select(rows[1], columns)
                 signs = np.broadcast_to(self._push_signs, rows[1].shape)[rows[1]]
-                block = Block(columns, deforming, pushing, signs[:, None], slack=self.slack)
+                block = replace(block, pushing=pushing, signs=signs[:, None], slack=self.slack)
             elif not self.is_held:
                 tilted = self._tilt_block(block)
-                block = tilted if tilted.keeps_digits else block
+                if tilted.keeps_digits:
+                    block = tilted
             blocks.append(block.split_free_motions())
         return blocks
 
@@ -829,7 +819,7 @@ class ContactLattice(LongWaves):
         generic rank of C(q).
         """
         free = None if self._large is None else self._large.free_branches
-        return sum(block.free for block in self._blocks) if free is None else free
+        return sum(block.n_free for block in self._blocks) if free is None else free
 
     @cached_property
     def free_branch_warnings(self) -> tuple[str, ...]:
@@ -871,8 +861,8 @@ class ContactLattice(LongWaves):
         return "use a lattice with more contacts"
 
     def _stiffen(self, names: tuple[str, ...]) -> Self:
-        """Return this lattice without static forces, its contacts with further kinds of stiffness
-        of size one, ``names``: "friction", "torsion" or "bending".
+        """Return this lattice without static forces, with a normal stiffness of one, and with
+        further kinds of stiffness, ``names``, also of size one: "friction", "torsion" or "bending".
         """
         return type(self)(
             self.cell,
@@ -939,9 +929,9 @@ class ContactLattice(LongWaves):
         total = 0
         for block in self._blocks:
             zeros = rigid[block.columns]
-            if block.free:
+            if block.n_free:
                 _, modes = block.solve(_BESIDE_GAMMA * direction)
-                free = modes[0][:, : block.free]
+                free = modes[0][:, : block.n_free]
                 zeros = np.concatenate([zeros, free], axis=1)
             total += int(np.linalg.matrix_rank(zeros, tol=_INDEPENDENT))
         return total
@@ -976,40 +966,118 @@ class ContactLattice(LongWaves):
         return np.asarray(turned.ravel() / length)
 
 
-def _tabulate_contacts(
-    network: ContactNetwork, kept: Index, normal: Array, vector: Array
-) -> ContactTable:
-    """Return the table of the contacts ``kept`` (n_c,) of a network, in diameters. Balls are
-    numbered among those that move, and the next number stands for all bodies that do not move.
+class _LatticeContacts(NamedTuple):
+    """The contacts of a ``network`` that are contacts of its lattice, in reduced units and along
+    the axes of the lattice.
 
-    In a contact with a body that does not move, ball i is the ball that moves. ``normal`` (n_c, d)
-    and ``vector`` (n_c, d), m, already point from that ball to the other.
+    In a contact with a body that does not move, ball i is the ball that moves: where that is ball j
+    of the network, the contact is swapped.
+
+    Attributes
+    ----------
+    numbers : (n_c,) numbers of the contacts in the network.
+    is_swapped : (n_c,) whether ball i of the network is a body that does not move.
+    is_held : (n_c,) whether one of the balls is a body that does not move.
+    periodic_axes : (p,) axes of the network's cell along which the network repeats.
+    axes : (d, d) unit vectors, rows: the axes of the lattice.
     """
-    moving = network.moving
-    length = network.scales.length
-    count = int(np.count_nonzero(moving))
-    number = np.full(network.n_balls, count)
-    number[moving] = np.arange(count)
-    is_swapped = ~moving[network.i[kept]]
-    is_held = is_swapped | ~moving[network.j[kept]]
-    i = np.where(is_swapped, network.j[kept], network.i[kept])
-    j = np.where(is_swapped, network.i[kept], network.j[kept])
-    arm_i = np.where(is_swapped, network.arm_j[kept], network.arm_i[kept])
-    arm_j = np.where(is_swapped, network.arm_i[kept], network.arm_j[kept])
-    axes = np.flatnonzero(network.pbc)
-    shift = np.where(is_held[:, None], 0, network.shift[kept][:, axes])
-    return freeze_contacts(
-        number[i], number[j], shift, normal, vector / length, arm_i / length, arm_j / length
-    )
+
+    network: ContactNetwork
+    numbers: Index
+    is_swapped: NDArray[np.bool_]
+    is_held: NDArray[np.bool_]
+    periodic_axes: Index
+    axes: Array
+
+    @classmethod
+    def of(cls, network: ContactNetwork) -> _LatticeContacts:
+        """Return the contacts of a ``network`` with periods."""
+        numbers = np.flatnonzero(network.in_lattice)
+        is_swapped = ~network.moving[network.i[numbers]]
+        is_held = is_swapped | ~network.moving[network.j[numbers]]
+        periodic_axes = np.flatnonzero(network.pbc)
+        axes = find_axes(network.cell[periodic_axes, : network.dimension])
+        return cls(network, numbers, is_swapped, is_held, periodic_axes, axes)
+
+    def turn(self, vectors: Array) -> Array:
+        """Return the components (n, d) along the axes of the lattice of ``vectors`` (n, 3)."""
+        return np.asarray(vectors[:, : self.network.dimension] @ self.axes.T)
+
+    def _orient(self, vectors: Array) -> Array:
+        """Return ``vectors`` of all contacts of the network, from ball i to ball j, as vectors
+        (n_c, d) from ball i to ball j of the lattice, along its axes.
+        """
+        oriented = self.turn(vectors[self.numbers])
+        oriented[self.is_swapped] *= -1.0
+        return oriented
+
+    def _order_ends(self, at_i: Array, at_j: Array) -> tuple[Array, Array]:
+        """Return the values at balls i and at balls j of the lattice, (n_c,) each, from the values
+        ``at_i`` and ``at_j`` of all contacts of the network.
+        """
+        at_i = at_i[self.numbers]
+        at_j = at_j[self.numbers]
+        return np.where(self.is_swapped, at_j, at_i), np.where(self.is_swapped, at_i, at_j)
+
+    def tabulate(self) -> ContactTable:
+        """Return the table of the contacts, in diameters. Balls are numbered among those that move,
+        and the next number stands for all bodies that do not move.
+        """
+        network = self.network
+        length = network.scales.length
+        count = int(np.count_nonzero(network.moving))
+        number = np.full(network.n_balls, count)
+        number[network.moving] = np.arange(count)
+        ball_i = number[network.i[self.numbers]]
+        ball_j = number[network.j[self.numbers]]
+        i = np.where(self.is_swapped, ball_j, ball_i)
+        j = np.where(self.is_swapped, ball_i, ball_j)
+        arm_i, arm_j = self._order_ends(network.arm_i, network.arm_j)
+        # a body that does not move has no phase
+        shift = network.shift[self.numbers][:, self.periodic_axes]
+        shift[self.is_held] = 0
+        vector = self._orient(network.vector) / length
+        vector[self.is_held] = 0.0
+        normal = self._orient(network.normal)
+        return freeze_contacts(i, j, shift, normal, vector, arm_i / length, arm_j / length)
+
+    def find_prestress(self) -> Array:
+        """Return the compressive forces over the distances of the centres (n_c,), in units of k."""
+        pushes = self.network.static_forces[0][self.numbers]
+        distance = self.network.distance[self.numbers]
+        return np.asarray(pushes / distance / self.network.scales.stiffness)
+
+    def find_tangential_forces(self) -> Array:
+        """Return the static tangential forces (n_c, d) of balls i on balls j, in units of k d."""
+        return self._orient(self.network.static_forces[1]) / self.network.scales.force
+
+    def find_torques(self) -> Array:
+        """Return the static torques (n_c, 3) of balls i on balls j, in units of k d^2; zeros in a
+        plane, where torques act on no motion.
+        """
+        units = self.network.scales
+        torque = self.network.contact_torque
+        if torque is None or self.network.dimension < 3:
+            return np.zeros((len(self.numbers), 3))
+        return self._orient(torque) / (units.force * units.length)
+
+    def find_excesses(self) -> Array:
+        """Return by how much the levers of slip exceed the arms, d, at balls i and at balls j,
+        (2, n_c).
+        """
+        excesses = self.network.lever_excesses
+        if excesses is None:
+            return np.zeros((2, len(self.numbers)))
+        return np.array(self._order_ends(*excesses)) / self.network.scales.length
 
 
-def _find_springs(network: ContactNetwork, turn: Array, motions: Motions) -> tuple[Index, Array]:
+def _find_springs(network: ContactNetwork, axes: Array, motions: Motions) -> tuple[Index, Array]:
     """Return the numbers (n_g,), among the balls that move, of those that springs to the ground
     hold, and the stiffnesses (n_g, motions) of these springs, in the network's unit of stiffness.
 
-    The rows of ``turn`` (d, d) are the axes of the lattice, along which the ``motions`` are.
+    The rows of ``axes`` (d, d) are the axes of the lattice, along which the ``motions`` are.
     """
-    springs = turn_on_site(find_anchors(network), turn, motions)
+    springs = turn_on_site(find_anchors(network), axes, motions)
     if springs is None:
         return np.zeros(0, np.intp), np.zeros((0, motions.count))
     of_moving = springs[network.moving] / network.scales.stiffness
@@ -1027,7 +1095,7 @@ def _add_springs(table: ContactTable, balls: Index, ground: int) -> ContactTable
         return table
     d = table.normal.shape[1]
     normal = np.zeros((count, d))
-    normal[:, 0] = 1.0  # any unit vector will do, as a spring to the ground has no normal
+    normal[:, 0] = 1.0  # any unit vector, as no row of a spring to the ground contains its normal
     return freeze_contacts(
         np.append(table.i, balls),
         np.append(table.j, np.full(count, ground)),
@@ -1039,8 +1107,10 @@ def _add_springs(table: ContactTable, balls: Index, ground: int) -> ContactTable
     )
 
 
-def _is_faint(q: Array) -> NDArray[np.bool_]:
-    """Return (n_q,) whether each wave vector is nearly, but not exactly, Gamma."""
+def _is_almost_gamma(q: Array) -> NDArray[np.bool_]:
+    """Return (n_q,) whether each wave vector q (n_q, p), 1/d, is nearer to Gamma than
+    :data:`_NEAR_GAMMA`, but not Gamma.
+    """
     size = np.max(np.abs(q), axis=1)
     return np.asarray((size > 0.0) & (size < _NEAR_GAMMA))
 

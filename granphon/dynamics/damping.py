@@ -65,7 +65,7 @@ _NEAR_ZERO = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class GivenLosses:
-    """Losses as a call gives them, of whatever network; :meth:`Losses.of` are those of one.
+    """Losses as a call gives them, of any network; :meth:`Losses.of` makes those of one network.
 
     Attributes
     ----------
@@ -314,8 +314,8 @@ def _read_pair(name: str, value: Any, count: int, parts: str = "normal, tangenti
     pair = value if isinstance(value, tuple) else (value, value)
     if len(pair) != 2:
         raise InputError(f"{name} is {brief(value)}", mend=f"Give a number, or ({parts})")
-    several = ", one for each contact" if count > 1 else ""
-    mend = f"Give a number{several}, or a tuple ({parts})"
+    for_contacts = ", one for each contact" if count > 1 else ""
+    mend = f"Give a number{for_contacts}, or a tuple ({parts})"
     rule = partial(finite_numbers, unit=LOSSES[name], low="zero or above")
     read: Callable[[Any], Any] = partial(read_loss, name, rule=rule)
     return np.stack([_broadcast(name, require(name, read, losses), count, mend) for losses in pair])
@@ -374,7 +374,8 @@ def damp_evenly(omega: Array, loss_factor: float, time: float, drag: float = 0.0
     creep = 0.5 * (time * omega**2 + drag)
     root = np.sqrt(squared - creep**2)
     damped = 1j * creep + root
-    # the product of both solutions is -squared, which gives the slower rate without cancellation
+    # the product of both solutions is -squared, which gives the slower rate without cancellation.
+    # With a loss factor both solutions have a real part, unless omega is zero
     creeps = (squared.real < creep**2) & ((loss_factor == 0.0) | (omega == 0.0))
     slower = np.divide(-squared, damped, out=np.zeros_like(damped), where=creeps)
     return np.asarray(np.where(creeps, slower, damped))
@@ -428,7 +429,7 @@ def _choose_half(omega: Complex, without_spring: Index) -> tuple[Complex, Index]
     """Return n of the 2 n roots ``omega`` (..., 2 n), those that :func:`damp_unevenly` returns, and
     their indices (..., n) among all; ascending in their real part, then in the imaginary part.
 
-    These are the roots with a positive real part, as many zeros as there are motions
+    The n roots are those with a positive real part, as many zeros as there are motions
     ``without_spring`` (...,), and the slowest of the roots that creep. Roots are in units of the
     square root of the largest stiffness.
     """
@@ -446,8 +447,8 @@ def _choose_half(omega: Complex, without_spring: Index) -> tuple[Complex, Index]
     is_zero = np.take_along_axis(is_zero, order, -1)
     zeros_so_far = np.cumsum(is_zero, axis=-1)
     is_spare = is_zero & (zeros_so_far > without_spring[..., None])
-    # the first n of these, once the spare zeros have moved to the end; then sorted as promised
+    # the first n roots, once the spare zeros have moved to the end; then in the order of the result
     half = np.argsort(is_spare, axis=-1, kind="stable")[..., :n]
     half_roots = np.take_along_axis(sorted_roots, half, -1)
-    kept = np.take_along_axis(half, np.lexsort((half_roots.imag, half_roots.real)), -1)
-    return np.take_along_axis(sorted_roots, kept, -1), np.take_along_axis(order, kept, -1)
+    in_order = np.take_along_axis(half, np.lexsort((half_roots.imag, half_roots.real)), -1)
+    return np.take_along_axis(sorted_roots, in_order, -1), np.take_along_axis(order, in_order, -1)

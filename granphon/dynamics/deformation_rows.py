@@ -105,7 +105,7 @@ def contact_rows(
     lever_j = arm_j * turn_j
     # each entry: kind, stiffness, vectors by which u and phi are multiplied, and the factors of
     # phi_j and phi_i. As b = n x t, (phi x n).t is phi.b, and (phi x n).b is -phi.t
-    return _keep_resisted(
+    return _make_resisted_rows(
         [
             ("elongation", elongation, n, none, turn_j, turn_i),
             ("slip", slip, t, b, -lever_j, lever_i),
@@ -241,12 +241,12 @@ def push_rows(normal: Array, motions: Motions) -> list[Row]:
     """Return the rows of the displacements of ball j relative to ball i along both tangents of each
     contact, on which static normal forces act.
 
-    ``normal`` (n_c, d) are unit vectors from ball i to ball j. Rows that no motion has are left
-    out.
+    ``normal`` (n_c, d) are unit vectors from ball i to ball j. The rows are coefficients of the
+    ``motions`` of each ball; rows in which no motion takes part are left out.
     """
     _, t, b = contact_frames(normal)
     none = [np.zeros(len(normal))] * 3
-    return _keep_resisted([("push", 1.0, axis, none, 1.0, 1.0) for axis in (t, b)], motions)
+    return _make_resisted_rows([("push", 1.0, axis, none, 1.0, 1.0) for axis in (t, b)], motions)
 
 
 def carry_rows(
@@ -276,15 +276,15 @@ def carry_rows(
     where v is the displacement across the contact and r the ``distance`` (n_c,) of the centres;
     dM_j is the same with arm_j. Such forces have no potential, so the stiffness is not symmetric.
 
-    In some laws T also grows with the overlap, by dT = -g e T with the ``growth`` g (n_c,); and if
-    T ``turns`` about n with the balls, by the mean of their rotations phi there,
+    In some laws T also grows with the overlap, by dT = -g e T with the ``growth`` g (n_c,). If T
+    ``turns`` with the balls, T also turns about n by the mean of their rotations phi about n:
 
         dT = (1/2) n.(phi_i + phi_j) n x T
 
     dT acts at the same arms as T. The other arguments are those of :func:`contact_rows`.
     """
     n = normal
-    beside = np.cross(normal, force)
+    turned_force = np.cross(normal, force)  # by a right angle about n
     turn_i = 1.0 / gyration_i
     turn_j = 1.0 / gyration_j
     none = list(np.zeros((3, len(n))))
@@ -302,19 +302,21 @@ def carry_rows(
         return _make_row("turn", 1.0, none, axes, lever_j * turn_j, -lever_i * turn_i, motions)
 
     elongation = _make_row("elongation", 1.0, list(n.T), none, turn_j, turn_i, motions)
-    unit = np.ones(len(n))
+    ones = np.ones(len(n))
     pairs = [
         (elongation, push(force)),
-        (turn(n, arm_j, arm_i), push(-beside)),  # dn x T is along n, with the length -beside.dn
-        (turn(arm_rates[:, None] * beside, unit, unit), elongation),
+        # dn x T is along n, with the length -(n x T).dn
+        (turn(n, arm_j, arm_i), push(-turned_force)),
+        (turn(arm_rates[:, None] * turned_force, ones, ones), elongation),
     ]
     if np.any(growth):
         slip = _slip_row(n, force, arm_i, arm_j, motions, gyration_i, gyration_j)
-        head, tail = (growth[:, None] * ends for ends in (elongation.head, elongation.tail))
+        head = growth[:, None] * elongation.head
+        tail = growth[:, None] * elongation.tail
         pairs.append((slip, Row("elongation", 1.0, head, tail)))
     if turns:
-        slip = _slip_row(n, beside, arm_i, arm_j, motions, gyration_i, gyration_j)
-        pairs.append((slip, turn(-0.5 * n, unit, unit)))
+        slip = _slip_row(n, turned_force, arm_i, arm_j, motions, gyration_i, gyration_j)
+        pairs.append((slip, turn(-0.5 * n, ones, ones)))
     return pairs
 
 
@@ -395,13 +397,13 @@ def excess_pairs(
     """
     _, t, b = contact_frames(normal)
     levers = [arm / radius for arm, radius in zip(arms, gyration, strict=True)]
-    more = [excess / radius for excess, radius in zip(excesses, gyration, strict=True)]
+    extra = [excess / radius for excess, radius in zip(excesses, gyration, strict=True)]
     pairs = []
     # as in contact_rows, (phi x n).t is phi.b, and (phi x n).b is -phi.t
     for moved, turned, sign in ((t, b, 1.0), (b, t, -1.0)):
         pull = _make_row("slip", 1.0, moved, turned, -sign * levers[1], sign * levers[0], motions)
         stretched = [stretch * component for component in moved]
-        move = _make_row("slip", 1.0, stretched, turned, -sign * more[1], sign * more[0], motions)
+        move = _make_row("slip", 1.0, stretched, turned, -sign * extra[1], sign * extra[0], motions)
         if np.any(move.head) or np.any(move.tail):
             pairs.append((pull, move))
     return pairs
@@ -415,8 +417,11 @@ def excess_rows(
     motions: Motions,
     gyration: tuple[Array, Array],
 ) -> list[Row]:
-    """Return the rows on whose squares :func:`excess_pairs` act, over the stiffness of slip; the
-    stiffness of a row, 1 or -1, is the sign of its square.
+    """Return rows whose squares, times their stiffnesses, add up to the symmetric part of the
+    stiffness, over that of slip, that the pairs of :func:`excess_pairs` contribute.
+
+    The arguments are those of :func:`excess_pairs`. The stiffness of a row, 1 or -1, is the sign of
+    its square.
     """
     pairs = excess_pairs(normal, arms, excesses, stretch, motions, gyration)
     return [row._replace(kind=EXCESS, stiffness=sign) for row, sign in split_pairs(pairs)]
@@ -435,10 +440,10 @@ def _slip_row(
     :func:`carry_rows`.
     """
     # T.(phi x n) is phi.(n x T)
-    beside = np.cross(normal, force)
+    turned_force = np.cross(normal, force)
     factor_j = -arm_j / gyration_j
     factor_i = arm_i / gyration_i
-    return _make_row("carry", 1.0, list(force.T), list(beside.T), factor_j, factor_i, motions)
+    return _make_row("carry", 1.0, list(force.T), list(turned_force.T), factor_j, factor_i, motions)
 
 
 def split_pairs(pairs: Sequence[tuple[Row, Row]]) -> list[tuple[Row, float]]:
@@ -467,8 +472,8 @@ def strain_rows(row: Row, vector: Array, motions: Motions) -> Array:
     """Return the derivatives (n_c, n_u, d) of the deformations of a ``row`` with respect to the
     gradient du_a/dr_b of a uniform strain, in which the balls do not turn.
 
-    ``vector`` (n_c, d) is that from the centre of ball i to that of ball j. The n_u displacements
-    of a ball are u_a, among its ``motions``.
+    ``vector`` (n_c, d) points from the centre of ball i to that of ball j. The n_u displacements
+    u_a are those among the ``motions`` of a ball.
     """
     return np.asarray(row.head[:, motions.translating, None] * vector[:, None, :])
 
@@ -496,14 +501,14 @@ def _make_row(
     return Row(kind, stiffness, head, tail)
 
 
-def _keep_resisted(
+def _make_resisted_rows(
     deformations: list[tuple[str, ArrayLike, _Axes, _Axes, Any, Any]], motions: Motions
 ) -> list[Row]:
     """Return the rows of those ``deformations`` that have a stiffness, and that some motion makes
     in some contact.
 
     Each deformation is a tuple (kind, stiffness, moved, turned, factor_j, factor_i) of arguments of
-    :func:`_make_row`. If there are no contacts at all, the second condition does not apply.
+    :func:`_make_row`. If there are no contacts at all, the second condition counts as met.
     """
     rows = []
     for kind, stiffness, moved, turned, factor_j, factor_i in deformations:
@@ -588,7 +593,7 @@ class WaveRows(NamedTuple):
 
 def bend(angle: Array) -> Array:
     """Return sin h - h cos h of the ``angle`` h (...), rad, with all digits also at small angles,
-    where it is h^3/3. Its derivative with respect to h is h sin h.
+    where the difference is h^3/3. Its derivative with respect to h is h sin h.
     """
     square = np.square(angle)
     series = np.zeros_like(angle)

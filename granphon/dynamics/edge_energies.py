@@ -62,20 +62,24 @@ class EdgeEnergies:
     """The energies of the waves of the edge of a ``half_space``."""
 
     def __init__(self, half_space: HalfSpace) -> None:
+        """List the rows of the contacts of the cut, and what its balls and contacts are in the
+        crystal.
+        """
         self.half_space = half_space
         cut = half_space.cut
         self.rows: list[Row] = network_unit_rows(cut)
         moving = np.flatnonzero(cut.moving)
-        #: (n,) the number of each ball of the cut among those that move, -1 of others
-        self.number: Index = np.full(cut.n_balls, -1)
-        self.number[moving] = np.arange(moving.size)
+        #: (n,) the number of each ball of the cut among those that move; -1 of other balls
+        self.ball_number: Index = np.full(cut.n_balls, -1)
+        self.ball_number[moving] = np.arange(moving.size)
         per_block = half_space.reach * half_space.per_layer
         # a body that does not move belongs to no block
-        block = np.where(self.number < 0, moving.size, self.number // per_block)
-        #: (n_c,) the outermost block that each contact of the cut joins
-        self.block: Index = np.minimum(block[cut.i], block[cut.j])
+        block = np.where(self.ball_number < 0, moving.size, self.ball_number // per_block)
+        #: (n_c,) the number, from the edge, of the outermost block that each contact of the cut
+        #: joins
+        self.outer_block: Index = np.minimum(block[cut.i], block[cut.j])
         #: (n_c,) the contact of the crystal that each contact of the cut is, -1 at a wall
-        self.source: Index = find_sources(
+        self.crystal_contact: Index = find_sources(
             half_space.network, half_space.layers, half_space.n_layers, cut
         )
 
@@ -90,7 +94,7 @@ class EdgeEnergies:
         point : (n,) number of the wave vector of each wave, ascending.
         q : (n_q, p - 1) wave vectors along the edge, fractions of the reciprocal cell.
         squares : (n,) w of the waves, ascending at each wave vector, in reduced units.
-        warnings : of the crystal.
+        warnings : sentences about the crystal, which the results hold.
 
         Raises :class:`~granphon.base.errors.InputError` for arrays larger than the memory, and
         :class:`~granphon.base.errors.PrecisionError` for a wave that decays too slowly to be told
@@ -100,27 +104,28 @@ class EdgeEnergies:
         self._require_memory(len(point))
         frequencies = np.sqrt(squares)
         groups = np.zeros(len(point), np.intp)
-        for number in np.unique(point):
-            here = point == number
-            groups[here] = number_equal(frequencies[here]) + len(point) * number
+        for wavevector in np.unique(point):
+            is_at = point == wavevector
+            # no two wave vectors share a number of a group
+            groups[is_at] = number_equal(frequencies[is_at]) + len(point) * wavevector
         _, group, sizes = np.unique(groups, return_inverse=True, return_counts=True)
-        blocks = half_space.blocks(q)
+        outer, inner, hop = half_space.blocks(q)
         of_crystal = []
         of_cut = []
         for number, size in enumerate(sizes.tolist()):
             members = np.flatnonzero(group == number)
             at = point[members[0]]
-            blocks_here = (blocks[0][at], blocks[1][at], blocks[2][at])
-            wave = self._find_wave(*blocks_here, float(np.mean(squares[members])), size)
-            own, of_all = self._measure(wave, q[at])
-            of_cut += [own] * size
-            of_crystal += [of_all] * size
+            w = float(np.mean(squares[members]))
+            wave = self._find_wave(outer[at], inner[at], hop[at], w, size)
+            energies_of_cut, energies_of_crystal = self._measure(wave, q[at])
+            of_cut += [energies_of_cut] * size
+            of_crystal += [energies_of_crystal] * size
         angular = frequencies * half_space.units.angular_frequency
         degenerate = (sizes > 1)[group]
         crystal = half_space.network
         return (
-            self._make(of_crystal, angular, degenerate, crystal, warnings),
-            self._make(of_cut, angular, degenerate, half_space.cut, warnings),
+            self._make_sensitivities(of_crystal, angular, degenerate, crystal, warnings),
+            self._make_sensitivities(of_cut, angular, degenerate, half_space.cut, warnings),
         )
 
     def _find_wave(
@@ -150,7 +155,7 @@ class EdgeEnergies:
     @property
     def _n_blocks(self) -> int:
         """Number of blocks in which balls of the cut move, the last one in part."""
-        return -(-int(np.count_nonzero(self.number >= 0)) // self._per_block)
+        return -(-int(np.count_nonzero(self.ball_number >= 0)) // self._per_block)
 
     @property
     def _per_block(self) -> int:
@@ -167,33 +172,38 @@ class EdgeEnergies:
         half_space = self.half_space
         count = half_space.motions.count
         in_cut = wave.outer.reshape(-1, count, wave.outer.shape[2])
-        n_moving = int(np.count_nonzero(self.number >= 0))
+        n_moving = int(np.count_nonzero(self.ball_number >= 0))
         in_cut = in_cut[:n_moving] / np.sqrt(wave.outer.shape[2])
         squares = self._square(in_cut, q, np.arange(half_space.cut.n_contacts))
         motions = np.sum(np.abs(in_cut) ** 2, axis=2)
 
-        # contacts of the outer block, and those of all blocks below: of the next one in `below`
-        in_all = {name: self._gather(values, self.block == 0) for name, values in squares.items()}
-        second = np.flatnonzero(self.block == 1)
+        # contacts of the outer block, then those of all blocks below, whose deformations are those
+        # of the contacts of the second block in the motions `below`
+        in_crystal = {
+            name: self._sum_over_layers(values, self.outer_block == 0)
+            for name, values in squares.items()
+        }
+        second = np.flatnonzero(self.outer_block == 1)
         below = wave.below.reshape(-1, count, wave.below.shape[1])
         shifted = np.concatenate([np.zeros((self._per_block, *below.shape[1:])), below])
         for name, values in self._square(shifted, q, second).items():
-            spread = np.zeros(half_space.cut.n_contacts)
-            spread[second] = values
-            in_all[name] += self._gather(spread, self.block == 1)
+            values_of_cut = np.zeros(half_space.cut.n_contacts)
+            values_of_cut[second] = values
+            in_crystal[name] += self._sum_over_layers(values_of_cut, self.outer_block == 1)
 
         whole = wave.whole.reshape(half_space.reach, half_space.per_layer, count, -1)
         turn = turn_motions(half_space.motions, half_space.layers.turn.T)
+        # the motions of each ball n of each layer l, along the axes of the crystal
         turned = np.einsum("ab,lnbk->lnak", turn, whole)
-        return (squares, motions), (in_all, np.sum(np.abs(turned) ** 2, axis=(0, 3)))
+        return (squares, motions), (in_crystal, np.sum(np.abs(turned) ** 2, axis=(0, 3)))
 
-    def _gather(self, values: Array, is_counted: Flags) -> Array:
+    def _sum_over_layers(self, values: Array, is_counted: Flags) -> Array:
         """Return sums for each contact of the crystal: of the ``values`` (n_c,) of those contacts
         of the cut that are this contact, and for which ``is_counted`` (n_c,) is true.
         """
-        is_bulk = is_counted & (self.source >= 0)
+        is_bulk = is_counted & (self.crystal_contact >= 0)
         n_contacts = self.half_space.network.n_contacts
-        sums = np.bincount(self.source[is_bulk], values[is_bulk], minlength=n_contacts)
+        sums = np.bincount(self.crystal_contact[is_bulk], values[is_bulk], minlength=n_contacts)
         return np.asarray(sums, float)
 
     def _square(self, motions: Complex, q: Array, contacts: Index) -> dict[str, Array]:
@@ -201,7 +211,8 @@ class EdgeEnergies:
         the cut, summed over the last axis of mass-weighted ``motions`` (n, motions, k), by the
         kinds of :attr:`rows`. The wave vector along the edge is q (p - 1,).
 
-        ``motions`` are those of balls in the order of :attr:`number`; balls beyond do not move.
+        ``motions`` are those of balls in the order of :attr:`ball_number`; balls beyond these do
+        not move.
         """
         cut = self.half_space.cut
         masses = np.where(cut.moving, cut.masses, np.inf)
@@ -210,25 +221,26 @@ class EdgeEnergies:
 
         def move(balls: Index) -> Complex:
             """Return the motions (m, motions, k) of ``balls`` (m,)."""
-            number = self.number[balls]
-            is_there = (number >= 0) & (number < len(motions))
+            number = self.ball_number[balls]
+            moves = (number >= 0) & (number < len(motions))
             scale = 1.0 / np.sqrt(masses[balls])
-            return np.asarray(scale[:, None, None] * padded[np.where(is_there, number, -1)])
+            return np.asarray(scale[:, None, None] * padded[np.where(moves, number, -1)])
 
         ahead = move(cut.j[contacts]) * phase[:, None, None]
         behind = move(cut.i[contacts])
         squares = np.empty((len(self.rows), len(contacts)))
         for row, squares_of_row in zip(self.rows, squares, strict=True):
+            # sums over the motions a of the ball at each end
             deformation = np.einsum("ca,cak->ck", row.head[contacts], ahead)
             deformation -= np.einsum("ca,cak->ck", row.tail[contacts], behind)
             squares_of_row[:] = np.sum(np.abs(deformation) ** 2, axis=1)
-        signed = [
+        chosen_rows = [
             row._replace(stiffness=np.broadcast_to(row.stiffness, cut.n_contacts)[contacts])
             for row in self.rows
         ]
-        return sum_kinds(signed, squares.ravel())
+        return sum_kinds(chosen_rows, squares.ravel())
 
-    def _make(
+    def _make_sensitivities(
         self,
         energies: list[tuple[dict[str, Array], Array]],
         angular: Array,
@@ -306,9 +318,9 @@ def _sum_blocks(first: Complex, step: Complex) -> Complex:
     """Return the sum over n from zero of S^n ``first`` S^nH, all (size, size), for a ``step`` S."""
     total = first
     for _ in range(_MOST_DOUBLINGS):
-        part = step @ total @ step.conj().T
-        total = total + part
-        if np.linalg.norm(part) <= _LAST_PART * np.linalg.norm(total):
+        addition = step @ total @ step.conj().T
+        total = total + addition
+        if np.linalg.norm(addition) <= _LAST_PART * np.linalg.norm(total):
             break
         step = step @ step
     return total

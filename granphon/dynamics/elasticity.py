@@ -54,8 +54,8 @@ def voigt_names(periods: int) -> tuple[str, ...]:
 
 
 def take_voigt(c: Array) -> Array:
-    """Return a tensor c_ijkl (..., p, p, p, p) as matrices (..., n, n) in Voigt order, of its means
-    over an exchange of i with j, and of k with l.
+    """Return a tensor ``c`` (..., p, p, p, p) of components c_ijkl as matrices (..., n, n) in Voigt
+    order; components that differ by an exchange of i with j, or of k with l, are averaged.
     """
     symmetric_ij = 0.5 * (c + c.swapaxes(-4, -3))
     symmetric = 0.5 * (symmetric_ij + symmetric_ij.swapaxes(-2, -1))
@@ -170,7 +170,7 @@ def _maps_balls(turn: Array, cell: Array, balls: Array) -> bool:
 
 def symmetrise(tensor: Array, lattice: Lattice) -> Array:
     """Return the means (..., n, n), over the :func:`point_group` of a ``lattice``, of elastic
-    tensors (..., n, n) in Voigt order.
+    tensors in Voigt order, ``tensor`` (..., n, n).
     """
     a, b = np.transpose(voigt_pairs(lattice.periods))
     number = np.empty((lattice.periods, lattice.periods), int)  # in Voigt order, of a pair of axes
@@ -178,11 +178,12 @@ def symmetrise(tensor: Array, lattice: Lattice) -> Array:
     number[b, a] = np.arange(len(a))
     full = tensor[..., number[:, :, None, None], number[None, None]]
     turns = point_group(lattice)
+    # the sum over the operations g of the tensor whose four indices a, b, c, d they turn
     total = np.einsum(
         "gia,gjb,gkc,gld,...abcd->...ijkl", turns, turns, turns, turns, full, optimize=True
     )
-    mean = total / len(turns)
-    return np.asarray(mean[..., a[:, None], b[:, None], a[None], b[None]])
+    mean_tensor = total / len(turns)
+    return np.asarray(mean_tensor[..., a[:, None], b[:, None], a[None], b[None]])
 
 
 @lru_cache(maxsize=64)
@@ -205,9 +206,9 @@ def is_cubic(tensor: Array, tolerance: float = _ROUNDED) -> bool:
     and not isotropic, to a ``tolerance`` relative to the entry that is largest without its sign.
     """
     n = len(tensor)
-    p = _PERIODS[len(tensor)]
     if n == 1:
         return False
+    p = _PERIODS[n]
     cubic = np.zeros((n, n))
     cubic[:p, :p] = tensor[0, 1]
     cubic[np.arange(p), np.arange(p)] = tensor[0, 0]
@@ -237,8 +238,9 @@ def shears(tensor: Array) -> Array:
 
 
 def bulk_and_shear(tensor: Array) -> Array:
-    """Return the bulk modulus K and the shear modulus G (..., 2) of elastic tensors (..., n, n),
-    averaged over all directions (W. Voigt, 1889). On a line K is the only modulus, and G is zero.
+    """Return the bulk modulus K and the shear modulus G (..., 2) of elastic tensors, ``tensor``
+    (..., n, n), averaged over all directions (W. Voigt, 1889). On a line K is the only modulus, and
+    G is zero.
     """
     p = _PERIODS[tensor.shape[-1]]
     bulk = np.sum(tensor[..., :p, :p], axis=(-2, -1)) / p**2
@@ -261,8 +263,8 @@ def anisotropy(shear: Array) -> Array:
 
 
 def longitudinal_modulus(tensor: Array) -> Array:
-    """Return the modulus of longitudinal waves (...) of elastic tensors (..., n, n) averaged over
-    all directions: K + G in the plane, K + 4G/3 in space.
+    """Return the modulus of longitudinal waves (...) of elastic tensors, ``tensor`` (..., n, n),
+    averaged over all directions: K + G in the plane, K + 4G/3 in space, K on a line.
     """
     p = _PERIODS[tensor.shape[-1]]
     bulk, shear = np.moveaxis(bulk_and_shear(tensor), -1, 0)

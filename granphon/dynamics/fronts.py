@@ -185,13 +185,13 @@ class Fronts:
         with progress.step("factors of the contacts", len(layers)) as step:
             for number, layer in enumerate(layers):
                 halves = [remainders.pop(half) for half in layer.halves]
-                first = _list_motions(layer.balls, count)
+                of_layer = _list_motions(layer.balls, count)
                 # the front eliminates the motions of its layer, and those that had no pivot in the
                 # fronts of the halves; motions of the balls beyond come after these
-                inner = np.concatenate([first, *(half.soft for half in halves)])
+                inner = np.concatenate([of_layer, *(half.soft for half in halves)])
                 motions = np.concatenate([inner, _list_motions(layer.beyond, count)])
                 rows[motions] = np.arange(motions.size)
-                matrix_of_front = _compose_front(matrix[first], rows, motions.size)
+                matrix_of_front = _compose_front(matrix[of_layer], rows, motions.size)
                 for half in halves:
                     rows_of_half = rows[half.motions]
                     matrix_of_front[rows_of_half[:, None], rows_of_half] += half.matrix
@@ -229,7 +229,7 @@ class Fronts:
 
     def follow(self) -> Array:
         """Return the motions (n, k) of all balls, one column for each of the motions ``aside``
-        (k,): that motion is one, the others aside are zero, and no forces act on the rest.
+        (k,): that motion is one, the others aside are zero, and no forces act on all other motions.
         """
         from scipy.linalg import solve_triangular
 
@@ -266,10 +266,10 @@ def _eliminate(matrix: Array, motions: Index, n_inner: int) -> tuple[_Front, _Re
     front above: those without couplings, and all in the last layer, which has no front above.
     """
     lower, order, rank = _factorise(matrix[:n_inner, :n_inner])
-    hard = order[:rank]
+    with_pivot = order[:rank]
     soft = order[rank:]
     later = np.concatenate([soft, np.arange(n_inner, motions.size)])
-    below = np.ascontiguousarray(_divide(lower, matrix[np.ix_(later, hard)]))
+    below = np.ascontiguousarray(_divide(lower, matrix[np.ix_(later, with_pivot)]))
     remaining = np.zeros((0, 0))
     if later.size:
         # Schur's complement of the eliminated motions
@@ -286,7 +286,7 @@ def _eliminate(matrix: Array, motions: Index, n_inner: int) -> tuple[_Front, _Re
         remaining[np.ix_(is_passed, is_passed)],
         motions[soft[is_passed[: soft.size]]],
     )
-    front = _Front(motions[hard], coupled, lower, below)
+    front = _Front(motions[with_pivot], coupled, lower, below)
     return front, remainder, coupled[~is_passed]
 
 

@@ -45,7 +45,7 @@ _CHUNK = 2**20
 _MATRICES_HELD = 12
 #: matrices of all contacts that are held together while layers are made
 _COPIES = 2.0
-#: wave numbers across the edge on which the edges of bands are bracketed
+#: wavenumbers across the edge on which the edges of bands are bracketed
 _BAND_SAMPLES = 48
 #: golden sections that refine a bracket
 _SECTIONS = 40
@@ -105,8 +105,13 @@ _COURSES = np.linspace(-1.4, 1.4, 281)
 
 
 class EdgeWaves(NamedTuple):
-    """Waves of an edge: the number ``point`` of the wave vector, w = omega^2 (complex where they
-    leak), and the energy on top.
+    """Waves of an edge, (n,) each.
+
+    Attributes
+    ----------
+    point : numbers of their wave vectors.
+    squares : w = omega^2, k/M, complex where a wave leaks.
+    weight : energy in the top layer, over all energy.
     """
 
     point: Index
@@ -120,7 +125,7 @@ class _Resonances(NamedTuple):
     Attributes
     ----------
     point : number of the wave vector.
-    gap : (2, n) ends of w of the bands.
+    band : (2, n) ends of w of the bands.
     w : real part of the resonance.
     shift : from w to the root of S + dw S', complex.
     moved : size of the last step along the real axis; infinite where the step left the bands.
@@ -128,7 +133,7 @@ class _Resonances(NamedTuple):
     """
 
     point: Index
-    gap: Array
+    band: Array
     w: Array
     shift: Complex
     moved: Array
@@ -150,7 +155,7 @@ class HalfSpace:
     """
 
     def __init__(self, network: ContactNetwork, axis: Any, edge: str | Wall = "free") -> None:
-        """Cut the outer layers, and make the rows of C of the contacts of two blocks."""
+        """Cut the outer layers, and make the rows of C of the contacts of the two outer blocks."""
         self.network = network
         self.edge = edge
         self.units = network.scales
@@ -177,24 +182,30 @@ class HalfSpace:
         upper = np.maximum(block[cut.i], block[cut.j])
         joins_moving = moving[cut.i] & moving[cut.j]
         crosses = (lower == 0) & (upper == 1) & joins_moving
-        # the contacts kept are those of the two outer blocks, which reach into a third
-        kept = np.flatnonzero(lower < 2)
-        self._kept = kept
-        self._steps, self._matrix = self._assemble(rows, number)
-        self._stiff: Array = np.concatenate([stiffness[kept] for stiffness in stiffnesses])
-        self._second: Array = np.tile(lower[kept] == 1, len(rows))
-        self._crossing: Array = np.tile(crosses[kept], len(rows))
-        self._kinds = [row.kind for row in rows]
-        #: (2 size,) springs to the ground of the two outer blocks, over masses, k/M
-        self._anchors = self._list_anchors()
+        # contacts of the two outer blocks, which reach into a third
+        contacts = np.flatnonzero(lower < 2)
+        self._contacts = contacts
+        self._edge_steps, self._matrix = self._assemble(rows, number)
+        # of each row of each contact: its stiffness, and whether the contact begins in the second
+        # block, or joins the two outer blocks
+        self._stiffness: Array = np.concatenate([stiffness[contacts] for stiffness in stiffnesses])
+        self._is_in_second: Array = np.tile(lower[contacts] == 1, len(rows))
+        self._is_crossing: Array = np.tile(crosses[contacts], len(rows))
+        self._row_kinds = [row.kind for row in rows]
+        #: (2 size,) stiffnesses of springs to the ground of the two outer blocks, over masses, k/M
+        self._spring_squares = self._list_anchors()
 
     @property
     def anchors(self) -> Array:
-        """(size,) springs to the ground of a block, over masses, k/M."""
-        return self._anchors[self.size :]
+        """(size,) stiffnesses of springs to the ground of a block below the outer one, over masses,
+        k/M.
+        """
+        return self._spring_squares[self.size :]
 
     def _list_anchors(self) -> Array:
-        """Return the stiffnesses (2 size,) of springs to the ground over masses, k/M."""
+        """Return the stiffnesses (2 size,) of springs to the ground of the two outer blocks, over
+        masses, k/M.
+        """
         stiffness = find_anchors(self.cut)
         if stiffness is None:
             return np.zeros(2 * self.size)
@@ -256,33 +267,32 @@ class HalfSpace:
         return rows, stiffnesses
 
     def _assemble(self, rows: list[Row], number: Index) -> tuple[Index, Array]:
-        """Return steps s (n_s, p - 1) along the edge, and C_s M^-1/2 (n_s, rows n_kept, 3 size) of
-        the contacts that are kept.
+        """Return steps s (n_s, p - 1) along the edge, and C_s M^-1/2 (n_s, rows n_c, 3 size) of the
+        n_c contacts of the two outer blocks.
 
         C(q) is the sum over s of C_s exp(i q.s), with tails at s = 0. ``number`` (n,) is that of
         each ball of the cut among those that move, and the next number for a body that does not.
         """
         cut = self.cut
-        kept = self._kept
-        n_kept = len(kept)
+        chosen = self._contacts
         count = self.motions.count
         # the first row is the step of the tails
         steps, step_of_row = np.unique(
-            np.pad(cut.shift[kept], ((1, 0), (0, 0))), axis=0, return_inverse=True
+            np.pad(cut.shift[chosen], ((1, 0), (0, 0))), axis=0, return_inverse=True
         )
         step_of_tail = step_of_row.ravel()[0]
         step_of_head = step_of_row.ravel()[1:]
         masses = np.where(cut.moving, cut.masses / self.units.mass, np.inf)
         inverse_root_mass = 1.0 / np.sqrt(masses)
-        tails = cut.i[kept]
-        heads = cut.j[kept]
-        contacts = np.arange(n_kept)
-        shape = (len(steps), len(rows), n_kept, int(number.max()) + 1, count)
+        tails = cut.i[chosen]
+        heads = cut.j[chosen]
+        contacts = np.arange(len(chosen))
+        shape = (len(steps), len(rows), len(chosen), int(number.max()) + 1, count)
         self._require_memory(shape)
         matrix = np.zeros(shape)
         for kind, row in enumerate(rows):
-            tail = -row.tail[kept] * inverse_root_mass[tails][:, None]
-            head = row.head[kept] * inverse_root_mass[heads][:, None]
+            tail = -row.tail[chosen] * inverse_root_mass[tails][:, None]
+            head = row.head[chosen] * inverse_root_mass[heads][:, None]
             matrix[step_of_tail, kind, contacts, number[tails]] += tail
             matrix[step_of_head, kind, contacts, number[heads]] += head
         n_balls = 3 * self.size // count  # those of three blocks
@@ -309,41 +319,45 @@ class HalfSpace:
         the reciprocal cell.
         """
         size = self.size
-        phase = np.exp(2.0j * np.pi * (q @ self._steps.T))
+        phase = np.exp(2.0j * np.pi * (q @ self._edge_steps.T))
         two_blocks = self._matrix[:, :, : 2 * size]
         rows: Complex = np.asarray(np.tensordot(phase, two_blocks, 1), complex)
-        matrices = rows.conj().swapaxes(1, 2) @ (self._stiff[:, None] * rows)
-        matrices += np.diag(self._anchors)
+        matrices = rows.conj().swapaxes(1, 2) @ (self._stiffness[:, None] * rows)
+        matrices += np.diag(self._spring_squares)
         return matrices[:, :size, :size], matrices[:, size:, size:], matrices[:, :size, size:]
 
-    def couplings(self, q: Array, elongation: Any = 1.0, other: Any = 1.0) -> Couplings:
+    def couplings(self, q: Array, factors: tuple[Complex, Complex] | None = None) -> Couplings:
         """Return the blocks (size, size) of D at one wave vector q (p - 1,), in k/M.
 
-        ``elongation`` and ``other`` multiply the stiffnesses of the contacts of :attr:`cut` against
-        elongation and against all other deformations: both are (n_f, n_c), complex where energy is
-        lost, and the blocks then (n_f, size, size). By default stiffnesses are as they are.
+        ``factors``, two arrays (n_f, n_c), multiply the stiffnesses of the contacts of :attr:`cut`
+        against elongation, and against all other deformations; complex factors lose energy. The
+        blocks are then (n_f, size, size). By default stiffnesses are as they are.
         """
         size = self.size
-        phase = np.exp(2.0j * np.pi * (self._steps @ q))
+        phase = np.exp(2.0j * np.pi * (self._edge_steps @ q))
         two_blocks = self._matrix[:, :, : 2 * size]
         rows = np.asarray(np.tensordot(phase, two_blocks, 1), complex)
-        stiffness = self._stiff
-        if np.ndim(elongation):
+        stiffness = self._stiffness
+        if factors is not None:
+            elongation, other = factors
             # static forces, which push, are not changed
-            factors = {"elongation": elongation, "push": np.ones_like(elongation)}
-            factor_of_row = [factors.get(kind, other)[:, self._kept] for kind in self._kinds]
+            factor_of_kind = {"elongation": elongation, "push": np.ones_like(elongation)}
+            factor_of_row = [
+                factor_of_kind.get(kind, other)[:, self._contacts] for kind in self._row_kinds
+            ]
             stiffness = stiffness * np.concatenate(factor_of_row, axis=1)
-        full = rows.conj().T @ (stiffness[..., None] * rows) + np.diag(self._anchors)
-        # what contacts between the two blocks add to the diagonal of each: it is taken away where
-        # the blocks are cut apart
-        crossing = rows[self._crossing]
-        cross = crossing.conj().T @ (stiffness[..., self._crossing, None] * crossing)
+        whole = rows.conj().T @ (stiffness[..., None] * rows) + np.diag(self._spring_squares)
+        # the part of contacts between the two blocks: what they add to the diagonal of each block
+        # is taken away where the blocks are cut apart
+        crossing_rows = rows[self._is_crossing]
+        crossing_stiffness = stiffness[..., self._is_crossing, None]
+        crossing = crossing_rows.conj().T @ (crossing_stiffness * crossing_rows)
         return Couplings(
-            inner=full[..., size:, size:],
-            tail=cross[..., :size, :size],
-            head=cross[..., size:, size:],
-            up=full[..., :size, size:],
-            down=full[..., size:, :size],
+            inner=whole[..., size:, size:],
+            tail=crossing[..., :size, :size],
+            head=crossing[..., size:, size:],
+            up=whole[..., :size, size:],
+            down=whole[..., size:, :size],
         )
 
     def read_wavevector(self, q: ArrayLike) -> Array:
@@ -365,14 +379,15 @@ class HalfSpace:
         return fractions if fractions.size else np.zeros(n_along)
 
     def wavenumbers(self, factors: Complex, q: Array) -> Complex:
-        """Return wave numbers across the edge, 1/m, of motions that change by ``factors`` from
-        layer to layer.
+        """Return the wavenumbers (...) across the edge, 1/m, of motions that change by ``factors``
+        (...) from layer to layer.
 
         Real parts are within half of the period 2 pi over a layer's height. The wave vector along
         the edge is q (p - 1,), in fractions of the reciprocal cell.
         """
         n_along = len(q)
-        # a layer is shifted along the edge against the one above; its phase counts to q
+        # a layer is shifted along the edge against the layer above: the phase of this shift in the
+        # wave along the edge is no part of the wave across
         layer_shift = np.linalg.solve(self.layers.cell[:, :n_along].T, self.layers.stack[:n_along])
         phase_along_edge = layer_shift @ q
         turns = np.angle(factors) / (2.0 * np.pi) - phase_along_edge
@@ -386,10 +401,10 @@ class HalfSpace:
 
     @cached_property
     def highest(self) -> float:
-        """A bound of all squared frequencies, k/M."""
+        """An upper bound of all squared frequencies, k/M."""
         rows = np.abs(self._matrix).sum(axis=0)
-        of_contacts = float((rows.T @ (np.abs(self._stiff) * rows.sum(axis=1))).max())
-        return of_contacts + float(self._anchors.max())
+        of_contacts = float((rows.T @ (np.abs(self._stiffness) * rows.sum(axis=1))).max())
+        return of_contacts + float(self._spring_squares.max())
 
     def _eliminate(
         self, outer: Complex, inner: Complex, hop: Complex, point: Index, w: Complex
@@ -453,12 +468,14 @@ class HalfSpace:
 
     def bands(self, q: Array) -> Array:
         """Return the lowest and the highest w (n_q, size, 2) of each branch at q (n_q, p - 1), over
-        all wave numbers across the edge.
+        all wavenumbers across the edge.
         """
         _, inner, hop = self.blocks(q)
 
         def solve(point: Index, angle: Array) -> Array:
-            """Return w (n, size), ascending, at phases ``angle`` (n,) from block to block."""
+            """Return w (n, size), ascending, at phases ``angle`` (n,) from block to block, at the
+            wave vectors of numbers ``point`` (n,).
+            """
             turned = hop[point] * np.exp(1j * angle)[:, None, None]
             return np.linalg.eigvalsh(inner[point] + turned + turned.conj().swapaxes(1, 2))
 
@@ -470,8 +487,8 @@ class HalfSpace:
         samples = all_samples.reshape(n_points, _BAND_SAMPLES, size)
         # the highest w is where -w is lowest
         sign = np.array([1.0, -1.0])
-        lowest_sample = np.argmin(samples[..., None] * sign, axis=1)  # (n_q, size, 2)
-        start = angles[lowest_sample].reshape(-1)
+        extreme_sample = np.argmin(samples[..., None] * sign, axis=1)  # (n_q, size, 2)
+        start = angles[extreme_sample].reshape(-1)
         # wave vector, branch and sign of each of the (n_q size 2,) extremes
         points = np.repeat(np.arange(n_points), 2 * size)
         branch = np.tile(np.repeat(np.arange(size), 2), n_points)
@@ -487,16 +504,32 @@ class HalfSpace:
 
     # -- waves of the edge -------------------------------------------------------------------------
 
-    def _find_gaps(self, q: Array, inside: bool = False) -> tuple[Index, Array]:
-        """Return the intervals of w without a band at wave vectors q (n_q, p - 1), or those
-        ``inside`` of bands: the number of the wave vector of each, (n,), and their ends (2, n).
+    def _find_gaps(self, q: Array) -> tuple[Index, Array]:
+        """Return the intervals of w without a band at wave vectors q (n_q, p - 1): the number of
+        the wave vector of each, (n,), and their ends (2, n).
+        """
+        top = _ABOVE_BANDS * self.highest
+        return self._join_intervals([_find_free_intervals(bands, top) for bands in self.bands(q)])
+
+    def _find_filled(self, q: Array) -> tuple[Index, Array]:
+        """Return the intervals of w that bands fill at wave vectors q (n_q, p - 1), in the form of
+        :meth:`_find_gaps`.
+        """
+        top = _ABOVE_BANDS * self.highest
+        return self._join_intervals(
+            [_find_complement(_find_free_intervals(bands, top)) for bands in self.bands(q)]
+        )
+
+    def _join_intervals(
+        self, intervals_of_points: list[list[tuple[float, float]]]
+    ) -> tuple[Index, Array]:
+        """Return the number (n,) of the wave vector of each interval, and the ends (2, n), less a
+        margin at both ends; ``intervals_of_points`` has a list of the intervals of each wave
+        vector, pairs of ends.
         """
         points = []
         ends = []
-        for point, bands in enumerate(self.bands(q)):
-            intervals = _find_clear(bands, _ABOVE_BANDS * self.highest)
-            if inside:
-                intervals = _find_between(intervals)
+        for point, intervals in enumerate(intervals_of_points):
             points += [point] * len(intervals)
             ends += intervals
         low, high = np.array(ends).reshape(-1, 2).T
@@ -550,16 +583,20 @@ class HalfSpace:
         is_new[1:] = (np.diff(point[order]) > 0) | is_apart
         for degenerate_set in np.split(order, np.flatnonzero(is_new)[1:]):
             first = degenerate_set[:1]
-            mean = np.mean(w[degenerate_set])
-            matrices, slopes, motions = crystal.find(point[first], np.array([mean]), gap[:, first])
+            mean_square = np.mean(w[degenerate_set])
+            matrices, slopes, motions = crystal.find_matrices(
+                point[first], np.array([mean_square]), gap[:, first]
+            )
             slope = slopes[0]
-            beyond = motions[0, : self.size]
-            on_top = motions[0, self.size :]
-            for wave in _choose_side(matrices[0], beyond, on_top, len(degenerate_set)):
+            motions_beyond = motions[0, : self.size]
+            motions_on_top = motions[0, self.size :]
+            for wave in _choose_side(
+                matrices[0], motions_beyond, motions_on_top, len(degenerate_set)
+            ):
                 energy = float((wave.conj() @ slope @ wave).real)
-                top_energy = float(np.sum(np.abs(on_top @ wave) ** 2))
+                top_energy = float(np.sum(np.abs(motions_on_top @ wave) ** 2))
                 points.append(point[first[0]])
-                squares.append(mean)
+                squares.append(mean_square)
                 weights.append(top_energy / energy)
         return EdgeWaves(
             np.array(points, np.intp), np.array(squares, complex), np.array(weights, float)
@@ -586,7 +623,7 @@ class HalfSpace:
         """Return leaky waves within bands at q (n_q, p - 1): poles below narrow resonances of S +
         dw S' on the real axis.
         """
-        narrow = self._find_narrow(q)
+        narrow = self._find_narrow_resonances(q)
         # half widths in w
         depth = np.abs(narrow.shift.imag + _BAND_BROADENING * self.highest)
         noise = _POLE_NOISE * self.highest
@@ -594,60 +631,60 @@ class HalfSpace:
         is_narrow = depth < 2.0 * _MOST_WIDTH * narrow.w
         stays_in_band = narrow.moved < np.inf
         is_on_top = narrow.weight > _TOP_PART
-        kept = np.flatnonzero(is_narrow & stays_in_band & is_on_top)
+        chosen = np.flatnonzero(is_narrow & stays_in_band & is_on_top)
         # many resonances lead to one pole
-        roots = narrow.w[kept] - 1j * depth[kept]
-        kept = kept[self._find_different(narrow.point[kept], roots, _SAME_POLE)]
-        point = narrow.point[kept]
-        poles = narrow.w[kept].astype(complex)
-        is_settled = narrow.moved[kept] <= _NEWTON_TOLERANCE * narrow.w[kept]
+        roots = narrow.w[chosen] - 1j * depth[chosen]
+        chosen = chosen[self._find_different(narrow.point[chosen], roots, _SAME_POLE)]
+        point = narrow.point[chosen]
+        poles = narrow.w[chosen].astype(complex)
+        is_settled = narrow.moved[chosen] <= _NEWTON_TOLERANCE * narrow.w[chosen]
         outer, inner, hop = self.blocks(q)
         # a settled resonance without width is a pole on the real axis
-        for n in np.flatnonzero((depth[kept] > noise) | ~is_settled):
-            start = complex(narrow.w[kept[n]], -max(depth[kept[n]], noise))
+        for n in np.flatnonzero((depth[chosen] > noise) | ~is_settled):
+            start = complex(narrow.w[chosen[n]], -max(depth[chosen[n]], noise))
             poles[n] = self._find_pole(outer[point[n]], inner[point[n]], hop[point[n]], start)
-        low, high = narrow.gap[:, kept]
+        low, high = narrow.band[:, chosen]
         is_in_band = (poles.real >= low) & (poles.real <= high)
         is_below_axis = poles.imag <= noise
         has_narrow_pole = poles.imag > -2.0 * _MOST_WIDTH * poles.real
         leaky = np.flatnonzero(is_in_band & is_below_axis & has_narrow_pole)
         leaky = leaky[self._find_different(point[leaky], poles[leaky])]
         squares = poles[leaky].real + 1j * np.minimum(poles[leaky].imag, 0.0)
-        return EdgeWaves(point[leaky], squares, narrow.weight[kept[leaky]])
+        return EdgeWaves(point[leaky], squares, narrow.weight[chosen[leaky]])
 
-    def _find_narrow(self, q: Array) -> _Resonances:
+    def _find_narrow_resonances(self, q: Array) -> _Resonances:
         """Return the narrow resonances at q (n_q, p - 1) to which Newton's method on the real axis
         leads from starts throughout the bands.
         """
-        point, gap = self._find_gaps(q, inside=True)
+        point, band = self._find_filled(q)
         # denser towards the edges of the bands
         starts = 0.5 * (1.0 - np.cos(np.pi * (np.arange(_LEAKY_STARTS) + 0.5) / _LEAKY_STARTS))
-        x = (gap[0] + (gap[1] - gap[0]) * starts[:, None]).ravel()
+        x = (band[0] + (band[1] - band[0]) * starts[:, None]).ravel()
         point = np.tile(point, _LEAKY_STARTS)
-        gap = np.tile(gap, _LEAKY_STARTS)
+        band = np.tile(band, _LEAKY_STARTS)
         offset = np.zeros((0, self.size), complex)
         if len(x):
             offset = self._find_resonances(q, point, x)[0]
         # a start leads to all resonances that are about as near as the next start
-        reach = 2.0 * (gap[1] - gap[0]) / _LEAKY_STARTS
+        reach = 2.0 * (band[1] - band[0]) / _LEAKY_STARTS
         is_close = np.abs(offset.real) <= reach[:, None]
         is_narrow = np.abs(offset.imag) < 2.0 * _MOST_WIDTH * x[:, None]
         start, resonance = np.nonzero(is_close & is_narrow)
         shift = offset[start, resonance]
-        return self._follow_resonances(q, point[start], gap[:, start], x[start], shift)
+        return self._follow_resonances(q, point[start], band[:, start], x[start], shift)
 
     def _follow_resonances(
-        self, q: Array, point: Index, gap: Array, x: Array, shift: Complex
+        self, q: Array, point: Index, band: Array, x: Array, shift: Complex
     ) -> _Resonances:
         """Return the resonances to which Newton's method on the real axis leads from ``x`` (n,)
         plus the real part of a first ``shift`` (n,).
 
-        ``gap`` (2, n) are the ends of the bands, and wave vectors ``q[point]``. A resonance that
-        leaves its band is followed no further.
+        ``band`` (2, n) are the ends of the bands, at the wave vectors ``q[point]``. A resonance
+        that leaves its band is followed no further.
         """
         count = len(x)
         shift = shift.copy()
-        w = np.clip(x + shift.real, *gap)
+        w = np.clip(x + shift.real, *band)
         weight = np.zeros(count)
         moved = np.full(count, np.inf)
         moving = np.arange(count)
@@ -659,11 +696,11 @@ class HalfSpace:
             shift[moving] = offset[nearest]
             weight[moving] = weights[nearest]
             new_w = w[moving] + shift[moving].real
-            is_inside = (new_w >= gap[0, moving]) & (new_w <= gap[1, moving])
+            is_inside = (new_w >= band[0, moving]) & (new_w <= band[1, moving])
             moved[moving] = np.where(is_inside, np.abs(shift[moving].real), np.inf)
             w[moving[is_inside]] = new_w[is_inside]
             moving = moving[is_inside & (moved[moving] > _NEWTON_TOLERANCE * w[moving])]
-        return _Resonances(point, gap, w, shift, moved, weight)
+        return _Resonances(point, band, w, shift, moved, weight)
 
     def _find_resonances(self, q: Array, point: Index, w: Array) -> tuple[Complex, Array]:
         """Return dw (n, size) of the resonances of S + dw S' at w (n,), and their energy on top (n,
@@ -677,7 +714,8 @@ class HalfSpace:
         low, middle, high = inverse.reshape(3, len(w), self.size, self.size)
         slope = (high - low) / (2.0 * _DIFFERENCE_STEP * highest)
         offsets, vectors = np.linalg.eig(np.linalg.solve(slope, -middle))
-        # S' is the energy of the whole half space where the outer layers have the energy one
+        # S' is the energy of the whole half space where the outer layers have the energy one: v^H
+        # S' v of each vector v, of number b
         energy = np.abs(np.einsum("nab,nac,ncb->nb", vectors.conj(), slope, vectors))
         return offsets, np.sum(np.abs(vectors) ** 2, axis=1) / energy
 
@@ -714,8 +752,8 @@ class HalfSpace:
                 return complex(np.nan)
             aside = _LEAST_STEP * width
             inverse = blocks.inverse_green(w, descent.vectors)
-            beside = blocks.continue_waves(w + aside, descent.factors)
-            inverse_beside = blocks.inverse_green(w + aside, beside.vectors)
+            waves_beside = blocks.continue_waves(w + aside, descent.factors)
+            inverse_beside = blocks.inverse_green(w + aside, waves_beside.vectors)
             slope = (inverse_beside - inverse) / aside
             shifts = np.linalg.eigvals(np.linalg.solve(slope, -inverse))
             shift = shifts[np.argmin(np.abs(shifts))]
@@ -736,12 +774,12 @@ class HalfSpace:
         blocks counts to the lower-numbered block.
         """
         size = self.size
-        along = np.exp(2.0j * np.pi * (self._steps @ q))
-        coefficients = np.tensordot(along, self._matrix[:, self._second], 1)
+        along = np.exp(2.0j * np.pi * (self._edge_steps @ q))
+        coefficients = np.tensordot(along, self._matrix[:, self._is_in_second], 1)
         within_block = coefficients[:, size : 2 * size]
         to_next_block = coefficients[:, 2 * size :]
         deformations = within_block + np.exp(1.0j * phases)[:, None, None] * to_next_block
-        stiffness = self._stiff[self._second]
+        stiffness = self._stiffness[self._is_in_second]
         rows = np.sqrt(np.abs(stiffness))[:, None] * deformations
         return np.asarray(rows, complex), np.asarray(np.sign(stiffness))
 
@@ -812,10 +850,10 @@ class HalfSpace:
             raise InputError(
                 "the periods of the network do not lie along x, or in the xy plane", mend="Turn it"
             )
-        # of a network in a plane, displacements out of that plane take no part
         displacements = [moves.index(axis) for axis in range(p)]
-        chosen = np.ix_(displacements, range(p), displacements, range(p))
-        stiffness = lattice.gradient_stiffness()[chosen] / lattice.measure
+        along_periods = np.ix_(displacements, range(p), displacements, range(p))
+        stiffness = lattice.gradient_stiffness()[along_periods] / lattice.measure
+        # all four indices i, j, k, l are turned into the frame of the cut, a, b, c, d
         tensor = np.einsum("ai,bj,ck,dl,ijkl->abcd", turn, turn, turn, turn, stiffness)
         density = float(lattice.masses.sum()) / lattice.measure
         return _EdgeContinuum(tensor, density, np.append(direction, 0.0))
@@ -833,6 +871,7 @@ class _CutCrystal:
     """
 
     def __init__(self, space: HalfSpace, q: Array) -> None:
+        """Make the blocks of the crystal, and the root of V, at wave vectors ``q``."""
         self.space = space
         outer, inner, hop = space.blocks(q)
         back = hop.conj().swapaxes(1, 2)
@@ -845,7 +884,7 @@ class _CutCrystal:
         self.signs = np.where(strengths < 0.0, -1.0, 1.0)
         self.root = basis * np.sqrt(np.abs(strengths))[:, None]
 
-    def find(self, point: Index, w: Array, gap: Array) -> tuple[Complex, Complex, Complex]:
+    def find_matrices(self, point: Index, w: Array, gap: Array) -> tuple[Complex, Complex, Complex]:
         """Return M, its derivative by w, and the motions of both blocks, g |V|^1/2, all (n, 2 size,
         2 size), at w (n,) in gaps with the ends ``gap`` (2, n), at the wave vectors of numbers
         ``point`` (n,).
@@ -873,24 +912,27 @@ class _CutCrystal:
 
     def eigenvalues(self, point: Index, w: Array, gap: Array) -> Array:
         """Return the eigenvalues (n, 2 size) of M, ascending; arguments are those of
-        :meth:`find`.
+        :meth:`find_matrices`.
         """
-        return np.asarray(np.linalg.eigvalsh(self.find(point, w, gap)[0]), float)
+        matrices, _, _ = self.find_matrices(point, w, gap)
+        return np.asarray(np.linalg.eigvalsh(matrices), float)
 
 
-def _choose_side(matrix: Complex, beyond: Complex, on_top: Complex, count: int) -> Complex:
+def _choose_side(
+    matrix: Complex, motions_beyond: Complex, motions_on_top: Complex, count: int
+) -> Complex:
     """Return the waves (m, 2 size) of this edge among ``count`` waves on which M, ``matrix``, is
     zero.
 
-    ``beyond`` and ``on_top`` (size, 2 size) are the motions beyond the cut and on top. A wave of
-    this edge moves nothing beyond the cut, and a wave of the edge beyond nothing on top: the
-    degenerate waves are turned into those whose share of the motion on top is one or zero.
+    ``motions_beyond`` and ``motions_on_top`` (size, 2 size) are the motions beyond the cut and on
+    top. A wave of this edge moves nothing beyond the cut, and a wave of the edge beyond nothing on
+    top: the degenerate waves are turned into those whose share of the motion on top is one or zero.
     """
     eigenvalues, vectors = np.linalg.eigh(matrix)
     smallest = np.argsort(np.abs(eigenvalues))[:count]
     null_vectors = vectors[:, smallest]
-    moved_on_top = on_top @ null_vectors
-    moved_beyond = beyond @ null_vectors
+    moved_on_top = motions_on_top @ null_vectors
+    moved_beyond = motions_beyond @ null_vectors
     top_metric = moved_on_top.conj().T @ moved_on_top
     whole_metric = top_metric + moved_beyond.conj().T @ moved_beyond
     # in the basis of the inverse factor the whole motion of each wave is one
@@ -900,7 +942,7 @@ def _choose_side(matrix: Complex, beyond: Complex, on_top: Complex, count: int) 
     return np.asarray(waves[share_on_top > 0.5])
 
 
-def _find_clear(bands: Array, top: float) -> list[tuple[float, float]]:
+def _find_free_intervals(bands: Array, top: float) -> list[tuple[float, float]]:
     """Return the ends of the intervals of w from zero to ``top`` in which no band lies, from the
     ends (size, 2) of the bands.
     """
@@ -913,9 +955,9 @@ def _find_clear(bands: Array, top: float) -> list[tuple[float, float]]:
     return list(zip(low[is_gap], high[is_gap], strict=True))
 
 
-def _find_between(intervals: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Return the ends of the intervals of w between the ``intervals`` without a band, from zero
-    on.
+def _find_complement(intervals: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return the ends of the intervals of w, from zero on, that lie between the ``intervals``
+    without a band.
     """
     bottoms = [0.0, *(high for _, high in intervals)]
     tops = [low for low, _ in intervals]
@@ -961,30 +1003,30 @@ def _find_roots(evaluate: Callable[[Index, Array], Array], ends: Array, values: 
     n = len(low)
     roots = np.zeros(n)
     last_side = np.zeros(n)  # 1 if the last point was above the root, else -1
-    wide = np.arange(n)  # functions whose brackets are not yet narrow
+    unsettled = np.arange(n)  # functions whose brackets are not yet narrow
     for step in range(_SECTIONS * 3):
-        if not wide.size:
+        if not unsettled.size:
             break
-        a = low[wide]
-        b = high[wide]
-        fa = f_low[wide]
-        fb = f_high[wide]
+        a = low[unsettled]
+        b = high[unsettled]
+        fa = f_low[unsettled]
+        fb = f_high[unsettled]
         is_bisection = step % 3 == 2
         trial = 0.5 * (a + b) if is_bisection else (a * fb - b * fa) / (fb - fa)
         x = np.clip(trial, a, b)
-        value = evaluate(wide, x)
+        value = evaluate(unsettled, x)
         is_above = value > 0.0
         side = np.where(is_above, 1.0, -1.0)
         # an end that stays twice counts half
-        weight = np.where(side == last_side[wide], 0.5, 1.0)
-        high[wide] = np.where(is_above, x, b)
-        low[wide] = np.where(is_above, a, x)
-        f_high[wide] = np.where(is_above, value, weight * fb)
-        f_low[wide] = np.where(is_above, weight * fa, value)
-        last_side[wide] = side
-        roots[wide] = x
-        is_wide = high[wide] - low[wide] > _ROOT_TOLERANCE * x
-        wide = wide[is_wide & (value != 0.0)]
+        weight = np.where(side == last_side[unsettled], 0.5, 1.0)
+        high[unsettled] = np.where(is_above, x, b)
+        low[unsettled] = np.where(is_above, a, x)
+        f_high[unsettled] = np.where(is_above, value, weight * fb)
+        f_low[unsettled] = np.where(is_above, weight * fa, value)
+        last_side[unsettled] = side
+        roots[unsettled] = x
+        is_wide = high[unsettled] - low[unsettled] > _ROOT_TOLERANCE * x
+        unsettled = unsettled[is_wide & (value != 0.0)]
     return roots
 
 

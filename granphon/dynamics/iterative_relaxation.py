@@ -50,11 +50,11 @@ PROBES = 2
 _MORE_PROBES = 12
 #: random motions beyond the loose ones that they leave, from which on none is left to be found
 _SPARE_PROBES = 2
-#: size of what is left of them from which on a motion is loose: a standard normal number is above
-#: it 99 times in 100, and the iteration leaves less than a thousandth of it
+#: size of what is left of random motions from which on a motion is loose: a standard normal number
+#: is above it 99 times in 100, and the iteration leaves less than a thousandth of it
 _LOOSE = 1e-2
-#: part of a loose motion that a second iteration leaves if it costs nothing at all; a motion that
-#: costs a little goes
+#: part that a second iteration leaves, at least, of a motion that costs nothing at all; of a motion
+#: that costs a little it leaves less
 _LEFT = 0.5
 #: largest number of loose motions of several balls that are found: as many solutions, in all, take
 #: some seven times as long as the moduli
@@ -94,19 +94,19 @@ class IterativeRelaxation:
         # the root of the largest entry of the diagonal: no deformation that a ball makes is greater
         self._highest = math.sqrt(float(np.max(difference.power(2).sum(axis=0), initial=0.0)))
         matrix = (self._columns @ difference).tocsr()
-        self._held, alone = invert_blocks(matrix, lattice.motions.count)
-        self._free = _join_clusters(lattice, matrix, alone)
+        self._ball_inverses, ball_motions = invert_blocks(matrix, lattice.motions.count)
+        self._local_motions = _join_clusters(lattice, matrix, ball_motions)
 
     def keep_back(self, staying: Array) -> Self:
         """Return the same relaxation, but for orthonormal motions ``staying`` (n_branches, k),
         which do not relax although they deform contacts. Those that deform none do not matter.
         """
-        kept = copy(self)
-        kept.staying = staying
+        relaxation = copy(self)
+        relaxation.staying = staying
         if staying.size:
             _, sizes, combinations = np.linalg.svd(self._rows @ staying, full_matrices=False)
-            kept.staying = staying @ combinations[sizes > _ROUNDING * self._highest].T
-        return kept
+            relaxation.staying = staying @ combinations[sizes > _ROUNDING * self._highest].T
+        return relaxation
 
     @cached_property
     def free(self) -> Array:
@@ -117,15 +117,15 @@ class IterativeRelaxation:
 
         Raises what :attr:`loose` raises.
         """
-        return np.concatenate([self._idle_shifts, self.loose], axis=1)
+        return np.concatenate([self._local_shifts, self.loose], axis=1)
 
     @property
     def n_free(self) -> int:
         """Number of motions that cost nothing, n_free, also if others cost so little that
         :attr:`free` raises an error.
         """
-        loose, _costs_little = self._search
-        return int(self._idle_shifts.shape[1] + loose.shape[1])
+        loose, _costs_little = self._search_result
+        return int(self._local_shifts.shape[1] + loose.shape[1])
 
     @property
     def finds_gears(self) -> bool:
@@ -133,12 +133,12 @@ class IterativeRelaxation:
         return bool(self.loose.size)
 
     @cached_property
-    def _idle_shifts(self) -> Array:
+    def _local_shifts(self) -> Array:
         """(n_branches, k) orthonormal parts of the shifts of all balls that single balls and small
         clusters can make, less the shifts themselves.
         """
         shifts = self._lattice.shifts
-        parts = self._free @ (self._free.T @ shifts)
+        parts = self._local_motions @ (self._local_motions.T @ shifts)
         parts -= shifts @ (shifts.T @ parts)
         basis, sizes, _ = np.linalg.svd(parts, full_matrices=False)
         return np.asarray(basis[:, sizes > math.sqrt(NO_ENERGY)])
@@ -164,7 +164,7 @@ class IterativeRelaxation:
         :data:`_MOST_LOOSE`, or if the iteration cannot tell a motion that costs little from one
         that costs nothing.
         """
-        loose, costs_little = self._search
+        loose, costs_little = self._search_result
         count = loose.shape[1] if self._are_few else self._loose_estimate
         relaxed = f"A cell of {self._lattice.n_balls} balls is relaxed by iteration"
         mend = "Leave out balls that carry no load: network.without_rattlers()"
@@ -185,10 +185,10 @@ class IterativeRelaxation:
         return loose
 
     @cached_property
-    def _search(self) -> tuple[Array, bool]:
+    def _search_result(self) -> tuple[Array, bool]:
         """The :attr:`loose` motions (n_branches, k), or some of them if there are more than
-        :data:`_MOST_LOOSE`, and whether others cost so little that they are not told from these at
-        once.
+        :data:`_MOST_LOOSE`, and whether other motions cost so little that one iteration does not
+        tell them from loose ones.
         """
         if not self._are_few:
             return self._first_loose, False
@@ -197,12 +197,12 @@ class IterativeRelaxation:
         n_probes = PROBES
         while n_found > n_probes - _SPARE_PROBES and loose.shape[1] <= _MOST_LOOSE:
             n_probes = _MORE_PROBES
-            probed = _span(self._probe(n_probes, loose))
+            probed = _find_span(self._probe(n_probes, loose))
             n_found = probed.shape[1]
-            found, also_costs_little = self._purify(probed, loose)
-            loose = np.concatenate([loose, found], axis=1)
+            further_loose, also_costs_little = self._purify(probed, loose)
+            loose = np.concatenate([loose, further_loose], axis=1)
             costs_little |= also_costs_little
-            if not found.size:
+            if not further_loose.size:
                 break
         return loose, costs_little
 
@@ -211,14 +211,14 @@ class IterativeRelaxation:
         """(n_branches, k) orthonormal motions that the first random motions leave: none if there is
         no loose motion.
         """
-        return _span(self._first_left)
+        return _find_span(self._first_remainders)
 
     @property
     def _loose_estimate(self) -> float:
-        """Number of loose motions, estimated from what the first random motions leave: the square
-        of its size is the sum of that of as many normal random numbers.
+        """Number of loose motions, estimated from what the first random motions leave: its squared
+        length is the sum of the squares of as many normal random numbers.
         """
-        return float(np.mean(np.sum(self._first_left**2, axis=0)))
+        return float(np.mean(np.sum(self._first_remainders**2, axis=0)))
 
     @property
     def _are_few(self) -> bool:
@@ -226,7 +226,7 @@ class IterativeRelaxation:
         return self._loose_estimate <= 2.0 * _MOST_LOOSE
 
     @cached_property
-    def _first_left(self) -> Array:
+    def _first_remainders(self) -> Array:
         """(n_branches, PROBES) what :meth:`_probe` finds first."""
         return self._probe(PROBES, self.staying[:, :0])
 
@@ -236,36 +236,41 @@ class IterativeRelaxation:
 
         A loose motion leaves a normal random number in each random motion.
         """
+        # the seed differs from search to search, and results can be repeated
         rng = np.random.default_rng(known.shape[1])
-        given = rng.standard_normal((self._lattice.n_branches, count))
-        return self._find_costless(given, known)
+        random_motions = rng.standard_normal((self._lattice.n_branches, count))
+        return self._find_remainders(random_motions, known)
 
-    def _purify(self, found: Array, known: Array) -> tuple[Array, bool]:
-        """Return orthonormal motions that cost nothing from what :meth:`_probe` has ``found``
-        beside those ``known``, by a second iteration, and whether others of them cost something.
+    def _purify(self, candidates: Array, known: Array) -> tuple[Array, bool]:
+        """Return orthonormal motions that cost nothing among orthonormal ``candidates``
+        (n_branches, m), what :meth:`_probe` has left beside the ``known`` loose motions, by a
+        second iteration; and whether some candidates cost something.
         """
-        if not found.size:
-            return found, False
-        basis, sizes, _ = np.linalg.svd(self._find_costless(found, known), full_matrices=False)
-        left = basis[:, sizes > _LEFT]
-        _, costs, combinations = np.linalg.svd(self._rows @ left, full_matrices=False)
-        free = left @ combinations[costs <= self.accuracy * self._highest].T
-        return np.asarray(free), free.shape[1] < found.shape[1]
+        if not candidates.size:
+            return candidates, False
+        remainders = self._find_remainders(candidates, known)
+        basis, sizes, _ = np.linalg.svd(remainders, full_matrices=False)
+        lasting = basis[:, sizes > _LEFT]
+        _, costs, combinations = np.linalg.svd(self._rows @ lasting, full_matrices=False)
+        free = lasting @ combinations[costs <= self.accuracy * self._highest].T
+        return np.asarray(free), free.shape[1] < candidates.shape[1]
 
-    def _find_costless(self, given: Array, known: Array) -> Array:
-        """Return what is left of motions ``given`` (n_branches, m) without those that deform
-        contacts, without shifts of all balls, without what single balls and small clusters can do,
-        and without ``known`` orthonormal loose motions (n_branches, k).
+    def _find_remainders(self, motions: Array, known: Array) -> Array:
+        """Return what is left of ``motions`` (n_branches, m) without those that deform contacts,
+        without shifts of all balls, without what single balls and small clusters can do, and
+        without ``known`` orthonormal loose motions (n_branches, k).
         """
         shifts = self._lattice.shifts
-        others, sizes, _ = np.linalg.svd(
-            shifts - self._free @ (self._free.T @ shifts), full_matrices=False
+        # shifts of all balls, without the part that single balls and small clusters can make
+        joint_shifts, sizes, _ = np.linalg.svd(
+            shifts - self._local_motions @ (self._local_motions.T @ shifts), full_matrices=False
         )
-        others = np.concatenate([others[:, sizes > math.sqrt(NO_ENERGY)], known], axis=1)
-        floor = _ROUNDING * self._highest * np.linalg.norm(given, axis=0)
-        left = given - self._follow(np.asarray(self._rows @ given), floor)
-        left -= self._free @ (self._free.T @ left)
-        return np.asarray(left - others @ (others.T @ left))
+        joint_shifts = joint_shifts[:, sizes > math.sqrt(NO_ENERGY)]
+        left_out = np.concatenate([joint_shifts, known], axis=1)
+        floor = _ROUNDING * self._highest * np.linalg.norm(motions, axis=0)
+        remainders = motions - self._respond_to(np.asarray(self._rows @ motions), floor)
+        remainders -= self._local_motions @ (self._local_motions.T @ remainders)
+        return np.asarray(remainders - left_out @ (left_out.T @ remainders))
 
     def relax(self, deformations: Array) -> Array:
         """Return the part of the ``deformations`` (n_rows, ...) that remains once the inner motions
@@ -279,10 +284,12 @@ class IterativeRelaxation:
         """Return the mass-weighted motions (n_branches, m) whose deformations are the part of the
         ``deformations`` (n_rows, m) that does not remain.
         """
-        return self._follow(deformations, 0.0)
+        return self._respond_to(deformations, 0.0)
 
-    def _follow(self, deformations: Array, floor: Any) -> Array:
-        """Return what :meth:`find_motions` returns, up to a residual of the size ``floor`` (m,)."""
+    def _respond_to(self, deformations: Array, floor: Any) -> Array:
+        """Return the motions of :meth:`find_motions`, found up to a residual of the size ``floor``
+        (m,).
+        """
         return self._solve(
             lambda x: np.asarray(self._columns @ (self._rows @ x)),
             self._columns @ deformations,
@@ -309,7 +316,9 @@ class IterativeRelaxation:
         the inner motions that respond to it, both (n_branches, m). The arguments are those of
         :meth:`eliminate`.
         """
-        held = self._hold_back(np.asarray(mixed - self._free @ (self._free.T @ mixed)))
+        held = self._hold_back(
+            np.asarray(mixed - self._local_motions @ (self._local_motions.T @ mixed))
+        )
         return held, self._solve(lambda x: np.asarray(block @ x), held)
 
     def _hold_back(self, motions: Array) -> Array:
@@ -318,7 +327,7 @@ class IterativeRelaxation:
 
     def _precondition(self, residual: Array) -> Array:
         """Return the motions (n_branches, m) of each ball by itself under forces ``residual``."""
-        return self._hold_back(np.asarray(self._held @ residual))
+        return self._hold_back(np.asarray(self._ball_inverses @ residual))
 
     def _solve(
         self, apply: Callable[[Array], Array], right: Array, floor: ArrayLike = 0.0
@@ -326,8 +335,9 @@ class IterativeRelaxation:
         """Return the motions (n_branches, m) that ``apply`` takes to ``right`` (n_branches, m), by
         conjugate gradients for all columns at once; without the motions that stay behind.
 
-        ``apply`` multiplies by a symmetric matrix. The iteration ends at residuals of the size
-        ``floor`` (m,), or those of :data:`_REDUCTION` if they are larger. Raises
+        ``apply`` multiplies by a symmetric matrix. The size of a residual r is (r^T P r)^1/2, with
+        the preconditioner P. The iteration ends at residuals of the size ``floor`` (m,), or those
+        of :data:`_REDUCTION` if they are larger. Raises
         :class:`~granphon.base.errors.InstabilityError` for a direction in which the energy falls,
         and :class:`~granphon.base.errors.ConvergenceError` after :data:`_MOST_ITERATIONS`.
         """
@@ -335,7 +345,7 @@ class IterativeRelaxation:
         residual = self._hold_back(right)
         preconditioned = self._precondition(residual)
         direction = preconditioned.copy()
-        sizes = np.einsum("nm,nm->m", residual, preconditioned)
+        sizes = np.einsum("nm,nm->m", residual, preconditioned)  # their squares, by columns
         limits = np.maximum(_REDUCTION**2 * sizes, np.square(floor))
         digits = -math.log10(_REDUCTION)
         reached = 0.0
@@ -373,47 +383,53 @@ class IterativeRelaxation:
         )
 
 
-def _span(left: Array) -> Array:
-    """Return an orthonormal basis (n, k) of what random motions leave (n, m)."""
-    basis, sizes, _ = np.linalg.svd(left, full_matrices=False)
+def _find_span(remainders: Array) -> Array:
+    """Return an orthonormal basis (n, k) of the ``remainders`` (n, m) of random motions."""
+    basis, sizes, _ = np.linalg.svd(remainders, full_matrices=False)
     return np.asarray(basis[:, sizes > _LOOSE])
 
 
-def _join_clusters(lattice: Compatibility, matrix: Any, alone: Any) -> Any:
+def _join_clusters(lattice: Compatibility, matrix: Any, ball_motions: Any) -> Any:
     """Return orthonormal motions (n_branches, k), sparse by rows, that cost nothing: those of
-    single balls, ``alone`` (n_branches, m), and in their place those of small clusters of balls
-    that no contact joins to others, as null vectors of the stiffness ``matrix`` of the cell.
+    single balls, ``ball_motions`` (n_branches, m), and in their place those of small clusters of
+    balls that no contact joins to others, as null vectors of the stiffness ``matrix`` (n_branches,
+    n_branches) of the cell of the ``lattice``.
     """
     from scipy.sparse import csc_array, hstack
 
     clusters = _find_clusters(lattice)
     if not clusters:
-        return alone
+        return ball_motions
     count = lattice.motions.count
     highest = float(np.max(matrix.diagonal()))
-    motions = []
+    # entries of the motions of clusters, with their lines and columns
+    entries = []
     lines = []
+    columns = []
+    n_motions = 0
     for balls in clusters:
-        line = (balls[:, None] * count + np.arange(count)).ravel()
-        energies, vectors = np.linalg.eigh(matrix[line][:, line].toarray())
+        lines_of_cluster = (balls[:, None] * count + np.arange(count)).ravel()
+        stiffness = matrix[lines_of_cluster][:, lines_of_cluster].toarray()
+        energies, vectors = np.linalg.eigh(stiffness)
         free = vectors[:, energies <= NO_ENERGY * highest]
-        motions.append(free.T.ravel())
-        lines.append(np.tile(line, free.shape[1]))
-    sizes = [
-        np.full(line.size // (balls.size * count), balls.size * count)
-        for line, balls in zip(lines, clusters, strict=True)
-    ]
-    starts = np.concatenate([[0], np.cumsum(np.concatenate(sizes))])
-    shape = (lattice.n_branches, len(starts) - 1)
-    of_clusters = csc_array((np.concatenate(motions), np.concatenate(lines), starts), shape=shape)
-    columns = alone.tocsc()
-    is_single = ~np.isin(columns.indices[columns.indptr[:-1]] // count, np.concatenate(clusters))
-    return hstack([columns[:, is_single], of_clusters], format="csr")
+        numbers = n_motions + np.arange(free.shape[1])
+        n_motions += free.shape[1]
+        entries.append(free.ravel())
+        lines.append(np.repeat(lines_of_cluster, free.shape[1]))
+        columns.append(np.tile(numbers, lines_of_cluster.size))
+    of_clusters = csc_array(
+        (np.concatenate(entries), (np.concatenate(lines), np.concatenate(columns))),
+        shape=(lattice.n_branches, n_motions),
+    )
+    of_balls = ball_motions.tocsc()
+    ball_of_motion = of_balls.indices[of_balls.indptr[:-1]] // count
+    is_single = ~np.isin(ball_of_motion, np.concatenate(clusters))
+    return hstack([of_balls[:, is_single], of_clusters], format="csr")
 
 
 def _find_clusters(lattice: Compatibility) -> list[Index]:
-    """Return the balls of each cluster of two and up to :data:`_MOST_IN_CLUSTER` balls that no
-    contact joins to others, and that does not go on from cell to cell.
+    """Return the balls of each cluster of two and up to :data:`_MOST_IN_CLUSTER` balls of the cell
+    of a ``lattice`` that no contact joins to others, and that does not go on from cell to cell.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -432,13 +448,13 @@ def _find_clusters(lattice: Compatibility) -> list[Index]:
     for number in np.flatnonzero(is_small):
         balls = np.flatnonzero(cluster == number)
         contacts = np.flatnonzero(of_contacts == number)
-        # places of the balls from which all vectors of contacts follow, if the cluster closes
+        # positions of the balls from which all vectors of contacts follow, if the cluster closes
         ends = np.zeros((contacts.size, balls.size))
         np.add.at(ends, (np.arange(contacts.size), np.searchsorted(balls, j[contacts])), 1.0)
         np.add.at(ends, (np.arange(contacts.size), np.searchsorted(balls, i[contacts])), -1.0)
         vectors = table.vector[between[contacts]]
-        places = np.linalg.lstsq(ends, vectors, rcond=None)[0]
-        open_by = np.max(np.abs(ends @ places - vectors), initial=0.0)
-        if open_by <= _CLOSED * np.max(np.abs(vectors)):
+        positions = np.linalg.lstsq(ends, vectors, rcond=None)[0]
+        mismatch = np.max(np.abs(ends @ positions - vectors), initial=0.0)
+        if mismatch <= _CLOSED * np.max(np.abs(vectors)):
             clusters.append(balls)
     return clusters

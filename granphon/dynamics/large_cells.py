@@ -81,9 +81,9 @@ class LargeCell:
     """The vibrations of a lattice with many balls in its cell, in reduced units.
 
     ``rows`` are one or two pairs: the rows of C with the square roots (kinds, n_c) of their
-    stiffness, and under static forces the rows on which these act, with theirs. ``images`` is an
-    inversion that maps the cell onto itself, whose first item is the image (n,) of each ball; None
-    if there is none.
+    stiffnesses, and under static forces the rows on which these act with the square roots of
+    theirs. ``images`` is an inversion that maps the cell onto itself, whose first item is the image
+    (n,) of each ball; None if there is no inversion.
     """
 
     def __init__(
@@ -95,22 +95,21 @@ class LargeCell:
         """Make the rows sparse, in terms of the motions in which D is real."""
         table = lattice.contacts
         self.size = lattice.n_branches
-        self.pressed = lattice.is_prestressed
+        self.is_prestressed = lattice.is_prestressed
         self.is_real = images is not None
         #: (n, n) sparse unitary matrix from the motions in which D is real to those of balls
         self.frame: Any = _make_frame(lattice, None if images is None else images[0])
         #: smallest number of zero frequencies at the wave vectors so far
-        self._zeros = self.size
-        self.kinds: list[_Ends] = []
+        self._fewest_zeros = self.size
+        #: the rows of C, and under static forces those on which these act
+        self.row_sets: list[_Ends] = []
         for number, (deformations, roots) in enumerate(rows):
             head, tail = compose_ends(lattice, deformations, roots)
-            count = len(deformations)
-            signs = np.ones((count, len(table)))
-            if number == 1:  # rows on which static forces act
-                signs = -lattice.static_signs
-            half = np.tile(0.5 * table.vector[:, : lattice.periods], (count, 1))
+            are_static = number == 1  # rows on which static forces act
+            signs = -lattice.static_signs if are_static else np.ones(roots.shape)
+            half = np.tile(0.5 * table.vector[:, : lattice.periods], (len(deformations), 1))
             ends = _Ends(head @ self.frame, tail @ self.frame, half, signs.ravel())
-            self.kinds.append(ends)
+            self.row_sets.append(ends)
 
     def find_frequencies(self, q: Array) -> Array | None:
         """Return frequencies (n,), (k/M)^1/2, ascending, at one wave vector q (p,), 1/d; None if
@@ -142,7 +141,7 @@ class LargeCell:
             return None
         frequencies, vectors = modes
         gradients = np.zeros((self.size, len(q)))
-        for ends in self.kinds:
+        for ends in self.row_sets:
             phase = np.exp(1j * (ends.half @ q))[:, None]
             head = phase * (ends.head @ vectors)
             tail = phase.conj() * (ends.tail @ vectors)
@@ -174,22 +173,24 @@ class LargeCell:
 
         Unless some wave vector so far had no zero frequency, one without symmetry is solved first.
         """
-        if self._zeros and self.find_frequencies(GENERIC[0, : self.kinds[0].half.shape[1]]) is None:
-            return None
-        return self._zeros
+        if self._fewest_zeros:
+            periods = self.row_sets[0].half.shape[1]
+            if self.find_frequencies(GENERIC[0, :periods]) is None:
+                return None
+        return self._fewest_zeros
 
-    def _compute(self, q: Array) -> tuple[list[Any], Any, float]:
-        """Return the sparse rows (kinds * n_c, n) of each of the :attr:`kinds`, the first of which
-        are C(q), sparse D(q) (n, n) with static forces, and an upper bound of the eigenvalues of D,
-        at one wave vector q (p,).
+    def _compute_matrices(self, q: Array) -> tuple[list[Any], Any, float]:
+        """Return the sparse rows (kinds * n_c, n) of each of the :attr:`row_sets`, the first of
+        which are C(q), sparse D(q) (n, n) with static forces, and an upper bound of the eigenvalues
+        of D, at one wave vector q (p,).
         """
         rows = []
-        for ends in self.kinds:
+        for ends in self.row_sets:
             phase = np.exp(1j * (ends.half @ q))[:, None]
             rows.append((ends.head.multiply(phase) - ends.tail.multiply(phase.conj())).tocsr())
         total: Any = sum(
-            rows_of_kind.conj().T @ rows_of_kind.multiply(ends.signs[:, None])
-            for rows_of_kind, ends in zip(rows, self.kinds, strict=True)
+            rows_of_set.conj().T @ rows_of_set.multiply(ends.signs[:, None])
+            for rows_of_set, ends in zip(rows, self.row_sets, strict=True)
         )
         matrix = (total.real if self.is_real else total).tocsr()
         bound = float(abs(matrix).sum(axis=1).max())
@@ -205,11 +206,11 @@ class LargeCell:
         """
         from scipy.linalg import eigh
 
-        rows, matrix, bound = self._compute(q)
+        rows, matrix, bound = self._compute_matrices(q)
         is_near_gamma = 0.0 < float(np.linalg.norm(q)) < _FAR
         frequencies = np.zeros(self.size)
         vectors = np.zeros((self.size, self.size) if with_vectors else (0, 0), matrix.dtype)
-        for motions in _split(matrix):
+        for motions in _split_motions(matrix):
             block = matrix[motions][:, motions]
             if with_vectors:
                 # LAPACK's driver "evr" takes a third of the time of the default
@@ -219,7 +220,7 @@ class LargeCell:
                 vectors[np.ix_(motions, motions)] = of_block
             else:
                 squares = np.linalg.eigvalsh(block.toarray())
-            rows_of_block = [rows_of_kind[:, motions] for rows_of_kind in rows]
+            rows_of_block = [rows_of_set[:, motions] for rows_of_set in rows]
             low = self._resolve_low_modes(block, rows_of_block, squares, bound)
             if low is None:
                 return None
@@ -228,7 +229,7 @@ class LargeCell:
             block_frequencies = np.sqrt(np.maximum(squares, 0.0))
             block_frequencies[: low.are_zero.size] = np.where(low.are_zero, 0.0, low.frequencies)
             frequencies[motions] = block_frequencies
-        self._zeros = min(self._zeros, int(np.count_nonzero(frequencies == 0.0)))
+        self._fewest_zeros = min(self._fewest_zeros, int(np.count_nonzero(frequencies == 0.0)))
         return frequencies, vectors
 
     def _resolve_low_modes(
@@ -239,23 +240,23 @@ class LargeCell:
         that rounding leaves them no digits. None if no other way gives their digits.
 
         ``block`` (n, n) is the sparse D of the part, ``rows`` are those of each of the
-        :attr:`kinds`, and ``bound`` is an upper bound of all squares. There are three cases. Under
-        static forces D is not C^T C, so that singular values of C are no frequencies: the low
-        squares must all be zero within rounding, or few and all have their digits, when they are
-        found again.
-        If the low frequencies are few, they are found again as singular values of C. If they are
-        many, they must all be those of motions without contacts.
+        :attr:`row_sets`, and ``bound`` is an upper bound of all squares. There are three cases.
+        Under static forces D is not C^T C, so that singular values of C are no frequencies: the low
+        squares must all be zero within rounding, or so few that they can be found again, and then
+        all have their digits. Without static forces, if the low frequencies are few, they are found
+        again as singular values of C. If they are many, they must all be those of motions without
+        contacts.
         """
-        limit = _LEAST_SQUARE if self.pressed else WELL_ABOVE
+        limit = _LEAST_SQUARE if self.is_prestressed else WELL_ABOVE
         count = int(np.count_nonzero(squares <= limit * bound))
         lowest = squares[:count]
-        if self.pressed:
+        if self.is_prestressed:
             are_zero = np.abs(lowest) <= NO_SQUARE * bound
             if np.all(are_zero):
                 return _LowModes(np.zeros(count), are_zero)
         # Lanczos's method is for a small part of the eigenvalues
         are_many = count > min(_MOST_SHARPENED, len(squares) // 3)
-        if self.pressed:
+        if self.is_prestressed:
             return None if are_many else self._sharpen_pressed(block, rows, lowest, bound)
         if are_many:
             are_zero = lowest <= 0.0
@@ -275,16 +276,16 @@ class LargeCell:
         ``lowest`` (m,) have no digits; None if some of them have none in another way either. The
         other arguments are those of :meth:`_resolve_low_modes`.
 
-        Within the space of these modes D is a small matrix of products of rows: rounding of the
-        rows is far below that of D, as in C, where squares are as far below those of D.
+        Within the space of these modes D is a small matrix of products of rows. The rows are small
+        there, and so is their rounding, which is far below that of the entries of D.
         """
         basis = _find_low_space(block, len(lowest), bound)
-        products = [rows_of_kind @ basis for rows_of_kind in rows]
-        small = sum(
+        products = [rows_of_set @ basis for rows_of_set in rows]
+        projection = sum(
             product.conj().T @ (ends.signs[:, None] * product)
-            for product, ends in zip(products, self.kinds, strict=True)
+            for product, ends in zip(products, self.row_sets, strict=True)
         )
-        squares = np.linalg.eigvalsh(small)
+        squares = np.linalg.eigvalsh(projection)
         have_digits = squares[0] >= _LEAST**2 * bound
         are_complete = np.all(np.abs(squares - lowest) <= _MISSED * bound)
         if not (have_digits and are_complete):
@@ -294,7 +295,7 @@ class LargeCell:
 
 def _make_frame(lattice: Compatibility, image: NDArray[np.intp] | None) -> Any:
     """Return a sparse unitary matrix (n_branches, n_branches), whose columns are the motions, as
-    combinations of those of balls, in terms of which D is found.
+    combinations of those of the balls of a ``lattice``, in terms of which D is found.
 
     An inversion takes each ball to its ``image`` (n,). The columns are then even motions, and odd
     motions times i. Without an inversion, ``image`` is None, and the matrix is that of unity.
@@ -316,7 +317,7 @@ def _make_frame(lattice: Compatibility, image: NDArray[np.intp] | None) -> Any:
     return kron(frame_of_balls, np.diag(lattice.motions.phases)).tocsr()
 
 
-def _split(matrix: Any) -> list[NDArray[np.intp]]:
+def _split_motions(matrix: Any) -> list[NDArray[np.intp]]:
     """Return the sets of motions, as numbers, that no entry of a sparse ``matrix`` (n, n) joins to
     motions of other sets; those of a loose ball are an example.
     """

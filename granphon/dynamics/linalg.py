@@ -303,11 +303,10 @@ def jacobi_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     columns[:, :m] = a / scale
     columns[np.arange(n), m + np.arange(n)] = 1.0
     for _ in range(_MOST_SWEEPS):
-        # a list, so that all pairs of columns are turned before the test
-        were_turned = [
-            _rotate(columns[p], columns[r], m) for p, r in itertools.combinations(range(n), 2)
-        ]
-        if not any(were_turned):
+        were_turned = False
+        for p, r in itertools.combinations(range(n), 2):
+            were_turned |= _rotate(columns[p], columns[r], m)
+        if not were_turned:
             break
     else:
         # for finite input the iteration always converges, quadratically
@@ -358,7 +357,7 @@ def cholesky_factor(matrices: NDArray[Any]) -> NDArray[Any]:
 
     Each matrix is first scaled to a unit diagonal, so that small eigenvalues of a graded matrix
     keep their digits. Rows of zeros stay zero. Raises :class:`numpy.linalg.LinAlgError` if a matrix
-    has a negative diagonal entry, or after scaling a negative eigenvalue that is more than
+    has a diagonal entry below zero, or after scaling an eigenvalue below zero by more than
     rounding.
     """
     diagonal = np.einsum("...ii->...i", matrices).real
@@ -480,8 +479,8 @@ def invert_hermitian(matrices: NDArray[Any]) -> NDArray[Any]:
 
 @contextmanager
 def lanczos_converges() -> Iterator[None]:
-    """Turn an error of ARPACK, whose iteration has ended without its modes, within the block into a
-    :class:`~granphon.base.errors.ConvergenceError`.
+    """Make a :class:`~granphon.base.errors.ConvergenceError` of an error of ARPACK within the
+    block: its iteration has ended without the modes.
     """
     from scipy.sparse.linalg import ArpackError
 

@@ -24,7 +24,7 @@ reduced units: length d, stiffness k. Equations of the kind (32) are those of th
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -97,7 +97,7 @@ class LocalField(Result):
 
 def compute_xi(alpha: float, beta: float, mindlin_ratio: float) -> float:
     """Return Xi from the equilibrium of a corona ball (equations 35 and 45) on the triangular
-    lattice, with ``alpha`` and ``beta`` of :class:`LocalField`, at eta, ``mindlin_ratio``.
+    lattice, with ``alpha`` and ``beta`` of :class:`LocalField`, at the ``mindlin_ratio`` eta.
     """
     bridge = _TRIANGLE_HEIGHT * beta
     return 2.5 - alpha - bridge + mindlin_ratio * (1.5 - bridge)
@@ -105,7 +105,7 @@ def compute_xi(alpha: float, beta: float, mindlin_ratio: float) -> float:
 
 def paper_local_field(mindlin_ratio: float) -> LocalField:
     """Return the local field with the alpha and beta that Velicky and Caroli (2002) print (A14) and
-    use at every eta, ``mindlin_ratio``; Xi follows from their equation (45).
+    use at every ``mindlin_ratio`` eta; Xi follows from their equation (45).
 
     These numbers do not satisfy their own definition (see the errata). They are kept to reproduce
     the curves of that paper. Raises :class:`~granphon.base.errors.InputError` if eta is below zero.
@@ -172,30 +172,29 @@ def local_field(
 def _compute_local_field(
     structure: Lattice, eta: float, bending: float, torsion: float
 ) -> LocalField:
-    """Return the local field of a lattice, see :func:`local_field`, from arguments that have been
-    checked.
+    """Return the local field of the lattice ``structure`` at the Mindlin ratio ``eta``, from
+    arguments of :func:`local_field` that have been checked; the errors are as there.
     """
     medium = ContactLattice.of(structure, eta, torsion=torsion, bending=bending)
     try:
         medium.require_rigid()
     except MechanismError as error:
         raise MechanismError(
-            f"Xi of lattice {medium.name!r} does not exist: it is the stiffness with which"
-            f" the rest of the lattice holds the"
-            f" neighbours of a ball, and some motions of the rest cost nothing; {error}"
+            f"Xi of lattice {medium.name!r} does not exist: Xi is the stiffness with which the"
+            " lattice holds the neighbours of a ball, and some motions of the lattice cost nothing;"
+            f" {error}"
         ) from None
+    make_field = partial(
+        LocalField,
+        mindlin_ratio=eta,
+        lattice=structure.name,
+        bending=bending,
+        torsion=torsion,
+    )
     # if motions of balls can make any deformation of contacts, P is the unit matrix, and Xi is zero
     takes_any_deformation = all(block.rank == block.n_rows for block in medium.elongating_blocks)
     if takes_any_deformation:
-        return LocalField(
-            alpha=None,
-            beta=None,
-            xi=0.0,
-            mindlin_ratio=eta,
-            lattice=structure.name,
-            bending=bending,
-            torsion=torsion,
-        )
+        return make_field(alpha=None, beta=None, xi=0.0)
     elongations = _integrate_response(medium)
     if elongations is None:
         raise PrecisionError(
@@ -207,27 +206,19 @@ def _compute_local_field(
         )
     star, *second_neighbours = elongations.tolist()
     xi = 1.0 / star - 1.0
-    alpha = None
-    beta = None
-    if second_neighbours:
-        # the elongations are u_alpha - u_1 on top, and (sqrt(3) u_beta - u_1)/2 at a bridge
-        on_top, bridge = second_neighbours
-        alpha = 1.0 + on_top / star
-        beta = float((1.0 + 2.0 * bridge / star) / np.sqrt(3.0))
-    return LocalField(
-        alpha=alpha,
-        beta=beta,
-        xi=xi,
-        mindlin_ratio=eta,
-        lattice=structure.name,
-        bending=bending,
-        torsion=torsion,
-    )
+    if not second_neighbours:
+        return make_field(alpha=None, beta=None, xi=xi)
+    # the elongations are u_alpha - u_1 on top, and (sqrt(3) u_beta - u_1)/2 at a bridge
+    on_top, bridge = second_neighbours
+    alpha = 1.0 + on_top / star
+    beta = float((1.0 + 2.0 * bridge / star) / np.sqrt(3.0))
+    return make_field(alpha=alpha, beta=beta, xi=xi)
 
 
 def _integrate_response(medium: ContactLattice) -> Array | None:
-    """Return the mean elongations (kinds,) under a unit tension of one ball's star, of the kinds of
-    contacts of :class:`_Response`; None if the integral over the zone does not settle.
+    """Return the mean elongations (kinds,) of the kinds of contacts of :class:`_Response` on a
+    lattice, ``medium``, under a unit tension of one ball's star; None if the integral over the zone
+    does not settle.
     """
     response = _Response(medium)
     operations = _find_operations(medium)
@@ -251,7 +242,7 @@ def _integrate_response(medium: ContactLattice) -> Array | None:
 
 @lru_cache(maxsize=16)
 def _find_operations(medium: ContactLattice) -> list[Operation]:
-    """Return the operations on q that leave the response of a lattice unchanged."""
+    """Return the operations on q that leave the response of a lattice, ``medium``, unchanged."""
     return find_symmetries(_Response(medium), medium.reciprocal)
 
 
@@ -294,6 +285,7 @@ class _Response:
             transforms = [np.exp(-1j * (q @ points.T)) @ contacts for points, contacts in kind]
             projections.append(adjoint @ np.stack(transforms, axis=2))
         star = projections[0]
+        # t^H P t of the star with each kind: sums over the rank r and the balls b
         sums = [np.einsum("qrb,qrb->q", kind.conj(), star).real for kind in projections]
         return np.stack(sums, axis=1) / self._counts
 
@@ -312,10 +304,10 @@ class _Response:
 
 
 def _list_kinds(medium: ContactLattice) -> list[list[tuple[Array, Array]]]:
-    """Return, for each kind of contacts of :class:`_Response` and each ball of the cell, the
-    contacts of that kind about the ball: their midpoints (m, p) along the periods, d, and a table
-    (m, n_c) that is 1 where a midpoint is that of a contact of the lattice, up to periods, and else
-    0.
+    """Return, for each kind of contacts of :class:`_Response` on a lattice, ``medium``, and each
+    ball of its cell, the contacts of that kind about the ball: their midpoints (m, p) along the
+    periods, d, and a table (m, n_c) that is 1 where a midpoint is that of a contact of the lattice,
+    up to periods, and else 0.
 
     Only the triangular lattice has more kinds than the star. It is recognised, in any cell, as the
     lattice in the plane with three contacts per ball.

@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.hertz import MOST_CONTACT_RADIUS
 from granphon.balls.lattices import as_direction, one_direction
-from granphon.base.arrays import Array
+from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, InstabilityError, MechanismError
 from granphon.base.progress import Progress, silent
 from granphon.base.results import read_only
@@ -91,13 +91,13 @@ class _SoundMass(NamedTuple):
     ----------
     couples : whether some of these motions take part in sound.
     moved : (n_u, n_u) the mass that sound moves, over all mass: the unit matrix if it moves all.
-    idle : (k, n_u + n_free) orthonormal motions, as rows, that stay behind: their amplitudes in the
-        n_u shifts of all balls, then those in the n_free inner motions that cost no energy.
+    staying : (k, n_u + n_free) orthonormal motions, as rows, that stay behind: their amplitudes in
+        the n_u shifts of all balls, then those in the n_free inner motions that cost no energy.
     """
 
     couples: bool
     moved: Array
-    idle: Array
+    staying: Array
 
 
 class LongWaves(Compatibility):
@@ -140,25 +140,25 @@ class LongWaves(Compatibility):
         """
         if self.n_branches <= MANY_COLUMNS:
             return False
-        if self.n_branches > MOST_DENSE_WITH_GEARS or self._touching is self:
+        if self.n_branches > MOST_DENSE_WITH_GEARS or self._touching_lattice is self:
             return True
-        return not self._leaves_gears(self._sparse)
+        return not self._leaves_gears(self._sparse_relaxation)
 
     def _leaves_gears(self, relaxation: SparseRelaxation | IterativeRelaxation) -> bool:
         """Whether motions are to stay behind that a ``relaxation`` by sparse matrices relaxes: it
-        finds fewer free motions than the :attr:`_touching` lattice has.
+        finds fewer free motions than the :attr:`_touching_lattice` has.
 
         Sparse matrices relax every motion that deforms contacts, by however little. Gears whose
         lever arms differ within overlaps deform contacts as they turn, but the same turn is free
-        in the :attr:`_touching` lattice, and is to stay behind; dense matrices leave it behind, and
+        in the :attr:`_touching_lattice`, and is to stay behind; dense matrices leave it behind, and
         so does iteration where the motions are given.
         """
-        touching = self._touching
+        touching = self._touching_lattice
         if touching is self or relaxation.keeps_back:
             return False
         if touching._relaxation is not None and not touching._relaxation.finds_gears:
             return False
-        return bool(relaxation.n_free < touching._free.shape[1])
+        return bool(relaxation.n_free < touching._free_motions.shape[1])
 
     def relax_inner_motions(self, progress: Progress = silent) -> None:
         """Make the relaxation of the inner motions, and keep it: the long work which moduli and
@@ -171,20 +171,19 @@ class LongWaves(Compatibility):
         do not fit into memory.
         """
         is_large = self.n_branches > MANY_COLUMNS
-        if is_large and not self.is_held and "_sparse" not in vars(self):
+        if is_large and not self.is_held and "_sparse_relaxation" not in vars(self):
             # the cached property gets its value here, because it cannot report progress itself
-            vars(self)["_sparse"] = self._make_sparse(progress)
+            vars(self)["_sparse_relaxation"] = self._make_sparse(progress)
 
     @cached_property
-    def _sparse(self) -> SparseRelaxation | IterativeRelaxation:
+    def _sparse_relaxation(self) -> SparseRelaxation | IterativeRelaxation:
         """The relaxation of all inner motions by sparse factors, or by iteration."""
         return self._make_sparse(silent)
 
     def _make_sparse(self, progress: Progress) -> SparseRelaxation | IterativeRelaxation:
         """Return a new relaxation of all inner motions: by iteration where this takes less time and
         memory (:meth:`_find_iteration`), or where gears are to stay behind in a cell too large for
-        dense matrices, else by sparse factors. ``progress`` is told of the
-        work.
+        dense matrices, else by sparse factors. ``progress`` is told of the work.
         """
         head, tail = compose_ends(self, *self._weight_rows())
         difference = (head - tail).tocsr()
@@ -194,14 +193,14 @@ class LongWaves(Compatibility):
         relaxation = SparseRelaxation(self, difference, (head + tail).tocsr(), _SOFT, progress)
         if self.n_branches > MOST_DENSE_WITH_GEARS and self._leaves_gears(relaxation):
             iteration = IterativeRelaxation(self, difference, progress)
-            return iteration.keep_back(self._touching._free)
+            return iteration.keep_back(self._touching_lattice._free_motions)
         return relaxation
 
     def _find_iteration(self, difference: Any, progress: Progress) -> IterativeRelaxation | None:
         """Return the relaxation by iteration of a large cell in space; None of any other.
 
         Cells whose factors would not fit into memory are iterated in any case: motions that cost
-        nothing in the :attr:`_touching` lattice, as gears, then stay behind. Smaller cells are
+        nothing in the :attr:`_touching_lattice`, as gears, then stay behind. Smaller cells are
         iterated only if no motion of several balls costs nothing, or nearly so: factors find such
         motions in less time. The arguments are those of :class:`IterativeRelaxation`.
         """
@@ -210,10 +209,11 @@ class LongWaves(Compatibility):
         iteration = IterativeRelaxation(self, difference, progress)
         if not self._is_too_large_for_factors:
             return None if iteration.leaves_loose else iteration
-        if self._touching is not self:
-            self._touching.relax_inner_motions(progress)
-        leaves_gears = self._leaves_gears(iteration)
-        return iteration.keep_back(self._touching._free) if leaves_gears else iteration
+        if self._touching_lattice is not self:
+            self._touching_lattice.relax_inner_motions(progress)
+        if self._leaves_gears(iteration):
+            return iteration.keep_back(self._touching_lattice._free_motions)
+        return iteration
 
     @property
     def tries_iteration(self) -> bool:
@@ -248,28 +248,40 @@ class LongWaves(Compatibility):
         # springs to the ground, and bodies that do not move, join no balls
         resists = np.broadcast_to(self.mindlin_ratio, len(table)) > 0.0
         resists &= (np.arange(len(table)) < self.n_between) & (table.j < count)
-        i, j = table.i[resists], table.j[resists]
-        counts = []
-        for copies, ends in ((1, (i, j)), (2, (np.r_[i, i + count], np.r_[j + count, j]))):
-            shape = (copies * count, copies * count)
-            joined = coo_array((np.ones(ends[0].size), ends), shape=shape)
-            counts.append(connected_components(joined, directed=False)[0])
+        i = table.i[resists]
+        j = table.j[resists]
+
+        def count_sets(first: Index, second: Index, n_balls: int) -> int:
+            """Return the number of sets into which contacts of balls ``first`` (m,) and ``second``
+            (m,) join ``n_balls`` balls.
+            """
+            joined = coo_array((np.ones(len(first)), (first, second)), shape=(n_balls, n_balls))
+            return int(connected_components(joined, directed=False)[0])
+
+        n_sets = count_sets(i, j, count)
+        # ball n of the second copy has the number n + count
+        n_parts = count_sets(np.append(i, i + count), np.append(j + count, j), 2 * count)
         n_alone = count - np.unique([i, j]).size  # balls that touch no other cannot be gears
-        return bool(counts[1] - counts[0] == n_alone)
+        return n_parts - n_sets == n_alone
 
     @property
     def _relaxation(self) -> SparseRelaxation | IterativeRelaxation | None:
         """The relaxation of the inner motions by sparse matrices; None if matrices are dense."""
-        return self._sparse if self._uses_sparse_matrices else None
+        return self._sparse_relaxation if self._uses_sparse_matrices else None
 
     def _relax_under(self, push: Any) -> SparseRelaxation | IterativeRelaxation:
         """Return the :attr:`_relaxation` of a cell of many balls under static forces, of which the
         sparse ``push`` (n_branches, n_branches) is the form of their energy: motions on which they
         act do not stay behind.
         """
-        if isinstance(self._sparse, IterativeRelaxation) and self._touching is not self:
-            return self._sparse.keep_back(_leave_pushed(self._sparse.staying, push))
-        return self._sparse
+        if (
+            isinstance(self._sparse_relaxation, IterativeRelaxation)
+            and self._touching_lattice is not self
+        ):
+            return self._sparse_relaxation.keep_back(
+                _leave_pushed(self._sparse_relaxation.staying, push)
+            )
+        return self._sparse_relaxation
 
     @property
     def _n_gradients(self) -> int:
@@ -322,7 +334,7 @@ class LongWaves(Compatibility):
         return deformations, free / scale[:, None]
 
     @cached_property
-    def _free(self) -> Array:
+    def _free_motions(self) -> Array:
         """(n_inner, n_free) orthonormal inner motions, rotations and displacements of balls against
         each other, that deform no contact. In large cells they are :attr:`SparseRelaxation.free`.
         """
@@ -336,7 +348,7 @@ class LongWaves(Compatibility):
         return np.linalg.qr(free_motions)[0]
 
     @cached_property
-    def _touching(self) -> Self:
+    def _touching_lattice(self) -> Self:
         """The lattice in the limit of vanishing overlaps, by which free inner motions are
         recognised: each ball whose lever arms differ by no more than overlaps explain has their
         mean as its only lever arm, and no static forces act.
@@ -347,15 +359,15 @@ class LongWaves(Compatibility):
         between = slice(0, self.n_between)  # springs to the ground have no arms
         balls = np.concatenate([table.i[between], table.j[between]])
         arms = np.concatenate([table.arm_i[between], table.arm_j[between]])
-        mean = np.bincount(balls, arms) / np.maximum(np.bincount(balls), 1)
-        deviation = np.zeros(len(mean))  # largest deviation from the mean, of each ball
-        np.maximum.at(deviation, balls, np.abs(arms - mean[balls]))
-        is_evened = (deviation > _ROUNDED_ARM * mean) & (deviation <= _UNEVEN_ARM * mean)
+        mean_arm = np.bincount(balls, arms) / np.maximum(np.bincount(balls), 1)
+        deviation = np.zeros(len(mean_arm))  # largest deviation from the mean, of each ball
+        np.maximum.at(deviation, balls, np.abs(arms - mean_arm[balls]))
+        is_evened = (deviation > _ROUNDED_ARM * mean_arm) & (deviation <= _UNEVEN_ARM * mean_arm)
         if not np.any(is_evened):
             return self
         arm_i = table.arm_i.copy()
         arm_j = table.arm_j.copy()
-        evened = np.where(is_evened[balls], mean[balls], arms)
+        evened = np.where(is_evened[balls], mean_arm[balls], arms)
         arm_i[between], arm_j[between] = np.split(evened, 2)
         return type(self)(
             self.cell,
@@ -376,31 +388,31 @@ class LongWaves(Compatibility):
         """Return an orthonormal basis (n_inner, n) of the inner motions that relax in a long wave:
         all that are perpendicular to those that stay behind.
 
-        An inner motion stays behind if it deforms no contact of the :attr:`_touching` lattice, and
+        An inner motion stays behind if it deforms no contact of the :attr:`_touching_lattice`, and
         if static forces do not act on it. ``push`` (n_inner, n_inner) is the form of the energy
         under static forces, if there are any. Inner motions are mass-weighted, so that inertia does
         not couple the two kinds.
         """
         n_shifts = len(self.motions.translations)
-        idle = self._touching._free
-        if self._touching._uses_sparse_matrices:
+        staying = self._touching_lattice._free_motions
+        if self._touching_lattice._uses_sparse_matrices:
             # motions of balls become motions of the frame, of which the shifts of all balls, the
             # first ones, are left out
-            in_frame = self._frame.T @ idle.reshape(self.n_balls, -1)
-            idle = in_frame.reshape(idle.shape)[n_shifts:]
+            in_frame = self._frame.T @ staying.reshape(self.n_balls, -1)
+            staying = in_frame.reshape(staying.shape)[n_shifts:]
         if push is not None:
-            idle = _leave_pushed(idle, push)
-        if not idle.size:
+            staying = _leave_pushed(staying, push)
+        if not staying.size:
             return np.eye(self.n_branches - n_shifts)
-        complete_basis = np.linalg.qr(idle, mode="complete")[0]
-        return np.asarray(complete_basis[:, idle.shape[1] :])
+        complete_basis = np.linalg.qr(staying, mode="complete")[0]
+        return np.asarray(complete_basis[:, staying.shape[1] :])
 
     @cached_property
-    def _relaxing(self) -> Array:
+    def _relaxing_deformations(self) -> Array:
         """(n_rows, n) orthonormal basis of the deformations that inner motions can make in a long
         wave.
         """
-        if self._touching is self:
+        if self._touching_lattice is self:
             deformations, _ = self._inner_modes
             return deformations
         _, inner = self._strain_rows
@@ -415,7 +427,7 @@ class LongWaves(Compatibility):
         """
         if self._relaxation is not None:
             return self._relaxation.relax(rows)
-        basis = self._relaxing
+        basis = self._relaxing_deformations
         amplitudes = np.tensordot(basis.T, rows, 1)
         return np.asarray(rows - np.tensordot(basis, amplitudes, 1))
 
@@ -475,7 +487,7 @@ class LongWaves(Compatibility):
 
     @cached_property
     def _sound_mass(self) -> _SoundMass:
-        """How inner motions that cost no energy at Gamma, :attr:`_free`, change sound.
+        """How inner motions that cost no energy at Gamma, :attr:`_free_motions`, change sound.
 
         In a wave the energy of such motions is of second order in q, as that of sound is. There are
         three kinds. Motions that do not couple with sound to second order are waves of their own,
@@ -484,14 +496,14 @@ class LongWaves(Compatibility):
         the shifts of all balls is missing from the mass that sound moves. All others take part in
         sound.
         """
-        if self._touching is not self:
-            return self._touching._sound_mass
-        free = self._free
+        if self._touching_lattice is not self:
+            return self._touching_lattice._sound_mass
+        free = self._free_motions
         count = len(self.motions.translations)
-        none_idle = np.zeros((0, count + free.shape[1]))
-        all_moves = _SoundMass(couples=False, moved=np.eye(count), idle=none_idle)
+        no_staying = np.zeros((0, count + free.shape[1]))
+        all_mass_moves = _SoundMass(couples=False, moved=np.eye(count), staying=no_staying)
         if not free.size:
-            return all_moves
+            return all_mass_moves
         unrelaxed = self._deform_in_wave(free)
         waves = self._relax(unrelaxed)
         sound = self._relaxed_rows.reshape(-1, count, self.periods)
@@ -500,26 +512,27 @@ class LongWaves(Compatibility):
 
         def couple(waves: Array) -> bool:
             """Return whether ``waves`` (n_rows, p, n) couple with sound to second order in q."""
+            # sum over the rows r of the products of a displacement i with gradient j in sound, and
+            # of the component l of q with motion m; q_j q_l is the same for j and l exchanged
             products = np.einsum("rij,rlm->ijlm", sound, waves)
-            # q_j q_l is the same for j and l exchanged
             coupling = products + products.swapaxes(1, 2)
             return bool(np.max(np.abs(coupling), initial=0.0) > rounding)
 
         if not couple(waves):
-            return all_moves
+            return all_mass_moves
         # sound as a mass-weighted motion, as inner motions are
         weighted_sound = sound.swapaxes(1, 2) / np.sqrt(self.masses.sum())
         all_waves = np.concatenate([weighted_sound, waves], axis=2)
         # motions, as rows, that deform nothing to second order: first their amplitudes in the
         # shifts of all balls, then those in the inner motions
-        idle = _find_null(all_waves.reshape(-1, count + free.shape[1]), soft=self._accuracy)
-        idle_shifts = idle[:, :count]
-        idle_inner = idle[:, count:]
+        staying = _find_null(all_waves.reshape(-1, count + free.shape[1]), soft=self._accuracy)
+        staying_shifts = staying[:, :count]
+        staying_inner = staying[:, count:]
         # the waves of inner motions that are perpendicular to those that stay behind
-        deforming = waves @ _find_null(idle_inner, 1.0).T
-        mass = np.eye(count) - idle_shifts.T @ idle_shifts
+        deforming = waves @ _find_null(staying_inner, 1.0).T
+        mass = np.eye(count) - staying_shifts.T @ staying_shifts
         moved = np.where(np.abs(mass) > _COUPLED, mass, 0.0)
-        return _SoundMass(couples=couple(deforming), moved=moved, idle=idle)
+        return _SoundMass(couples=couple(deforming), moved=moved, staying=staying)
 
     def _deform_in_wave(self, free: Array) -> Array:
         """Return the derivatives (n_rows, p, n_free), divided by i, of the deformations with
@@ -569,8 +582,8 @@ class LongWaves(Compatibility):
         senses in a cell that contains several smaller cells, belongs to another wave vector of the
         smaller cell.
         """
-        if self._touching is not self:
-            return self._touching.mechanism
+        if self._touching_lattice is not self:
+            return self._touching_lattice.mechanism
         can_turn = self.motions.rotate
         if self._sound_mass.couples:
             example = " (as gears do, on a lattice without odd rings)" if can_turn else ""
@@ -831,19 +844,25 @@ class LongWaves(Compatibility):
         shape = (len(table), len(self.motions.translations), self.periods)
         deformations = []
         for row in rows:
-            ends = np.einsum("ca,cag->cg", row.head, motions[table.j])
-            ends -= np.einsum("ca,cag->cg", row.tail, motions[table.i])
-            deformations.append(strain_rows(row, vector, self.motions) + ends.reshape(shape))
+            # of each contact c under each gradient g: the sums over the motions a of its two balls
+            relaxation = np.einsum("ca,cag->cg", row.head, motions[table.j])
+            relaxation -= np.einsum("ca,cag->cg", row.tail, motions[table.i])
+            affine = strain_rows(row, vector, self.motions)
+            deformations.append(affine + relaxation.reshape(shape))
         stack = np.array(deformations)
         if self.lacks_potential:
             return rows, stack
         # a gradient of a displacement across the periods turns the whole lattice. No contact
         # deforms, and the work is that of the static stress, for which a row is added
         stack[:, :, self._is_across] = 0.0
-        for axis in np.flatnonzero(self._is_across) if self.is_prestressed else ():
+        if not self.is_prestressed:
+            return rows, stack
+        # the balls turn along, so that the row has no coefficients of their motions
+        none = np.zeros((len(table), self.motions.count))
+        for axis in np.flatnonzero(self._is_across):
             turned = np.zeros(shape)
             turned[:, axis] = vector
-            rows.append(Row("push", 1.0, rows[-1].head, rows[-1].tail))
+            rows.append(Row("push", 1.0, none, none))
             stack = np.concatenate([stack, turned[None]])
         return rows, stack
 
@@ -854,14 +873,15 @@ class LongWaves(Compatibility):
         """
         count = len(self.motions.translations)
         unit = np.broadcast_to(np.eye(count), (self.n_balls, count, count))
-        idle = self._sound_mass.idle
-        if not len(idle):
+        staying = self._sound_mass.staying
+        if not len(staying):
             return unit
         # the projection of a displacement of all balls on the motions that stay behind: a shift of
         # all balls, and mass-weighted inner motions
-        shifts, inner = np.split(idle.T @ idle[:, :count], [count])
-        stays = self._list_in_balls(self._touching._free @ inner)[:, self.motions.translating]
-        return np.asarray(unit - shifts - np.sqrt(self.masses.sum()) * stays)
+        shifts, inner = np.split(staying.T @ staying[:, :count], [count])
+        motions = self._list_in_balls(self._touching_lattice._free_motions @ inner)
+        displacements = motions[:, self.motions.translating]
+        return np.asarray(unit - shifts - np.sqrt(self.masses.sum()) * displacements)
 
     def acoustic_tensor(self, direction: ArrayLike, prestress: ArrayLike | None = None) -> Array:
         """Return the acoustic tensor (..., n_u, n_u), k d^2/M: the limit of D/q^2 for small q along
@@ -874,9 +894,10 @@ class LongWaves(Compatibility):
         along = as_direction(direction, self.periods)
         directions = along.reshape(-1, self.periods)
         stiffness = self.gradient_stiffness(prestress)
+        # sums over the components j and l of each direction n
         of_all_mass = np.einsum("...ijkl,nj,nl->...nik", stiffness, directions, directions)
         of_all_mass = of_all_mass / self.masses.sum()
-        tensors = self._per_mass @ of_all_mass @ self._per_mass
+        tensors = self.root_mass_ratio @ of_all_mass @ self.root_mass_ratio
         return np.asarray(tensors if along.ndim > 1 else tensors[..., 0, :, :])
 
     def sound_velocities(
@@ -938,15 +959,15 @@ class LongWaves(Compatibility):
         method would keep the lattice, with its factors.
         """
         key = shape, numbers
-        if key not in self._kept_waves:
-            if len(self._kept_waves) == _MOST_DIRECTIONS:
-                self._kept_waves.clear()
+        if key not in self._cached_waves:
+            if len(self._cached_waves) == _MOST_DIRECTIONS:
+                self._cached_waves.clear()
             velocities, polarisations = self._compute_waves(np.reshape(numbers, shape))
-            self._kept_waves[key] = read_only(velocities), read_only(polarisations)
-        return self._kept_waves[key]
+            self._cached_waves[key] = read_only(velocities), read_only(polarisations)
+        return self._cached_waves[key]
 
     @cached_property
-    def _kept_waves(self) -> dict[Any, tuple[Array, Array]]:
+    def _cached_waves(self) -> dict[Any, tuple[Array, Array]]:
         """The results of :meth:`_waves_along`, by the shapes and components of directions."""
         return {}
 
@@ -958,7 +979,7 @@ class LongWaves(Compatibility):
         # the factor F (..., n_rows, n_u) of the acoustic tensor F^T F, whose eigenvalues are the
         # squared velocities: the deformations by a wave over the root of the mass that sound moves
         rows = self._sound_rows.reshape(-1, len(self.motions.translations), self.periods)
-        factor = np.einsum("rij,...j->...ri", rows, along) @ self._per_mass
+        factor = np.einsum("rij,...j->...ri", rows, along) @ self.root_mass_ratio
         factor = factor / np.sqrt(self.masses.sum())
         return decompose_waves(along, factor, self.motions.translations)
 
@@ -975,8 +996,8 @@ class LongWaves(Compatibility):
         )
 
     @cached_property
-    def _per_mass(self) -> Array:
-        """(n_u, n_u) square root of all mass over the mass that sound moves; zero along
+    def root_mass_ratio(self) -> Array:
+        """(n_u, n_u) square root of the ratio of all mass to the mass that sound moves; zero along
         displacements that move no mass.
         """
         mass_parts, vectors = np.linalg.eigh(self._sound_mass.moved)
@@ -1100,14 +1121,15 @@ class LongWaves(Compatibility):
         largest_difference = np.max(np.abs(c - isotropic))
         return bool(largest_difference <= _ISOTROPIC * c[0, 0])
 
-    def optical_branch(self, direction: ArrayLike = (1.0, 0.0)) -> tuple[float, float]:
+    def optical_branch(self, direction: ArrayLike | None = None) -> tuple[float, float]:
         """Return omega_0^2, k/M, and c, d^2, of the rotational branch omega^2 = omega_0^2 (1 - c
         q^2) of long waves, for one ball in the cell.
 
-        ``direction`` is a vector (p,) of any length. On the triangular lattice omega_0^2 = 30 eta
-        k/M and c = d^2/10; equation (15) of Velicky and Caroli (2002) prints d^2/20 (see the
-        errata). Raises :class:`~granphon.base.errors.InputError` if a cell has more than one
-        rotation, or none.
+        ``direction`` is a vector (p,) of any length, by default along x. On the triangular lattice
+        omega_0^2 = 30 eta k/M and c = d^2/10; equation (15) of Velicky and Caroli (2002) prints
+        d^2/20 (see the errata). Raises :class:`~granphon.base.errors.InputError` if a cell has more
+        than one rotation, or none, and if bodies that do not move, or springs to the ground, hold
+        the ball: long waves of its displacements then have frequencies above zero too.
         """
         if self.n_balls != 1 or len(self.motions.rotations) != 1:
             raise InputError(
@@ -1115,7 +1137,14 @@ class LongWaves(Compatibility):
                 "It is that of one ball in the cell, which turns about one axis",
                 "Use a lattice in the plane, with friction and one ball in its cell",
             )
-        ahead = self.contacts.vector[:, : self.periods] @ one_direction(direction, self.periods)
+        if self.is_held:
+            raise InputError(
+                "bodies that do not move, or springs to the ground, hold the ball",
+                "The series of the rotational branch is that of a lattice with sound",
+                "Use gp.Phonons(...).onset()",
+            )
+        along = np.eye(self.periods)[0] if direction is None else direction
+        ahead = self.contacts.vector[:, : self.periods] @ one_direction(along, self.periods)
         rows, root = self._weight_rows()
         difference, total = self._combine_ends(rows, root)
         # in the deformations of contacts the rotation is multiplied by the cosine of the half
@@ -1131,20 +1160,23 @@ class LongWaves(Compatibility):
         return squared, curvature
 
 
-def _leave_pushed(idle: Array, push: Any) -> Array:
-    """Return an orthonormal basis (n, m) of those combinations of orthonormal motions ``idle``
-    (n, k) on which static forces do not act; ``push`` (n, n) is the form of their energy.
+def _leave_pushed(staying: Array, push: Any) -> Array:
+    """Return an orthonormal basis (n, m) of those combinations of orthonormal motions ``staying``
+    (n, k) on which static forces do not act; ``push`` (n, n), dense or sparse, is the form of the
+    energy of these forces.
     """
-    if not idle.size:
-        return idle
-    energies, vectors = np.linalg.eigh(idle.T @ (push @ idle))
-    size = np.sqrt(push.power(2).sum()) if hasattr(push, "power") else np.linalg.norm(push)
-    return np.asarray(idle @ vectors[:, np.abs(energies) <= NO_ENERGY * size])
+    if not staying.size:
+        return staying
+    energies, vectors = np.linalg.eigh(staying.T @ (push @ staying))
+    is_sparse = hasattr(push, "power")
+    norm = np.sqrt(push.power(2).sum()) if is_sparse else np.linalg.norm(push)
+    return np.asarray(staying @ vectors[:, np.abs(energies) <= NO_ENERGY * norm])
 
 
 def _find_null(matrix: Array, size: float = 0.0, soft: float = _SOFT) -> Array:
     """Return an orthonormal basis (k, n), as rows, of the vectors that a ``matrix`` (m, n) takes to
-    zero. Rounding is ``soft`` times its largest singular value, or ``size`` if that is larger.
+    zero, but for rounding: the singular values of these vectors are at most ``soft`` times the
+    largest one, or times ``size`` if that is larger.
     """
     # rows of zeros make n singular values also if there are fewer rows than columns
     lacking = max(0, matrix.shape[1] - len(matrix))

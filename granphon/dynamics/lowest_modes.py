@@ -80,7 +80,7 @@ class _Block:
 
 
 def size_block(count: int) -> int:
-    """Return the number of vectors of the block with which ``count`` eigenvectors are found."""
+    """Return the number of vectors of the block that finds ``count`` eigenvectors."""
     return count + max(SPARE, math.ceil(_SPARE_SHARE * count))
 
 
@@ -88,9 +88,10 @@ class LowestSearch:
     """The search for the lowest eigenvalues of a sparse Hermitian ``matrix`` (size, size).
 
     ``precondition`` multiplies vectors (size, m) by an approximate inverse of the matrix. ``known``
-    (size, k), sparse or not, are orthonormal eigenvectors that the search leaves out. An
-    eigenvector is found when its residual is no larger than the ``tolerance``. ``progress`` is told
-    how far the residuals have fallen towards it.
+    (size, k), sparse or not, are orthonormal eigenvectors that the search leaves out; None if there
+    are none. An eigenvector is found when the norm of its residual is no larger than the
+    ``tolerance``, in the unit of the matrix. ``progress`` is told how far the residuals have fallen
+    towards the tolerance.
     """
 
     def __init__(
@@ -116,7 +117,7 @@ class LowestSearch:
         :data:`_MOST` iterations, or if eigenvectors are still missing after :data:`_ROUNDS`
         searches.
         """
-        block = self._begin(size_block(count), None)
+        block = self._draw_block(size_block(count), None)
         for _ in range(_ROUNDS):
             block = self._converge(block, count)
             missing = self._find_missing(block, count)
@@ -125,7 +126,7 @@ class LowestSearch:
                 return LowestModes(block.values[:count], block.vectors[:, :count], residuals)
             joined = np.hstack([block.vectors, missing.vectors])
             block = self._make_block(joined, size_block(count))
-        raise self._explain(count)
+        raise self._make_error(count)
 
     def _draw(self, count: int) -> NDArray[Any]:
         """Return ``count`` random vectors (size, count), complex if the matrix is."""
@@ -134,11 +135,11 @@ class LowestSearch:
             return vectors + 1.0j * self._random.normal(size=vectors.shape)
         return vectors
 
-    def _begin(self, size: int, others: NDArray[Any] | None) -> _Block:
+    def _draw_block(self, size: int, left_out: NDArray[Any] | None) -> _Block:
         """Return a block of about ``size`` vectors: preconditioned random ones, made perpendicular
-        to the known eigenvectors and to orthonormal ``others`` (n, k).
+        to the known eigenvectors and to orthonormal ``left_out`` (n, k).
         """
-        vectors = self._free(self._precondition(self._draw(size)), others)
+        vectors = self._make_perpendicular(self._precondition(self._draw(size)), left_out)
         return self._make_block(_orthonormalise(vectors), size)
 
     def _make_block(self, basis: NDArray[Any], size: int) -> _Block:
@@ -150,25 +151,29 @@ class LowestSearch:
         turn = turn[:, :size]
         return _Block(basis @ turn, images @ turn, values[:size], basis[:, :0])
 
-    def _free(self, vectors: NDArray[Any], others: NDArray[Any] | None) -> NDArray[Any]:
+    def _make_perpendicular(
+        self, vectors: NDArray[Any], left_out: NDArray[Any] | None
+    ) -> NDArray[Any]:
         """Return the parts of ``vectors`` (size, m) that are perpendicular to the known
-        eigenvectors and to orthonormal ``others`` (size, k).
+        eigenvectors and to orthonormal ``left_out`` (size, k).
         """
-        for basis in (self._known, others):
+        for basis in (self._known, left_out):
             if basis is not None and basis.shape[1]:
                 vectors = vectors - basis @ (basis.conj().T @ vectors)
         return np.asarray(vectors)
 
     def _iterate(
-        self, block: _Block, residuals: NDArray[Any], others: NDArray[Any] | None
+        self, block: _Block, residuals: NDArray[Any], left_out: NDArray[Any] | None
     ) -> _Block:
         """Return the next block: the lowest Ritz vectors of the space of the vectors of the
         ``block``, of its last change, and of the preconditioned ``residuals`` (size, k) of some of
-        its vectors, made perpendicular to ``others`` (size, l).
+        its vectors, made perpendicular to ``left_out`` (size, l).
         """
         x = block.vectors
         m = x.shape[1]
-        space = np.hstack([self._free(self._precondition(residuals), others), block.change])
+        space = np.hstack(
+            [self._make_perpendicular(self._precondition(residuals), left_out), block.change]
+        )
         # the lengths of residuals differ by orders of magnitude; each vector counts as much
         space /= np.maximum(np.linalg.norm(space, axis=0), np.finfo(float).tiny)
         for _ in range(2):  # the second time removes the rounding of the first
@@ -187,10 +192,10 @@ class LowestSearch:
         return _Block(x @ from_block + change, next_images, values[:m], change)
 
     def _converge(self, block: _Block, count: int) -> _Block:
-        """Return the ``block`` after as many iterations as it takes for the residuals of its first
-        ``count`` vectors to be no larger than the tolerance; tell the progress.
+        """Return the ``block`` after as many iterations as the residuals of its first ``count``
+        vectors take to fall to the tolerance; tell the progress.
         """
-        first = None
+        first_worst: float | None = None
         reached = 0.0
         with self._progress.step("lowest modes", 1.0) as step:
             for _ in range(_MOST):
@@ -200,15 +205,17 @@ class LowestSearch:
                 if worst <= self._tolerance:
                     step.advance(1.0 - reached)
                     return block
-                first = first or worst
-                gained = math.log(first / worst) / math.log(first / self._tolerance) - reached
+                if first_worst is None:
+                    first_worst = worst
+                whole = math.log(first_worst / self._tolerance)
+                gained = math.log(first_worst / worst) / whole - reached
                 if gained > 0.0:
                     step.advance(gained)
                     reached += gained
                 # residuals of vectors that have converged by far are left out
                 is_open = sizes > 0.1 * self._tolerance
                 block = self._iterate(block, residuals[:, is_open], None)
-        raise self._explain(count)
+        raise self._make_error(count)
 
     def _find_missing(self, block: _Block, count: int) -> _Block | None:
         """Return a block of fresh vectors, perpendicular to those of the ``block``, whose lowest
@@ -216,7 +223,7 @@ class LowestSearch:
         eigenvector is missing there; None if no eigenvector is missing.
         """
         highest = float(block.values[count - 1])
-        fresh = self._begin(_FRESH, block.vectors)
+        fresh = self._draw_block(_FRESH, block.vectors)
         for _ in range(_MOST):
             distance = float(fresh.values[0]) - highest
             if distance < 0.0:
@@ -225,14 +232,14 @@ class LowestSearch:
             if np.linalg.norm(residuals[:, 0]) <= _SETTLED * distance + self._tolerance:
                 return None
             fresh = self._iterate(fresh, residuals, block.vectors)
-        raise self._explain(count)
+        raise self._make_error(count)
 
-    def _explain(self, count: int) -> ConvergenceError:
+    def _make_error(self, count: int) -> ConvergenceError:
         """Return the error of a search that has not found ``count`` modes."""
         return ConvergenceError(
             f"the search for the {count} lowest modes does not settle",
             "Many modes beside them may have nearly their frequency",
-            "Ask for fewer modes, or for the density of states",
+            "Take fewer modes, or the density of states",
         )
 
 

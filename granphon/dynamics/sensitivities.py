@@ -143,7 +143,7 @@ class ModeEnergies(NamedTuple):
     motions: Array
 
     def reshape(self, shape: tuple[int, ...]) -> ModeEnergies:
-        """Return the same with the axes of modes in another ``shape``."""
+        """Return these energies with the axes of modes in another ``shape``."""
         return ModeEnergies(
             self.frequencies.reshape(shape),
             self.degenerate.reshape(shape),
@@ -156,8 +156,14 @@ class ModeEnergies(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Where balls (m,) and contacts (m_c,) of a lattice are in their ``network``, and the ``units``
-    of the lattice.
+    """Which balls and contacts of a network a lattice has.
+
+    Attributes
+    ----------
+    network : the network.
+    units : reduced units of the lattice.
+    balls : (m,) numbers in the network of the balls of the lattice.
+    contacts : (m_c,) numbers in the network of the contacts of the lattice.
     """
 
     network: ContactNetwork
@@ -204,9 +210,9 @@ def sum_kinds(rows: Sequence[Row], products: Array) -> dict[str, Array]:
 
 
 def list_contact_units(network: ContactNetwork, units: Units) -> dict[str, Any]:
-    """Return what one in the reduced ``units`` is in SI, of each parameter of a contact by which
-    derivatives are found; of the force, whose rows stand for its push over the distance, minus
-    that, for each contact (n_c,).
+    """Return what one in the reduced ``units`` is in SI, for each parameter of a contact by which
+    derivatives are found: a number, or (n_c,). The rows of the normal force stand for minus the
+    force over the distance, so that its number contains minus the distance.
     """
     twist_unit = units.stiffness * units.length**2
     by_contact: dict[str, Any] = {
@@ -223,12 +229,12 @@ def list_contact_units(network: ContactNetwork, units: Units) -> dict[str, Any]:
 
 
 def add_static(fields: dict[str, Any], network: ContactNetwork, slopes: Any, excess: Any) -> None:
-    """Add to the ``fields`` of :class:`Sensitivities`, in place, what static forces of a
-    ``network`` change beside themselves, (..., n_c).
+    """Add to the ``fields`` of :class:`Sensitivities`, in place, what follows from other effects of
+    the static forces of a ``network`` than their push, (..., n_c).
 
-    To normal_stiffness and normal_force is added what follows from the growth of tangential forces,
-    by which the derivatives are the ``slopes``, over 1/m; to shear_stiffness the ``excess``, over
-    N/m, of slip by levers that exceed the arms.
+    To normal_stiffness and normal_force is added what follows from the growth of tangential forces:
+    ``slopes`` are the derivatives by that growth, over 1/m. To shear_stiffness is added the
+    ``excess``, derivatives over N/m, of slip by levers that exceed the arms.
     """
     if fields.get("shear_stiffness") is not None:
         fields["shear_stiffness"] = fields["shear_stiffness"] + excess
@@ -268,8 +274,8 @@ def find_frequency_sensitivities(
     warnings: tuple[str, ...] = (),
     qpoints: Array | None = None,
 ) -> FrequencySensitivities:
-    """Return the derivatives of frequencies, in SI, from the ``energies`` of modes in the reduced
-    units of the ``place`` of their balls and contacts.
+    """Return the derivatives of frequencies, in SI, from the ``energies`` of modes in reduced
+    units; ``place`` says which balls and contacts they have in the network.
 
     ``warnings`` are those of the state, to which one that counts the frequencies of zero is added;
     ``qpoints`` (..., 3) are those of :class:`FrequencySensitivities`.
@@ -310,7 +316,9 @@ def find_frequency_sensitivities(
 
 
 def warn_of_zeros(values: Array) -> tuple[str, ...]:
-    """Return a sentence that counts the values of zero, which have no derivative, or none."""
+    """Return one sentence that counts the ``values`` (...) of zero, which have no derivative; an
+    empty tuple if there are none.
+    """
     count = int(np.count_nonzero(values == 0.0))
     if not count:
         return ()

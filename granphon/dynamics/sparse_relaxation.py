@@ -98,7 +98,7 @@ class SparseRelaxation:
         self.lattice = lattice
         with single_products():
             self._factorise(difference, soft, progress)
-            self._find_free(total, soft)
+            self._set_free_motions(total, soft)
 
     @property
     def n_free(self) -> int:
@@ -148,9 +148,10 @@ class SparseRelaxation:
         self._top = _bound(matrix)
         self._fronts = Fronts(matrix, self.layers, motions.count, progress)
 
-    def _find_free(self, total: Any, soft: float) -> None:
+    def _set_free_motions(self, total: Any, soft: float) -> None:
         """Set ``free``, as the class describes it, from the motions that the factors have set
-        aside, and the deformations and motions of the others of these, which are soft.
+        aside, and set the deformations and motions of the soft ones among these, which cost a
+        little.
 
         ``total`` and ``soft`` are those of the class.
         """
@@ -169,20 +170,22 @@ class SparseRelaxation:
         # idle motions cost nothing, and deform nothing in a wave either; all others are active
         is_idle = costs_nothing
         is_idle[change.col[np.abs(change.data) > rounding]] = False
-        active = scaled[:, ~is_idle].toarray()
+        active_motions = scaled[:, ~is_idle].toarray()
         for _ in range(_CORRECTIONS):
-            active -= self._fronts.solve(self._columns @ (self._rows @ active))
-        basis = np.linalg.qr(_leave_out(scaled[:, is_idle], active))[0]
+            active_motions -= self._fronts.solve(self._columns @ (self._rows @ active_motions))
+        basis = np.linalg.qr(_leave_out(scaled[:, is_idle], active_motions))[0]
         deformations, singular_values, right_vectors = np.linalg.svd(
             self._rows @ basis, full_matrices=False
         )
         is_free = singular_values <= limit
         self._soft_deformations = deformations[:, ~is_free]
         self._soft_motions = basis @ (right_vectors[~is_free] / singular_values[~is_free, None]).T
-        idle = motions[:, is_idle]
-        free_active = _leave_out(idle, basis @ right_vectors[is_free].T / self._scale[:, None])
+        idle_motions = motions[:, is_idle]
+        free_active = _leave_out(
+            idle_motions, basis @ right_vectors[is_free].T / self._scale[:, None]
+        )
         shifts = self.lattice.shifts
-        idle_shifts = _orthonormalise(shifts - _leave_out(idle, shifts))
+        idle_shifts = _orthonormalise(shifts - _leave_out(idle_motions, shifts))
         free = np.concatenate([idle_shifts, free_active], axis=1)
         self.free: Array = _orthonormalise(free - shifts @ (shifts.T @ free))
 
@@ -202,8 +205,8 @@ class SparseRelaxation:
 
     def _relax(self, deformations: Array) -> tuple[Array, Array]:
         """Return the part of the ``deformations`` (n_rows, ...) that remains, and the motions
-        (n_branches, m) that make the rest, in units of the scale of their columns; m is the number
-        of deformations.
+        (n_branches, m) that make the part that does not, in units of the scale of their columns; m
+        is the number of columns of deformations.
         """
         relaxed = deformations.reshape(len(deformations), -1)
         motions = np.zeros((len(self._scale), relaxed.shape[1]))
@@ -213,9 +216,8 @@ class SparseRelaxation:
                 relaxed = relaxed - self._rows @ motion
                 motions += motion
         # motions that the factors have set aside, and that deform contacts, relax last
-        soft = self._soft_deformations
-        amplitudes = soft.T @ relaxed
-        relaxed = relaxed - soft @ amplitudes
+        amplitudes = self._soft_deformations.T @ relaxed
+        relaxed = relaxed - self._soft_deformations @ amplitudes
         motions += self._soft_motions @ amplitudes
         return relaxed.reshape(deformations.shape), motions
 

@@ -146,15 +146,16 @@ def compose_boxes(frame: BallFrame, q: Array | None = None) -> Any:
     n = len(boxes.box)
     chosen = [*motions.translations, *(3 + axis for axis in motions.rotations)]
     roots = np.sqrt(frame.masses)[:, None]
-    # motions of each ball, u and w, in the six motions of its box as a rigid body; rotations of a
-    # box are about its middle, and multiplied by its side
+    # motions of each ball, u and w, in the six motions of its box as a rigid body. A rotation of a
+    # box is about its middle, and counted as the angle times the side of a box
     effects = np.zeros((n, 6, 6))  # ball, its motion, motion of the box
     for axis, along in enumerate(np.eye(3)):
         effects[:, axis, axis] = roots[:, 0]
         effects[:, :3, 3 + axis] = roots * np.cross(along, boxes.vector) / boxes.side
         effects[:, 3 + axis, 3 + axis] = roots[:, 0] * frame.gyration / boxes.side
     effects = effects[:, chosen]
-    # combinations of the six that are independent are made orthonormal, box by box
+    # combinations of the six that are independent are made orthonormal, box by box: products are
+    # the sums over the balls n of a box, and over the motions k of each ball
     products = np.zeros((boxes.total, 6, 6))
     np.add.at(products, boxes.box, np.einsum("nki,nkj->nij", effects, effects))
     sizes, vectors = np.linalg.eigh(products)
@@ -166,8 +167,8 @@ def compose_boxes(frame: BallFrame, q: Array | None = None) -> Any:
         phase = np.exp(-2.0j * np.pi * (boxes.cells @ q))
         blocks = blocks * phase[:, None, None]
     shape = (n * motions.count, 6 * boxes.total)
-    every = bsr_array((blocks, boxes.box, np.arange(n + 1)), shape=shape).tocsc()
-    return every[:, np.flatnonzero(is_motion.ravel())].tocsr()
+    all_columns = bsr_array((blocks, boxes.box, np.arange(n + 1)), shape=shape).tocsc()
+    return all_columns[:, np.flatnonzero(is_motion.ravel())].tocsr()
 
 
 class TwoLevels:
@@ -178,7 +179,7 @@ class TwoLevels:
 
     Attributes
     ----------
-    held : the inverse of the blocks of single balls, sparse.
+    ball_inverses : the inverse of the blocks of single balls, sparse.
     """
 
     def __init__(self, matrix: Any, count: int, boxes: Any) -> None:
@@ -188,9 +189,9 @@ class TwoLevels:
         from scipy.sparse import eye_array
 
         self._matrix = matrix
-        self.held, _ = invert_blocks(matrix, count)
-        self._step = (_STEP / _BOUND) * self.held
-        smoothing = self.held @ (matrix @ boxes)
+        self.ball_inverses, _ = invert_blocks(matrix, count)
+        self._step = (_STEP / _BOUND) * self.ball_inverses
+        smoothing = self.ball_inverses @ (matrix @ boxes)
         self._boxes: Any = (boxes - (_SMOOTHING / _BOUND) * smoothing).tocsr()
         self._to_boxes: Any = self._boxes.conj().T.tocsr()
         coarse = (self._to_boxes @ (matrix @ self._boxes)).tocsr()
@@ -235,16 +236,18 @@ def invert_blocks(matrix: Any, count: int) -> tuple[Any, Any]:
     size = matrix.shape[0]
     n_balls = size // count
     entries = matrix.tocoo()
-    is_own = entries.row // count == entries.col // count
-    rows, columns = entries.row[is_own], entries.col[is_own]
+    is_in_block = entries.row // count == entries.col // count
+    rows = entries.row[is_in_block]
+    columns = entries.col[is_in_block]
     blocks = np.zeros((n_balls, count, count), entries.dtype)
-    blocks[rows // count, rows % count, columns % count] = entries.data[is_own]
+    blocks[rows // count, rows % count, columns % count] = entries.data[is_in_block]
     stiffness, vectors = np.linalg.eigh(blocks)
     is_held = stiffness > NO_ENERGY * np.max(stiffness)
     inverse = np.divide(1.0, stiffness, out=np.zeros_like(stiffness), where=is_held)
+    # the inverse of the block of each ball b, from its eigenvectors k
     inverses = np.einsum("bik,bk,bjk->bij", vectors, inverse, vectors.conj())
     pointers = np.arange(n_balls + 1)
-    held = bsr_array((inverses, np.arange(n_balls), pointers), shape=(size, size)).tocsr()
+    ball_inverses = bsr_array((inverses, np.arange(n_balls), pointers), shape=(size, size)).tocsr()
     balls, modes = np.nonzero(~is_held)
     lines = balls[:, None] * count + np.arange(count)
     numbers = np.broadcast_to(np.arange(len(balls))[:, None], lines.shape)
@@ -252,4 +255,4 @@ def invert_blocks(matrix: Any, count: int) -> tuple[Any, Any]:
         (vectors[balls, :, modes].ravel(), (lines.ravel(), numbers.ravel())),
         shape=(size, len(balls)),
     )
-    return held, free
+    return ball_inverses, free

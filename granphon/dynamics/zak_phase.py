@@ -67,8 +67,8 @@ def find_zak_phase(half_space: HalfSpace, q: Array, below: int) -> float:
 
 def find_winding(half_space: HalfSpace, q: Array) -> int:
     """Return how often det C of the crystal of a ``half_space`` winds about zero as the phase from
-    block to block grows by 2 pi, at q (p - 1,) in fractions of the reciprocal cell. Motions of that
-    number at a free edge cost nothing.
+    block to block grows by 2 pi, at q (p - 1,) in fractions of the reciprocal cell. As many motions
+    of a free edge cost nothing.
 
     Raises :class:`~granphon.base.errors.InputError` if C is not square, if its determinant
     vanishes, and if springs to the ground hold balls.

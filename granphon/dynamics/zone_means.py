@@ -125,8 +125,9 @@ def _list_operations(periods: int) -> list[Operation]:
 def _find_distinct_simplices(
     symmetries: tuple[Operation, ...], periods: int
 ) -> list[tuple[_Simplex, int]]:
-    """Return pairs (simplex, size): one simplex of each set of simplices that the ``symmetries``
-    map onto each other, and the number of simplices in the set.
+    """Return pairs (simplex, size) for a zone in as many dimensions as ``periods``: one simplex of
+    each set of simplices that the ``symmetries`` map onto each other, and the number of simplices
+    in the set.
     """
     corners = itertools.product((0, 1), repeat=periods)
     simplices = itertools.product(corners, _list_operations(periods))

@@ -38,7 +38,7 @@ from granphon.balls.neighbours import find_pairs
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InconsistencyWarning, InputError, brief, warn_caller
 from granphon.base.text import list_names
-from granphon.base.validation import require, spell_out, truth
+from granphon.base.validation import finite_array, require, spell_out, truth
 from granphon.contacts.laws import ContactLaws
 from granphon.networks.network import ContactNetwork
 from granphon.networks.sources import Completion, CompletionOptions
@@ -120,6 +120,7 @@ class BallContacts(ContactCalculator):
     def __init__(
         self, balls: Mapping[str, Ball | Material], law: Any = None, friction: bool = True
     ) -> None:
+        """Check the arguments; laws of pairs are found when they are needed."""
         super().__init__()
         any_balls: Any = balls
         are_balls = isinstance(any_balls, Mapping) and all(
@@ -138,8 +139,9 @@ class BallContacts(ContactCalculator):
     def find_radii(self, atoms: Atoms) -> tuple[list[str], Array]:
         """Return the kinds (n,) of the balls of ``atoms``, and their radii (n,), m.
 
-        Raises :class:`~granphon.base.errors.InputError` for a kind without a ball, for balls
-        without a radius above zero, and for positions that are not finite.
+        Raises :class:`~granphon.base.errors.InputError` for a kind without a ball, for an array
+        ``radius`` that is not a number above zero for each ball, and for positions that are not
+        finite.
         """
         kinds = [str(kind) for kind in atoms.arrays.get("kinds", atoms.get_chemical_symbols())]
         missing = sorted(set(kinds) - set(self.balls))
@@ -157,21 +159,24 @@ class BallContacts(ContactCalculator):
                     "the Atoms have no array 'radius', and the kinds are materials",
                     mend="Set the radii, m, or give a granphon.Ball for each kind",
                 )
-        sizes = np.asarray(radii, float).reshape(len(kinds))
-        are_sizes = np.all(np.isfinite(sizes) & (sizes > 0.0))
-        are_places = np.all(np.isfinite(atoms.positions))
-        if not (are_places and are_sizes):
+        if len(kinds):
+            radii = finite_array("the array radius", radii, low="above zero")
+        if np.shape(radii) != (len(kinds),):
             raise InputError(
-                "the Atoms have a place that is not finite, or a radius that is not above zero",
-                mend="Mend their positions, or the array radius",
+                f"the array radius has the shape {np.shape(radii)}",
+                mend="Give one number for each ball, m",
             )
-        return kinds, sizes
+        if not np.all(np.isfinite(atoms.positions)):
+            raise InputError(
+                "the Atoms have a position that is not finite", mend="Mend their positions"
+            )
+        return kinds, np.asarray(radii, float)
 
     def _find_law(
         self, kind_i: str, radius_i: float, kind_j: str, radius_j: float
     ) -> tuple[PairLaw, float, float]:
-        """Return the contact law of two balls of these kinds and radii, m, and 4 G*/E* and E*, Pa,
-        of their contacts; each pair is computed and checked once.
+        """Return the contact law of two balls i and j of these kinds and radii, m, and 4 G*/E* and
+        E*, Pa, of their contacts; each pair is computed and checked once, and then kept.
         """
         key = (kind_i, radius_i, kind_j, radius_j)
         if key not in self._laws:
@@ -195,8 +200,8 @@ class BallContacts(ContactCalculator):
         (n_c, 3) of ball j in periods, the vectors (n_c, 3) from centre i to centre j, m, the laws,
         and 4 G*/E* (n_c,).
 
-        Warns if the positions seem to be in another unit than m. Raises
-        :class:`~granphon.base.errors.InputError` as the class says.
+        Warns with :class:`~granphon.base.errors.InconsistencyWarning` if the positions seem to be
+        in another unit than m. Raises :class:`~granphon.base.errors.InputError` as the class says.
         """
         kinds, radii = self.find_radii(atoms)
         keys = list(zip(kinds, radii.tolist(), strict=True))
@@ -211,7 +216,7 @@ class BallContacts(ContactCalculator):
             raise InputError(
                 f"balls are up to {longest:.3g} m wide, and a period of the cell is"
                 f" {shortest:.3g} m",
-                mend="Give the cell, the places and the radii in m",
+                mend="Give the cell, the positions and the radii in m",
             )
         i, j, steps, vector = find_pairs(atoms.positions, atoms.cell.array[periods], longest)
         distance = np.linalg.norm(vector, axis=1)
@@ -378,9 +383,9 @@ def _group_equal(numbers: Index) -> list[Index]:
 
 
 def _warn_of_far_balls(atoms: Atoms, radii: Array, shortest: float) -> None:
-    """Warn if balls of ``radii`` (n,), m, none of which touch, are so far from each other that
-    their positions seem not to be in m. ``shortest`` is the shortest period, m, the distance of a
-    ball from its own image.
+    """Warn with :class:`~granphon.base.errors.InconsistencyWarning` if the balls of ``atoms``, none
+    of which touch, with ``radii`` (n,), m, are so far from each other that their positions seem not
+    to be in m. ``shortest`` is the shortest period, m, the distance of a ball from its own image.
     """
     # imported here, because the import loads much of scipy, and is hardly ever needed
     from scipy.spatial import cKDTree
@@ -394,10 +399,11 @@ def _warn_of_far_balls(atoms: Atoms, radii: Array, shortest: float) -> None:
 
 
 def _warn_of_lengths(words: str, distance: float) -> None:
-    """Warn of balls that are a ``distance``, m, from each other; the ``words`` continue the
-    sentence, and say how wide the balls are.
+    """Warn with :class:`~granphon.base.errors.InconsistencyWarning` of balls that are a
+    ``distance``, m, from each other; the ``words`` continue the sentence, and say how wide the
+    balls are.
     """
-    text = f"the balls are {distance:.3g} m from each other {words}. Their places are to be in m"
+    text = f"the balls are {distance:.3g} m from each other {words}. Their positions are to be in m"
     warn_caller(text, InconsistencyWarning)
 
 
@@ -419,7 +425,7 @@ lammps_format = ExternalIOFormat(
 
 def _write_atoms(network: ContactNetwork) -> Atoms:
     """Return the balls of a ``network`` as Atoms in its reduced units, with the arrays ``radius``,
-    ``kinds`` and ``rattler``, whether a ball carries no load; ``info`` holds the units.
+    ``kinds`` and ``rattler`` (whether a ball carries no load); ``info`` holds the units.
 
     Balls that are held are Atoms of infinite mass. A flat wall, whose radius is infinite, is left
     out.
@@ -454,7 +460,7 @@ def _find_beside(path: Any, contacts: Any, word: str, replacement: str) -> Any:
     if word not in balls.name:
         raise InputError(
             f"{path} has its contacts in another file",
-            mend=f"Name it, or call the file ...{word}...",
+            mend=f"Name that file too, or call the file of balls ...{word}...",
         )
     return balls.with_name(balls.name.replace(word, replacement))
 
@@ -478,12 +484,12 @@ def read_granphon_lammps(path: Any, pairs: Any = None, **options: Any) -> Atoms:
 
     By default the dump of pairs lies beside that of atoms, with "pairs" instead of "atoms" in its
     name. ``options`` are those of :meth:`ContactNetwork.from_lammps`, which also says what is
-    raised; by default rattlers are kept. Without a material and without stiffnesses, all normal
-    stiffnesses are 1 N/m and all shear stiffnesses zero.
+    raised; by default rattlers are kept. Without a ``material`` and a ``normal_stiffness``, all
+    normal stiffnesses are 1 N/m, and shear stiffnesses are zero unless they are given.
     """
     has_stiffness = "material" in options or "normal_stiffness" in options
     if not has_stiffness:
-        options |= {"normal_stiffness": 1.0, "shear_stiffness": 0.0}
+        options = {"normal_stiffness": 1.0, "shear_stiffness": 0.0} | options
     pairs_file = _find_beside(path, pairs, "atoms", "pairs")
     options = {"keep_rattlers": True} | options
     return _write_atoms(ContactNetwork.from_lammps(path, pairs_file, **options))

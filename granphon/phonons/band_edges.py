@@ -46,7 +46,7 @@ class ZoneSample(NamedTuple):
     Attributes
     ----------
     points : (n_q, p) wave vectors, fractions of the reciprocal cell.
-    frequencies : (n_q, n_branches) frequencies at these, (k/M)^1/2.
+    frequencies : (n_q, n_branches) frequencies at the points, (k/M)^1/2.
     spacing : the longest step of the mesh, 1/d.
     """
 
@@ -61,7 +61,7 @@ class Extremes(NamedTuple):
     Attributes
     ----------
     heights : (e,) frequencies, (k/M)^1/2, times the ``sign`` of the edges; the greatest found.
-    points : (e, p) wave vectors, 1/d, at which they are.
+    points : (e, p) wave vectors, 1/d, of the extremes.
     """
 
     heights: Array
@@ -146,7 +146,7 @@ class EdgeSearch(NamedTuple):
         bottoms = edges.bottoms_of_tops[tops]
         closest = self._find_closest(edges.branch[tops], _CLOSEST * starts.shape[1])
         near_starts = np.concatenate([starts[tops], starts[bottoms], closest], axis=1)
-        crossings, widths = self._approach(near_starts, edges.branch[tops])
+        crossings, widths = self._approach_crossings(near_starts, edges.branch[tops])
         for numbers in (tops, bottoms):
             highest = self._choose_highest(edges, numbers, crossings, starts.shape[1])
             near_peaks = np.take_along_axis(crossings, highest[..., None], axis=1)
@@ -159,7 +159,7 @@ class EdgeSearch(NamedTuple):
 
     def _choose_starts(self, edges: BandEdges, most_starts: int) -> Array:
         """Return the wave vectors (e, n_starts, p), 1/d, of the mesh at which frequencies come
-        nearest to each edge, the nearest first; n_starts is ``most_starts`` or less.
+        nearest to each of the e ``edges``, the nearest first; n_starts is ``most_starts`` or less.
         """
         frequencies = self.zone.frequencies
         n_starts = max(1, min(most_starts, _FEW_BRANCHES // frequencies.shape[1]))
@@ -177,8 +177,8 @@ class EdgeSearch(NamedTuple):
         """Return wave vectors (n, count, p), 1/d, of the mesh at which the ``depths`` (n_q, n) are
         least, the least first; fewer than ``count`` if the mesh has fewer points.
 
-        No two of them are neighbours on the mesh, as these would lie about the same extreme, until
-        all points are neighbours of chosen ones.
+        No two of the chosen points are neighbours on the mesh, which would lie about the same
+        extreme, until all points are neighbours of chosen ones.
         """
         points = self.zone.points
         n_chosen = min(count, len(points))
@@ -187,12 +187,14 @@ class EdgeSearch(NamedTuple):
         for numbers, depth in zip(chosen, depths.T, strict=True):
             order = np.argsort(depth, kind="stable")
             is_far = np.ones(len(points), bool)  # from all points chosen so far
-            is_left = is_far.copy()  # not chosen so far
+            is_unchosen = is_far.copy()
             for n in range(n_chosen):
                 candidates = order[is_far[order]]
-                number = int(candidates[0] if candidates.size else order[is_left[order]][0])
+                if not candidates.size:
+                    candidates = order[is_unchosen[order]]
+                number = int(candidates[0])
                 numbers[n] = number
-                is_left[number] = False
+                is_unchosen[number] = False
                 if number not in neighbours_of:
                     neighbours_of[number] = self._find_neighbours(points[number])
                 is_far &= ~neighbours_of[number]
@@ -219,8 +221,8 @@ class EdgeSearch(NamedTuple):
         frequencies = self.lattice.frequencies(points.reshape(-1, p))
         by_edge = frequencies.reshape(n_edges, n_points, -1)
         branch = edges.branch[numbers]
-        own = np.take_along_axis(by_edge, branch[:, None, None], axis=2)[..., 0]
-        heights = edges.sign[numbers, None] * own
+        of_branch = np.take_along_axis(by_edge, branch[:, None, None], axis=2)[..., 0]
+        heights = edges.sign[numbers, None] * of_branch
         return np.argsort(-heights, axis=1, kind="stable")[:, :count]
 
     def _climb_edges(
@@ -240,8 +242,8 @@ class EdgeSearch(NamedTuple):
             longest = np.minimum(longest, widths.ravel())
         ends = self._climb(starts.reshape(-1, p), branch, sign, longest)
         highest = np.argmax(ends.heights.reshape(n_edges, n_starts), axis=1)
-        best = np.arange(n_edges) * n_starts + highest
-        return Extremes(ends.heights[best], ends.points[best])
+        number = np.arange(n_edges) * n_starts + highest
+        return Extremes(ends.heights[number], ends.points[number])
 
     def _climb(self, starts: Array, branch: Index, sign: Array, longest: Array) -> Extremes:
         """Return the extremes (n,) that n paths along group velocities reach from the wave vectors
@@ -289,7 +291,7 @@ class EdgeSearch(NamedTuple):
                 break
         return Extremes(heights, points)
 
-    def _approach(self, starts: Array, branch: Index) -> tuple[Array, Array]:
+    def _approach_crossings(self, starts: Array, branch: Index) -> tuple[Array, Array]:
         """Return the wave vectors (n, n_starts, p), 1/d, at which each ``branch`` (n,) crosses the
         branch above or is closest to it, and the distances (n, n_starts), 1/d, over which the
         branches separate there; the search begins at ``starts`` (n, n_starts, p), 1/d.
@@ -350,7 +352,8 @@ def _solve_least(matrices: Array, values: Array) -> Array:
     """Return the shortest of the vectors (n, p) whose products with ``matrices`` (n, 3, p) are
     nearest to ``values`` (n, 3).
     """
-    return np.asarray(np.einsum("npc,nc->np", np.linalg.pinv(matrices, rcond=_FLATTEST), values))
+    inverses = np.linalg.pinv(matrices, rcond=_FLATTEST)  # (n, p, 3)
+    return np.asarray((inverses @ values[..., None])[..., 0])
 
 
 def _secant_step(moved: Array, change: Array, steepness: Array) -> Array:

@@ -21,6 +21,7 @@ from granphon.base.errors import InputError
 from granphon.base.results import Result, held, result_class
 from granphon.base.scales import HertzPrefix, Units, read_header
 from granphon.base.staging import write_text
+from granphon.base.standard_errors import read_errors
 from granphon.base.text import (
     counted,
     fill_floats,
@@ -30,7 +31,7 @@ from granphon.base.text import (
     seal,
     warn_unverified,
 )
-from granphon.base.validation import real_array, require, whole
+from granphon.base.validation import require, whole
 from granphon.dynamics.branches import connect_branches
 from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.contact_lattice import Modes
@@ -48,7 +49,8 @@ from granphon.phonons.phonopy_atoms import (
 
 #: difference of frequencies, over the top frequency, up to which branches coincide
 _COINCIDE = 1e-6
-#: difference of the heights of balls, over the size of the cell, up to which there are no edges
+#: difference of the heights of balls, over the largest component of the cell, up to which there are
+#: no edges
 _FLAT = 1e-9
 #: part of the top frequency by which frequencies at one point may be out of order
 _ROUNDING = 1e-6
@@ -122,6 +124,7 @@ class Bands(Result):
     gyration: Any = held(Any, "n", default=None)  # an array from the constructor on
 
     def __post_init__(self) -> None:
+        """Fill in the defaults of ``gyration`` and ``pbc``, and check the fields."""
         if self.gyration is None:
             object.__setattr__(self, "gyration", np.full(len(self.masses), GYRATION))
         super().__post_init__()
@@ -221,6 +224,7 @@ class Bands(Result):
         axes = [axis for axis in translations if axis < d]
         components = [translations.index(axis) for axis in axes]
         displacements = self.motion[:, :, :, components]
+        # component along the direction of each ball i: the sum over the axes a
         along = np.einsum("spiab,spa->spib", displacements, direction[..., axes])
         return np.asarray(np.sum(np.abs(along) ** 2, axis=2))
 
@@ -265,6 +269,7 @@ class Bands(Result):
             )
         masks = find_outer(heights)  # (2, n)
         energy = np.abs(self.motion) ** 2
+        # at each edge e the sum over its balls i and their motions c
         weights = np.einsum("ei,spicb->spbe", masks.astype(float), energy, optimize=True)
         coincide = np.diff(self.frequencies, axis=2) <= _COINCIDE * self.frequencies.max()
         for s, p in np.argwhere(np.any(coincide, axis=2)):
@@ -307,37 +312,38 @@ class Bands(Result):
         zero, such as w in the plane without friction. Some programs expect three branches for each
         atom. For these, ``pad`` adds one branch of zero frequency for each such coordinate, below
         the other branches, in which that coordinate alone moves. :meth:`read` leaves these branches
-        out. With ``errors``, Hz, of the shape of ``frequencies``, each frequency has its standard
-        error behind it, as ``frequency_error``, which other programs and :meth:`read` pass over.
+        out. With ``errors``, Hz, of the shape of ``frequencies``, each frequency is followed by its
+        standard error, ``frequency_error``, which other programs and :meth:`read` pass over.
 
         A ball of six motions is two atoms. The second, "Sn", stands a little beside its ball. As
         in phonopy, its eigenvector has the phase at its own position; :meth:`read` restores the
         phase at the ball.
 
         A file that granphon wrote is replaced; if another file is there, such as one that phonopy
-        wrote, :class:`~granphon.base.errors.FileExistsInRunError` is raised.
+        wrote, :class:`~granphon.base.errors.FileExistsInRunError` is raised. Errors of another
+        shape raise :class:`~granphon.base.errors.InputError`.
         """
         unit = HertzPrefix.for_top(float(self.frequencies.max()))
-        still = len(self.masses) * len(self.motions.still_slots) if pad else 0
+        n_still = len(self.masses) * len(self.motions.still_slots) if pad else 0
         lines = [
-            *self._write_head(unit, still),
+            *self._write_head(unit, n_still),
             "points:",
             *self._write_atoms(),
             "phonon:",
-            *self._write_modes(unit, still, errors),
+            *self._write_modes(unit, n_still, errors),
         ]
         write_text(path, seal(lines))
 
-    def _write_head(self, unit: HertzPrefix, still: int) -> list[str]:
+    def _write_head(self, unit: HertzPrefix, n_still: int) -> list[str]:
         """Return the lines of a band.yaml before those of its atoms.
 
-        ``unit`` is that of the frequencies, and ``still`` the number of branches of coordinates
+        ``unit`` is that of the frequencies, and ``n_still`` the number of branches of coordinates
         that hold no motion.
         """
         s, p, _ = self.frequencies.shape
         lines = make_header(unit, self.scales, self.motions, self.periods)
-        if still:
-            lines.append(f"  still_branches: {still}")
+        if n_still:
+            lines.append(f"  still_branches: {n_still}")
         if not all(self.pbc):
             lines.append(f"  pbc: {json.dumps(self.pbc)}")
         lines += write_kinds(self.kinds)
@@ -377,40 +383,40 @@ class Bands(Result):
         positions = place_atoms(self.positions, self.motions, offset)
         masses = np.repeat(self.masses, self.motions.atoms_per_ball)
         rows = np.column_stack([positions, masses]).tolist()
-        places = fill_floats("  coordinates: [ %r, %r, %r ]\n  mass: %r", rows)
-        return [f"- symbol: {name}\n{place}" for name, place in zip(names, places, strict=True)]
+        numbers = fill_floats("  coordinates: [ %r, %r, %r ]\n  mass: %r", rows)
+        return [f"- symbol: {name}\n{lines}" for name, lines in zip(names, numbers, strict=True)]
 
-    def _write_modes(self, unit: HertzPrefix, still: int, errors: ArrayLike | None) -> list[str]:
+    def _write_modes(self, unit: HertzPrefix, n_still: int, errors: ArrayLike | None) -> list[str]:
         """Return the lines of a band.yaml on its wave vectors and modes, as one text for each wave
         vector.
 
-        ``unit`` is that of the frequencies, and ``still`` the number of branches of coordinates
+        ``unit`` is that of the frequencies, and ``n_still`` the number of branches of coordinates
         that hold no motion, below the others; ``errors`` are the standard errors of the
         frequencies, Hz, None without.
         """
         # the text of a wave vector is a template with %r for each number, which is filled below
         s, p, b = self.frequencies.shape
         template = "    frequency: %r\n"
-        in_front = ((0, 0), (0, 0), (still, 0))
+        in_front = ((0, 0), (0, 0), (n_still, 0))
         frequencies = np.pad(self.frequencies, in_front) / unit.hertz
-        columns = [frequencies[..., None]]  # each (s, p, still + b, numbers of a mode)
+        columns = [frequencies[..., None]]  # each (s, p, n_still + b, numbers of a mode)
         if errors is not None:
             template += "    frequency_error: %r\n"
-            errors_of_modes = np.reshape(real_array("errors", errors), (s, p, b))
+            errors_of_modes = read_errors("errors", errors, (s, p, b))
             columns.append(np.pad(errors_of_modes, in_front)[..., None] / unit.hertz)
         if self.group_velocities is not None:
             template += "    group_velocity: [ %r, %r, %r ]\n"
-            widths = ((0, 0), (0, 0), (still, 0), (0, 3 - self.periods))
+            widths = ((0, 0), (0, 0), (n_still, 0), (0, 3 - self.periods))
             velocities = np.pad(self.group_velocities, widths)
             columns.append(velocities / (self.scales.length * unit.hertz))
         if self.eigenvectors is not None:
             template += "    eigenvector:\n"
-            components = self._list_components(still)
+            components = self._list_components(n_still)
             template += ("    -\n" + "      - [ %r, %r ]\n" * 3) * components.shape[3]
-            columns.append(components.reshape(s, p, still + b, -1))
-        modes = "".join(f"  - # {number}\n{template}" for number in range(1, still + b + 1))
-        corners = np.column_stack([self.qpoints.reshape(-1, 3), self.distances.ravel()])
-        places = fill_floats("- q-position: [ %r, %r, %r ]\n  distance: %r\n", corners.tolist())
+            columns.append(components.reshape(s, p, n_still + b, -1))
+        modes = "".join(f"  - # {number}\n{template}" for number in range(1, n_still + b + 1))
+        points = np.column_stack([self.qpoints.reshape(-1, 3), self.distances.ravel()])
+        heads = fill_floats("- q-position: [ %r, %r, %r ]\n  distance: %r\n", points.tolist())
         labels = list[str]()
         for ends in self._segment_ends:
             first, last = (f"  label: {json.dumps(name)}\n" for name in ends)
@@ -418,26 +424,26 @@ class Bands(Result):
         numbers = np.concatenate(columns, axis=3).reshape(s * p, -1)
         bands = fill_floats(modes.removesuffix("\n"), map(np.ndarray.tolist, numbers))
         bands = [text.replace(" nan\n", " .nan\n") for text in bands]  # as YAML has it
-        points = zip(places, labels, bands, strict=True)
-        return [f"{place}{label}  band:\n{branches}" for place, label, branches in points]
+        texts_of_points = zip(heads, labels, bands, strict=True)
+        return [f"{head}{label}  band:\n{branches}" for head, label, branches in texts_of_points]
 
-    def _list_components(self, still: int) -> Array:
-        """Return real and imaginary parts of the eigenvectors, (s, p, still + b, atoms, 3, 2), in
-        phonopy's coordinates. In each of the first ``still`` branches only one coordinate moves,
+    def _list_components(self, n_still: int) -> Array:
+        """Return real and imaginary parts of the eigenvectors, (s, p, n_still + b, atoms, 3, 2), in
+        phonopy's coordinates. In each of the first ``n_still`` branches only one coordinate moves,
         one that holds no motion.
         """
         s, p, b = self.frequencies.shape
         n = len(self.masses)
         per_ball = self.motions.atoms_per_ball
-        motion = np.zeros((s, p, still + b, n, 3 * per_ball), complex)
-        motion[:, :, still:, :, list(self.motions.slots)] = np.moveaxis(self.motion, 4, 2)
-        if still:
-            units = np.eye(still).reshape(still, n, -1)
-            motion[:, :, :still, :, list(self.motions.still_slots)] = units
+        motion = np.zeros((s, p, n_still + b, n, 3 * per_ball), complex)
+        motion[:, :, n_still:, :, list(self.motions.slots)] = np.moveaxis(self.motion, 4, 2)
+        if n_still:
+            units = np.eye(n_still).reshape(n_still, n, -1)
+            motion[:, :, :n_still, :, list(self.motions.still_slots)] = units
         # the second atom of a ball has the phase at its own position
         phases = find_offset_phases(self.qpoints, self.cell).conj()
         motion[..., 3:] *= phases[:, :, None, None, None]
-        return motion.view(float).reshape(s, p, still + b, n * per_ball, 3, 2)
+        return motion.view(float).reshape(s, p, n_still + b, n * per_ball, 3, 2)
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Bands:
@@ -476,8 +482,8 @@ class Bands(Result):
         symbols = [atom["symbol"] for atom in atoms]
         n = natom // read_motions(header)[0].atoms_per_ball
         per_ball = natom // max(n, 1)
-        still = int(header.get("still_branches", 0))
-        modes = [point["band"][still:] for point in phonon]
+        n_still = int(header.get("still_branches", 0))
+        modes = [point["band"][n_still:] for point in phonon]
         b = len(modes[0])
         motions, periods = read_motions(header, b // max(n, 1))
         cell = read_numbers("lattice", data["lattice"])
@@ -489,10 +495,12 @@ class Bands(Result):
         qpoints = read_numbers("q-position", [point["q-position"] for point in phonon])
         qpoints = qpoints.reshape(s, p, 3)
         distances = read_numbers("distance", [point["distance"] for point in phonon])
-        frequencies = _read_of_modes("frequency", modes) * hertz
+        frequencies = _read_mode_values("frequency", modes) * hertz
         eigenvectors = None
         if "eigenvector" in modes[0][0]:
-            components = _read_of_modes("eigenvector", modes).reshape(s, p, b, n, 3 * per_ball, 2)
+            components = _read_mode_values("eigenvector", modes).reshape(
+                s, p, b, n, 3 * per_ball, 2
+            )
             eigenvectors = _read_vectors(components, motions, qpoints, cell)
         velocities = None
         if "group_velocity" in modes[0][0]:
@@ -597,6 +605,7 @@ def _separate_edges(motion: NDArray[Any], masks: NDArray[np.bool_]) -> Array:
     energy_forms = []
     for mask in masks:
         outer = motion[mask]
+        # products of two modes b and d, summed over the balls i at the edge and their motions c
         energy_forms.append(np.einsum("icb,icd->bd", outer.conj(), outer))
     low, high = energy_forms
     # the eigenvectors of the difference are the combinations that are most at one edge
@@ -625,14 +634,15 @@ def _read_velocities(modes: list[Any], periods: int) -> Array:
 
     Raises :class:`~granphon.base.errors.InputError` for a velocity across the ``periods``.
     """
-    in_space = _read_of_modes("group_velocity", modes)
+    in_space = _read_mode_values("group_velocity", modes)
     if np.any(in_space[..., periods:]):
         raise InputError(f"It has a group_velocity across its {counted(periods, 'period')}")
     return in_space[..., :periods]
 
 
 def _read_counts(data: Any) -> tuple[int, int, int]:
-    """Return the numbers of segments, of points in a segment and of atoms of a band.yaml.
+    """Return the numbers of segments, of points in a segment and of atoms from the ``data`` of a
+    band.yaml.
 
     Raises :class:`~granphon.base.errors.InputError` for numbers that do not fit the rest of the
     file.
@@ -657,7 +667,7 @@ def _read_counts(data: Any) -> tuple[int, int, int]:
     return s, p, n_atoms
 
 
-def _read_of_modes(name: str, modes: list[Any]) -> Array:
+def _read_mode_values(name: str, modes: list[Any]) -> Array:
     """Return the values (n_q, b, ...) of the key ``name`` in the ``modes`` of a band.yaml, b for
     each of n_q wave vectors.
     """

@@ -133,8 +133,10 @@ def _place_balls(vectors: Array, positions: Array) -> Atoms:
     """Return Atoms at ``positions`` (n, d) that repeat along ``vectors`` (p, d), in three
     dimensions; the cell is one diameter thick across the periods.
     """
-    cell, places = place_in_space(vectors, positions)
-    return Atoms([BALL] * len(places), positions=places, cell=cell, pbc=np.arange(3) < len(vectors))
+    cell, in_space = place_in_space(vectors, positions)
+    return Atoms(
+        [BALL] * len(in_space), positions=in_space, cell=cell, pbc=np.arange(3) < len(vectors)
+    )
 
 
 def _make_network_atoms(state: NetworkState) -> Atoms:
@@ -216,13 +218,13 @@ class HarmonicContacts(ContactCalculator):
         self.contact_network(balls)  # raises for other Atoms
         table = lattice.contacts
         n = len(balls)
-        displacement = self._find_moves(balls)
-        turned = self._find_turns(balls)
+        displacement = self._find_displacements(balls)
+        rotations = self._find_rotations(balls)
         vector = _in_space(table.vector) + displacement
         # a body that does not move comes after the balls
         contacts = ContactForces(table.i, table.j, vector, n + 1, lattice.motions)
         for row, stiffness in _list_springs(lattice):
-            contacts.resist(row, stiffness, displacement, turned)
+            contacts.resist(row, stiffness, displacement, rotations)
         forces, virial = contacts.collect()
         torques = contacts.torque[:n] * lattice.gyration[:, None]
         self._torques: Array = np.zeros((n, 3))
@@ -230,25 +232,25 @@ class HarmonicContacts(ContactCalculator):
         # the work of the static stress, V s:(F - 1)
         static = self._find_static_stress()
         cell = self._reference.cell.array
-        strain = np.linalg.solve(cell, balls.cell.array - cell)
+        strain = np.linalg.solve(cell, balls.cell.array - cell)  # F - 1
         energy = contacts.energy + float(np.sum(static * strain))
         self.results = {"energy": energy, "free_energy": energy, "forces": forces[:n]}
         if not lattice.is_held:
             p = lattice.periods
-            stress = (static + strain.T @ static - virial) / abs(
-                np.linalg.det(balls.cell.array[:p, :p])
-            )
+            # across the periods the cell is one diameter thick
+            volume = abs(np.linalg.det(balls.cell.array[:p, :p]))
+            stress = (static + strain.T @ static - virial) / volume
             self.results["stress"] = (0.5 * (stress + stress.T))[VOIGT]
         elif "stress" in properties:
             raise InputError(
                 "a network that is held has no stress of its own",
                 "Bodies without motion, or springs to the ground, bear a part",
-                "Ask for energy or forces",
+                "Take energy or forces",
             )
 
-    def _find_moves(self, balls: Atoms) -> Array:
+    def _find_displacements(self, balls: Atoms) -> Array:
         """Return the displacement (n_c, 3), in diameters, of ball j of each contact against ball i,
-        from their positions at rest.
+        from the positions at rest to those of ``balls``.
 
         Raises :class:`~granphon.base.errors.InputError` for a displacement that is not small.
         """
@@ -274,20 +276,20 @@ class HarmonicContacts(ContactCalculator):
             )
         return np.asarray(displacement)
 
-    def _find_turns(self, balls: Atoms) -> Array:
-        """Return w = R_g phi (n + 1, r), in diameters, of the balls about the r axes of their
+    def _find_rotations(self, balls: Atoms) -> Array:
+        """Return w = R_g phi (n + 1, r), in diameters, of the n ``balls`` about the r axes of their
         motions; the last row, of zeros, is that of bodies that do not move.
         """
         lattice = self.state.contact_lattice()
-        rotations = list(lattice.motions.rotations)
+        axes = list(lattice.motions.rotations)
         n = len(balls)
         # the array is (n,) if balls turn about z alone, else (n, 3)
         angles = balls.arrays.get("rotations", np.zeros((n, 3))).reshape(n, -1)
-        if angles.shape[1] != len(rotations):
-            angles = angles[:, rotations]
-        turned = np.zeros((n + 1, len(rotations)))
-        turned[:n] = lattice.gyration[:, None] * angles
-        return turned
+        if angles.shape[1] != len(axes):
+            angles = angles[:, axes]
+        rotations = np.zeros((n + 1, len(axes)))
+        rotations[:n] = lattice.gyration[:, None] * angles
+        return rotations
 
     def _find_static_stress(self) -> Array:
         """Return the stress of the normal forces times the volume of the cell, (3, 3), k d^2."""
@@ -344,14 +346,14 @@ class Pairs(NamedTuple):
     vector: Array
 
 
-def keep_rows(kept: Flags, *arrays: Any) -> tuple[Any, ...]:
-    """Return the rows of each of the ``arrays`` (n, ...) for which ``kept`` (n,) is true; the
+def keep_rows(is_kept: Flags, *arrays: Any) -> tuple[Any, ...]:
+    """Return the rows of each of the ``arrays`` (n, ...) for which ``is_kept`` (n,) is true; the
     arrays themselves if all rows are kept.
     """
-    return arrays if kept.all() else tuple(array[kept] for array in arrays)
+    return arrays if is_kept.all() else tuple(array[is_kept] for array in arrays)
 
 
-class _Search(NamedTuple):
+class _PairSearch(NamedTuple):
     """The result of a search for pairs of balls; lengths are in diameters.
 
     Attributes
@@ -373,11 +375,11 @@ class _Search(NamedTuple):
         self, positions: Array, cell: Array, periodic: tuple[bool, ...], cutoff: float
     ) -> bool:
         """Return whether ``pairs`` contains all pairs nearer than ``cutoff`` at these positions
-        (N, m), in this cell (m, m).
+        (N, m), in this cell (m, m) that repeats along the ``periodic`` (m,) of its vectors.
 
-        A change of the cell multiplies all vectors by a matrix F. Balls that were farther apart
-        than the reach are then at least s times the reach apart, where s is the smallest singular
-        value of F, less twice the farthest that a ball has moved in addition.
+        A change of the cell multiplies all vectors by a matrix F. Let s be the smallest singular
+        value of F. Balls that were farther apart than the reach are then at least as far apart as s
+        times the reach, less twice the greatest distance that a ball has moved in addition.
         """
         if positions.shape != self.positions.shape or periodic != self.periodic:
             return False
@@ -396,7 +398,9 @@ class _Search(NamedTuple):
         return stretch * self.reach - 2.0 * farthest >= cutoff
 
 
-def _search(positions: Array, cell: Array, periodic: tuple[bool, ...], reach: float) -> _Search:
+def _search_pairs(
+    positions: Array, cell: Array, periodic: tuple[bool, ...], reach: float
+) -> _PairSearch:
     """Return the pairs of balls at ``positions`` (N, m) nearer than ``reach``, in diameters.
 
     The periods are those rows of the ``cell`` (m, m) for which ``periodic`` (m,) is true. Raises
@@ -421,7 +425,7 @@ def _search(positions: Array, cell: Array, periodic: tuple[bool, ...], reach: fl
     shift = np.zeros((len(i), len(cell)), np.intp)
     shift[:, axes] = steps
     pairs = Pairs(i, j, shift, vector)
-    return _Search(pairs, positions.copy(), cell.copy(), periodic, reach)
+    return _PairSearch(pairs, positions.copy(), cell.copy(), periodic, reach)
 
 
 class PairList:
@@ -431,7 +435,7 @@ class PairList:
 
     def __init__(self) -> None:
         """Begin without a list."""
-        self._kept: _Search | None = None
+        self._last_search: _PairSearch | None = None
 
     def near(
         self, positions: Array, cell: Array, periodic: tuple[bool, ...], cutoff: float
@@ -444,9 +448,11 @@ class PairList:
         Raises :class:`~granphon.base.errors.InputError` for a period without length, and for
         periods that are not independent of each other.
         """
-        if self._kept is None or not self._kept.serves(positions, cell, periodic, cutoff):
-            self._kept = _search(positions, cell, periodic, cutoff + _SKIN)
-        i, j, shift, _ = self._kept.pairs
+        if self._last_search is None or not self._last_search.serves(
+            positions, cell, periodic, cutoff
+        ):
+            self._last_search = _search_pairs(positions, cell, periodic, cutoff + _SKIN)
+        i, j, shift, _ = self._last_search.pairs
         vector = positions[j] - positions[i] + shift @ cell
         is_near = np.einsum("ca,ca->c", vector, vector) < cutoff**2
         return Pairs(*keep_rows(is_near, i, j, shift, vector))
@@ -648,7 +654,7 @@ class HertzMindlin(ContactCalculator):
                 "Use force constants, bands and velocities, which need none",
             )
         law = self._choose_law(balls)
-        contacts = self._find_closed(balls, law)
+        contacts = self._find_closed_contacts(balls, law)
         loads = ContactForces(contacts.i, contacts.j, contacts.vector, len(balls), self._motions)
         # the law takes overlaps in m
         d = self.scales.length
@@ -675,8 +681,8 @@ class HertzMindlin(ContactCalculator):
             )
 
     def _find_stress(self, balls: Atoms, virial: Array) -> Array | None:
-        """Return the stress (6,) in Voigt order, k/d, of contacts with a ``virial`` (3, 3), k d^2;
-        None of a cell without a length, area or volume.
+        """Return the stress (6,) in Voigt order, k/d, of ``balls`` whose contacts have a ``virial``
+        (3, 3), k d^2; None if their cell has no length, area or volume.
         """
         p = self._periods
         volume = float(abs(np.linalg.det(np.asarray(balls.cell)[:p, :p])))
@@ -687,7 +693,7 @@ class HertzMindlin(ContactCalculator):
         stress = -virial / volume
         return np.asarray((0.5 * (stress + stress.T))[VOIGT])
 
-    def _find_closed(self, balls: Atoms, law: Law) -> _ClosedContacts:
+    def _find_closed_contacts(self, balls: Atoms, law: Law) -> _ClosedContacts:
         """Return the contacts that are closed under the ``law`` at the positions of ``balls``."""
         from granphon.contacts.placed import find_overlaps  # bands move no balls
 
@@ -818,9 +824,9 @@ class HertzMindlin(ContactCalculator):
         if at_sites:
             largest_added = _TURN_PER_SPACING
         if np.any(~is_near & (distance < reach)):
-            raise _turned_balls("balls touch in directions that are not those of the lattice")
+            raise _make_turn_error("balls touch in directions that are not those of the lattice")
         if added_overlap > largest_added:
-            raise _turned_balls(
+            raise _make_turn_error(
                 f"contacts are turned against the lattice of the state, by {np.degrees(turn):.3g}"
                 " degrees on average"
             )
@@ -894,9 +900,9 @@ class HertzMindlin(ContactCalculator):
         return self.state.law
 
     def _require_known_sample(self, balls: Atoms) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` for Atoms of a sample whose contacts this
-        calculator does not know: a sample among several of the state, one that was loaded with
-        friction, one with its exact geometry, and one whose cell has sheared.
+        """Raise :class:`~granphon.base.errors.InputError` if ``balls`` are Atoms of a sample whose
+        contacts this calculator does not know: a sample among several of the state, one that was
+        loaded with friction, one with its exact geometry, and one whose cell has sheared.
         """
         samples = self.state.samples
         if not samples or not has_sampled(balls):
@@ -905,7 +911,7 @@ class HertzMindlin(ContactCalculator):
             raise InputError(
                 f"the Atoms are of one sample, and the state is the mean over {len(samples)}",
                 "Each sample has an overlap and a stiffness of its own",
-                "Simulate that one alone: DirectSimulation(packing, shape, seed=sample.seed)",
+                "Simulate that sample alone: DirectSimulation(packing, shape, seed=sample.seed)",
             )
         if getattr(self.state, "work", None) is not None:
             fault = "was loaded with friction"
@@ -1040,13 +1046,13 @@ class HertzMindlin(ContactCalculator):
         return lattice, law, contacts.overlap
 
     def _find_sites(self, atoms: Atoms) -> Array:
-        """Return the sites (N, m) of balls, d: their positions without their displacements."""
+        """Return the sites (N, m) of ``atoms``, d: their positions without their displacements."""
         m = self._coordinates
         return np.asarray(atoms.positions[:, :m] - atoms.arrays["displacements"][:, :m])
 
     def _find_closed_at_rest(self, atoms: Atoms, sites: Array, law: Law) -> _ContactsAtRest:
-        """Return the contacts between balls at ``sites`` (N, m), d, that are closed in the
-        reference state under the ``law``.
+        """Return the contacts between the balls of ``atoms`` at their ``sites`` (N, m), d, that are
+        closed in the reference state under the ``law``.
         """
         i, j, shift, vector = self._find_pairs(atoms, sites)
         deviations = atoms.arrays["diameter_deviations"]
@@ -1141,8 +1147,8 @@ class HertzMindlin(ContactCalculator):
             sparse: csr_array[Any] = coo_array((blocks.ravel(), (row, column)), shape=shape).tocsr()
             sparse.sum_duplicates()
             if slots != all_slots:
-                kept = (size * np.arange(n)[:, None] + slots).ravel()
-                sparse = sparse[kept][:, kept]
+                chosen = (size * np.arange(n)[:, None] + slots).ravel()
+                sparse = sparse[chosen][:, chosen]
             return sparse
         require_memory(
             f"dense force constants of {n:,} balls",
@@ -1155,14 +1161,14 @@ class HertzMindlin(ContactCalculator):
         return by_ball[:, :, slots][..., slots]
 
 
-def _turned_balls(fault: str) -> InputError:
+def _make_turn_error(fault: str) -> InputError:
     """Return the error of balls whose contacts do not have the directions of the lattice, with the
     problem ``fault``.
     """
     return InputError(
         fault,
-        "With friction, and in the limit of small overlap, contacts keep these: balls are turned"
-        " against the lattice, or were moved",
+        "With friction, and in the limit of small overlap, contacts keep the directions of the"
+        " lattice: balls are turned against the lattice, or were moved",
         "Keep the orientation of gp.atoms(state), or take a state of finite overlap without"
         " friction",
     )
@@ -1222,4 +1228,5 @@ def contact_blocks(lattice: ContactLattice) -> Array:
         entry[:count][slots] = -row.tail.T
         entry[count:][slots] = row.head.T
     stiffnesses = [stiffness for _, stiffness in springs]
+    # of each contact c, for coordinates a and b, the sum over the rows r
     return np.asarray(np.einsum("rc,rac,rbc->cab", stiffnesses, entries, entries))

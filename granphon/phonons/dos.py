@@ -13,11 +13,15 @@ from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.results import Result, held, result_class
 from granphon.base.staging import write_text
+from granphon.base.standard_errors import read_errors
 from granphon.base.tables import Table, table_text
 from granphon.base.text import read_sealed, require_own_file, require_schema, seal, warn_unverified
-from granphon.base.validation import real_array
+from granphon.base.validation import one_of
 
+#: columns of dos.csv, before those of standard errors
 _DOS_COLUMNS = ("frequency_Hz", "total_per_Hz", "translational_per_Hz", "rotational_per_Hz")
+#: names of the densities
+_DENSITIES = ("total", "translational", "rotational")
 #: part of the largest density by which a density may be below zero
 _ROUNDING = 1e-9
 #: version number of dos.csv
@@ -87,7 +91,9 @@ class DensityOfStates(Result):
     ) -> None:
         """Write the columns frequency, total, translational and rotational to the file ``path``,
         with all digits, and with the units in the heading. ``errors`` are standard errors (n,),
-        1/Hz, by the names of the densities, for further columns, as total_error.
+        1/Hz, by the names of the densities, "total", "translational" and "rotational", for further
+        columns, as total_error_per_Hz. Raises :class:`~granphon.base.errors.InputError` for errors
+        of another name or length.
 
         The heading is the first line, so that spreadsheets and ``numpy.genfromtxt(path,
         delimiter=",", names=True)`` take the names from it. Comments below it hold the digest of
@@ -96,8 +102,9 @@ class DensityOfStates(Result):
         columns = [self.frequencies, self.total, self.translational, self.rotational]
         names = [*_DOS_COLUMNS]
         for name, errors_of_density in (errors or {}).items():
-            names.append(f"{name}_error_per_Hz")
-            columns.append(real_array("errors", errors_of_density))
+            density = one_of("the name of errors", name, _DENSITIES)
+            names.append(f"{density}_error_per_Hz")
+            columns.append(read_errors("errors", errors_of_density, self.frequencies.shape))
         numbers = " ".join(str(number) for number in self.mesh)
         comments = (
             _DOS_HEAD.format(_DOS_SCHEMA),

@@ -37,7 +37,7 @@ MESHES = ((1024,), (64, 64), (32, 32, 32))
 _GAP_MESHES = ((256,), (48, 48), (16, 16, 16))
 #: number of balls of a cell up to which the whole of such a mesh is used
 _FEW_BALLS = 16
-#: greatest size of a coordinate of a path in a scene
+#: greatest coordinate of a path in a scene, with either sign: larger ones are mistakes
 _LARGEST_FRACTION = 1e3
 #: letters of the corners of the path around the irreducible zone, and the coordinates of the
 #: corners as fractions of the reciprocal cell, for a hexagonal cell of 120 degrees and for a square
@@ -321,8 +321,8 @@ def check_inside(qpoints: Array, periods: int, what: str) -> None:
 
 
 def read_paths(value: Any, periods: int = 2, letters: str = "") -> Pieces:
-    """Return the pieces of the path that is written in a text such as "0 0 0 1/3 1/3 0, 1/2 0 0 0 0
-    0"; a comma separates pieces that do not join.
+    """Return the pieces of the path that is written in a text, ``value``, such as
+    "0 0 0 1/3 1/3 0, 1/2 0 0 0 0 0"; a comma separates pieces that do not join.
 
     A point has three numbers, of which those beyond the ``periods`` of the lattice are 0. Messages
     name ``letters``, a path of special points, as what may be written instead. Raises
@@ -330,8 +330,8 @@ def read_paths(value: Any, periods: int = 2, letters: str = "") -> Pieces:
     """
     example = _EXAMPLES[periods - 1]
     allowed = (
-        f"points of three numbers or fractions each, such as '{example}'; a comma parts separate"
-        f" paths"
+        f"points of three numbers or fractions each, such as '{example}'; a comma stands between"
+        f" pieces that do not join"
     )
     if letters:
         allowed = f"letters of special points, such as {letters}, or {allowed}"
@@ -398,7 +398,7 @@ def _read_fraction(word: str, value: str, allowed: str) -> float:
 
 
 def read_point(value: Any, structure: Lattice) -> Array:
-    """Return a wave vector (3,) of a lattice, in fractions of the reciprocal cell.
+    """Return a wave vector (3,) of the lattice ``structure``, in fractions of the reciprocal cell.
 
     ``value`` is the letter of a special point, such as "K" (G for Gamma), or a text of numbers or
     fractions, as many as periods or three, separated by spaces or commas. Raises
@@ -433,7 +433,8 @@ def read_point(value: Any, structure: Lattice) -> Array:
 
 
 def read_labels(value: Any) -> tuple[str, ...]:
-    """Return the labels of the corners from a text such as "G K M G" or from a list of words.
+    """Return the labels of the corners from a ``value``, a text such as "G K M G" or a list of
+    words.
 
     Raises :class:`~granphon.base.errors.Refused` for words that are no labels.
     """
@@ -518,8 +519,9 @@ class BandPath:
 
     @classmethod
     def read(cls, value: Any, structure: Lattice) -> Self:
-        """Return a path through the zone of a lattice, read from the text ``value``: letters of
-        special points ("GKMG"), or points as fractions of the reciprocal cell.
+        """Return a path through the zone of the lattice ``structure``, read from the text
+        ``value``: letters of special points ("GKMG"), or points as fractions of the reciprocal
+        cell.
 
         Raises :class:`~granphon.base.errors.Refused` for another text; the message shows a path of
         letters and a path of numbers of this lattice.
@@ -547,8 +549,8 @@ class BandPath:
 
     @classmethod
     def default(cls, structure: Lattice) -> Self:
-        """Return the path around the irreducible zone of a lattice, with the letters of
-        :func:`default_letters`.
+        """Return the path around the irreducible zone of the lattice ``structure``, with the
+        letters of :func:`default_letters`.
         """
         cell = structure.vectors
         # scalar products of the vectors, over the square of the first

@@ -33,7 +33,7 @@ from granphon.base.validation import (
     whole_number,
 )
 from granphon.dynamics.bloch_waves import (
-    LEAST_PART,
+    LEAST_FACTOR,
     BlochWaves,
     find_bloch_waves,
     require_bloch_memory,
@@ -116,7 +116,7 @@ class _Cell(NamedTuple):
 
     @classmethod
     def of_atoms(cls, atoms: Atoms, periods: int) -> Self:
-        """Return the cell of given Atoms, of which the first ``periods`` vectors may be periods.
+        """Return the cell of ``atoms``, of which the first ``periods`` vectors may be periods.
 
         Vectors along which the balls do not repeat become perpendicular to the others, and are one
         diameter long where the Atoms have none.
@@ -169,6 +169,7 @@ class Phonons:
     lattice : the :class:`~granphon.ContactLattice` of the cell, whose C(q) gives frequencies and
         velocities.
     phonopy : the :class:`ContactPhonopy` object.
+    dim : numbers of cells (p,) of its supercell.
 
     Raises
     ------
@@ -180,6 +181,7 @@ class Phonons:
     def __init__(
         self, state: Any, atoms: Atoms | None = None, dim: Sequence[int] | None = None
     ) -> None:
+        """Find the lattice of the cell, and check the arguments; frequencies are found later."""
         self.state: State = as_state(state)
         self.scales: Units = self.state.scales
         if not isinstance(atoms, Atoms | None):
@@ -381,12 +383,12 @@ class Phonons:
         images, which must not include images that do not exist.
         """
         cell = self._cell.vectors.copy()
-        spread = np.ptp(self._cell.positions, axis=0)
+        extents = np.ptp(self._cell.positions, axis=0)
         is_period = np.arange(3) < self._periods
         # across the periods the cell is one diameter thick, which is enough if the balls lie in a
         # line or in a plane
-        is_open = np.where(is_period, ~self._cell.pbc, spread > 0.5)
-        extent = float(spread[is_period | is_open].sum())
+        is_open = np.where(is_period, ~self._cell.pbc, extents > 0.5)
+        extent = float(extents[is_period | is_open].sum())
         for axis in np.flatnonzero(is_open):
             length = np.linalg.norm(cell[axis])
             # whole cells, over twice the extent of the balls with a margin
@@ -405,7 +407,7 @@ class Phonons:
         per_ball = self.lattice.motions.atoms_per_ball
         # number n stands for bodies that do not move, which are no atoms
         is_free = table.j < self.lattice.n_balls
-        every_contact = np.ones(len(table), bool)
+        is_contact = np.ones(len(table), bool)
         # cells (n_c, p) of the supercell: the first, that of ball j as seen from ball i, and that
         # of ball i as seen from ball j
         home = np.zeros_like(table.shift)
@@ -414,21 +416,21 @@ class Phonons:
         constants = np.zeros((len(numbers), numbers.size, 3, 3))
 
         def add(
-            kept: Flags, rows: tuple[Index, int], columns: tuple[Index, int], cell: Index
+            chosen: Flags, rows: tuple[Index, int], columns: tuple[Index, int], cell: Index
         ) -> None:
             """Add to ``constants`` the blocks, between two atoms of each contact, of the contacts
-            for which ``kept`` (n_c,) is true.
+            for which ``chosen`` (n_c,) is true.
 
-            ``rows`` and ``columns`` are the two atoms: their numbers (n_c,) in the cell, and which
-            of the atoms of a contact they are. The image of the second atom is in the ``cell``
-            (n_c, p) of the supercell.
+            ``rows`` and ``columns`` are the two atoms: their numbers (n_c,) in the cell, and the
+            number of the atom among the atoms of a contact. The image of the second atom is in the
+            ``cell`` (n_c, p) of the supercell.
             """
-            first, first_place = rows
-            second, second_place = columns
-            images = numbers[(second[kept], *cell[kept].T)]
-            row = slice(3 * first_place, 3 * first_place + 3)
-            column = slice(3 * second_place, 3 * second_place + 3)
-            np.add.at(constants, (first[kept], images), blocks[kept, row, column])
+            first, first_in_contact = rows
+            second, second_in_contact = columns
+            images = numbers[(second[chosen], *cell[chosen].T)]
+            row = slice(3 * first_in_contact, 3 * first_in_contact + 3)
+            column = slice(3 * second_in_contact, 3 * second_in_contact + 3)
+            np.add.at(constants, (first[chosen], images), blocks[chosen, row, column])
 
         for a, b in itertools.product(range(per_ball), repeat=2):  # the atoms of a ball
             # atoms a and b of both balls, each with its number in the cell and in the contact
@@ -436,7 +438,7 @@ class Phonons:
             i_b = (per_ball * table.i + b, b)
             j_a = (per_ball * table.j + a, per_ball + a)
             j_b = (per_ball * table.j + b, per_ball + b)
-            add(every_contact, i_a, i_b, home)
+            add(is_contact, i_a, i_b, home)
             add(is_free, j_a, j_b, home)
             add(is_free, i_a, j_b, away)
             add(is_free, j_a, i_b, back)
@@ -499,17 +501,17 @@ class Phonons:
         q = self.lattice.wavevectors(points)
         undamped = self.lattice.frequencies(q)
         angular_unit = self.scales.angular_frequency
-        even = losses.find_even()
-        if even is not None:
-            eta, time, rate = even
+        even_losses = losses.find_even()
+        if even_losses is not None:
+            eta, time, rate = even_losses
             damped = damp_evenly(undamped, eta, time * angular_unit, rate / angular_unit)
             omega = np.sort(damped)
         else:
-            kept = network.in_lattice
-            times = losses.times[:, kept] * angular_unit
+            in_lattice = network.in_lattice
+            times = losses.times[:, in_lattice] * angular_unit
             drags = losses.drag_of(self.lattice.motions) / angular_unit
             stiffness, viscous = self.lattice.damped_matrices(
-                q, times, losses.factors[:, kept], drags
+                q, times, losses.factors[:, in_lattice], drags
             )
             omega, _ = damp_unevenly(stiffness, viscous)
         unit = self.scales.frequency
@@ -677,7 +679,8 @@ class Phonons:
 
     def _require_memory_of_bands(self, points: int, eigenvectors: bool) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if bands at ``points`` wave vectors do
-        not fit into memory, or if their ``eigenvectors``, if wanted, take more than ``MOST_BYTES``.
+        not fit into memory, or, where ``eigenvectors`` is true, if eigenvectors take more than
+        :data:`MOST_BYTES`.
         """
         b = self.lattice.n_branches
         mend = "Give fewer npoints or segments, or eigenvectors=False"
@@ -748,7 +751,7 @@ class Phonons:
         else:
             require_bloch_memory(hertz.size, half_space.size, half_space.cut.n_contacts)
             normal, other = losses.soften(2.0 * np.pi * hertz)
-            blocks = half_space.couplings(wavevector, normal, other)
+            blocks = half_space.couplings(wavevector, (normal, other))
             # drag acts on the motions of a block as an imaginary stiffness, -i omega gamma M
             drags = losses.drag_of(half_space.motions) / (2.0 * np.pi * half_space.units.frequency)
             of_block = np.diag(np.tile(drags, half_space.size // drags.size))
@@ -758,11 +761,13 @@ class Phonons:
         squares = (hertz / half_space.units.frequency) ** 2
         # far above all bands the factor by which a wave decays from layer to layer is about the
         # couplings over omega^2
-        is_far = squares * LEAST_PART > np.max(np.abs(blocks.inner))
-        _require_digits(hertz, is_far)
+        is_far = squares * LEAST_FACTOR > np.max(np.abs(blocks.inner))
+        _require_slow_decay(hertz, is_far)
         motions_of_layer = half_space.size // half_space.reach
         waves = find_bloch_waves(blocks, squares, motions_of_layer)
-        _require_digits(hertz, [_decay_fully(upward, downward) for upward, downward in waves])
+        _require_slow_decay(
+            hertz, [_decays_too_fast(upward, downward) for upward, downward in waves]
+        )
         return ComplexBands(
             frequencies=hertz,
             wavenumbers=_list_wavenumbers(half_space, waves, wavevector),
@@ -879,7 +884,8 @@ class Phonons:
         self, grid: ZoneMesh, omega: Array, frequencies: Array, shares: Array
     ) -> Array:
         """Return densities of states (2, n) at ``omega`` (n,) by linear interpolation of the
-        ``frequencies`` (n_q, n_branches), weighted with ``shares`` (2, n_q, n_branches).
+        ``frequencies`` (n_q, n_branches) at the points of ``grid``, weighted with ``shares``
+        (2, n_q, n_branches).
 
         Each density is the mean over the interval around its frequency, that is, a difference of
         the integrated density over the width of the interval. So van Hove singularities stay
@@ -893,10 +899,10 @@ class Phonons:
     def _read_smearing(self, sigma: float | None, top: float, count: int) -> float:
         """Return the standard deviation, (k/M)^1/2, of the Gaussians of a density of states.
 
-        ``sigma``, Hz, is the standard deviation that was asked for. If it is None, the width is a
-        hundredth of the ``top`` frequency, (k/M)^1/2, or more if ``count`` frequencies do not
-        resolve that. Raises :class:`~granphon.base.errors.InputError` for a ``sigma`` below the
-        spacing of the frequencies, or far above the top frequency.
+        ``sigma``, Hz, is the requested standard deviation. If it is None, the width is a hundredth
+        of the ``top`` frequency, (k/M)^1/2, or more if ``count`` frequencies do not resolve that.
+        Raises :class:`~granphon.base.errors.InputError` for a ``sigma`` below the spacing of the
+        frequencies, or far above the top frequency.
         """
         if sigma is None:
             # with few frequencies the width is a little above their spacing, w = (top + 5 w)/(count
@@ -969,8 +975,8 @@ class Phonons:
 
     def find_gaps(self, mesh: Sequence[int] | None = None) -> tuple[Index, Array]:
         """Return the number of branches below each gap, (n,), and the gaps (n, 2), Hz, of
-        :meth:`gaps`, with the same ``mesh`` and errors. The number of branches identifies a gap
-        when the load changes.
+        :meth:`gaps`, with the same ``mesh`` and errors. By the number of branches a gap is found
+        again when the load changes.
         """
         gaps = self._find_gap_edges(mesh)
         return gaps.branches_below, gaps.frequencies * self.scales.frequency
@@ -1038,9 +1044,9 @@ class Phonons:
         of each branch in the whole zone. At each wave vector branches are ordered by frequency.
 
         Cut-offs are sought as the edges of :meth:`gaps`, with the same ``mesh`` and errors, but
-        from more of its points. The cut-off of a branch inside other bands may lie where the branch
-        crosses its neighbour along a line, or in a hollow narrower than the mesh. Cut-offs of
-        crystals in space were found short by up to 5e-3 of the top frequency.
+        from more points of the mesh. The cut-off of a branch inside other bands may lie where the
+        branch crosses its neighbour along a line, or in a hollow narrower than the mesh. Cut-offs
+        of crystals in space were found short by up to 5e-3 of the top frequency.
         """
         cutoffs, _ = self._find_cutoffs(mesh)
         return cutoffs
@@ -1183,7 +1189,7 @@ def find_gaps_between(cutoffs: Array) -> tuple[Index, Array]:
 def find_phonons(state: State, dim: tuple[int, ...] | None = None) -> Phonons:
     """Return the phonons of a ``state`` at one load, with ``dim`` of :class:`Phonons`.
 
-    The state keeps the object, so that all of its spectra are found from the same one.
+    The state keeps the object, so that all spectra of the state are found from one object.
     """
     return state.cached(Phonons, None, dim)
 
@@ -1218,24 +1224,25 @@ def _distances_along(paths: Array) -> Array:
     return distances
 
 
-def _decay_fully(upward: BlochWaves, downward: BlochWaves) -> bool:
-    """Return whether some of the waves at a frequency decays by more than 1/:data:`LEAST_PART` from
-    layer to layer, so that its wavenumber has no digits.
+def _decays_too_fast(upward: BlochWaves, downward: BlochWaves) -> bool:
+    """Return whether some wave at a frequency, among those towards higher layers, ``upward``, and
+    those towards lower layers, ``downward``, decays by more than 1/:data:`LEAST_FACTOR` from layer
+    to layer, so that its wavenumber has no digits.
     """
     decays = np.concatenate([np.abs(upward.factors), 1.0 / np.abs(downward.factors)])
-    return bool(np.any(decays < LEAST_PART))
+    return bool(np.any(decays < LEAST_FACTOR))
 
 
-def _require_digits(hertz: Array, is_far: ArrayLike) -> None:
+def _require_slow_decay(hertz: Array, is_far: ArrayLike) -> None:
     """Raise :class:`~granphon.base.errors.PrecisionError` if ``is_far`` (n_f,), whether a wave
     decays too much to have digits, is true at some of the frequencies ``hertz`` (n_f,), Hz.
     """
     far = np.asarray(is_far, bool)
     if np.any(far):
         raise PrecisionError(
-            f"at {float(hertz[far][0]):g} Hz a wave decays by more than {1.0 / LEAST_PART:g} from"
+            f"at {float(hertz[far][0]):g} Hz a wave decays by more than {1.0 / LEAST_FACTOR:g} from"
             " layer to layer",
-            "Its wave number would have no digits",
+            "Its wavenumber would have no digits",
             "Take lower frequencies",
         )
 
@@ -1243,9 +1250,9 @@ def _require_digits(hertz: Array, is_far: ArrayLike) -> None:
 def _list_wavenumbers(
     space: HalfSpace, waves: list[tuple[BlochWaves, BlochWaves]], along: Array
 ) -> Complex:
-    """Return the wavenumbers (n_f, 2 m), 1/m, of ``waves``, which are a pair at each frequency,
-    those towards higher and those towards lower layers; ``along`` (p - 1,) is their wave vector
-    along the layers.
+    """Return the wavenumbers (n_f, 2 m), 1/m, of ``waves`` across the layers of ``space``. The
+    waves are a pair at each frequency, those towards higher and those towards lower layers;
+    ``along`` (p - 1,) is their wave vector along the layers.
 
     The imaginary part is infinite for a motion that reaches no other layer at a frequency.
     """
@@ -1254,17 +1261,17 @@ def _list_wavenumbers(
     wavenumbers[:, 1] = complex(0.0, -np.inf)
     for n, upward_and_downward in enumerate(waves):
         for sense, bloch_waves in enumerate(upward_and_downward):
-            numbers = space.wavenumbers(bloch_waves.factors, along)
-            numbers[: bloch_waves.running].imag = 0.0  # exactly, for waves that run
-            wavenumbers[n, sense, : len(numbers)] = numbers
+            of_waves = space.wavenumbers(bloch_waves.factors, along)
+            of_waves[: bloch_waves.running].imag = 0.0  # exactly, for waves that run
+            wavenumbers[n, sense, : len(of_waves)] = of_waves
     # motions that reach no other layer at any frequency are no waves
     are_waves = np.any(np.isfinite(wavenumbers), axis=(0, 1))
     return wavenumbers[:, :, are_waves].reshape(len(waves), -1)
 
 
 def _number_images(bridge: ContactPhonopy, dim: tuple[int, ...]) -> Index:
-    """Return the numbers (n_a, n1, ...), in phonopy's supercell of ``dim`` (n1, ...) cells, of the
-    images of the n_a atoms of the cell in each of these cells.
+    """Return the numbers (n_a, n1, ...), in the supercell of ``bridge`` of ``dim`` (n1, ...) cells,
+    of the images of the n_a atoms of the cell in each of these cells.
     """
     supercell = bridge.supercell
     unit_cell = bridge.unitcell

@@ -49,15 +49,18 @@ def number_kinds(masses: Array) -> list[int]:
     masses_of_kinds: list[float] = []
     numbers = []
     for mass in masses.tolist():
-        is_kind = [
-            abs(mass - mass_of_kind) <= _ONE_MASS * mass_of_kind for mass_of_kind in masses_of_kinds
+        equal_kinds = [
+            number
+            for number, mass_of_kind in enumerate(masses_of_kinds)
+            if abs(mass - mass_of_kind) <= _ONE_MASS * mass_of_kind
         ]
-        if not any(is_kind):
-            masses_of_kinds.append(mass)
-            is_kind.append(True)
-        if len(masses_of_kinds) > len(KINDS):
+        if equal_kinds:
+            numbers.append(equal_kinds[0])
+            continue
+        if len(masses_of_kinds) == len(KINDS):
             return [0] * len(masses)
-        numbers.append(is_kind.index(True))
+        numbers.append(len(masses_of_kinds))
+        masses_of_kinds.append(mass)
     return numbers
 
 
@@ -75,9 +78,9 @@ def free_symbol(symbol: str, taken: Iterable[str]) -> str:
 def choose_symbols(kinds: Iterable[str]) -> dict[str, str]:
     """Return a dictionary of different chemical symbols by the names of ``kinds`` of balls.
 
-    If a name is a symbol, that is the symbol of the kind. If it begins with a symbol, as Al6061
-    does, and no other kind has that symbol, the kind has it. Any other kind has a free symbol. If
-    there are more kinds than symbols, all balls have one symbol.
+    A kind whose name is a symbol has that symbol. A kind whose name begins with a symbol, as
+    Al6061, has this symbol if no other kind has it. Any other kind has a free symbol. If there are
+    more kinds than symbols, all balls have one symbol.
     """
     from ase.data import chemical_symbols
 
@@ -110,8 +113,8 @@ def name_balls(masses: Array, kinds: Sequence[str] = ()) -> list[str]:
 
 
 def name_atoms(masses: Array, motions: Motions, kinds: Sequence[str] = ()) -> list[str]:
-    """Return the chemical symbols of the one or two atoms of each ball, ball after ball, from the
-    ``masses`` (n,) and ``kinds`` of the balls as in :func:`name_balls`.
+    """Return the chemical symbols of the one or two atoms that hold the ``motions`` of each ball,
+    ball after ball, from the ``masses`` (n,) and ``kinds`` of the balls as in :func:`name_balls`.
     """
     balls = name_balls(masses, kinds)
     spin = free_symbol(SPIN, balls)
@@ -144,14 +147,15 @@ def place_in_space(vectors: Array, positions: Array) -> tuple[Array, Array]:
     cell = np.eye(3)
     cell[:periods] = 0.0
     cell[:periods, :dimension] = vectors
-    places = np.zeros((len(positions), 3))
-    places[:, :dimension] = positions
-    return cell, places
+    positions_in_space = np.zeros((len(positions), 3))
+    positions_in_space[:, :dimension] = positions
+    return cell, positions_in_space
 
 
 def place_atoms(positions: Array, motions: Motions, offset: Array = OFFSET) -> Array:
-    """Return the positions of the one or two atoms of each ball, ball after ball, from the
-    ``positions`` (n, 3) of the balls; all in the unit of ``offset`` (3,).
+    """Return the positions (n_a, 3) of the one or two atoms that hold the ``motions`` of each ball,
+    ball after ball, from the ``positions`` (n, 3) of the balls; all in the unit of ``offset`` (3,),
+    by which a second atom is displaced from its ball.
     """
     steps = np.stack([np.zeros(3), offset])[: motions.atoms_per_ball]
     return np.asarray((positions[:, None] + steps).reshape(-1, 3))
@@ -181,8 +185,8 @@ def make_header(unit: HertzPrefix, scales: Units, motions: Motions, periods: int
 
 
 def _name_coordinates(motions: Motions) -> list[str]:
-    """Return, for each coordinate of the one or two atoms of a ball, the name of the motion that it
-    holds; "0" if it holds none.
+    """Return, for each coordinate of the one or two atoms that hold the ``motions`` of a ball, the
+    name of the motion that the coordinate holds; "0" if it holds none.
     """
     names = ["0"] * (3 * motions.atoms_per_ball)
     for slot, letter in zip(motions.slots, motions.letters, strict=True):
@@ -233,12 +237,17 @@ def read_numbers(name: str, values: Any, shape: tuple[int, ...] | None = None) -
     if numbers.dtype.kind not in "if":
         # the message shows the first value that is not a number
         leaves = np.array(values, object).ravel().tolist()
-        wrong = next(
+        wrong = [
             leaf for leaf in leaves if isinstance(leaf, bool) or not isinstance(leaf, int | float)
-        )
-        raise InputError(f"It has {show(wrong)} under {name}, where a number is needed")
+        ]
+        if wrong:
+            raise InputError(f"It has {show(wrong[0])} under {name}, where a number is needed")
+        try:
+            numbers = np.array(values, float)  # of whole numbers beyond 64 bits
+        except OverflowError:
+            raise InputError(f"It has too large a number under {name}") from None
     if not np.all(np.isfinite(numbers)):
-        raise InputError(f"It has something else than finite numbers under {name}")
+        raise InputError(f"It has a number that is not finite under {name}")
     if shape is None:
         return numbers.astype(float)
     lengths = zip(shape, numbers.shape, strict=False)

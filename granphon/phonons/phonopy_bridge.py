@@ -117,9 +117,9 @@ READ_ONLY: dict[str, str] = {
 _EXPORT_SCALE = 2.0**30
 #: symbol of the auxiliary atom of an export, see Phonons.save
 _AUXILIARY = "He"
-#: its position, fractions of the cell
+#: position of the auxiliary atom, fractions of the cell
 _AUXILIARY_POSITION = (0.137, 0.291, 0.373)
-#: its mass, in masses of a ball
+#: mass of the auxiliary atom, in masses of a ball
 _AUXILIARY_MASS = 1e32
 
 
@@ -335,6 +335,6 @@ def _read_constants(block: Any, atoms: int, cells: int) -> Array:
     constants = elements.reshape(rows, columns, 3, 3)
     if rows != atoms:
         # the block has the rows of all cells. Phonopy orders a supercell by atom, then by cell, so
-        # the rows of the first cell are these
+        # every row of this step belongs to the first cell
         constants = constants[::cells]
     return constants

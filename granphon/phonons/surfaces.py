@@ -22,6 +22,7 @@ from granphon.base.errors import GranphonError, InputError
 from granphon.base.memory import require_memory
 from granphon.base.results import Result, held, result_class
 from granphon.base.staging import write_text
+from granphon.base.standard_errors import read_errors
 from granphon.base.tables import Heading, table_text
 from granphon.base.validation import (
     finite_array,
@@ -75,10 +76,13 @@ class SurfaceBranches(Result):
     weight: Array = held(float, "n")
 
     def __len__(self) -> int:
+        """Return the number of wave vectors."""
         return len(self.qpoints)
 
     def __getitem__(self, index: int) -> Array:
-        """Return the frequencies of all waves at the wave vector of this number, (n,) Hz."""
+        """Return the frequencies of all waves at the wave vector of this number, (n,) Hz; a number
+        below zero counts from the last. Raises IndexError beyond the wave vectors.
+        """
         return np.asarray(self.frequencies[self.place == range(len(self))[index]])
 
 
@@ -148,7 +152,8 @@ class SurfaceSpectrum(Result, array="values"):
         standard error of each frequency, and with ``weight_errors`` (n,) that of each weight, nan
         where it is not known.
 
-        Raises :class:`~granphon.base.errors.InputError` for a spectrum without waves.
+        Raises :class:`~granphon.base.errors.InputError` for a spectrum without waves, and for
+        errors of another number than waves.
         """
         waves = self.waves
         if waves is None:
@@ -172,12 +177,13 @@ class SurfaceSpectrum(Result, array="values"):
             waves.widths,
             waves.weight,
         ]
+        count = (len(waves.frequencies),)
         if errors is not None:
             headings.append(Heading("frequency", "Hz").of_error)
-            columns.append(real_array("errors", errors))
+            columns.append(read_errors("errors", errors, count))
         if weight_errors is not None:
             headings.append(Heading("weight", "").of_error)
-            columns.append(real_array("weight_errors", weight_errors))
+            columns.append(read_errors("weight_errors", weight_errors, count))
         write_text(path, table_text(headings, np.transpose(columns).tolist()))
 
 
@@ -207,6 +213,7 @@ class Surface:
     """
 
     def __init__(self, x: Any, axis: Any, edge: str | Wall = "free") -> None:
+        """Cut the half space; its waves are found when they are needed."""
         self.network = given_network(x)
         self.half_space = HalfSpace(self.network, axis, require("edge", read_edge, edge))
 
@@ -219,6 +226,7 @@ class Surface:
 
     @property
     def _frequency(self) -> float:
+        """Frequency that is one in reduced units, Hz."""
         return self.half_space.units.frequency
 
     @cached_property
@@ -282,10 +290,10 @@ class Surface:
         distances = np.concatenate([starts[:, None], after_step], axis=1)
         # a corner where two segments join is there once, and twice where the path jumps
         is_jump = np.array(["|" in label for label in labels[1:-1]], bool)
-        kept = np.ones(distances.shape, bool)
-        kept[1:, 0] = is_jump
+        is_listed = np.ones(distances.shape, bool)
+        is_listed[1:, 0] = is_jump
         corner_distances = np.concatenate([starts, after_step[-1:, -1]])
-        return segments[kept], distances[kept], corner_distances, labels
+        return segments[is_listed], distances[is_listed], corner_distances, labels
 
     def corners(self) -> dict[str, Array]:
         """Return the corners of :meth:`path`, each once: the wave vectors (3,), fractions of the
@@ -296,11 +304,11 @@ class Surface:
         return dict(zip(letters, q, strict=True))
 
     def continuum(self, q: ArrayLike | None = None) -> Array:
-        """Return the lowest and the highest frequency (n_q, b, 2) of each branch of the crystal,
-        Hz, at each q.
+        """Return the lowest and the highest frequency (n_q, b, 2), Hz, of each branch of the
+        crystal over all wave vectors across the edge, at each q along it.
 
-        They are those over all wave vectors across the edge. Branches are ordered by frequency, and
-        are those of a cell that spans as many layers as contacts reach across.
+        Branches are ordered by frequency, and are those of a cell that spans as many layers as
+        contacts reach across.
         """
         squares = self.half_space.bands(self._read(q)[0])
         return np.asarray(np.sqrt(np.maximum(squares, 0.0)) * self._frequency)
@@ -318,6 +326,10 @@ class Surface:
             step of the frequencies. Each mass M feels the drag -M gamma v, with gamma = 2 pi times
             the damping. The spectrum is (2 omega/pi) times the imaginary part of -G(omega^2 + i
             gamma omega); each line has the integral 1 over positive frequencies.
+
+        Raises :class:`~granphon.base.errors.InputError` for a wrong shape of wave vectors or
+        frequencies, numbers out of range, frequencies without a step from which the damping would
+        follow, and spectra that do not fit into memory.
         """
         fractions, points = self._read(q)
         half = self.half_space
@@ -325,8 +337,8 @@ class Surface:
         hertz = finite_array("frequencies", frequencies, low="zero or above")
         if hertz.ndim != 1 or not hertz.size:
             raise InputError(f"frequencies have the shape {hertz.shape}", mend="Give (n,) in Hz")
-        if damping is None and hertz.size < 2:
-            raise InputError("one frequency has no step", mend="Give damping in Hz")
+        if damping is None and not np.any(np.diff(hertz)):
+            raise InputError("the frequencies have no step", mend="Give damping in Hz")
         largest_step = np.max(np.abs(np.diff(hertz))) if damping is None else damping
         width = positive("damping", largest_step, "Hz")
         n_points = len(points)
@@ -425,12 +437,14 @@ class Surface:
         squares = (waves.frequencies / self._frequency) ** 2
         warnings = network_warnings(self.network)
         energies = EdgeEnergies(self.half_space)
-        found = energies.find_sensitivities(waves.place, fractions, squares, warnings)
-        return SurfaceSensitivities(waves, *found)
+        of_crystal, of_outer_layers = energies.find_sensitivities(
+            waves.place, fractions, squares, warnings
+        )
+        return SurfaceSensitivities(waves, of_crystal, of_outer_layers)
 
     def _require_memory(self, points: int, frequencies: int) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if spectra at so many q and frequencies
-        do not fit into memory.
+        """Raise :class:`~granphon.base.errors.InputError` if spectra at a number of wave vectors,
+        ``points``, and a number of ``frequencies`` at each do not fit into memory.
         """
         require_memory(
             f"spectra at {points:,} wave vectors and {frequencies:,} frequencies",
@@ -439,15 +453,16 @@ class Surface:
         )
 
     def along_path(self, npoints: int) -> SurfaceBranches:
-        """Return :meth:`branches` along :meth:`path`, which are kept: a figure and a data set need
-        the same.
+        """Return :meth:`branches` along :meth:`path`, with ``npoints`` in each segment. The
+        branches are kept, as a figure and a data set need the same.
         """
-        if npoints not in self._along:
-            self._along[npoints] = self.branches(self.path(npoints)[0])
-        return self._along[npoints]
+        if npoints not in self._along_path:
+            self._along_path[npoints] = self.branches(self.path(npoints)[0])
+        return self._along_path[npoints]
 
     @cached_property
-    def _along(self) -> dict[int, SurfaceBranches]:
+    def _along_path(self) -> dict[int, SurfaceBranches]:
+        """The results of :meth:`along_path`, by the number of points of a segment."""
         return {}
 
     def follow(self, q: ArrayLike, frequency: float) -> Array:
@@ -546,13 +561,15 @@ def estimate_waves_memory(size: int, points: int) -> float:
 
 
 def _estimate_memory(size: int, points: int, frequencies: int) -> float:
-    """Return the memory of spectra at so many wave vectors and frequencies, bytes."""
+    """Return the memory, bytes, of spectra at a number of wave vectors, ``points``, and a number of
+    ``frequencies`` at each, of a half space whose blocks have ``size`` motions.
+    """
     return _SPECTRUM_BYTES * size**2 * points * float(frequencies)
 
 
 def _find_in_gap(waves: Array, bands: Array, expected: float) -> float | None:
     """Return the frequency, Hz, among ``waves`` (n_w,), Hz, that is nearest to the ``expected`` one
-    and in the same gap between ``bands`` (b, 2), Hz; None if there is none.
+    and in the same gap between ``bands`` (b, 2), Hz; None if no wave is in that gap.
     """
     bottoms, tops = bands.T
     # the ends of the gap in which the expected frequency lies
@@ -571,14 +588,15 @@ def observe_surface(
     edge: str | Wall,
     points: int,
 ) -> dict[str, Array]:
-    """Return the waves at an edge at each of n loads, by the names of the catalogue: what a run
-    keeps.
+    """Return the waves at an edge at each of n loads, which a run keeps, by the names of the
+    catalogue.
 
-    These are "surface_frequency", Hz, and "surface_weight" (n, n_q, n_w) along :meth:`Surface.path`
-    with ``points`` in each segment, nan where a wave vector has fewer waves; the path itself,
-    "surface_qpoint" (n, n_q, 3) and "surface_distance" (n, n_q); and where there is a long wave
-    "surface_velocity" (n,), m/s, along the first leg. ``different`` are the states, or the first
-    state if all have one lattice in reduced units.
+    The names are "surface_frequency", Hz, and "surface_weight" (n, n_q, n_w) along
+    :meth:`Surface.path` with ``points`` in each segment, nan where a wave vector has fewer waves;
+    the path itself, "surface_qpoint" (n, n_q, 3) and "surface_distance" (n, n_q); and where there
+    is a long wave "surface_velocity" (n,), m/s, along the first segment of the path. ``axis`` and
+    ``edge`` are those of :class:`Surface`. ``different`` are the states, or the first state if all
+    have one lattice in reduced units.
     """
     surfaces = [state.cached(Surface, axis, edge) for state in different]
     paths = [surface.path(points) for surface in surfaces]
@@ -596,19 +614,20 @@ def observe_surface(
         "surface_frequency": frequency_ratio[:, None, None] * frequencies,
         "surface_weight": np.broadcast_to(weights, (len(states), *weights.shape[1:])),
     }
-    leg = None
+    direction = None
     if len(q) > 1:
         p = len(surfaces[0].cell)
-        leg = q[1, :p] @ np.linalg.inv(surfaces[0].cell[:, :p]).T
+        direction = q[1, :p] @ np.linalg.inv(surfaces[0].cell[:, :p]).T
     with suppress(GranphonError):  # not every edge has a long wave
-        velocities = [surface.velocity(leg) for surface in surfaces]
+        velocities = [surface.velocity(direction) for surface in surfaces]
         observed["surface_velocity"] = velocity_ratio * velocities
     return observed
 
 
 def _tabulate_waves(branches: Sequence[SurfaceBranches], n_q: int) -> tuple[Array, Array]:
-    """Return the frequencies, Hz, and the weights (surfaces, n_q, n_w) of waves of several surfaces
-    at the same wave vectors; nan where a wave vector has fewer waves than another.
+    """Return the frequencies, Hz, and the weights (surfaces, n_q, n_w) of the waves of several
+    surfaces, ``branches``, at the same ``n_q`` wave vectors; nan where a wave vector has fewer
+    waves than another.
     """
     counts = [int(np.bincount(waves.place, minlength=1).max()) for waves in branches]
     shape = (len(branches), n_q, max(1, *counts))

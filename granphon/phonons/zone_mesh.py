@@ -201,11 +201,11 @@ def find_point_group(
     scalars = [atoms.get_masses(), atoms.arrays.get("diameter_deviations", np.zeros(len(atoms)))]
     _, kinds = np.unique(np.stack(scalars), axis=1, return_inverse=True)
     cell = (np.asarray(atoms.cell), atoms.get_scaled_positions(wrap=True), kinds.ravel() + 1)
-    find = spglib.get_symmetry_dataset
+    find_dataset = spglib.get_symmetry_dataset
     if periods == 2:
-        find = partial(spglib.get_symmetry_layerdataset, aperiodic_dir=2)
+        find_dataset = partial(spglib.get_symmetry_layerdataset, aperiodic_dir=2)
     try:
-        dataset = find(cell, symprec=_SAME_POSITION)
+        dataset = find_dataset(cell, symprec=_SAME_POSITION)
     except spglib.SpglibError:
         return None
     if dataset is None:

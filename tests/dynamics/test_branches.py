@@ -197,6 +197,19 @@ def test_wavenumber_above_the_top():
         branch.find_pulse([0.1, branch.top * (1 + 1e-12)])
 
 
+@pytest.mark.parametrize("frequency", [-0.1, math.nan, [0.1, math.inf]])
+def test_frequencies_of_pulses_are_finite_and_not_below_zero(hexagonal, frequency):
+    branch = follow_acoustic_branches(hexagonal, (1.0, 0.0))["longitudinal"]
+    with pytest.raises(InputError, match="frequency"):
+        branch.find_pulse(frequency)
+
+
+@pytest.mark.parametrize("shape", [(3, 3), (0, 3, 3)])
+def test_branches_are_connected_from_eigenvectors_at_points(shape):
+    with pytest.raises(InputError, match="shape"):
+        connect_branches(np.zeros(shape))
+
+
 def test_branches_need_one_direction(hexagonal):
     with pytest.raises(InputError, match="one direction"):
         follow_acoustic_branches(hexagonal, [(1, 0), (0, 1)])

@@ -24,6 +24,7 @@ from granphon.base.errors import (
 from granphon.dynamics.branches import connect_branches
 
 ETA = 2 * (1 - 0.276) / (2 - 0.276)
+UNITS = gp.Units(1.0, 1.0, 1.0)
 HEXAGON = ((1.0, 0.0), (-0.5, math.sqrt(0.75)))
 KAGOME = ((2.0, 0.0), (-1.0, math.sqrt(3.0))), ((0.5, 0.0), (0.0, 0.5), (0.5, 0.5))
 HONEYCOMB = gp.Lattice(
@@ -187,6 +188,16 @@ def test_gamma_needs_a_direction(hexagonal):
         hexagonal.modes([[0.0, 0.0]], (0.0, 0.0))
 
 
+def test_modes_take_one_direction_or_one_for_each_wave_vector(hexagonal):
+    q = [[0.1, 0.2], [0.2, 0.3]]
+    with pytest.raises(InputError, match="2 wave vectors"):
+        hexagonal.modes(q, np.ones((3, 2)))
+    repeated = hexagonal.modes(q, np.ones((2, 2)))
+    assert_allclose(hexagonal.modes(q, (1.0, 1.0)).frequencies, repeated.frequencies, rtol=1e-15)
+    with pytest.raises(InputError, match="no wave vector"):
+        hexagonal.modes(np.zeros((0, 2)))
+
+
 # -- mechanisms ------------------------------------------------------------------------------------
 
 
@@ -224,6 +235,43 @@ def test_buckling_is_an_error():
 def test_lattices_that_cannot_be(eta, spacing, prestress):
     with pytest.raises(InputError):
         gp.ContactLattice.of("triangular", eta, spacing, prestress)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("gyration", 0.0),
+        ("gyration", -0.3),
+        ("masses", math.inf),
+        ("masses", 0.0),
+        ("stiffness", math.inf),
+        ("prestress", math.nan),
+    ],
+)
+def test_numbers_out_of_range_are_named(name, value):
+    lattice = gp.ContactLattice.of("triangular", 0.5)
+    of_cell = (lattice.cell, lattice.positions, lattice.contacts)
+    with pytest.raises(InputError, match=name):
+        gp.ContactLattice(*of_cell, 0.5, **{name: value})
+
+
+@pytest.mark.parametrize(
+    ("cell", "positions"),
+    [([1.0, 0.0], [[0.0, 0.0]]), (np.eye(2), [[0.0]]), (np.eye(3)[:, :2], [[0.0, 0.0]])],
+)
+def test_cells_and_positions_of_other_shapes_are_refused(cell, positions):
+    contacts = gp.ContactLattice.of("triangular", 0.5).contacts
+    with pytest.raises(InputError, match="shape"):
+        gp.ContactLattice(cell, positions, contacts, 0.5)
+
+
+def test_a_lattice_with_fixed_bodies_is_no_network_of_its_balls():
+    network = gp.ContactLattice.of("square", 0.8).contact_network(UNITS).repeat((2, 4))
+    strip = gp.ContactLattice.from_network(network.cut(1, 2, ("clamped", "free")))
+    with pytest.raises(InputError, match="do not move"):
+        strip.contact_network(UNITS)
+    with pytest.raises(InputError, match=r"normal_force .*\(7,\)"):
+        gp.ContactLattice.of("square", 0.8).contact_network(UNITS, np.ones(7))
 
 
 @pytest.mark.parametrize("name", ["stiffness", "masses", "prestress"])

@@ -38,6 +38,11 @@ def test_frequencies_of_a_sample_are_those_of_the_sums_over_its_contacts(sample)
     assert np.count_nonzero(found == 0.0) == np.count_nonzero(found[0] == 0.0) == 2
 
 
+def test_no_wave_vectors_have_no_frequencies(sample):
+    lattice = ContactLattice.from_network(sample.network)
+    assert lattice.frequencies(np.zeros((0, 2))).shape == (0, lattice.n_branches)
+
+
 def test_sound_of_a_sample_keeps_its_digits_down_to_gamma(sample):
     ph = gp.Phonons(sample.network)
     v = gp.sound_velocities(sample.network, [1.0, 0.0]).velocities

@@ -108,6 +108,26 @@ def test_no_single_optical_branch():
             gp.ContactLattice.of(lattice, eta).optical_branch()
 
 
+def test_optical_branch_of_a_held_ball_is_refused():
+    """A spring on the displacements changes their coupling with the rotation: the series without
+    this would say that the branch falls by 0.09 q^2, but it falls by 0.29 q^2.
+    """
+    network = gp.ContactLattice.of("triangular", 0.8).contact_network(gp.Units(1.0, 1.0, 1.0))
+    held = dataclasses.replace(network, on_site=np.array([[30.0, 30.0, 0.3]]))
+    with pytest.raises(InputError, match="hold the ball"):
+        gp.ContactLattice.from_network(held).optical_branch()
+
+
+def test_optical_branch_of_a_chain_is_along_it_by_default():
+    chain = gp.ContactLattice.of("chain", 0.8, motions=allowed_motions(2)["in_plane"])
+    assert chain.optical_branch() == chain.optical_branch((1.0,))
+    q = 1e-2
+    frequencies = chain.frequencies([[0.0], [q]])[:, -1]
+    squared, curvature = chain.optical_branch()
+    assert_allclose(frequencies[0] ** 2, squared, rtol=1e-14)
+    assert_allclose(1.0 - (frequencies[1] / frequencies[0]) ** 2, curvature * q**2, rtol=1e-4)
+
+
 # -- the square and the kagome lattice -------------------------------------------------------------
 
 

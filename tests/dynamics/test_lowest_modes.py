@@ -53,7 +53,7 @@ def test_boxes_are_rigid_bodies_and_the_preconditioner_is_symmetric(operator, q,
         assert_allclose(boxes @ (boxes.T @ shift), shift, rtol=0.0, atol=1e-12 * np.max(shift))
     # eigenvalues of D over the preconditioner lie closer together than over single balls
     squares = np.linalg.eigvals(inverse @ dense).real
-    of_balls = np.linalg.eigvals(precondition.held.toarray() @ dense).real
+    of_balls = np.linalg.eigvals(precondition.ball_inverses.toarray() @ dense).real
     n_zeros = 2 if q is None else 0
     spread, spread_of_balls = (
         np.max(values) / np.sort(values)[n_zeros] for values in (squares, of_balls)
@@ -81,7 +81,7 @@ def test_an_eigenvector_that_random_vectors_lack_is_found_by_fresh_ones(operator
         """The first block stays without an eigenvector."""
         if not blocks:
             finder._known = missing
-            basis = lowest_modes._orthonormalise(finder._free(block.vectors, None))
+            basis = lowest_modes._orthonormalise(finder._make_perpendicular(block.vectors, None))
             block = finder._make_block(basis, basis.shape[1])
         blocks.append(converge(block, count))
         finder._known = None

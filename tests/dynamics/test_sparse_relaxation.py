@@ -55,7 +55,7 @@ def iterate(network, monkeypatch):
     monkeypatch.setattr(long_waves, "MOST_FIRM_RELAXED_BY_FACTORS", 0)
     monkeypatch.setattr(long_waves, "MOST_RELAXED_BY_FACTORS", 0)
     iterated = ContactLattice._make_of_network(network)
-    assert type(iterated._sparse) is IterativeRelaxation
+    assert type(iterated._sparse_relaxation) is IterativeRelaxation
     return iterated
 
 
@@ -75,7 +75,7 @@ def test_iteration_gives_the_moduli_and_sound_of_factors(name, monkeypatch):
     network = ITERATED[name]()
     monkeypatch.setattr(long_waves, "MANY_COLUMNS", 0)
     factored = ContactLattice.from_network(network)
-    assert type(factored._sparse) is SparseRelaxation
+    assert type(factored._sparse_relaxation) is SparseRelaxation
     iterated = iterate(network, monkeypatch)
     tensor = factored.elastic_tensor()
     change = iterated.elastic_tensor() - tensor
@@ -127,7 +127,7 @@ def test_loose_balls_are_relaxed_by_factors(name, monkeypatch):
     monkeypatch.setattr(long_waves, "MOST_FIRM_RELAXED_BY_FACTORS", 0)
     lattice = ContactLattice._make_of_network(network)
     assert lattice.tries_iteration == (is_iterated or "clusters" in name)
-    assert (type(lattice._sparse) is IterativeRelaxation) == is_iterated
+    assert (type(lattice._sparse_relaxation) is IterativeRelaxation) == is_iterated
     results = []
     for cell in (lattice, factored):
         try:
@@ -194,10 +194,10 @@ def test_clusters_that_no_contact_joins_to_others_are_not_searched_for(monkeypat
     inside = [np.isin(end, [0, 1, 2, 40, 41]) for end in (network.i, network.j)]
     alone = keep(network, inside[0] == inside[1])
     iterated = iterate(alone, monkeypatch)
-    assert iterated._sparse.loose.size == 0
+    assert iterated._sparse_relaxation.loose.size == 0
     monkeypatch.setattr(iterative_relaxation, "_MOST_IN_CLUSTER", 1)
     searched = iterate(alone, monkeypatch)
-    assert searched._sparse.loose.shape[1] > 5
+    assert searched._sparse_relaxation.loose.shape[1] > 5
     assert_allclose(iterated._sound_mass.moved, searched._sound_mass.moved, atol=1e-9)
     expected = 1.0 - np.sum(alone.masses[[0, 1, 2, 40, 41]]) / np.sum(alone.masses)
     assert_allclose(iterated._sound_mass.moved, expected * np.eye(3), atol=1e-9)
@@ -206,7 +206,7 @@ def test_clusters_that_no_contact_joins_to_others_are_not_searched_for(monkeypat
 def test_more_loose_motions_than_are_found_are_refused(monkeypatch):
     """Many are told after the first random motions, few once they are counted."""
     network = bare("fcc", (2, 3, 3), 0.25)
-    count = iterate(network, monkeypatch)._sparse.loose.shape[1]
+    count = iterate(network, monkeypatch)._sparse_relaxation.loose.shape[1]
     assert count > 2
     for most in (0, count - 1):
         monkeypatch.setattr(iterative_relaxation, "_MOST_LOOSE", most)

@@ -299,3 +299,11 @@ else:
     if plugin == "none":
         pytest.skip("this ASE has no plug-ins")
     assert plugin.split() == ["hertz-mindlin", "HertzMindlin", "0.1.0"]
+
+
+@pytest.mark.parametrize("radius", [np.ones((2, 2)), np.array(["a", "b"]), np.array([1.0, 0.0])])
+def test_radii_are_numbers_above_zero_for_each_ball(radius):
+    pair = ase.Atoms("X2", positions=[[0.0, 0.0, 0.0], [0.0, 0.0, 0.9]])
+    pair.set_array("radius", radius)
+    with pytest.raises(InputError, match="radius"):
+        gp.HertzMindlin({"X": STEEL}).find_radii(pair)

@@ -511,3 +511,10 @@ def test_without_friction_nothing_rotates(smooth):
     # along Gamma-K motion is along or across q by symmetry
     share = bands.longitudinal_fraction[0, 1:-1]
     np.testing.assert_allclose(share * (1.0 - share), 0.0, atol=1e-12)
+
+
+def test_standard_errors_of_another_shape_are_refused(phonons, tmp_path):
+    bands = phonons.bands("GK", npoints=3)
+    with pytest.raises(InputError, match="errors"):
+        bands.write(tmp_path / "band.yaml", errors=np.ones(3))
+    assert not list(tmp_path.iterdir())

@@ -336,6 +336,16 @@ def test_densities_that_cannot_be_are_refused_before_any_mode_is_found(rough, ca
         rough.dos(**{"mesh": (4, 4), **options})
 
 
+@pytest.mark.parametrize("errors", [{"total": np.ones(3)}, {"whole": np.ones(20)}])
+def test_standard_errors_of_another_length_or_name_are_refused(phonons, errors, tmp_path):
+    dos = phonons.dos((8, 8), points=20)
+    with pytest.raises(InputError, match="errors"):
+        dos.write_csv(tmp_path / "dos.csv", errors=errors)
+    assert not list(tmp_path.iterdir())
+    dos.write_csv(tmp_path / "dos.csv", errors={"total": np.ones(20)})
+    assert "total_error_per_Hz" in (tmp_path / "dos.csv").read_text().splitlines()[0]
+
+
 @pytest.mark.parametrize("method", ["tetrahedron", "smearing"])
 def test_low_frequencies_follow_debye(phonons, method):
     # g(f) = 2 pi f A (v_L^-2 + v_T^-2) a ball in two dimensions

@@ -16,8 +16,9 @@ import pytest
 import yaml
 
 import granphon as gp
-from granphon.base.errors import UnsupportedError
+from granphon.base.errors import InputError, UnsupportedError
 from granphon.base.scales import HertzPrefix
+from granphon.phonons.phonopy_atoms import read_numbers
 from granphon.phonons.phonopy_bridge import load_phonopy
 from tests.dynamics.test_network_lattice import hold, random_network, ribbon, rock_salt
 from tests.phonons.conftest import RESISTED, at_overlap, padded, phonons_of, random_points
@@ -642,3 +643,14 @@ def test_a_file_of_phonopy_is_not_replaced(tmp_path):
         with pytest.raises(OSError, match="no such file"):
             write(tmp_path / name)
         assert (tmp_path / name).read_text() == "phonopy:\n  version: 4.8.2\n"
+
+
+@pytest.mark.parametrize("number", [2**63, 10**30])
+def test_whole_numbers_of_files_may_have_more_than_64_bits(number):
+    assert read_numbers("mass", [number]).tolist() == [float(number)]
+
+
+@pytest.mark.parametrize("value", [10**400, True, "a"])
+def test_values_of_files_that_are_no_numbers_are_named(value):
+    with pytest.raises(InputError, match="mass"):
+        read_numbers("mass", [value])

@@ -458,7 +458,7 @@ def test_the_winding_counts_the_motions_at_the_edges_that_cost_nothing(axis):
             lambda: gp.Surface(pressed_square(), 0).zak_phase([[0.1]]),
             "static forces",
         ),
-        (lambda: gp.Surface(bulk("square"), 0).spectrum([[0.1]], [1.0]), "one frequency"),
+        (lambda: gp.Surface(bulk("square"), 0).spectrum([[0.1]], [1.0]), "no step"),
         (lambda: gp.Surface(bulk("square"), 0).spectrum([[0.1]], [-1.0, 1.0]), "frequencies"),
     ],
 )
@@ -507,3 +507,15 @@ def test_wave_vectors_that_are_not_finite_are_named():
         surface.branches([[np.nan]])
     with pytest.raises(InputError, match=r"have the shape \(1, 4\)"):
         surface.branches([[0.1, 0.0, 0.0, 0.0]])
+
+
+def test_a_surface_refuses_errors_of_other_waves_and_frequencies_without_a_step(tmp_path):
+    surface = gp.Surface(bulk("square"), 1)
+    waves = surface.map(npoints=3, frequencies=np.linspace(0.0, 1e4, 4))
+    for name in ("errors", "weight_errors"):
+        with pytest.raises(InputError, match=name):
+            waves.write_csv(tmp_path / "waves.csv", **{name: np.ones(99)})
+    assert not list(tmp_path.iterdir())
+    for frequencies in ([5.0], [5.0, 5.0]):
+        with pytest.raises(InputError, match="no step"):
+            surface.spectrum([[0.1]], frequencies)
