@@ -64,13 +64,13 @@ def find_rows(structure: Lattice, truth: FrictionHistory = REST) -> Mapping[str,
     has no such part, or if the lattice is not the registered one of its name.
     """
     is_registered = LATTICES.get(structure.name) == structure
-    return _find_lattices(truth).get(structure.name) if is_registered else None
+    return _find_parts(truth).get(structure.name) if is_registered else None
 
 
-def _find_lattices(truth: FrictionHistory) -> Mapping[str, Any]:
+def _find_parts(truth: FrictionHistory) -> Mapping[str, Any]:
     """Return the parts of the table for the arrays of a ``truth``, by the names of lattices."""
-    lattices: Mapping[str, Any] = read_table()["loaded" if truth.is_loaded else "rest"]
-    return lattices
+    parts: Mapping[str, Any] = read_table()["loaded" if truth.is_loaded else "rest"]
+    return parts
 
 
 def explain_uncovered(packing: Packing, truth: FrictionHistory = REST) -> str | None:
@@ -81,7 +81,7 @@ def explain_uncovered(packing: Packing, truth: FrictionHistory = REST) -> str | 
         return None
     rows = find_rows(packing.structure, truth)
     if rows is None:
-        lattices = ", ".join(_find_lattices(truth))
+        lattices = ", ".join(_find_parts(truth))
         against = " against arrays loaded with friction" if truth.is_loaded else ""
         return (
             f"none were measured on the {packing.structure.name} lattice{against}; they were on"
@@ -145,9 +145,10 @@ def find_error(
 
     ``medium`` is one of :data:`AVERAGES`, or "simulation" for samples with the friction of the
     ``truth`` and so many ``balls`` in all. The error is zero for equal balls and on a line, where
-    every medium is exact, and +inf for what the table does not cover. Above the greatest load of
-    the table the error falls as the square of the spread over the overlap, the law of high loads;
-    with partial slip, whose contacts are softer by |T|/(3 mu f), as the first power.
+    every medium is exact, and +inf for what the table does not cover, also below its least load.
+    Above the greatest load of the table the error falls as the square of the spread over the
+    overlap, the law of high loads; with partial slip, whose contacts are softer by |T|/(3 mu f), as
+    the first power.
     """
     if not packing.spread_matters:
         return np.zeros(load.shape)

@@ -348,7 +348,7 @@ class MediumChoice:
     """
 
     name: str
-    # Load is named so that plain data are made into it again
+    # ``kind`` names Load, as a value of an option may be one: it is restored from plain data
     options: tuple[tuple[str, Load | Any], ...] = field(
         default=(), metadata={"kind": ((str, [Load, object]), ...)}
     )
@@ -358,7 +358,8 @@ class MediumChoice:
         name = require("medium", _read_name, self.name)
         options = require(f"medium.{name}", partial(_read_options, name), dict(self.options))
         # options at their default are dropped, so that choices with the same meaning compare equal
-        defaults = {option: rule.default for option, rule in find_medium(name).options.items()}
+        known_options = find_medium(name).options
+        defaults = {option: known.default for option, known in known_options.items()}
         changed = [
             (option, value)
             for option, value in sorted(options.items())
@@ -374,7 +375,7 @@ class MediumChoice:
     ) -> MediumChoice:
         """Read a choice from a ``value``, a name such as "ema", or {"ema": {"local_field":
         "paper"}}, for a ``lattice`` if one is given; see :func:`read_medium`. Raises InputError for
-        what is no such value.
+        any other value.
         """
         medium: MediumChoice = require("medium", partial(read_medium, lattice=lattice), value)
         return medium
@@ -571,11 +572,11 @@ class MediumChoice:
             )
 
     def require_for(self, balls: Balls) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if the medium is not one of these balls:
-        crystals and packings in files have one medium each, which no other balls have.
+        """Raise :class:`~granphon.base.errors.InputError` if these ``balls`` do not have the
+        medium: crystals and packings in files have one medium each, which no other balls have.
         """
-        own = self.name if self.name in _OF_BALLS else ""
-        if balls.medium_name != own:
+        medium_of_balls = self.name if self.name in _OF_BALLS else ""
+        if balls.medium_name != medium_of_balls:
             raise InputError(
                 f"the medium is {self.label!r}",
                 f"Balls of several kinds have the medium {CRYSTAL} alone, packings in"
@@ -584,8 +585,8 @@ class MediumChoice:
             )
 
     def of(self, packing: Balls) -> Medium[Any]:
-        """Return the medium of this packing with the options of the choice; InputError if the
-        medium is not one of such balls.
+        """Return the medium of this packing with the options of the choice; InputError if such
+        balls do not have this medium.
         """
         self.require_for(packing)
         options: Any = dict(self.options)
