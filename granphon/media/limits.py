@@ -189,8 +189,9 @@ class Check(Result):
         return self.tell()
 
     def tell(self, where: str = "", force_unit: str = "") -> str | None:
-        """Return the :attr:`warning`. The words ``where`` say, in brackets behind the number of
-        loads at which the condition fails, which loads these are. Forces of contacts are in the
+        """Return the :attr:`warning`. The words ``where`` say at which loads the condition fails;
+        they stand in brackets behind the number of these loads, or at the end of the warning of a
+        medium, and are left out where the warning counts no loads. Forces of contacts are in the
         ``force_unit``; in N, if need be with a prefix, if that is empty.
         """
         failing = self.failing

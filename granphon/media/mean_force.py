@@ -16,11 +16,11 @@ from granphon.contacts.laws import ContactLaws
 from granphon.statics.rest import Rest
 
 #: relative error at which a mean force or overlap is reached, and most states in the search for it
-MEAN = 4e-15
+MEAN_TOLERANCE = 4e-15
 MOST_MEANS = 60
 #: relative error at which the mean of a sample is reached: samples are at rest to 1e-12 of the mean
 #: force
-SAMPLED = 1e-11
+SAMPLE_TOLERANCE = 1e-11
 #: relative error of a mean that is put down to rounding where no better one is found
 _ROUNDED_MEAN = 1e-13
 
@@ -70,16 +70,16 @@ class PressureSearch:
 
 
 class MeanContacts(NamedTuple):
-    """The contacts of a state at rest over which means are taken.
+    """The contacts of a state at rest, and over which of them means are taken.
 
-    ``overlap``, ``force`` and ``stiffness`` (n_c,) are in SI; ``counts`` (n_c,) says which contacts
-    the mean is over.
+    ``overlap`` (n_c,), m, ``force`` (n_c,), N, and ``stiffness`` (n_c,), N/m, are those of all
+    contacts; ``is_counted`` (n_c,) says of each contact whether means are over it too.
     """
 
     overlap: Array
     force: Array
     stiffness: Array
-    counts: Flags
+    is_counted: Flags
 
     @classmethod
     def of(cls, state: Rest, laws: ContactLaws, differ: bool) -> Self:
@@ -90,23 +90,25 @@ class MeanContacts(NamedTuple):
         overlap = state.overlap[: laws.count]  # springs to the ground come behind the contacts
         force = laws.force(overlap)
         stiffness = laws.stiffness(overlap)
-        counts = stiffness > 0.0 if laws.adhere else force != 0.0
+        is_counted = stiffness > 0.0 if laws.adhere else force != 0.0
         if differ:
-            counts = np.ones(force.size, bool)
-        return cls(overlap, force, stiffness, counts)
+            is_counted = np.ones(force.size, bool)
+        return cls(overlap, force, stiffness, is_counted)
 
     def find_mean(self, kind: str) -> float:
-        """Return the mean of the ``kind`` "force", N, or "overlap", m."""
+        """Return the mean of the ``kind`` "force", N, or "overlap", m; at least one contact must be
+        counted.
+        """
         values = self.force if kind == "force" else self.overlap
-        return float(np.mean(values[self.counts]))
+        return float(np.mean(values[self.is_counted]))
 
     @property
     def power(self) -> float:
         """Exponent with which overlaps grow with the pressure: the mean of f over the mean of
         k delta. For f as delta^a this is 1/a.
         """
-        work = np.mean((self.stiffness * self.overlap)[self.counts])
-        return float(np.mean(self.force[self.counts]) / work)
+        work = np.mean((self.stiffness * self.overlap)[self.is_counted])
+        return float(np.mean(self.force[self.is_counted]) / work)
 
     def find_growth(self, kind: str, goal: float, mean: float) -> tuple[float, float]:
         """Return the factor by which the pressure, and the factor by which the overlaps, are to
@@ -129,7 +131,7 @@ class MeanContacts(NamedTuple):
             # ten times the error at which the mean of a sample is reached; more where loose balls
             # make the mean small against the overlaps of single contacts
             ratio = float(np.mean(np.abs(self.overlap)) / np.abs(np.mean(self.overlap)))
-            rounding = 10.0 * SAMPLED * max(1.0, ratio)
+            rounding = 10.0 * SAMPLE_TOLERANCE * max(1.0, ratio)
         if not adhere:
             return rounding
         # where contacts adhere, the mean may be small against its parts, attraction and repulsion,
@@ -138,5 +140,5 @@ class MeanContacts(NamedTuple):
         if kind == "force":
             terms = np.abs(self.stiffness * self.overlap)
         else:
-            terms = np.abs(self.force / np.where(self.counts, self.stiffness, np.inf))
-        return rounding * max(1.0, float(np.mean(terms[self.counts])) / goal)
+            terms = np.abs(self.force / np.where(self.is_counted, self.stiffness, np.inf))
+        return rounding * max(1.0, float(np.mean(terms[self.is_counted])) / goal)

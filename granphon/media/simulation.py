@@ -82,7 +82,7 @@ from granphon.media.loading import (
 from granphon.media.medium import SIMULATION, Change, Medium, Option
 from granphon.media.newtons import in_newtons
 from granphon.media.sample_memory import estimate_memory
-from granphon.media.state import ContactState, read_finite_overlap
+from granphon.media.state import ContactState, read_finite_overlap, select_loads
 from granphon.statics.configuration import BOUNDARIES
 
 #: the largest seed of a sample
@@ -269,11 +269,10 @@ class SimulatedState(ContactState):
         super().__post_init__()
 
     def __getitem__(self, index: Any) -> Self:
-        """Return the state at some of the loads, indexed like an array.
-
-        Raises :class:`~granphon.base.errors.InputError` for an index that selects none.
+        """Return the state at some of the loads, indexed like an array; the errors are those of
+        :func:`~granphon.media.state.select_loads`.
         """
-        samples = self._table.reshape(-1, self.n_samples)[self._select_loads(index)]
+        samples = self._table.reshape(-1, self.n_samples)[select_loads(self.shape, index)]
         return replace(
             self,
             force=np.asarray(self.force)[index],
@@ -314,9 +313,21 @@ class SimulatedState(ContactState):
         """Return a quantity of every sample, in its own unit; ``of`` is the function that returns
         the quantity of a sample.
 
-        The shape is that of the load, then (n_samples,), then that of the quantity.
+        The shape is that of the load, then (n_samples,), then that of the quantity. Raises
+        :class:`~granphon.base.errors.InputError` if ``of`` is no function, or its results are not
+        numbers, or arrays of one shape.
         """
-        values = np.array([np.asarray(of(sample)) for sample in self.samples])
+        if not callable(of):
+            raise InputError(f"of is {brief(of)}", mend="Give a function of a sample")  # type: ignore[unreachable]
+        quantities = [np.asarray(of(sample)) for sample in self.samples]
+        are_numbers = all(quantity.dtype.kind in "biufc" for quantity in quantities)
+        if not are_numbers or len({quantity.shape for quantity in quantities}) > 1:
+            raise InputError(
+                f"the quantity of a sample is {brief(of(self.samples[0]))}",
+                "Numbers, or arrays of one shape, can be compared over samples",
+                "Give a function that returns these",
+            )
+        values = np.array(quantities)
         return values.reshape(*self.shape, self.n_samples, *values.shape[1:])
 
     def standard_error(self, of: str | Callable[[Any], ArrayLike]) -> Any:
@@ -325,8 +336,8 @@ class SimulatedState(ContactState):
 
         ``of`` is the name of an attribute of :class:`Sample`, or a function of a sample. The result
         has the shape of the load followed by that of the quantity. Raises
-        :class:`~granphon.base.errors.InputError` for any other argument, and if there is only one
-        sample.
+        :class:`~granphon.base.errors.InputError` for any other argument, for an attribute without
+        numbers or of different shapes, and if there is only one sample.
         """
         given: Any = of
         names = [name for name in dir(self.samples[0]) if not name.startswith("_")]
@@ -1301,11 +1312,11 @@ class DirectSimulation(Medium[SimulatedState]):
             def find_state(step: float) -> SimulatedState:
                 """Return the state of all samples at a ``step`` of the change."""
                 changed, changed_load = change_simulation(step)
-                moved = [
+                changed_samples = [
                     Sample(changed.packing, sample.seed, course.at(step))
                     for sample, course in zip(samples, courses, strict=True)
                 ]
-                return SimulatedState.of(changed, moved, changed_load)
+                return SimulatedState.of(changed, changed_samples, changed_load)
 
             return Course(find_state, min(course.step for course in courses))
 

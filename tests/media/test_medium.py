@@ -517,3 +517,7 @@ def test_an_index_of_no_load_is_refused(name):
         with pytest.raises(InputError, match="none of the loads"):
             _ = state[index]
     assert state[-1].force == 20.0
+    assert [one.force for one in state] == [10.0, 20.0]
+    assert state[0][...].force == 10.0
+    with pytest.raises(InputError, match="one load"):
+        _ = state[0][0]
