@@ -56,9 +56,9 @@ def mindlin_reduction(
     """Return the factor by which a static tangential load T reduces the shear stiffness of a
     contact under normal load N, of the shape to which both broadcast.
 
-    (1 - T / mu N)^(1/3), for a tangential load that has grown from zero at constant normal load (R.
-    D. Mindlin, J. Appl. Mech. 16, 259, 1949). The text after equation (4) prints 1 - (T / mu
-    N)^(1/3) instead: see the errata.
+    The factor is (1 - T / mu N)^(1/3), for a tangential load that has grown from zero at constant
+    normal load (R. D. Mindlin, J. Appl. Mech. 16, 259, 1949). The text after equation (4) prints
+    1 - (T / mu N)^(1/3) instead: see the errata.
 
     ``tangential_load`` T and ``normal_load`` N are in the same unit, of any shapes that broadcast;
     the sign of T does not matter. ``friction_coefficient`` is mu, a pure number. Raises
@@ -107,7 +107,7 @@ def harmonic_diameter(first: ArrayLike, second: ArrayLike) -> Any:
 
 def contact_radius_ratio(overlap: ArrayLike, diameter: ArrayLike) -> Any:
     """Return the radius of the contact circle over the radius of the balls, (delta/d)^(1/2), for
-    equal balls of ``diameter`` d, m, with an ``overlap`` delta, m.
+    equal balls of ``diameter`` d, m, with an ``overlap`` delta, m, zero or above. Both broadcast.
     """
     return np.sqrt(real_array("overlap", overlap) / real_array("diameter", diameter))[()]
 
@@ -120,8 +120,8 @@ def high_pressure_overlap(width: float) -> float:
 
 
 class EnergyLaw(ABC):
-    """A contact law that is known by its energy and the derivatives of it with respect to the
-    overlap.
+    """A contact law that is known by its energy and the derivatives of the energy with respect to
+    the overlap.
 
     Methods take scalars or arrays of any shape, and return floats for floats.
     """
@@ -285,7 +285,9 @@ class HertzLaw(EnergyLaw):
         return np.zeros(np.shape(overlap))[()]
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
-        """Fraction of the contacts that carry load: 1 where the overlap is above zero, else 0."""
+        """Return the fraction of the contacts that carry load, at each ``overlap``, m: 1 above
+        zero, else 0.
+        """
         return np.asarray(real_array("overlap", overlap) > 0.0, float)[()]
 
     def least_valid_force(self, width: float) -> float:

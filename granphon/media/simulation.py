@@ -318,7 +318,7 @@ class SimulatedState(ContactState):
         numbers, or arrays of one shape.
         """
         if not callable(of):
-            raise InputError(f"of is {brief(of)}", mend="Give a function of a sample")  # type: ignore[unreachable]
+            raise InputError(f"of is {brief(of)}", mend="Give a function of a sample")
         quantities = [np.asarray(of(sample)) for sample in self.samples]
         are_numbers = all(quantity.dtype.kind in "biufc" for quantity in quantities)
         if not are_numbers or len({quantity.shape for quantity in quantities}) > 1:
