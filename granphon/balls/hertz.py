@@ -139,15 +139,13 @@ class EnergyLaw(ABC):
 
     def _find(self, overlap: ArrayLike, order: int) -> Any:
         """Return the energy, J, or its derivative of an ``order`` of 1 to 3, J/m^order, at each
-        ``overlap``, m; raise :class:`InputError` where the result is no finite number.
+        ``overlap``, m; raise :class:`InputError` for an overlap that :func:`read_overlap` refuses,
+        and where the result is no finite number.
         """
-        delta = real_array("overlap", overlap)
+        delta = read_overlap(overlap)
         with np.errstate(all="ignore"):  # numbers that are not finite are refused below
             derivative = self._evaluate(delta, order)
-        # balls that are apart have zero whatever their distance, but an overlap that is no number
-        # is refused
-        checked = np.where(np.isnan(delta), delta, derivative)
-        require_finite(QUANTITIES[order], checked, "an overlap", delta, "m")
+        require_finite(QUANTITIES[order], derivative, "an overlap", delta, "m")
         return derivative
 
     def energy(self, overlap: ArrayLike) -> Any:
@@ -167,6 +165,16 @@ class EnergyLaw(ABC):
     def stiffness_slope(self, overlap: ArrayLike) -> Any:
         """Return the slope of the stiffness, dk/d(delta), at an ``overlap``, m, in N/m^2."""
         return self._find(overlap, SLOPE)
+
+
+def read_overlap(overlap: ArrayLike) -> Array:
+    """Return each ``overlap``, m, in an array; :class:`InputError` for what is no real number, and
+    for nan. An infinite overlap is a number: balls may be apart by any distance.
+    """
+    delta = real_array("overlap", overlap)
+    if np.any(np.isnan(delta)):
+        raise InputError("an overlap is nan", mend="Give a number, m")
+    return delta
 
 
 def require_finite(name: str, quantity: Any, cause: str, argument: Any, unit: str) -> None:
@@ -190,6 +198,8 @@ def require_pushing(load: Array, least: float = 0.0) -> None:
     """Raise :class:`InputError` unless all forces ``load``, N, are the ``least`` that a contact
     bears, N, or more; a negative ``least`` is a tension.
     """
+    if np.any(np.isnan(load)):
+        raise InputError("the force of a contact is nan", mend="Give a number, N")
     if not np.all(load >= least):
         problem = "the force of a contact is negative"
         why = NO_TENSION
@@ -282,13 +292,13 @@ class HertzLaw(EnergyLaw):
         """Return the relative fluctuation Delta f / f of the forces over balls: zero at any
         ``overlap`` of equal balls.
         """
-        return np.zeros(np.shape(overlap))[()]
+        return np.zeros_like(read_overlap(overlap))[()]
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
         """Return the fraction of the contacts that carry load, at each ``overlap``, m: 1 above
         zero, else 0.
         """
-        return np.asarray(real_array("overlap", overlap) > 0.0, float)[()]
+        return np.asarray(read_overlap(overlap) > 0.0, float)[()]
 
     def least_valid_force(self, width: float) -> float:
         """Return the force, N, from which on the law may be used for balls whose diameters have

@@ -32,7 +32,7 @@ from granphon.array.sample import STEP, Sample
 from granphon.array.stencils import Stencils
 from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.balls.diameters import Measured
-from granphon.balls.hertz import EnergyLaw, HertzLaw
+from granphon.balls.hertz import EnergyLaw, HertzLaw, read_overlap
 from granphon.balls.lattices import Lattice, as_direction
 from granphon.balls.loads import Load
 from granphon.balls.motions import Motions, default_motions
@@ -145,9 +145,10 @@ class SampleLaw(EnergyLaw):
 
     def _average_at(self, overlap: ArrayLike, quantity: Callable[[Sample], float]) -> Any:
         """Return the mean over samples of a ``quantity``, a number of each sample, at each
-        ``overlap``, m. The result has the shape of the overlaps.
+        ``overlap``, m. The result has the shape of the overlaps. Raises InputError for overlaps
+        that are no numbers, and the errors of :meth:`DirectSimulation.at`.
         """
-        overlaps = np.asarray(overlap, float)
+        overlaps = read_overlap(overlap)
         # equilibria are found once where an overlap is asked for twice
         distinct, index = np.unique(overlaps, return_inverse=True)
         means = []
