@@ -280,6 +280,12 @@ def test_names_that_a_function_of_parameters_lacks_are_refused(vary):
         gp.design(lambda force: force, gp.WidestGap(), vary, {"load": (1, 2), "force": (1, 2)})
 
 
+@pytest.mark.parametrize(("per", "words"), [("kind", "no kinds"), ("all", "per: .*all")])
+def test_a_function_of_parameters_has_no_kinds(per, words):
+    with pytest.raises(InputError, match=words):
+        gp.design(lambda force: force, gp.WidestGap(), "force", (1.0, 2.0), per=per)
+
+
 def test_what_cannot_vary_is_refused(chain):
     still = replace(chain, masses=np.full(2, np.inf), inertias=np.full(2, np.inf))
     with pytest.raises(InputError, match="no mass to vary"):
@@ -361,6 +367,8 @@ def test_a_gap_that_is_closed_on_the_finer_mesh_is_passed_over(chain):
 
 
 def test_a_response_of_an_unknown_quantity_is_refused_at_once():
+    with pytest.raises(InputError, match="largest"):
+        gp.ResponseAt(1e3, (0, "x"), (1, "x"), largest="yes")
     with pytest.raises(InputError, match="velocity"):
         gp.ResponseAt(1e3, (0, "x"), (1, "x"), quantity="speed")
 
