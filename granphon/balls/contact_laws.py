@@ -359,10 +359,10 @@ class JKRLaw(EnergyLaw):
         least overlap.
         """
         with np.errstate(all="ignore"):
-            reduced = delta / self.length
+            reduced_overlap = delta / self.length
             # an overlap that is no number counts as unbroken, so that the result is no number
-            is_broken = reduced < _JKR_LEAST * (1.0 + ROUNDED)
-            target = np.maximum(reduced, _JKR_LEAST)
+            is_broken = reduced_overlap < _JKR_LEAST * (1.0 + ROUNDED)
+            target = np.maximum(reduced_overlap, _JKR_LEAST)
             # u^4 - u is convex, and the first guess is not below the root: Newton's steps descend
             # to the root
             positive_target = np.maximum(target, 0.0)
@@ -528,9 +528,9 @@ class TabulatedLaw(EnergyLaw):
     def _energies(self) -> Array:
         """Energies (n,) at the points of the table, J."""
         knots, _ = self._knots
-        first = self.forces[0] * self.overlaps[0] / (1.0 + self._exponent_below)
+        energy_at_first = self.forces[0] * self.overlaps[0] / (1.0 + self._exponent_below)
         differences = self._integrate(knots[:-1], knots[1:])
-        return first + np.concatenate([[0.0], np.cumsum(differences)])
+        return energy_at_first + np.concatenate([[0.0], np.cumsum(differences)])
 
     def _integrate(self, low: Array, high: Array) -> Array:
         """Return the integral of the force over the overlap, J, (m,) from ``low`` (m,) to ``high``
@@ -711,9 +711,9 @@ def law_between(law: Any, ball: Body, other: Body) -> PairLaw:
             mend=f"Give a law, as {law.__name__}(...)",
         )
     pair_law = law.between(ball, other) if hasattr(law, "between") else law
-    missing = [name for name in _METHODS if not callable(getattr(pair_law, name, None))]
-    if missing:
-        problem = f"the contact law {brief(law)} has no method {', '.join(missing)}"
+    missing_methods = [name for name in _METHODS if not callable(getattr(pair_law, name, None))]
+    if missing_methods:
+        problem = f"the contact law {brief(law)} has no method {', '.join(missing_methods)}"
         mend = "Give one of granphon's laws, or an object with the methods " + ", ".join(_METHODS)
         raise InputError(
             problem, "They are functions of the overlap, and overlap is one of the force", mend

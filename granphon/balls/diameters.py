@@ -529,13 +529,13 @@ def condense(places: Array, weights: Array, most_points: int = MOST_POINTS) -> t
     half_skewness = 0.5 * third_moment / (mass * np.where(is_condensed, std, 1.0) ** 3)
     # the two nodes of the Gauss quadrature of each cell, and their weights
     half_distance = np.hypot(1.0, half_skewness)  # in standard deviations
-    lower = mean + std * (half_skewness - half_distance)
-    upper = mean + std * (half_skewness + half_distance)
+    lower_node = mean + std * (half_skewness - half_distance)
+    upper_node = mean + std * (half_skewness + half_distance)
     weight_of_lower = 0.5 * mass * (1.0 + half_skewness / half_distance)
     weight_of_upper = 0.5 * mass * (1.0 - half_skewness / half_distance)
     # cells of one or two places keep these
     is_kept = count[cell] <= 2
-    new_places = [places[is_kept], lower[is_condensed], upper[is_condensed]]
+    new_places = [places[is_kept], lower_node[is_condensed], upper_node[is_condensed]]
     new_weights = [weights[is_kept], weight_of_lower[is_condensed], weight_of_upper[is_condensed]]
     return merge(np.concatenate(new_places), np.concatenate(new_weights))
 

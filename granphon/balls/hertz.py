@@ -78,8 +78,8 @@ def mindlin_reduction(
     mantissa_of_mu, power_of_mu = np.frexp(mu)
     mantissa_of_load, power_of_load = np.frexp(normal)
     with np.errstate(over="ignore", under="ignore"):
-        scaled = np.ldexp(tangential, -(power_of_load + power_of_mu))
-        mobilised = scaled / (mantissa_of_mu * mantissa_of_load)
+        scaled_load = np.ldexp(tangential, -(power_of_load + power_of_mu))
+        mobilised = scaled_load / (mantissa_of_mu * mantissa_of_load)
     if np.any(mobilised >= 1.0):
         raise InputError(
             f"the tangential load is {float(np.max(mobilised)):.6g} of the friction threshold",
@@ -186,8 +186,8 @@ def require_finite(name: str, quantity: Any, cause: str, argument: Any, unit: st
     """
     is_finite = np.isfinite(quantity)
     if not np.all(is_finite):
-        first = np.argmin(np.ravel(is_finite))
-        number = float(np.ravel(argument)[first])
+        first_index = np.argmin(np.ravel(is_finite))
+        number = float(np.ravel(argument)[first_index])
         raise InputError(
             f"the {name} of a contact at {cause} of {number:g} {unit} is beyond double precision",
             mend="Compare the units",
@@ -314,9 +314,9 @@ def press(overlap: Array) -> tuple[Array, Array]:
     """Return the forces h_+^(3/2) and the roots h_+^(1/2) of contacts with the ``overlap`` h, in
     reduced units and of the same shape; both are zero where h < 0.
     """
-    closed = np.maximum(overlap, 0.0)
-    root = np.sqrt(closed)
-    return np.multiply(closed, root, out=closed), root
+    positive_overlap = np.maximum(overlap, 0.0)
+    root = np.sqrt(positive_overlap)
+    return np.multiply(positive_overlap, root, out=positive_overlap), root
 
 
 def press_further(

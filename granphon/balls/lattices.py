@@ -405,10 +405,10 @@ def as_direction(direction: ArrayLike, dimension: int = 2) -> Array:
     length zero.
     """
     vector = real_array("direction", direction)
-    largest = np.zeros(1)
+    largest_component = np.zeros(1)
     if vector.ndim in (1, 2) and vector.size:
-        largest = np.max(np.abs(vector), axis=-1, keepdims=True)
-    is_direction = bool(np.all(np.isfinite(vector)) and np.all(largest > 0.0))
+        largest_component = np.max(np.abs(vector), axis=-1, keepdims=True)
+    is_direction = bool(np.all(np.isfinite(vector)) and np.all(largest_component > 0.0))
     if vector.shape[-1:] != (dimension,) or not is_direction:
         description, example = _DIRECTIONS[dimension - 1]
         raise InputError(
@@ -416,8 +416,9 @@ def as_direction(direction: ArrayLike, dimension: int = 2) -> Array:
             f"A direction is {description}",
             f"Give {example}, or an array (n, {dimension}) of directions",
         )
-    scaled = vector / largest  # squares of numbers as they are may leave the floating range
-    return np.asarray(scaled / np.linalg.norm(scaled, axis=-1, keepdims=True))
+    # squares of the numbers as they are may leave the floating range
+    scaled_vector = vector / largest_component
+    return np.asarray(scaled_vector / np.linalg.norm(scaled_vector, axis=-1, keepdims=True))
 
 
 def one_direction(direction: ArrayLike, dimension: int = 2) -> Array:

@@ -81,10 +81,10 @@ class Layers:
         if is_mirrored and p > 1:  # the opposite of a period within the layer makes it a rotation
             basis[0] = -basis[0]
             turn_upright()
-        turned = basis @ cell @ turn.T
-        layer_cell = turned[:-1]
+        turned_vectors = basis @ cell @ turn.T
+        layer_cell = turned_vectors[:-1]
         layer_cell[:, p - 1 :] = 0.0  # exactly, where rounding has left a little
-        return cls(basis, turn, layer_cell, turned[-1])
+        return cls(basis, turn, layer_cell, turned_vectors[-1])
 
     def split(self, shift: Index) -> tuple[Index, Index]:
         """Return cells (n_c, p - 1) within a layer, and layers (n_c,), of contacts that lead to
@@ -239,14 +239,14 @@ def _find_basis(axis: Any, cell: Array) -> Index:
     basis = np.eye(periods, dtype=np.intp)
     if is_whole(axis) and 0 <= axis < periods:
         return np.concatenate([np.delete(basis, axis, axis=0), basis[axis : axis + 1]])
-    inner, stack = _split_by_plane(_read_miller_indices(axis, cell))
-    inner = _shorten(inner, cell)
-    if len(inner):
+    basis_of_layer, stack = _split_by_plane(_read_miller_indices(axis, cell))
+    basis_of_layer = _shorten(basis_of_layer, cell)
+    if len(basis_of_layer):
         # whole vectors of the plane are taken from the stack, so that it stands as upright as
         # possible
-        in_plane, *_ = np.linalg.lstsq((inner @ cell).T, stack @ cell, rcond=None)
-        stack = stack - np.rint(in_plane).astype(np.intp) @ inner
-    return np.concatenate([inner, stack[None]])
+        in_plane, *_ = np.linalg.lstsq((basis_of_layer @ cell).T, stack @ cell, rcond=None)
+        stack = stack - np.rint(in_plane).astype(np.intp) @ basis_of_layer
+    return np.concatenate([basis_of_layer, stack[None]])
 
 
 def _read_miller_indices(axis: Any, cell: Array) -> Index:
@@ -314,23 +314,23 @@ def _split_by_plane(indices: Index) -> tuple[Index, Index]:
     return np.delete(basis, last_rising, axis=0), stack
 
 
-def _shorten(inner: Index, cell: Array) -> Index:
+def _shorten(basis: Index, cell: Array) -> Index:
     """Return whole numbers (p - 1, p) that make the shortest vectors of the plane of the vectors
-    that ``inner`` (p - 1, p) makes: Gauss's reduction of two vectors.
+    that ``basis`` (p - 1, p) makes: Gauss's reduction of two vectors.
     """
-    if len(inner) < 2:
-        return inner
+    if len(basis) < 2:
+        return basis
     for _ in range(_MOST_REDUCTIONS):
-        previous = inner.copy()
-        lengths = np.linalg.norm(inner @ cell, axis=1)
-        inner = inner[np.argsort(lengths, kind="stable")]
-        shorter = inner[0] @ cell
-        longer = inner[1] @ cell
+        previous_basis = basis.copy()
+        lengths = np.linalg.norm(basis @ cell, axis=1)
+        basis = basis[np.argsort(lengths, kind="stable")]
+        shorter = basis[0] @ cell
+        longer = basis[1] @ cell
         quotient = int(np.rint(longer @ shorter / (shorter @ shorter)))
-        inner[1] -= quotient * inner[0]
-        if np.array_equal(previous, inner):
+        basis[1] -= quotient * basis[0]
+        if np.array_equal(previous_basis, basis):
             break
-    return inner
+    return basis
 
 
 def find_axes(periods: Array) -> Array:

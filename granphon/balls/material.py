@@ -165,9 +165,9 @@ def _find_breathing_mode(sigma: float) -> float | None:
     # with uniform strain a ball would breathe at omega R / v_T = (15 K/G)^(1/2); the exact root
     # is a little lower
     uniform_strain = math.sqrt(10.0 * (1.0 + sigma) / (1.0 - 2.0 * sigma))
-    lower = 0.5 * uniform_strain
+    lower_bound = 0.5 * uniform_strain
     # the factor is above 1 because the root equals ``uniform_strain`` to rounding near sigma = -1
-    upper = min(1.1 * uniform_strain, _TORSIONAL)
-    if residual(lower) * residual(upper) > 0.0:
+    upper_bound = min(1.1 * uniform_strain, _TORSIONAL)
+    if residual(lower_bound) * residual(upper_bound) > 0.0:
         return None
-    return float(brentq(residual, lower, upper, xtol=1e-16 * uniform_strain))
+    return float(brentq(residual, lower_bound, upper_bound, xtol=1e-16 * uniform_strain))

@@ -479,8 +479,8 @@ def _find_near_among_all(
     :func:`_find_near` does from the same arguments, for a few balls: all pairs are compared.
     """
     within_cell = positions[None] - positions[:, None]  # (n, n, d) from i to j of the same cell
-    farthest = float(np.linalg.norm(within_cell, axis=-1).max())
-    radius = 2.0 * _NEAR_TOUCH * float(radii.max()) + farthest
+    largest_distance = float(np.linalg.norm(within_cell, axis=-1).max())
+    radius = 2.0 * _NEAR_TOUCH * float(radii.max()) + largest_distance
     most_steps = _find_most_steps(cell, radius)
     _require_few_cells(most_steps, 1.0, subject)
     steps = _list_steps(cell, radius, most_steps)

@@ -123,8 +123,8 @@ class WidestGap:
         if self.branches is not None:
             whole_number("branches", self.branches, 1)
 
-    def choose(self, network: ContactNetwork, most: int) -> list[WidestGap]:
-        """Return up to ``most`` goals with a fixed number of ``branches`` below the gap, the most
+    def choose(self, network: ContactNetwork, count: int) -> list[WidestGap]:
+        """Return up to ``count`` goals with a fixed number of ``branches`` below the gap, the most
         promising first, for a search that begins at a ``network``.
 
         With ``branches`` or ``near`` there is one goal: that number of branches, or the number of
@@ -159,7 +159,7 @@ class WidestGap:
                 )
             return [replace(goal, branches=n_below)]
         widths = bottoms[1:] - tops[:-1]  # of the gap above each branch, below zero where none is
-        widest = np.argsort(-widths, kind="stable")[:most]
+        widest = np.argsort(-widths, kind="stable")[:count]
         return [replace(goal, branches=1 + int(number)) for number in widest]
 
     def _list_numbers(self, periods: int) -> tuple[int, ...]:
@@ -192,11 +192,11 @@ class WidestGap:
             return self.choose(network, 1)[0].evaluate(network)
         phonons = Phonons(network)
         points, frequencies = self._find_frequencies(phonons)
-        lower = frequencies[:, : self.branches]
-        upper = frequencies[:, self.branches :]
-        top, weights_below = _smooth_largest(lower, self.smoothing)
+        frequencies_below = frequencies[:, : self.branches]
+        frequencies_above = frequencies[:, self.branches :]
+        top, weights_below = _smooth_largest(frequencies_below, self.smoothing)
         # the smallest frequency is the negative of the largest of the negatives
-        negative_bottom, weights_above = _smooth_largest(-upper, self.smoothing)
+        negative_bottom, weights_above = _smooth_largest(-frequencies_above, self.smoothing)
         width = -negative_bottom - top
         # (n_q, n_b) derivatives of the width by each frequency; nearly all are negligible
         weights = np.concatenate([-weights_below, weights_above], axis=1)
@@ -216,8 +216,8 @@ class WidestGap:
             return self.choose(network, 1)[0].certify(network)
         phonons = Phonons(network)
         numbers = self._list_numbers(phonons.lattice.periods)
-        below, gaps = phonons.find_gaps([FINER * number for number in numbers])
-        is_gap = below == self.branches  # of one gap, or of none if the gap is closed
+        numbers_below, gaps = phonons.find_gaps([FINER * number for number in numbers])
+        is_gap = numbers_below == self.branches  # of one gap, or of none if the gap is closed
         return float(np.sum(np.diff(gaps[is_gap], axis=1)))
 
     def tell_closed(self, width: float) -> str:
@@ -437,12 +437,13 @@ class MatchFrequencies:
                     "a measured shape and the mode to which it is assigned overlap by"
                     f" {least_overlap:.2g}"
                 )
-        worst = float(np.max(np.abs(residuals)))
+        largest_misfit = float(np.max(np.abs(residuals)))
         tolerance = _FAR_RELATIVE if self.sigma is None else _FAR
-        if worst <= tolerance:
+        if largest_misfit <= tolerance:
             return ""
         unit = "of its value" if self.sigma is None else "standard errors"
-        return f"the goal is not reached: a measured frequency is missed by {worst:.3g} {unit}"
+        miss = f"{largest_misfit:.3g} {unit}"
+        return f"the goal is not reached: a measured frequency is missed by {miss}"
 
 
 @dataclass(frozen=True)

@@ -239,13 +239,13 @@ class Problem:
             _value, slope = space.differentiate(goal.evaluate, self._draw_start(0))
             sizes = np.maximum(sizes, np.abs(slope))
         sizes = sizes * (space.high - space.low)
-        largest = float(np.max(sizes))
-        if not largest > 0.0:
+        largest_size = float(np.max(sizes))
+        if not largest_size > 0.0:
             first = ", ".join(space.labels[:_NAMED])
             fault = f"the goal depends on none of the variables: {first}"
             with about("vary"):
                 raise InputError(fault, mend="Vary others")
-        numbers = np.flatnonzero(sizes <= _NO_EFFECT * largest)
+        numbers = np.flatnonzero(sizes <= _NO_EFFECT * largest_size)
         if not numbers.size:
             return []
         names = ", ".join(space.labels[number] for number in numbers[:_NAMED].tolist())
@@ -278,12 +278,12 @@ class Problem:
             return values
         moved_values = values.copy()
         for weights, total in self.sums:  # no variable counts in two sums
-            missing = total - weights @ moved_values
-            ends = self.space.high if missing > 0.0 else self.space.low
+            missing_sum = total - weights @ moved_values
+            ends = self.space.high if missing_sum > 0.0 else self.space.low
             distances = np.where(weights > 0.0, ends - moved_values, 0.0)
             most_change = weights @ distances  # of the sum
             if most_change:
-                moved_values += missing / most_change * distances
+                moved_values += missing_sum / most_change * distances
         return moved_values
 
     def find_goal(self, number: int) -> Any:
@@ -394,9 +394,9 @@ class _Search:
         # each sum is over the greatest one within the bounds: its total may be zero
         constraints = []
         for weights, total in self.sums:
-            greatest = float(weights @ self.space.high)
-            row = weights * self._scale / greatest
-            constraints.append(LinearConstraint(row, total / greatest, total / greatest))
+            greatest_sum = float(weights @ self.space.high)
+            row = weights * self._scale / greatest_sum
+            constraints.append(LinearConstraint(row, total / greatest_sum, total / greatest_sum))
         minimise: Any = minimize  # the types that SciPy gives it are narrower than what it takes
         with warnings.catch_warnings():
             # older versions of SciPy step out of the bounds by rounding, and clip the step

@@ -284,13 +284,13 @@ class Variables:
         # split returns are views, so that weights itself is set
         self.split(weights)[number][:] = np.bincount(group.numbers, minlength=group.count)
         total = not_negative("constraints", given_total)
-        least = float(weights @ self.low)
-        greatest = float(weights @ self.high)
-        if not least <= total <= greatest:
+        least_sum = float(weights @ self.low)
+        greatest_sum = float(weights @ self.high)
+        if not least_sum <= total <= greatest_sum:
             unit = UNITS[name]
             raise InputError(
                 f"the sum of the {name}, {total:.6g} {unit}, is out of reach",
-                f"The bounds allow {least:.6g} to {greatest:.6g} {unit}",
+                f"The bounds allow {least_sum:.6g} to {greatest_sum:.6g} {unit}",
             )
         return weights, total
 

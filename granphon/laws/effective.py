@@ -604,8 +604,8 @@ class PointAverages:
         """
         point_count: int = block.root.shape[1]
         steps = min(len(block.root), max(_LEAST_STEPS, len(self._weights) // 3))
-        *_, near = self._find_range(block)
-        near_count: int = near.stop - near.start
+        *_, near_contacts = self._find_range(block)
+        near_count: int = near_contacts.stop - near_contacts.start
         elements = near_count * steps * point_count
         if steps > 1 and elements > _MOST_NEAR:
             return steps // 2
@@ -626,12 +626,12 @@ class PointAverages:
             sums = [near_sum + far_sum for near_sum, far_sum in zip(sums, far_sums, strict=True)]
         return PointBalls(self._weights, self.xi, *sums)
 
-    def _sum_near(self, block: Block, near: slice) -> list[Array]:
-        """Return the four sums of :meth:`balls` over the ``near`` contacts, contact by contact;
+    def _sum_near(self, block: Block, near_contacts: slice) -> list[Array]:
+        """Return the four sums of :meth:`balls` over the ``near_contacts``, contact by contact;
         arrays of contacts are (near contacts, B) or (near contacts, B, s + 1).
         """
-        openings = self._openings[near]
-        pair_weights = self._pair_weights[..., near]
+        openings = self._openings[near_contacts]
+        pair_weights = self._pair_weights[..., near_contacts]
         origin = block.origin[:, 0]
         is_closed = openings[:, None] <= origin
         # h^(1/2) of the overlaps h = (origin - opening) + u^2, and its change from the upper end

@@ -246,8 +246,8 @@ class SpreadLaw(EnergyLaw):
 
         def invert_near(force: Array) -> Array:
             """Return the overlaps, m, at forces below that at the start of the series, N."""
-            reduced = np.asarray(self._units.reduced_force(force))
-            return self.width * self._find_near_overlap(reduced)
+            reduced_force = np.asarray(self._units.reduced_force(force))
+            return self.width * self._find_near_overlap(reduced_force)
 
         def invert_series(force: Array) -> Array:
             """Return the overlaps, m, at forces from that at the start of the series on, N."""

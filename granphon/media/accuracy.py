@@ -93,11 +93,11 @@ def explain_uncovered(packing: Packing, truth: FrictionHistory = REST) -> str | 
     return reason
 
 
-def _explain_balls(packing: Packing, most: Mapping[str, float]) -> str | None:
+def _explain_balls(packing: Packing, measured_limits: Mapping[str, float]) -> str | None:
     """Return the reason why balls of a packing were not measured; None if they were.
 
-    ``most`` holds the largest skewness, of either sign, and excess kurtosis of diameters that were
-    measured.
+    ``measured_limits`` holds the largest skewness, of either sign, and the largest excess kurtosis
+    of diameters that were measured.
     """
     moves_in_plane = packing.motions in (None, IN_PLANE.name)
     if packing.structure.periods == 2 and not moves_in_plane:
@@ -107,11 +107,11 @@ def _explain_balls(packing: Packing, most: Mapping[str, float]) -> str | None:
     if packing.spread is None:
         return None
     skewness, kurtosis = compute_form_coefficients(packing.spread.shape)
-    if abs(skewness) > most["skewness"] or kurtosis > most["kurtosis"]:
+    if abs(skewness) > measured_limits["skewness"] or kurtosis > measured_limits["kurtosis"]:
         return (
             f"the distribution of diameters has skewness {skewness:.3g} and excess kurtosis"
-            f" {kurtosis:.3g}; they are known up to {most['skewness']:.3g} and"
-            f" {most['kurtosis']:.3g}"
+            f" {kurtosis:.3g}; they are known up to {measured_limits['skewness']:.3g} and"
+            f" {measured_limits['kurtosis']:.3g}"
         )
     return None
 
@@ -216,16 +216,16 @@ def _interpolate(reduced_load: Array, table_loads: Array, table_errors: Array) -
     return np.exp(log_errors)
 
 
-def _find_growth_of_overlap(reduced_load: Array, greatest: float, axis: str) -> Array:
-    """Return the overlap at each ``reduced_load`` over that at the ``greatest`` load of the table,
+def _find_growth_of_overlap(reduced_load: Array, greatest_load: float, axis: str) -> Array:
+    """Return the overlap at each ``reduced_load`` over that at the ``greatest_load`` of the table,
     by the law of equal balls; 1 within the table.
 
     Both loads are a* for the ``axis`` "overlap", and f* for "force".
     """
     if axis == "overlap":  # in units of W the overlap is a* - 1/2
-        growth = (reduced_load - 0.5) / (greatest - 0.5)
+        growth = (reduced_load - 0.5) / (greatest_load - 0.5)
     else:
-        growth = np.asarray(overlap_of(reduced_load / greatest))
+        growth = np.asarray(overlap_of(reduced_load / greatest_load))
     return np.maximum(growth, 1.0)
 
 

@@ -163,8 +163,8 @@ class Arrangement:
             "a cut": (self.cut, "the whole crystal, and crystal.cut"),
             "springs of each ball to the ground": (self.on_site, "crystal.on_site"),
         }
-        for words, (part, keys) in parts.items():
-            if part:
+        for words, (attribute, keys) in parts.items():
+            if attribute:
                 problem = f"a scene file has no words for {words} of a crystal that exists already"
                 mend = f"Write {keys} in the file, or call granphon.sweep"
                 raise InputError(problem, "It describes how a crystal is made", mend)

@@ -1118,10 +1118,12 @@ class Crystal(Result):
             return nothing, nothing, np.zeros(0)
         axes = np.array(self.named_motions.translations)
         # balls come to rest in d dimensions: displacements out of the plane are not among them
-        along = np.flatnonzero(axes < self.dimension)
-        springs = np.where(self._bodies.ball_number[:, None] >= 0, self.on_site[:, along], 0.0)
+        columns_of_axes = np.flatnonzero(axes < self.dimension)
+        springs = np.where(
+            self._bodies.ball_number[:, None] >= 0, self.on_site[:, columns_of_axes], 0.0
+        )
         balls, columns = np.nonzero(springs)
-        return balls, axes[along][columns], springs[balls, columns]
+        return balls, axes[columns_of_axes][columns], springs[balls, columns]
 
     def _find_anchored_axes(self) -> set[int]:
         """Return the axes along which each ball that moves by itself has a spring to the ground."""
@@ -1408,9 +1410,9 @@ class Crystal(Result):
         """
         tensors = self._read_tensor("strain", strain, 0.5)
         values, accelerations = self._read_gravity(tensors, gravity, 2)
-        least = float(np.min(np.linalg.eigvalsh(values)))
-        if least <= -1.0:
-            problem = f"strain shortens crystal {self.name!r} by {-least:.4g} of its length"
+        least_strain = float(np.min(np.linalg.eigvalsh(values)))
+        if least_strain <= -1.0:
+            problem = f"strain shortens crystal {self.name!r} by {-least_strain:.4g} of its length"
             raise InputError(problem, "Nothing would be left of it", "Give a strain above -1")
 
         loads = zip(values.reshape(-1, *values.shape[-2:]), accelerations, strict=True)
@@ -1489,8 +1491,8 @@ class Crystal(Result):
         an axis on which nothing holds the balls.
         """
         d = self.dimension
-        largest = np.max(np.abs(field), axis=-1, keepdims=True)
-        acts = np.abs(field) > _ROUNDED * largest
+        largest_component = np.max(np.abs(field), axis=-1, keepdims=True)
+        acts = np.abs(field) > _ROUNDED * largest_component
         acting_axes = np.flatnonzero(np.any(acts.reshape(-1, d), axis=0)).tolist()
         wall_axes = {side.axis for side in self._sides if side.edge != "free"}
         anchored_axes = self._find_anchored_axes()
@@ -1687,8 +1689,8 @@ class Crystal(Result):
                 # the state in the exact geometry is found from that in the directions of the sites.
                 # But where balls differ it is found from the last one: from another state loose
                 # balls would come to rest elsewhere, and the mean would jump
-                nearest = state if differ and state else lattice_state
-                state = self._find_rest(load, "exact", boundary, nearest)
+                start_of_exact = state if differ and state else lattice_state
+                state = self._find_rest(load, "exact", boundary, start_of_exact)
             else:
                 state = lattice_state
             contacts = MeanContacts.of(state, laws, differ)
@@ -1907,12 +1909,12 @@ class CrystalState(Result):
         load_axes = len(self.shape)
         # the numbers of the loads are indexed, so that an index cannot reach the axes behind them
         selected_loads = select_loads(self.shape, index)
-        selected: dict[str, Any] = {}
+        selected_arrays: dict[str, Any] = {}
         for name in _PER_LOAD:
             array = getattr(self, name)
             array_of_loads = array.reshape(load_count, *array.shape[load_axes:])
-            selected[name] = read_only(array_of_loads[selected_loads])
-        return replace(self, **selected)
+            selected_arrays[name] = read_only(array_of_loads[selected_loads])
+        return replace(self, **selected_arrays)
 
     def __repr__(self) -> str:
         forces = self.normal_force

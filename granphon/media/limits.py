@@ -202,9 +202,9 @@ class Check(Result):
             return message(self.fault, self.reason)
         place = f" ({where})" if where else ""
         value = np.asarray(self.value)
-        worst = float(value.min() if self.at_least else value.max())
+        worst_value = float(value.min() if self.at_least else value.max())
         if self.name == "medium":
-            return f"{self._warn_of_medium(worst, failing, loads, force_unit)}{place}."
+            return f"{self._warn_of_medium(worst_value, failing, loads, force_unit)}{place}."
         # the spread and the constants of a ball do not depend on the load
         depends_on_load = self.name not in ("spread", *BALL_LIMITS)
         bound = ""
@@ -212,7 +212,7 @@ class Check(Result):
         if depends_on_load and loads > 1:
             bound = "up to " if failing > 1 else ""
             share = f"{_write_share(failing, loads)}{place} "
-        sentence = f"{share}{self._write_sentence(worst, bound)}"
+        sentence = f"{share}{self._write_sentence(worst_value, bound)}"
         return f"{sentence[0].upper()}{sentence[1:]}: {self.reason}."
 
     def tell_states(self, share: str, place: str, force_unit: str = "") -> str:
@@ -270,16 +270,16 @@ class Check(Result):
         return f"{self.reason} below {limit}: {clause} {force}"
 
 
-def check_limit(name: str, value: Any, more: str = "") -> Check:
+def check_limit(name: str, value: Any, addition: str = "") -> Check:
     """Return the condition called ``name`` of :data:`_LIMITS` or
     :data:`~granphon.balls.ball.BALL_LIMITS` for a ``value``, of the shape of the load, in the unit
-    of the limit. The words ``more`` are added to its reason.
+    of the limit. The words ``addition`` end its reason.
     """
     if name in BALL_LIMITS:
         _, quantity, unit, limit, at_least = BALL_LIMITS[name]
-        return Check(name, f"{quantity} in {unit}", value, limit, WRONG_UNIT + more, at_least)
+        return Check(name, f"{quantity} in {unit}", value, limit, WRONG_UNIT + addition, at_least)
     condition = _LIMITS[name]
-    return Check(name, condition.quantity, value, condition.value, condition.reason + more)
+    return Check(name, condition.quantity, value, condition.value, condition.reason + addition)
 
 
 def _write_share(failing: int, loads: int) -> str:

@@ -51,9 +51,9 @@ def require_load(packing: Packing, load: Load, largest_excess: float) -> None:
     equal_balls = AveragedLattice(replace(packing, spread=None))
     # on a line balls that differ have the law of equal balls, and overlaps are treated as forces
     if load.kind == "overlap" and packing.spread_matters:
-        greatest = np.max(load.array)
-        if greatest > packing.width:
-            equal_balls.at(Load("overlap", greatest))  # raises for too large an overlap
+        greatest_overlap = np.max(load.array)
+        if greatest_overlap > packing.width:
+            equal_balls.at(Load("overlap", greatest_overlap))  # raises for too large an overlap
         # two of the largest balls touch where the overlap of mean balls is minus their excess
         if np.min(load.array) <= -largest_excess:
             raise explain_untouched(load, largest_excess)

@@ -65,8 +65,8 @@ class PressureSearch:
         else:
             self.high = pressure
         middle = 0.5 * (self.low + min(self.high, 2.0 * pressure))
-        chosen = guess if self.low < guess < self.high else middle
-        return None if chosen in (self.low, self.high) else chosen
+        next_pressure = guess if self.low < guess < self.high else middle
+        return None if next_pressure in (self.low, self.high) else next_pressure
 
 
 class MeanContacts(NamedTuple):

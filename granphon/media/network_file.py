@@ -339,8 +339,8 @@ class NetworkFiles(Block, kw_only=True):
             for name, parameter in parameters.items()
             if parameter.kind in _BY_PLACE and name not in self._settings
         ]
-        least = sum(parameter.default is parameter.empty for parameter in file_parameters)
-        if not least <= len(files) <= len(file_parameters):
+        least_count = sum(parameter.default is parameter.empty for parameter in file_parameters)
+        if not least_count <= len(files) <= len(file_parameters):
             names = list_names([parameter.name for parameter in file_parameters])
             fault = f"the reader of {self.format} does not take {counted(len(files), 'file')}"
             raise InputError(fault, f"It takes {names}", "Give these, in this order")

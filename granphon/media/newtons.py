@@ -66,9 +66,9 @@ def in_newtons(
         try:
             return method(medium, *arguments, **options)
         except GranphonError as error:
-            written = write_newtons(error, medium.packing)
-            if written is error:
+            restated_error = write_newtons(error, medium.packing)
+            if restated_error is error:
                 raise
-            raise written from error
+            raise restated_error from error
 
     return call

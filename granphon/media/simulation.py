@@ -140,8 +140,8 @@ class SampleLaw(EnergyLaw):
         """
         simulation = self.simulation
         samples = range(simulation.samples)
-        largest = max(float(np.max(simulation.deviations(index))) for index in samples)
-        return -largest * simulation.packing.width_units.width
+        largest_deviation = max(float(np.max(simulation.deviations(index))) for index in samples)
+        return -largest_deviation * simulation.packing.width_units.width
 
     def _average_at(self, overlap: ArrayLike, quantity: Callable[[Sample], float]) -> Any:
         """Return the mean over samples of a ``quantity``, a number of each sample, at each
@@ -150,9 +150,9 @@ class SampleLaw(EnergyLaw):
         """
         overlaps = read_overlap(overlap)
         # equilibria are found once where an overlap is asked for twice
-        distinct, index = np.unique(overlaps, return_inverse=True)
+        distinct_overlaps, index = np.unique(overlaps, return_inverse=True)
         means = []
-        for distinct_overlap in distinct.tolist():
+        for distinct_overlap in distinct_overlaps.tolist():
             samples = self._simulate(distinct_overlap)
             means.append(np.mean([quantity(sample) for sample in samples]))
         return np.array(means)[index].reshape(overlaps.shape)[()]
@@ -307,8 +307,8 @@ class SimulatedState(ContactState):
         """First sample; for several loads an array of the first samples, with the shape of the
         load.
         """
-        first = self._table[..., 0]
-        return first if self.shape else first[()]
+        first_samples = self._table[..., 0]
+        return first_samples if self.shape else first_samples[()]
 
     def over_samples(self, of: Callable[[Any], ArrayLike]) -> Array:
         """Return a quantity of every sample, in its own unit; ``of`` is the function that returns
@@ -340,13 +340,13 @@ class SimulatedState(ContactState):
         :class:`~granphon.base.errors.InputError` for any other argument, for an attribute without
         numbers or of different shapes, and if there is only one sample.
         """
-        given: Any = of
+        argument: Any = of
         names = [name for name in dir(self.samples[0]) if not name.startswith("_")]
-        if isinstance(given, str) and given not in names:
-            raise InputError(f"a sample has no {given!r}", mend=suggest(given, names))
-        if not (isinstance(given, str) or callable(given)):
+        if isinstance(argument, str) and argument not in names:
+            raise InputError(f"a sample has no {argument!r}", mend=suggest(argument, names))
+        if not (isinstance(argument, str) or callable(argument)):
             mend = "Give the name of an attribute, or a function of a sample"
-            raise InputError(f"of is {brief(given)}", mend=mend)
+            raise InputError(f"of is {brief(argument)}", mend=mend)
         if self.n_samples < 2:
             mend = "Give samples=2 or more to granphon.DirectSimulation"
             raise InputError("one sample has no standard error", mend=mend)
@@ -524,12 +524,12 @@ class SimulatedState(ContactState):
         over the samples.
         """
         structure = self.packing.structure
-        along = as_direction(direction, structure.periods)
+        directions = as_direction(direction, structure.periods)
         if structure.periods != 2 or not self.is_isotropic:
             squared_velocities = (
                 symmetrise(tensor, structure) / np.asarray(density)[..., None, None]
             )
-            return waves_of_tensor(squared_velocities, along)
+            return waves_of_tensor(squared_velocities, directions)
         bulk, shear = np.moveaxis(bulk_and_shear(tensor), -1, 0)
         # a sample that resists no shear has a modulus of zero, to rounding
         is_rounding = np.abs(shear) < _ROUNDED_SHEAR * np.abs(bulk)
@@ -537,11 +537,11 @@ class SimulatedState(ContactState):
         # v_L and v_T, m/s, from K and G, Pa (equation 16)
         wave_moduli = np.stack([bulk + shear, shear], axis=-1)
         velocities = np.sqrt(wave_moduli / np.asarray(density)[..., None])
-        if along.ndim > 1:
-            velocities = np.repeat(velocities[..., None, :], len(along), axis=-2)
+        if directions.ndim > 1:
+            velocities = np.repeat(velocities[..., None, :], len(directions), axis=-2)
         # the displacements of the transverse wave are normal to the direction
-        across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
-        displacements = np.stack([along, across], axis=-1)
+        normals = np.stack([-directions[..., 1], directions[..., 0]], axis=-1)
+        displacements = np.stack([directions, normals], axis=-1)
         return velocities, np.broadcast_to(displacements, (*velocities.shape, 2))
 
     def wave_errors(self, direction: ArrayLike) -> Array | None:
@@ -1018,8 +1018,8 @@ class DirectSimulation(Medium[SimulatedState]):
         if packing.spread is not None or not np.ptp(diameters):
             return packing
         # the packing takes the mean of the shifted list, which rounding may have changed
-        shifted = packing.diameter + (diameters - np.mean(diameters))
-        spread = Measured(tuple(shifted.ravel().tolist()))
+        shifted_diameters = packing.diameter + (diameters - np.mean(diameters))
+        spread = Measured(tuple(shifted_diameters.ravel().tolist()))
         return replace(packing, spread=spread, diameter=spread.mean)
 
     def _read_geometry(self) -> str | None:
@@ -1287,9 +1287,9 @@ class DirectSimulation(Medium[SimulatedState]):
             return super().follow(load, changes, finite_overlap)
         state = self.at(load, finite_overlap=finite_overlap)
         [(simulation, _)] = self.by_geometry(load, finite_overlap)
-        (reduced,) = simulation._prescribe(load.applied)
+        (reduced_load,) = simulation._prescribe(load.applied)
         samples = state.samples
-        followers = [EquilibriumFollower(sample.equilibrium, reduced) for sample in samples]
+        followers = [EquilibriumFollower(sample.equilibrium, reduced_load) for sample in samples]
 
         def follow_change(change: Change) -> Course[Any]:
             """Return the course of the state of all samples with a ``change``."""
@@ -1305,19 +1305,19 @@ class DirectSimulation(Medium[SimulatedState]):
                 """Return the changed load in reduced units and the changed W/d, on which alone the
                 equilibrium in reduced units depends.
                 """
-                changed, changed_load = change_simulation(step)
-                return changed._prescribe(changed_load)[0], changed.ratio
+                changed_simulation, changed_load = change_simulation(step)
+                return changed_simulation._prescribe(changed_load)[0], changed_simulation.ratio
 
             courses = [follower.follow(reduce_change) for follower in followers]
 
             def find_state(step: float) -> SimulatedState:
                 """Return the state of all samples at a ``step`` of the change."""
-                changed, changed_load = change_simulation(step)
+                changed_simulation, changed_load = change_simulation(step)
                 changed_samples = [
-                    Sample(changed.packing, sample.seed, course.at(step))
+                    Sample(changed_simulation.packing, sample.seed, course.at(step))
                     for sample, course in zip(samples, courses, strict=True)
                 ]
-                return SimulatedState.of(changed, changed_samples, changed_load)
+                return SimulatedState.of(changed_simulation, changed_samples, changed_load)
 
             return Course(find_state, min(course.step for course in courses))
 
