@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from granphon.balls.material import Material
 from granphon.base.arrays import Array
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, brief
 from granphon.base.validation import positive, real_array
 
 #: a of Hertz's law f = c h_+^a; the stiffness is a f/h, and the energy f h/(a + 1)
@@ -239,9 +239,12 @@ class HertzLaw(EnergyLaw):
     @classmethod
     def between(cls, material: Material, first: float, second: float | None = None) -> HertzLaw:
         """Return the law of two balls of one material with the diameters ``first`` and ``second``,
-        m; of equal balls if only one is given. Raises :class:`InputError` for a diameter that is
-        not above zero, and for balls beyond double precision.
+        m; of equal balls if only one is given. Raises :class:`InputError` for an argument that is
+        no material, a diameter that is not above zero, and balls beyond double precision.
         """
+        if not isinstance(material, Material):
+            problem = f"the material of a contact is {brief(material)}"
+            raise InputError(problem, mend="Give a granphon.Material")
         first_diameter = positive("diameter", first, "m")
         second_diameter = first_diameter if second is None else positive("diameter", second, "m")
         mean_diameter = float(harmonic_diameter(first_diameter, second_diameter))

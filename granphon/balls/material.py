@@ -95,8 +95,12 @@ class Material(Block):
         return 2.0 * (1.0 - self.poisson_ratio) / (2.0 - self.poisson_ratio)
 
     def ball_mass(self, diameter: float) -> float:
-        """Return the mass of a ball, pi rho d^3 / 6, kg (equation 7); ``diameter`` in m."""
-        return math.pi / 6.0 * self.density * diameter * diameter * diameter
+        """Return the mass of a ball of a ``diameter`` d, m, pi rho d^3 / 6, kg (equation 7); it is
+        zero below the floating range. Raises InputError for a diameter that is not a finite number
+        above zero.
+        """
+        d = positive("diameter", diameter, "m")
+        return math.pi / 6.0 * self.density * d * d * d
 
     @property
     def shear_modulus(self) -> float:

@@ -27,7 +27,15 @@ from granphon.base.results import write_html
 from granphon.base.scales import WidthUnits, write_in
 from granphon.base.settings import NEEDED, describe_settings, list_settings
 from granphon.base.text import closest, counted
-from granphon.base.validation import is_one_of, not_negative, positive, real_list, require, truth
+from granphon.base.validation import (
+    is_one_of,
+    not_negative,
+    positive,
+    real_array,
+    real_list,
+    require,
+    truth,
+)
 
 #: the word for the torsional stiffness of a Hertz contact that does not slip
 MINDLIN = "mindlin"
@@ -207,9 +215,10 @@ class Packing:
         With ``torsion="mindlin"`` the stiffness against twist is (8/3) G r^3, that of a Hertz
         contact of radius r that does not slip (R. D. Mindlin, J. Appl. Mech. 16, 259, 1949); r
         follows from the force. For equal balls the result is (1 - nu)/3 times the overlap over the
-        diameter. The result is zero where k is zero.
+        diameter. The result is zero where k is zero. Raises :class:`InputError` for what is no
+        number, and for a negative force if the torsion depends on the load.
         """
-        f, k = np.broadcast_arrays(np.asarray(force, float), np.asarray(stiffness, float))
+        f, k = np.broadcast_arrays(real_array("force", force), real_array("stiffness", stiffness))
         if self.torsion != MINDLIN:
             return np.full(f.shape, float(self.torsion))
         d = self.diameter

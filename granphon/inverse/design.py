@@ -16,7 +16,7 @@ import numpy as np
 
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
-from granphon.base.progress import Progress, silent
+from granphon.base.progress import Progress, require_progress, silent
 from granphon.base.results import Result, held, result_class
 from granphon.base.validation import one_of, texts
 from granphon.inverse.goals import Goal
@@ -112,14 +112,15 @@ def design(
     Raises
     ------
     InputError : unknown names, no bounds, bounds that exclude the network or a sum, constraints or
-        ``per="kind"`` with a function, an object that is no goal, and a goal that depends on none
-        of the variables.
+        ``per="kind"`` with a function, an object that is no goal, a goal that depends on none of
+        the variables, and a ``progress`` without ``step``.
     """
+    require_progress(progress)
     space: Numbers | Parameters
     sums: Sequence[tuple[Array, float]] = ()
     if callable(x) and not hasattr(x, "network"):
         space = _read_parameters(x, vary, bounds)
-        if constraints:
+        if constraints is not None:
             raise InputError("a function of parameters has no sums", mend="Leave constraints out")
         if one_of("per", per, PER) != PER[0]:
             raise InputError("a function of parameters has no kinds", mend="Leave per out")

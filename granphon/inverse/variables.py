@@ -261,7 +261,7 @@ class Variables:
         variables add up to the sum over all balls or contacts, and the total that the sum keeps,
         SI. InputError for names that do not vary, and totals out of reach.
         """
-        total_of_name: Any = constraints or {}
+        total_of_name: Any = {} if constraints is None else constraints
         if not isinstance(total_of_name, Mapping):
             mend = 'Give a mapping of a varied name to a sum, as {"mass": 0.1}'
             raise InputError(f"constraints is {brief(total_of_name)}", mend=mend)

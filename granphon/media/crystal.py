@@ -710,7 +710,17 @@ class Crystal(Result):
     def with_walls(self, walls: Mapping[str, Wall]) -> Self:
         """Return the crystal with other ``walls``, by name, in the place of those of these names;
         a name that no wall has changes nothing.
+
+        Raises :class:`~granphon.base.errors.InputError` for an argument that is no mapping of names
+        to walls.
         """
+        mapping: object = walls  # the caller may have given anything
+        are_walls = isinstance(mapping, Mapping) and all(
+            isinstance(wall, Wall) for wall in mapping.values()
+        )
+        if not are_walls:
+            mend = 'Give a granphon.Wall for each wall that changes, as {"wall": gp.Wall(steel)}'
+            raise InputError(f"the walls are {brief(mapping)}", mend=mend)
         faces = tuple(replace(face, edges=replace_walls(face.edges, walls)) for face in self.faces)
         return self._derive(faces=faces)
 

@@ -41,7 +41,7 @@ from granphon.base.arrays import Array
 from granphon.base.differences import Course
 from granphon.base.errors import GranphonError, InputError, MechanismError, brief
 from granphon.base.memory import require_memory
-from granphon.base.progress import Progress, silent
+from granphon.base.progress import Progress, require_progress, silent
 from granphon.base.results import held, read_only, result_class
 from granphon.base.standard_errors import jackknife, standard_error
 from granphon.base.text import suggest
@@ -1398,9 +1398,9 @@ class DirectSimulation(Medium[SimulatedState]):
         :class:`~granphon.balls.loads.Load` of many values. The path begins at :attr:`start`, from
         where the first load is reached. ``progress`` is told of each load of each sample. Raises
         :class:`~granphon.base.errors.InputError` without ``friction_history``, where the order has
-        no meaning, and for numbers that do not say which load they are; and the errors of
-        :meth:`at`. If a load is not reached, ``reached`` of the error is the state at the loads
-        before it, None if there are none.
+        no meaning, for numbers that do not say which load they are, and for a ``progress`` without
+        ``step``; and the errors of :meth:`at`. If a load is not reached, ``reached`` of the error
+        is the state at the loads before it, None if there are none.
         """
         if not self.history.is_loaded:
             raise InputError(
@@ -1408,6 +1408,7 @@ class DirectSimulation(Medium[SimulatedState]):
                 "Without friction the forces do not depend on the way to the load",
                 "Give friction_history=True, or use at_force",
             )
+        require_progress(progress)
         values_of_kinds = {"force": force, "pressure": pressure, "overlap": overlap}
         applied = _read_path(load, values_of_kinds).applied
         self._require_memory(applied)

@@ -78,6 +78,12 @@ def test_no_overlap_of_a_tensile_force(steel, bad, words):
         law.overlap(bad)
 
 
+@pytest.mark.parametrize("material", [None, 2e11, "steel"])
+def test_a_law_needs_a_material(material):
+    with pytest.raises(InputError, match="material of a contact"):
+        gp.HertzLaw.between(material, 8e-3)
+
+
 # -- the material ----------------------------------------------------------------------------------
 
 

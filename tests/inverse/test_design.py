@@ -286,6 +286,13 @@ def test_a_function_of_parameters_has_no_kinds(per, words):
         gp.design(lambda force: force, gp.WidestGap(), "force", (1.0, 2.0), per=per)
 
 
+@pytest.mark.parametrize("name", ["progress", "constraints"])
+def test_arguments_of_another_kind_are_refused(chain, name):
+    goal = gp.LowestVelocity()
+    with pytest.raises(InputError, match=name):
+        gp.design(chain, goal, "mass", (1e-9, 1.0), restarts=0, steps=1, **{name: np.ones(2)})
+
+
 def test_what_cannot_vary_is_refused(chain):
     still = replace(chain, masses=np.full(2, np.inf), inertias=np.full(2, np.inf))
     with pytest.raises(InputError, match="no mass to vary"):
