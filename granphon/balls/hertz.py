@@ -38,8 +38,9 @@ MOST_CONTACT_RADIUS = 0.1
 #: force of a contact, over the mean of all, above which it is counted as one that carries load: a
 #: convention, as the places of balls that are held more weakly are not unique
 COUNTED_FORCE = 1e-6
-#: stiffness of a contact, over that under the mean force, up to which it holds no ball: one that
-#: softer contacts alone hold has less than a twentieth of the frequencies of others
+#: stiffness of a contact, over that under the mean force, up to which the contact counts as holding
+#: no ball: a ball that softer contacts alone hold has frequencies below a twentieth of those of
+#: others
 _HOLDING_STIFFNESS = 2e-3
 #: the force of such a contact over the mean, as stiffness goes as f^(1/3)
 HOLDING_FORCE = _HOLDING_STIFFNESS ** (EXPONENT / (EXPONENT - 1.0))

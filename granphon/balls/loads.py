@@ -61,7 +61,8 @@ class Load:
     array : one value or many, of any shape, kept as a read-only array. Forces are in N, overlaps in
         m, pressures and stresses in N/m in the plane, Pa in space and N on a line. Overlaps may be
         negative, as balls may differ; forces and pressures are above zero, of a crystal with
-        gravity also zero. Of a stress or strain they are its sizes, above zero.
+        gravity also zero. Of a stress or strain they are the sizes that multiply the tensor, above
+        zero.
     balls_per_side : length of a side of the frame in balls, for a side force only.
     tensor : the stress or strain of size one in Voigt order, 1, 3 or 6 components; tension and
         extension are positive.

@@ -234,9 +234,9 @@ def find_contacts(
     pairs.require_contacts(cell, positions, gap)
     if gap is not None and gap.ratio - 1.0 <= _CLOSING:
         raise _explain_closing(pairs, gap)
-    touching = np.flatnonzero(pairs.deviation <= TOUCH)
-    is_counted = select_once(pairs.i[touching], pairs.j[touching], pairs.shift[touching])
-    contacts = touching[is_counted]
+    ends = np.flatnonzero(pairs.deviation <= TOUCH)  # each contact twice, once from each end
+    is_counted = select_once(pairs.i[ends], pairs.j[ends], pairs.shift[ends])
+    contacts = ends[is_counted]
     i = pairs.i[contacts]
     j = pairs.j[contacts]
     shift = pairs.shift[contacts]

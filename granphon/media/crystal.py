@@ -1686,12 +1686,10 @@ class Crystal(Result):
         laws = self._laws
         words = f"a mean {kind} of {goal:g} {'N' if kind == 'force' else 'm'}, at a pressure of"
         pressure = self._estimate_pressure(kind, goal)
-        search = PressureSearch(goal)
+        differ = assembly.differs
+        search = PressureSearch(goal, SAMPLE_TOLERANCE if differ else MEAN_TOLERANCE)
         start: Rest | None = None
         state: Rest | None = None
-        last_error = math.inf
-        differ = assembly.differs
-        tolerance = SAMPLE_TOLERANCE if differ else MEAN_TOLERANCE
         for _ in range(MOST_MEANS):
             load = self._load_hydrostatic(pressure, acceleration, f"{words} {pressure:.6g}")
             lattice_state = self._find_rest(load, "lattice", boundary, start)
@@ -1709,17 +1707,11 @@ class Crystal(Result):
                 why = "Those that adhere have come apart"
                 raise InputError(problem, why, f"Give a larger {kind}")
             mean = contacts.find_mean(kind)
-            excess = mean / goal - 1.0
-            error = abs(excess)
             rounding = contacts.bound_rounding(kind, goal, differ, laws.adhere)
-            comes_no_nearer = error <= rounding and error >= last_error
-            if error <= tolerance or comes_no_nearer:
+            if search.is_reached(mean, rounding):
                 return state, load
-            is_unchanged = abs(excess - last_error) <= rounding * excess
-            if acceleration is not None and excess > 0.0 and is_unchanged:
-                # gravity alone presses more than the goal, and less pressure changes nothing
-                break
-            last_error = error
+            if acceleration is not None and search.is_stuck(mean, rounding):
+                break  # gravity alone presses more than the goal
             pressure_growth, overlap_growth = contacts.find_growth(kind, goal, mean)
             guess = pressure * pressure_growth
             if differ:
@@ -1729,9 +1721,9 @@ class Crystal(Result):
                 guess = search.extrapolate(pressure, mean, guess)
             # the next state is found from this one with the overlaps that are expected there
             start = lattice_state.scale(overlap_growth)
-            next_pressure = search.choose(pressure, excess, guess)
+            next_pressure = search.choose(pressure, mean, guess)
             if next_pressure is None:
-                if error <= rounding:
+                if search.last_error <= rounding:
                     return state, load
                 break
             pressure = next_pressure

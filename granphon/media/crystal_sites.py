@@ -67,15 +67,17 @@ def _count_in_letters() -> Iterator[str]:
             yield "".join(letters)
 
 
-def name_kinds(kinds: Sequence[Ball], known: Mapping[Ball, str] | None = None) -> tuple[str, ...]:
-    """Return the name of each kind: the ``known`` name of its ball, or else the name that the ball
-    itself has, or else the next unused one of A, B, C, ...
+def name_kinds(
+    kinds: Sequence[Ball], known_names: Mapping[Ball, str] | None = None
+) -> tuple[str, ...]:
+    """Return the name of each kind: the one of its ball in ``known_names``, or else the name that
+    the ball itself has, or else the next unused one of A, B, C, ...
 
     Raises :class:`~granphon.base.errors.InputError` if two kinds have the same name, or a kind is
     called "floor".
     """
-    known_names = known or {}
-    names = {ball: known_names.get(ball) or ball.name for ball in kinds}  # empty if there is none
+    given_names = known_names or {}
+    names = {ball: given_names.get(ball) or ball.name for ball in kinds}  # empty if there is none
     used_names = {name for name in names.values() if name} | {RIGID_PLANE.name}
     unused_letters = (letters for letters in _count_in_letters() if letters not in used_names)
     kind_names = tuple(names[ball] or next(unused_letters) for ball in kinds)

@@ -170,7 +170,7 @@ class Check(Result):
     @property
     def excess(self) -> float:
         """How far the worst value is beyond the limit: the ratio of the two, above 1 if the
-        condition fails there.
+        condition fails there; infinite where the one that should be larger is zero or below.
         """
         worst = float(np.ravel(self.value)[self.worst_index])
         # the value that should be the larger one is the divisor

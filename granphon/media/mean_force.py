@@ -26,18 +26,42 @@ _ROUNDED_MEAN = 1e-13
 
 
 class PressureSearch:
-    """The search for the pressure at which the mean force (N) or overlap (m) is the ``goal``.
+    """The search for the pressure at which the mean force (N) or overlap (m) is the ``goal``, to a
+    relative error of ``tolerance``.
 
     ``low`` and ``high`` are the largest pressure that was found too low, and the smallest that was
-    found too high. ``last_pressure`` and ``last_mean`` belong to the last trial.
+    found too high. ``last_pressure`` and ``last_mean`` belong to the last trial of
+    :meth:`extrapolate`, and ``last_error``, the size of its relative error, to that of
+    :meth:`choose`.
     """
 
-    def __init__(self, goal: float) -> None:
+    def __init__(self, goal: float, tolerance: float) -> None:
         self.goal = goal
+        self.tolerance = tolerance
         self.low = 0.0
         self.high = math.inf
         self.last_pressure = 0.0
         self.last_mean = math.nan
+        self.last_error = math.inf
+
+    def find_excess(self, mean: float) -> float:
+        """Return how far a ``mean`` is above the goal, relative to the goal."""
+        return mean / self.goal - 1.0
+
+    def is_reached(self, mean: float, rounding: float) -> bool:
+        """Return whether a ``mean`` is the goal: to the tolerance, or to the relative error
+        ``rounding`` if the mean is no nearer to the goal than that of the trial before.
+        """
+        error = abs(self.find_excess(mean))
+        comes_no_nearer = error <= rounding and error >= self.last_error
+        return error <= self.tolerance or comes_no_nearer
+
+    def is_stuck(self, mean: float, rounding: float) -> bool:
+        """Return whether a ``mean`` is above the goal by as much as that of the trial before, to
+        the relative error ``rounding``: less pressure changes nothing.
+        """
+        excess = self.find_excess(mean)
+        return excess > 0.0 and abs(excess - self.last_error) <= rounding * excess
 
     def extrapolate(self, pressure: float, mean: float, guess: float) -> float:
         """Return the pressure at which the secant through the last two trials, of which the second
@@ -52,14 +76,15 @@ class PressureSearch:
         self.last_mean = mean
         return guess
 
-    def choose(self, pressure: float, excess: float, guess: float) -> float | None:
-        """Narrow the interval by the trial at ``pressure``, and return the next pressure: the
-        ``guess`` if it is inside the interval, else the middle of the interval. Return None if the
-        interval has no pressure left inside.
+    def choose(self, pressure: float, mean: float, guess: float) -> float | None:
+        """Narrow the interval by the trial at ``pressure``, which has this ``mean``, and return the
+        next pressure: the ``guess`` if it is inside the interval, else the middle of the interval.
+        Return None if the interval has no pressure left inside. This trial becomes the last one.
 
-        ``excess`` is that of the mean at ``pressure`` over the goal, relative to the goal. As long
-        as no mean was too large, the interval is taken to end at twice the ``pressure``.
+        As long as no mean was too large, the interval is taken to end at twice the ``pressure``.
         """
+        excess = self.find_excess(mean)
+        self.last_error = abs(excess)
         if excess < 0.0:
             self.low = pressure
         else:

@@ -539,12 +539,12 @@ class EffectiveMedium(_ReducedMedium):
     all (equations 28-46).
 
     The only property of the lattice in its law is Xi (:attr:`local_field`), so that the medium
-    serves in one, two and three dimensions. It is valid from f* = 0.08 (Section IV, by comparison
-    with simulations of the triangular lattice); ``valid`` of a state says so. The law is solved
-    from f* = 1e-6, and force and stiffness are accurate to 1e-8 or better from f* = 1e-4. Each pair
-    of listed diameters puts a kink into the law, which is resolved. For some lists with diameters
-    rarer than about 1 % the stiffness falls to zero at a higher f* than 1e-6, and the equation has
-    no solution below. On a line the law is Hertz's.
+    serves in one, two and three dimensions. The medium is valid from f* = 0.08 (Section IV, by
+    comparison with simulations of the triangular lattice); ``valid`` of a state says so. The law is
+    solved from f* = 1e-6, and force and stiffness are accurate to 1e-8 or better from f* = 1e-4.
+    Each pair of listed diameters puts a kink into the law, which is resolved. For some lists with
+    diameters rarer than about 1 % the stiffness falls to zero at a higher f* than 1e-6, and the
+    equation has no solution below. On a line the law is Hertz's.
 
     Friction makes Xi larger: the lattice around a ball gives way less, by springs eta k against
     slip. There is no other friction in the statics of the medium: contacts bear no tangential force
