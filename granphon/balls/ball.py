@@ -36,7 +36,7 @@ BALL_LIMITS = {
 class Body(Protocol):
     """What a contact law knows of each of the two bodies that touch.
 
-    ``name`` is what messages call it, and pairs of kinds are named with.
+    Messages call the body by its ``name``, and so do the pairs of kinds that have a law.
     """
 
     @property
@@ -197,13 +197,12 @@ class Wall(_Elastic):
 
     def __post_init__(self) -> None:
         """Check the material and the name."""
-        given: Any = self.material
-        if not isinstance(given, Material | str):
-            raise InputError(
-                f"the material of a wall is {brief(given)}", mend="Give a granphon.Material"
-            )
-        if isinstance(given, str):
-            require("the kind of the material of a wall", label, given)
+        material: Any = self.material  # the caller may have given anything
+        if not isinstance(material, Material | str):
+            problem = f"the material of a wall is {brief(material)}"
+            raise InputError(problem, mend="Give a granphon.Material")
+        if isinstance(material, str):
+            require("the kind of the material of a wall", label, material)
         if not is_one_of(self.name, ("",)):
             require("the name of a wall", label, self.name)
 
@@ -239,26 +238,26 @@ def find_wall(edge: Any) -> Body | None:
 
 
 def name_walls(
-    edges: Iterable[str | Wall], kinds: Mapping[str, Ball], known: Sequence[Wall]
+    edges: Iterable[str | Wall], kinds: Mapping[str, Ball], known_walls: Sequence[Wall]
 ) -> tuple[str | Wall, ...]:
     """Return the ``edges`` of a cut, in which each wall is replaced by one that has a
     :class:`~granphon.Material` and a name; other edges stay. A wall of the material of a known
-    wall, or of an earlier edge, is that wall, unless it has another name.
+    wall, or of an earlier edge, is that wall, unless another name is given.
 
-    ``kinds`` are the balls by the names of their kinds, and ``known`` the walls of earlier cuts.
+    ``kinds`` are the balls by the names of their kinds, and ``known_walls`` those of earlier cuts.
     Raises :class:`InputError` for the material of a kind that there is not, and for a name that a
     kind, the floor, or a wall of another material has.
     """
-    walls = list(known)
-    named: list[str | Wall] = []
+    walls = list(known_walls)
+    named_edges: list[str | Wall] = []
     for edge in edges:
         if isinstance(edge, Wall):
             wall = _name_wall(find_material(edge, kinds), kinds, walls)
             walls.append(wall)
-            named.append(wall)
+            named_edges.append(wall)
         else:
-            named.append(edge)
-    return tuple(named)
+            named_edges.append(edge)
+    return tuple(named_edges)
 
 
 def replace_walls(
@@ -332,7 +331,7 @@ class ContactConstants(NamedTuple):
     @classmethod
     def of(cls, ball: Body, other: Body) -> ContactConstants:
         """Return the constants of the pair ``ball`` and ``other``; :class:`InputError` if one of
-        both is no body, or is a wall that names a kind of balls in place of its material; and if
+        the two is no body, or is a wall that names a kind of balls in place of its material; and if
         both are rigid, or both are flat.
         """
         attributes = ("curvature", "compliance", "shear_compliance", "twist_compliance")

@@ -359,10 +359,10 @@ class JKRLaw(EnergyLaw):
         least overlap.
         """
         with np.errstate(all="ignore"):
-            reduced = delta / self.length
+            reduced_overlap = delta / self.length
             # an overlap that is no number counts as unbroken, so that the result is no number
-            is_broken = reduced < _JKR_LEAST * (1.0 + ROUNDED)
-            target = np.maximum(reduced, _JKR_LEAST)
+            is_broken = reduced_overlap < _JKR_LEAST * (1.0 + ROUNDED)
+            target = np.maximum(reduced_overlap, _JKR_LEAST)
             # u^4 - u is convex, and the first guess is not below the root: Newton's steps descend
             # to the root
             positive_target = np.maximum(target, 0.0)
@@ -464,8 +464,9 @@ class TabulatedLaw(EnergyLaw):
         return self
 
     def find_stiffest(self, overlap: Array) -> Array:
-        """Return the largest stiffness up to each ``overlap`` (m,), m, in N/m: tables may rise
-        steeply between two of their points. It is sought at 16 places between two points.
+        """Return the largest stiffness, N/m, (m,) up to each ``overlap`` (m,), m: tables may rise
+        steeply between two of their points. The stiffness is compared at 16 places between two
+        points.
         """
         fractions = np.linspace(0.0, 1.0, _PLACES, endpoint=False)
         knots, _ = self._knots
@@ -508,36 +509,38 @@ class TabulatedLaw(EnergyLaw):
         """Exponent of the power below the first point."""
         return max(float(self._curve(self._knots[0][0], 1)), 1.0)
 
-    def _logarithm(self, x: Array, order: int = 0) -> Array:
+    def _find_log_force(self, x: Array, order: int = 0) -> Array:
         """Return log f (``order`` 0), or its derivative of order 1 or 2, at x = log delta; of the
         shape of ``x``.
         """
         knots, _ = self._knots
         curve = self._curve
-        inside = np.clip(x, knots[0], knots[-1])
+        nearest_x = np.clip(x, knots[0], knots[-1])  # within the table
         if order == 2:
-            return np.where(x == inside, curve(inside, 2), 0.0)  # a power has a constant slope
-        slope = np.where(x < knots[0], self._exponent_below, curve(inside, 1))
+            # beyond the table, where the law is a power, the slope is constant
+            return np.where(x == nearest_x, curve(nearest_x, 2), 0.0)
+        slope = np.where(x < knots[0], self._exponent_below, curve(nearest_x, 1))
         if order == 1:
             return slope
-        return np.asarray(curve(inside)) + (x - inside) * slope
+        return np.asarray(curve(nearest_x)) + (x - nearest_x) * slope
 
     @cached_property
     def _energies(self) -> Array:
         """Energies (n,) at the points of the table, J."""
         knots, _ = self._knots
-        first = self.forces[0] * self.overlaps[0] / (1.0 + self._exponent_below)
+        energy_at_first = self.forces[0] * self.overlaps[0] / (1.0 + self._exponent_below)
         differences = self._integrate(knots[:-1], knots[1:])
-        return first + np.concatenate([[0.0], np.cumsum(differences)])
+        return energy_at_first + np.concatenate([[0.0], np.cumsum(differences)])
 
     def _integrate(self, low: Array, high: Array) -> Array:
-        """Return the integral of the force over the overlap, J, from ``low`` to ``high`` (m,), the
-        logarithms of two overlaps between the same points of the table.
+        """Return the integral of the force over the overlap, J, (m,) from ``low`` (m,) to ``high``
+        (m,), the logarithms of two overlaps between the same points of the table.
         """
         nodes, weights = np.polynomial.legendre.leggauss(_NODES)
-        half = 0.5 * (high - low)
-        x = low[..., None] + half[..., None] * (1.0 + nodes)
-        return half * (np.exp(self._logarithm(x) + x) @ weights)
+        half_length = 0.5 * (high - low)
+        x = low[..., None] + half_length[..., None] * (1.0 + nodes)
+        # with x = log delta the integrand is f delta
+        return half_length * (np.exp(self._find_log_force(x) + x) @ weights)
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
         """Return the energy, J, or its derivative of an ``order`` of 1 to 3, J/m^order, at each
@@ -549,10 +552,11 @@ class TabulatedLaw(EnergyLaw):
         if order == ENERGY:
             derivative = self._find_energy(x)
         else:
-            derivative = np.exp(self._logarithm(x) - (order - 1) * x) * self._factor(x, order)
+            force_over_power = np.exp(self._find_log_force(x) - (order - 1) * x)
+            derivative = force_over_power * self._find_factor(x, order)
         return np.where(touches, derivative, 0.0)[()]
 
-    def _factor(self, x: Array, order: int) -> Array | float:
+    def _find_factor(self, x: Array, order: int) -> Array | float:
         """Return the derivative of the energy, of an ``order`` of 1 to 3, times delta^(order - 1)/f
         at x = log delta.
 
@@ -560,10 +564,10 @@ class TabulatedLaw(EnergyLaw):
         """
         if order == FORCE:
             return 1.0
-        exponent = self._logarithm(x, 1)
+        exponent = self._find_log_force(x, 1)
         if order == STIFFNESS:
             return exponent
-        return exponent * (exponent - 1.0) + self._logarithm(x, 2)
+        return exponent * (exponent - 1.0) + self._find_log_force(x, 2)
 
     def _find_energy(self, x: Array) -> Array:
         """Return the energy, J, at logarithms ``x`` of overlaps: an integral between two points of
@@ -571,16 +575,16 @@ class TabulatedLaw(EnergyLaw):
         """
         knots, _ = self._knots
         knot = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 1)
-        since_knot = self._integrate(knots[knot], np.clip(x, knots[0], knots[-1]))
-        inside = self._energies[knot] + since_knot
+        energy_since_knot = self._integrate(knots[knot], np.clip(x, knots[0], knots[-1]))
+        energy_inside = self._energies[knot] + energy_since_knot
         # the energy of a power law is counted from zero overlap: above the last point only what
         # the power law adds to its energy at the last point counts
-        of_power = np.exp(self._logarithm(x) + x) / (1.0 + self._logarithm(x, 1))
-        last_exponent = float(self._logarithm(knots[-1:], 1)[0])
-        of_power_at_last = self.forces[-1] * self.overlaps[-1] / (1.0 + last_exponent)
-        above = self._energies[-1] - of_power_at_last + of_power
-        energy = np.where(x > knots[-1], above, inside)
-        return np.where(x < knots[0], of_power, energy)
+        energy_of_power = np.exp(self._find_log_force(x) + x) / (1.0 + self._find_log_force(x, 1))
+        last_exponent = float(self._find_log_force(knots[-1:], 1)[0])
+        energy_of_power_at_last = self.forces[-1] * self.overlaps[-1] / (1.0 + last_exponent)
+        energy_above = self._energies[-1] - energy_of_power_at_last + energy_of_power
+        energy = np.where(x > knots[-1], energy_above, energy_inside)
+        return np.where(x < knots[0], energy_of_power, energy)
 
     def overlap(self, force: ArrayLike) -> Any:
         """Return the overlap, m, under a ``force``, N; :class:`InputError` if a force is
@@ -608,8 +612,8 @@ class TabulatedLaw(EnergyLaw):
         high = np.where(next_knot < count, knots[np.minimum(next_knot, count - 1)], np.inf)
         x = np.interp(log_force, log_forces, knots)
         for _ in range(_STEPS):
-            residual = self._logarithm(x) - log_force
-            slope = self._logarithm(x, 1)
+            residual = self._find_log_force(x) - log_force
+            slope = self._find_log_force(x, 1)
             low = np.where(residual < 0.0, x, low)
             high = np.where(residual > 0.0, x, high)
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -707,9 +711,9 @@ def law_between(law: Any, ball: Body, other: Body) -> PairLaw:
             mend=f"Give a law, as {law.__name__}(...)",
         )
     pair_law = law.between(ball, other) if hasattr(law, "between") else law
-    missing = [name for name in _METHODS if not callable(getattr(pair_law, name, None))]
-    if missing:
-        problem = f"the contact law {brief(law)} has no method {', '.join(missing)}"
+    missing_methods = [name for name in _METHODS if not callable(getattr(pair_law, name, None))]
+    if missing_methods:
+        problem = f"the contact law {brief(law)} has no method {', '.join(missing_methods)}"
         mend = "Give one of granphon's laws, or an object with the methods " + ", ".join(_METHODS)
         raise InputError(
             problem, "They are functions of the overlap, and overlap is one of the force", mend
@@ -905,10 +909,10 @@ def register_law(name: str, law: Any, **units: str) -> Any:
         {number: "5 N/m"}}``; "" or "1" for a number without a unit. The law keeps each number in an
         attribute of the same name.
 
-    Returns ``law``. It is compared with its derivatives when a crystal has it. Raises
-    :class:`InputError` for what is no law, for units that are not those of the numbers of a class
-    (numbers with a default may be left out) or that are not of SI, and for a name that is no text,
-    is taken or has a space.
+    Returns ``law``. A crystal that takes the law compares it with its derivatives. Raises
+    :class:`InputError` for an object that is no law, for units that are not those of the numbers of
+    a class (numbers with a default may be left out) or that are not of SI, and for a name that is
+    no text, is taken or has a space.
     """
     has_methods = all(callable(getattr(law, method, None)) for method in _METHODS)
     if not has_methods and not callable(getattr(law, "between", None)):
@@ -919,12 +923,12 @@ def register_law(name: str, law: Any, **units: str) -> Any:
             f"the contact law {name!r} is made already", mend="Give its class, or no units"
         )
     require("the name of a contact law", label, name)
-    refused = [unit for unit in units.values() if unit and not is_si(unit)]
+    wrong_texts = [unit for unit in units.values() if unit and not is_si(unit)]
     if " " in name:
-        refused.insert(0, name)
-    if refused:
+        wrong_texts.insert(0, name)
+    if wrong_texts:
         mend = "Give a name without spaces, and units of SI"
-        raise InputError(f"a contact law cannot have {brief(refused[0])}", mend=mend)
+        raise InputError(f"a contact law cannot have {brief(wrong_texts[0])}", mend=mend)
     if isinstance(law, type):
         _require_units(law, name, units)
     rules: dict[str, Any] = {}
@@ -975,10 +979,10 @@ def read_laws(law: Any) -> Any:
     """Return the law of all contacts, by default Hertz's, or a tuple of pairs of names of kinds,
     each with its law.
 
-    ``law`` is a law, a name of one, None, or a mapping from pairs of names of kinds to laws or
-    names of laws. A tuple such as is returned, as a crystal keeps it, is read as the mapping of
-    which it was made. Raises :class:`InputError` for a key that is no pair of names, for two
-    different laws of one pair, and for what :func:`find_law` refuses.
+    ``law`` is a law, the name of a law, None, or a mapping from pairs of names of kinds to laws or
+    names of laws. A tuple that this function has returned is read as the mapping of which it was
+    made. Raises :class:`InputError` for a key that is no pair of names, for two different laws of
+    one pair, and for what :func:`find_law` refuses.
     """
     if not isinstance(law, Mapping | tuple):
         return Hertz() if law is None else find_law(law)

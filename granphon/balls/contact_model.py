@@ -1,8 +1,8 @@
 """What is known of the contacts of balls: their materials and the law, from which the stiffness of
 any contact follows.
 
-A crystal or a packing has it whole, and hands it to its networks of contacts: so a network that is
-cut knows how its balls stand on a floor, which they did not touch before.
+A crystal or a packing has a :class:`ContactModel`, and hands it to its networks of contacts. So a
+network that is cut knows how its balls stand on a floor, which they did not touch before.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from granphon.balls.contact_laws import (
 )
 from granphon.balls.packing import MINDLIN, Packing
 from granphon.base.arrays import Array
+from granphon.base.errors import InputError
 
 #: a contact law that plain data can hold
 PlainLaw = Hertz | PowerLaw | DMT | JKR | TabulatedLaw
@@ -47,8 +48,8 @@ class ContactModel:
     ----------
     kinds : the ball of each kind, whose diameter is the mean one of the kind.
     names : what each kind is called; empty for balls of one kind that has no name.
-    law : that of all pairs, or a tuple of pairs of names, each with its law, as :func:`read_laws`
-        returns it.
+    law : the law of all pairs, or a tuple of pairs of names, each with its law, as
+        :func:`~granphon.balls.contact_laws.read_laws` returns it.
     friction : whether contacts resist slip, as those of Mindlin that do not slip.
     torsion : stiffness of a contact against twist, over k times the square of the distance of the
         centres, of a contact with a wall that of the centre from the wall; or "mindlin", that of an
@@ -56,7 +57,7 @@ class ContactModel:
     bending : stiffness of a contact against rolling, over k times the square of this distance.
     own_radii : whether contacts have the curvatures of the radii of their balls, not those of the
         kinds.
-    walls : those that balls touch, with their names.
+    walls : the elastic walls that balls touch, with their names.
     """
 
     kinds: tuple[Ball, ...] = field(metadata={"kind": (Ball, ...)})
@@ -95,13 +96,25 @@ class ContactModel:
 
     def body(self, name: str) -> Body:
         """Return the body called ``name``: the ball of a kind, a wall, or the rigid plane of a
-        floor. If the kinds have no names, any other name is that of the only kind.
+        floor. If the kinds have no names, any other name is that of the only kind. Raises
+        :class:`InputError` if no body is called so.
         """
         walls: list[Body] = [RIGID_PLANE, *self.walls]
         for wall in walls:
             if name == wall.name:
                 return wall
-        return self.kinds[self.names.index(name) if self.names else 0]
+        return self.kinds[self._find_number(name)]
+
+    def _find_number(self, name: str) -> int:
+        """Return the number of the kind called ``name``, 0 if the kinds have no names; InputError
+        if there is no such kind.
+        """
+        if not self.names:
+            return 0
+        if name not in self.names:
+            problem = f"the contact model has no kind {name!r}"
+            raise InputError(problem, mend=f"Use one of {', '.join(self.names)}")
+        return self.names.index(name)
 
     def law_of(self, name: str, other: str) -> tuple[PairLaw, float, float]:
         """Return for a contact of the bodies called ``name`` and ``other`` the contact law, the
@@ -136,8 +149,8 @@ class ContactModel:
 
     @property
     def named_kinds(self) -> dict[str, Ball]:
-        """The ball of each kind that has a name."""
-        return dict(zip(self.names, self.kinds, strict=False))
+        """The ball of each kind by its name; empty if the kinds have no names."""
+        return dict(zip(self.names, self.kinds, strict=True)) if self.names else {}
 
     def press_on_wall(
         self, names: Sequence[str], radii: Array, force: Array, wall: Body
@@ -146,10 +159,10 @@ class ContactModel:
 
         Parameters
         ----------
-        names : the kind of each ball; empty if they are of one kind.
-        radii : (m,) of the balls, m, which count if the model has ``own_radii``.
-        force : (m,) on the wall, N.
-        wall : the body, of no curvature.
+        names : (m,) the kind of each ball; empty if all are of the only kind.
+        radii : (m,) radii of the balls, m, which are used if the model has ``own_radii``.
+        force : (m,) force of each ball on the wall, N.
+        wall : the flat body.
 
         Returns (m,) ``overlap``, m, ``arm``, the radius with which the contact is reckoned, m, and
         ``normal_stiffness``, ``shear_stiffness``, N/m, ``torsion_stiffness``,
@@ -158,7 +171,7 @@ class ContactModel:
         """
         kinds = np.zeros(len(radii), int)
         if len(names):
-            kinds = np.array([self.names.index(name) for name in names], int)
+            kinds = np.array([self._find_number(name) for name in names], int)
         diameters = 2.0 * radii
         if not self.own_radii:
             diameters = np.array([ball.diameter for ball in self.kinds])[kinds]

@@ -2,9 +2,9 @@
 and samples.
 
 Section III.A of Velicky and Caroli, Phys. Rev. E 65, 021307 (2002). Deviations Delta are from the
-mean diameter; the width is W = sqrt(12) Delta_rms, the full width of the uniform distribution
-(below (19) the root is on the wrong side). A :class:`Spread` is a distribution in metres; the
-:class:`Shape` that it has is the distribution of x = Delta/W.
+mean diameter; the width is W = sqrt(12) Delta_rms, the full width of the uniform distribution (the
+paper, below equation 19, has the root on the wrong side). A :class:`Spread` is a distribution in
+metres; its :class:`Shape` is the distribution of x = Delta/W.
 
 All averages are functions of the shape and of y = (d - a)/W, the overlap of balls of the mean
 diameter. What is averaged is (y + (x + x')/2)_+^p, a power of the overlap of two balls, in W: p =
@@ -95,7 +95,7 @@ class Shape(ABC):
 
     @abstractmethod
     def quantile(self, probability: ArrayLike) -> Any:
-        """The x below which the part ``probability`` of the balls lies."""
+        """Return the x below which the part ``probability``, from 0 to 1, of the balls lies."""
 
     @abstractmethod
     def nodes(self, y: ArrayLike, order: int = 32, whole: bool = False) -> Nodes:
@@ -136,20 +136,21 @@ class Shape(ABC):
         return self._average(overlap + 0.5 * np.asarray(x, float), power, pairs=False)[()]
 
     def force(self, y: ArrayLike, x: ArrayLike | None = None) -> Any:
-        """Average force F_ave (equation 25) or, with ``x``, F^Q (equation 28), in units of (2/3) E*
-        d^(1/2) W^(3/2); ``y`` and ``x`` as in :meth:`average`.
+        """Return the average force F_ave (equation 25) or, with ``x``, F^Q (equation 28), in units
+        of (2/3) E* d^(1/2) W^(3/2); ``y`` and ``x`` are as in :meth:`average`.
         """
         return self.average(y, EXPONENT, x)
 
     def stiffness(self, y: ArrayLike, x: ArrayLike | None = None) -> Any:
-        """Average stiffness dF_ave/dy or, with ``x``, K^Q = dF^Q/dy (equation 30); ``y`` and ``x``
-        as in :meth:`average`.
+        """Return the average stiffness dF_ave/dy or, with ``x``, K^Q = dF^Q/dy (equation 30); ``y``
+        and ``x`` are as in :meth:`average`.
         """
         return EXPONENT * self.average(y, EXPONENT - 1.0, x)
 
     def stiffness_slope(self, y: ArrayLike, x: ArrayLike | None = None) -> Any:
-        """Second derivative d^2F/dy^2 of F_ave or, with ``x``, F^Q; for listed diameters the
-        derivative is unbounded just above an opening. ``y`` and ``x`` are as in :meth:`average`.
+        """Return the second derivative d^2F/dy^2 of F_ave or, with ``x``, of F^Q; for listed
+        diameters the derivative is unbounded just above an opening. ``y`` and ``x`` are as in
+        :meth:`average`.
         """
         return EXPONENT * (EXPONENT - 1.0) * self.average(y, EXPONENT - 2.0, x)
 
@@ -159,15 +160,15 @@ class _Density(Shape):
 
     _edge: float
     #: factor from the order to the number of Gauss nodes
-    _stretch: int = 1
+    _nodes_per_order: int = 1
 
     @abstractmethod
     def _compute_density(self, x: Array) -> Array:
-        """Density of balls: their fraction per unit of x."""
+        """Return the density of balls, their fraction per unit of x, at each ``x``."""
 
     @abstractmethod
     def _compute_fraction_below(self, x: Array) -> Array:
-        """Fraction of the balls below x."""
+        """Return the fraction of the balls below each ``x``."""
 
     @abstractmethod
     def _divide(self, power: float, pairs: bool) -> tuple[list[Piece], int]:
@@ -215,7 +216,7 @@ class _Density(Shape):
         """Return the nodes of :meth:`Shape.nodes`, of three parts of the range of x."""
         overlap = np.asarray(y, float)[..., np.newaxis]
         edge = self._edge
-        node_count = order * self._stretch
+        node_count = order * self._nodes_per_order
         # x below which a ball touches no other, and from which on a ball touches all others
         touching_some = np.clip(-2.0 * overlap - edge, -edge, edge)
         touching_all = np.clip(edge - 2.0 * overlap, -edge, edge)
@@ -258,7 +259,7 @@ class UniformShape(_Density):
         return x + 0.5
 
     def quantile(self, probability: ArrayLike) -> Any:
-        """The x below which the part u = ``probability`` of the balls lies: u - 1/2."""
+        """Return the x below which the part u = ``probability`` of the balls lies: u - 1/2."""
         return (np.asarray(probability, float) - 0.5)[()]
 
     def _divide(self, power: float, pairs: bool) -> tuple[list[Piece], int]:
@@ -296,36 +297,36 @@ class NormalShape(_Density):
         return self.cutoff * self._std
 
     @cached_property
-    def _stretch(self) -> int:  # type: ignore[override]
+    def _nodes_per_order(self) -> int:  # type: ignore[override]
         """Factor from the order to the number of Gauss nodes: one per 3 standard deviations."""
         return math.ceil(self.cutoff / 3.0)
 
     @cached_property
-    def _kept(self) -> float:
+    def _fraction_within(self) -> float:
         """Fraction of a normal distribution that lies within the cut."""
         return math.erf(self.cutoff / math.sqrt(2.0))
 
     def _compute_density(self, x: Array) -> Array:
         """Return the density of balls at each ``x`` within the cut."""
-        norm = self._std * math.sqrt(2.0 * math.pi) * self._kept
+        norm = self._std * math.sqrt(2.0 * math.pi) * self._fraction_within
         return np.asarray(np.exp(-0.5 * (x / self._std) ** 2) / norm)
 
     def _compute_fraction_below(self, x: Array) -> Array:
         """Return the fraction of the balls below each ``x`` within the cut."""
         from scipy.special import erf
 
-        return np.asarray(0.5 + 0.5 * erf(x / (self._std * math.sqrt(2.0))) / self._kept)
+        return np.asarray(0.5 + 0.5 * erf(x / (self._std * math.sqrt(2.0))) / self._fraction_within)
 
     def quantile(self, probability: ArrayLike) -> Any:
-        """The x below which the part ``probability`` of the balls lies, computed from the nearer
-        end for its digits.
+        """Return the x below which the part ``probability`` of the balls lies, computed from the
+        nearer end for its digits.
         """
         from scipy.special import ndtri
 
         from_median = np.asarray(probability, float) - 0.5
         cut_tail = 0.5 * math.erfc(self.cutoff / math.sqrt(2.0))
         # the part of the density before the cut that lies beyond |x|
-        tail = cut_tail + self._kept * (0.5 - np.abs(from_median))
+        tail = cut_tail + self._fraction_within * (0.5 - np.abs(from_median))
         deviation = np.clip(-ndtri(tail), 0.0, self.cutoff)  # |x| in standard deviations
         return (np.sign(from_median) * self._std * deviation)[()]
 
@@ -336,7 +337,7 @@ class NormalShape(_Density):
         from scipy.special import erf
 
         # pieces of [-b, b], at most 3 std long, that meet at 0
-        ends = np.linspace(-self._edge, self._edge, 2 * self._stretch + 1).tolist()
+        ends = np.linspace(-self._edge, self._edge, 2 * self._nodes_per_order + 1).tolist()
 
         def density_of_ball(t: Array, rise: Array, fall: Array) -> Array:
             """Return the density of t = x/2."""
@@ -401,7 +402,7 @@ class PointShape(Shape):
         return -self._pairs[0][::-1]
 
     def quantile(self, probability: ArrayLike) -> Any:
-        """The x below which the part ``probability`` of the balls lies: a step function."""
+        """Return the x below which the part ``probability`` of the balls lies: a step function."""
         x, w = self._points
         return x[find_quantiles(w, np.asarray(probability, float))][()]
 
@@ -528,13 +529,13 @@ def condense(places: Array, weights: Array, most_points: int = MOST_POINTS) -> t
     half_skewness = 0.5 * third_moment / (mass * np.where(is_condensed, std, 1.0) ** 3)
     # the two nodes of the Gauss quadrature of each cell, and their weights
     half_distance = np.hypot(1.0, half_skewness)  # in standard deviations
-    lower = mean + std * (half_skewness - half_distance)
-    upper = mean + std * (half_skewness + half_distance)
+    lower_node = mean + std * (half_skewness - half_distance)
+    upper_node = mean + std * (half_skewness + half_distance)
     weight_of_lower = 0.5 * mass * (1.0 + half_skewness / half_distance)
     weight_of_upper = 0.5 * mass * (1.0 - half_skewness / half_distance)
     # cells of one or two places keep these
     is_kept = count[cell] <= 2
-    new_places = [places[is_kept], lower[is_condensed], upper[is_condensed]]
+    new_places = [places[is_kept], lower_node[is_condensed], upper_node[is_condensed]]
     new_weights = [weights[is_kept], weight_of_lower[is_condensed], weight_of_upper[is_condensed]]
     return merge(np.concatenate(new_places), np.concatenate(new_weights))
 
@@ -558,7 +559,9 @@ def _number_cells(places: Array, weights: Array, cells: int) -> tuple[Any, Any]:
 
 @lru_cache(maxsize=64)
 def cut_rms(cutoff: float) -> float:
-    """Root mean square of a normal distribution of standard deviation 1 that is cut at +-cutoff."""
+    """Return the root mean square of a normal distribution of standard deviation 1 that is cut at
+    -``cutoff`` and ``cutoff``.
+    """
     from scipy.special import gammainc
 
     half_square = 0.5 * cutoff * cutoff
@@ -670,9 +673,9 @@ class Spread(ABC):
     def check_diameter(self, diameter: float) -> None:
         """Raise :class:`InputError` if the mean diameter of the balls cannot be ``diameter`` (m).
 
-        That is so if the distribution has a mean that differs from it by more than 1e-9 of it, or
-        if the smallest ball would have a size at or below zero. A smaller difference has no effect,
-        as deviations are taken from the distribution's own mean.
+        That is so if the distribution has a mean of its own that differs by more than 1e-9 of the
+        ``diameter``, or if the smallest ball would have a size at or below zero. A smaller
+        difference has no effect, as deviations are taken from the distribution's own mean.
         """
         least_diameter = positive("diameter", diameter, "m") + self.smallest
         if self.mean is not None and abs(self.mean - diameter) > _ROUNDED * diameter:
@@ -793,34 +796,35 @@ class _Listed(Spread):
         """Return the diameters whose deviations from their mean are scaled, so that their width is
         ``width``, m; InputError if they do not deviate, or if one would be zero or below.
         """
-        wanted_width = not_negative("width", width, "m")
+        new_width = not_negative("width", width, "m")
         if not self.width:
             raise InputError(
                 "diameters that are all the same cannot be spread", mend="Give another spread"
             )
         mean = self.mean
-        scale = wanted_width / self.width
+        scale = new_width / self.width
         diameters = tuple(mean + (diameter - mean) * scale for diameter in self.diameters)
         if min(diameters) <= 0.0:
             raise InputError(
-                f"a spread of the width {wanted_width:g} m about {mean:g} m has a ball of the"
+                f"a spread of the width {new_width:g} m about {mean:g} m has a ball of the"
                 f" diameter {min(diameters):g} m",
                 "Deviations are scaled, and the mean stays",
                 "Give a smaller width",
             )
-        scaled = replace(self, diameters=diameters)
-        if wanted_width:
+        scaled_spread = replace(self, diameters=diameters)
+        if new_width:
             # the old shape is kept: a shape that differs by rounding would have its law solved
             # again
-            scaled.__dict__["shape"] = self.shape
-        return scaled
+            scaled_spread.__dict__["shape"] = self.shape
+        return scaled_spread
 
     def with_mean(self, diameter: float) -> Self:
         """Return the diameters shifted so that their mean is ``diameter``, m; InputError if one
         would be zero or below.
         """
         shift = diameter - self.mean
-        return replace(self, diameters=tuple(each + shift for each in self.diameters))
+        shifted_diameters = tuple(old_diameter + shift for old_diameter in self.diameters)
+        return replace(self, diameters=shifted_diameters)
 
     def _compute_shares(self) -> Array:
         """Return the fraction (n,) of the balls that each of the ``diameters`` stands for."""

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from granphon.balls.material import Material
 from granphon.base.arrays import Array
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, brief
 from granphon.base.validation import positive, real_array
 
 #: a of Hertz's law f = c h_+^a; the stiffness is a f/h, and the energy f h/(a + 1)
@@ -38,8 +38,9 @@ MOST_CONTACT_RADIUS = 0.1
 #: force of a contact, over the mean of all, above which it is counted as one that carries load: a
 #: convention, as the places of balls that are held more weakly are not unique
 COUNTED_FORCE = 1e-6
-#: stiffness of a contact, over that under the mean force, up to which it holds no ball: one that
-#: softer contacts alone hold has less than a twentieth of the frequencies of others
+#: stiffness of a contact, over that under the mean force, up to which the contact counts as holding
+#: no ball: a ball that softer contacts alone hold has frequencies below a twentieth of those of
+#: others
 _HOLDING_STIFFNESS = 2e-3
 #: the force of such a contact over the mean, as stiffness goes as f^(1/3)
 HOLDING_FORCE = _HOLDING_STIFFNESS ** (EXPONENT / (EXPONENT - 1.0))
@@ -56,9 +57,9 @@ def mindlin_reduction(
     """Return the factor by which a static tangential load T reduces the shear stiffness of a
     contact under normal load N, of the shape to which both broadcast.
 
-    (1 - T / mu N)^(1/3), for a tangential load that has grown from zero at constant normal load (R.
-    D. Mindlin, J. Appl. Mech. 16, 259, 1949). The text after equation (4) prints 1 - (T / mu
-    N)^(1/3) instead: see the errata.
+    The factor is (1 - T / mu N)^(1/3), for a tangential load that has grown from zero at constant
+    normal load (R. D. Mindlin, J. Appl. Mech. 16, 259, 1949). The text after equation (4) prints
+    1 - (T / mu N)^(1/3) instead: see the errata.
 
     ``tangential_load`` T and ``normal_load`` N are in the same unit, of any shapes that broadcast;
     the sign of T does not matter. ``friction_coefficient`` is mu, a pure number. Raises
@@ -78,8 +79,8 @@ def mindlin_reduction(
     mantissa_of_mu, power_of_mu = np.frexp(mu)
     mantissa_of_load, power_of_load = np.frexp(normal)
     with np.errstate(over="ignore", under="ignore"):
-        scaled = np.ldexp(tangential, -(power_of_load + power_of_mu))
-        mobilised = scaled / (mantissa_of_mu * mantissa_of_load)
+        scaled_load = np.ldexp(tangential, -(power_of_load + power_of_mu))
+        mobilised = scaled_load / (mantissa_of_mu * mantissa_of_load)
     if np.any(mobilised >= 1.0):
         raise InputError(
             f"the tangential load is {float(np.max(mobilised)):.6g} of the friction threshold",
@@ -107,7 +108,7 @@ def harmonic_diameter(first: ArrayLike, second: ArrayLike) -> Any:
 
 def contact_radius_ratio(overlap: ArrayLike, diameter: ArrayLike) -> Any:
     """Return the radius of the contact circle over the radius of the balls, (delta/d)^(1/2), for
-    equal balls of ``diameter`` d, m, with an ``overlap`` delta, m.
+    equal balls of ``diameter`` d, m, with an ``overlap`` delta, m, zero or above. Both broadcast.
     """
     return np.sqrt(real_array("overlap", overlap) / real_array("diameter", diameter))[()]
 
@@ -120,8 +121,8 @@ def high_pressure_overlap(width: float) -> float:
 
 
 class EnergyLaw(ABC):
-    """A contact law that is known by its energy and the derivatives of it with respect to the
-    overlap.
+    """A contact law that is known by its energy and the derivatives of the energy with respect to
+    the overlap.
 
     Methods take scalars or arrays of any shape, and return floats for floats.
     """
@@ -139,15 +140,13 @@ class EnergyLaw(ABC):
 
     def _find(self, overlap: ArrayLike, order: int) -> Any:
         """Return the energy, J, or its derivative of an ``order`` of 1 to 3, J/m^order, at each
-        ``overlap``, m; raise :class:`InputError` where the result is no finite number.
+        ``overlap``, m; raise :class:`InputError` for an overlap that :func:`read_overlap` refuses,
+        and where the result is no finite number.
         """
-        delta = real_array("overlap", overlap)
+        delta = read_overlap(overlap)
         with np.errstate(all="ignore"):  # numbers that are not finite are refused below
             derivative = self._evaluate(delta, order)
-        # balls that are apart have zero whatever their distance, but an overlap that is no number
-        # is refused
-        checked = np.where(np.isnan(delta), delta, derivative)
-        require_finite(QUANTITIES[order], checked, "an overlap", delta, "m")
+        require_finite(QUANTITIES[order], derivative, "an overlap", delta, "m")
         return derivative
 
     def energy(self, overlap: ArrayLike) -> Any:
@@ -169,6 +168,16 @@ class EnergyLaw(ABC):
         return self._find(overlap, SLOPE)
 
 
+def read_overlap(overlap: ArrayLike) -> Array:
+    """Return each ``overlap``, m, in an array; :class:`InputError` for what is no real number, and
+    for nan. An infinite overlap is a number: balls may be apart by any distance.
+    """
+    delta = real_array("overlap", overlap)
+    if np.any(np.isnan(delta)):
+        raise InputError("an overlap is nan", mend="Give a number, m")
+    return delta
+
+
 def require_finite(name: str, quantity: Any, cause: str, argument: Any, unit: str) -> None:
     """Raise :class:`InputError` unless all numbers of a ``quantity`` of contacts are finite.
 
@@ -178,8 +187,8 @@ def require_finite(name: str, quantity: Any, cause: str, argument: Any, unit: st
     """
     is_finite = np.isfinite(quantity)
     if not np.all(is_finite):
-        first = np.argmin(np.ravel(is_finite))
-        number = float(np.ravel(argument)[first])
+        first_index = np.argmin(np.ravel(is_finite))
+        number = float(np.ravel(argument)[first_index])
         raise InputError(
             f"the {name} of a contact at {cause} of {number:g} {unit} is beyond double precision",
             mend="Compare the units",
@@ -190,6 +199,8 @@ def require_pushing(load: Array, least: float = 0.0) -> None:
     """Raise :class:`InputError` unless all forces ``load``, N, are the ``least`` that a contact
     bears, N, or more; a negative ``least`` is a tension.
     """
+    if np.any(np.isnan(load)):
+        raise InputError("the force of a contact is nan", mend="Give a number, N")
     if not np.all(load >= least):
         problem = "the force of a contact is negative"
         why = NO_TENSION
@@ -229,9 +240,12 @@ class HertzLaw(EnergyLaw):
     @classmethod
     def between(cls, material: Material, first: float, second: float | None = None) -> HertzLaw:
         """Return the law of two balls of one material with the diameters ``first`` and ``second``,
-        m; of equal balls if only one is given. Raises :class:`InputError` for a diameter that is
-        not above zero, and for balls beyond double precision.
+        m; of equal balls if only one is given. Raises :class:`InputError` for an argument that is
+        no material, a diameter that is not above zero, and balls beyond double precision.
         """
+        if not isinstance(material, Material):
+            problem = f"the material of a contact is {brief(material)}"
+            raise InputError(problem, mend="Give a granphon.Material")
         first_diameter = positive("diameter", first, "m")
         second_diameter = first_diameter if second is None else positive("diameter", second, "m")
         mean_diameter = float(harmonic_diameter(first_diameter, second_diameter))
@@ -282,11 +296,13 @@ class HertzLaw(EnergyLaw):
         """Return the relative fluctuation Delta f / f of the forces over balls: zero at any
         ``overlap`` of equal balls.
         """
-        return np.zeros(np.shape(overlap))[()]
+        return np.zeros_like(read_overlap(overlap))[()]
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
-        """Fraction of the contacts that carry load: 1 where the overlap is above zero, else 0."""
-        return np.asarray(real_array("overlap", overlap) > 0.0, float)[()]
+        """Return the fraction of the contacts that carry load, at each ``overlap``, m: 1 above
+        zero, else 0.
+        """
+        return np.asarray(read_overlap(overlap) > 0.0, float)[()]
 
     def least_valid_force(self, width: float) -> float:
         """Return the force, N, from which on the law may be used for balls whose diameters have
@@ -302,9 +318,9 @@ def press(overlap: Array) -> tuple[Array, Array]:
     """Return the forces h_+^(3/2) and the roots h_+^(1/2) of contacts with the ``overlap`` h, in
     reduced units and of the same shape; both are zero where h < 0.
     """
-    closed = np.maximum(overlap, 0.0)
-    root = np.sqrt(closed)
-    return np.multiply(closed, root, out=closed), root
+    positive_overlap = np.maximum(overlap, 0.0)
+    root = np.sqrt(positive_overlap)
+    return np.multiply(positive_overlap, root, out=positive_overlap), root
 
 
 def press_further(

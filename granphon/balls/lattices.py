@@ -115,25 +115,25 @@ class Lattice:
         """Return the cell (p, d) and the sites (n, p) or (n, d) as arrays; InputError for other
         shapes.
         """
+        problem = (
+            f"lattice {self.name!r}: the cell must be one to three vectors, and each site as many"
+            f" fractions"
+        )
+        mend = (
+            "Give a cell (p, d) of p vectors in d dimensions, p <= d <= 3, and sites (n, p) or"
+            " (n, d)"
+        )
         try:
             cell = real_array("cell", self.cell)
-            periods, dimension = cell.shape
-            if np.shape(self.sites) == (1, 0):  # one ball at the origin
-                sites = np.zeros((1, periods))
-            else:
-                sites = real_array("sites", self.sites)
-            is_cell = 1 <= periods <= dimension <= 3
-            has_sites = sites.ndim == 2 and len(sites) > 0
-            if not is_cell or not has_sites or sites.shape[1] not in (periods, dimension):
-                raise ValueError
-        except ValueError as error:
-            raise InputError(
-                f"lattice {self.name!r}: the cell must be one to three vectors, and each site"
-                f" as many fractions",
-                str(error) if isinstance(error, InputError) else "",
-                "Give a cell (p, d) of p vectors in d dimensions, p <= d <= 3, and sites (n,"
-                " p) or (n, d)",
-            ) from None
+            sites = real_array("sites", self.sites)
+        except InputError as error:
+            raise InputError(problem, str(error), mend) from None
+        is_cell = cell.ndim == 2 and 1 <= cell.shape[0] <= cell.shape[1] <= 3
+        if is_cell and sites.shape == (1, 0):  # one ball at the origin
+            sites = np.zeros((1, len(cell)))
+        are_sites = sites.ndim == 2 and len(sites) > 0 and sites.shape[1] in cell.shape
+        if not (is_cell and are_sites):
+            raise InputError(problem, mend=mend)
         return cell, sites
 
     def _require_balance(self) -> None:
@@ -303,7 +303,7 @@ KAGOME = Lattice(
 )
 
 
-def _cubic(
+def _make_cubic(
     name: str, edge: float, steps: ArrayLike, sites: tuple[tuple[float, ...], ...] = ((),)
 ) -> Lattice:
     """Make a lattice with cubic symmetry. The rows of ``steps`` (3, 3) are its primitive vectors,
@@ -314,22 +314,29 @@ def _cubic(
 
 # primitive cells with ASE's vectors
 _FACES = ((0, 1, 1), (1, 0, 1), (1, 1, 0))
-SC = _cubic("sc", 1.0, ((2, 0, 0), (0, 2, 0), (0, 0, 2)))
-BCC = _cubic("bcc", 2.0 / math.sqrt(3.0), ((-1, 1, 1), (1, -1, 1), (1, 1, -1)))
-FCC = _cubic("fcc", math.sqrt(2.0), _FACES)
+SC = _make_cubic("sc", 1.0, ((2, 0, 0), (0, 2, 0), (0, 0, 2)))
+BCC = _make_cubic("bcc", 2.0 / math.sqrt(3.0), ((-1, 1, 1), (1, -1, 1), (1, 1, -1)))
+FCC = _make_cubic("fcc", math.sqrt(2.0), _FACES)
 #: close-packed layers across z, the ideal c = sqrt(8/3)
 HCP = Lattice(
     "hcp", ((1.0, 0.0, 0.0), (-0.5, _HALF_SQRT3, 0.0), (0.0, 0.0, math.sqrt(8.0 / 3.0))),
     ((1.0 / 3.0, 2.0 / 3.0, 0.25), (2.0 / 3.0, 1.0 / 3.0, 0.75)),
 )  # fmt: skip
-DIAMOND = _cubic("diamond", 4.0 / math.sqrt(3.0), _FACES, ((0.0, 0.0, 0.0), (0.25, 0.25, 0.25)))
+DIAMOND = _make_cubic(
+    "diamond", 4.0 / math.sqrt(3.0), _FACES, ((0.0, 0.0, 0.0), (0.25, 0.25, 0.25))
+)
 for _lattice in (CHAIN, TRIANGULAR, SQUARE, HONEYCOMB, KAGOME, SC, BCC, FCC, HCP, DIAMOND):
     LATTICES.own(_lattice.name, _lattice)
-#: structures of two kinds of balls, beside the lattices that have a name
+#: edge of a cube with balls at its corners and its centre, in spacings
+_CUBE = 2.0 / math.sqrt(3.0)
+#: sites of two balls, one in the middle between others of the other kind
+_CENTRED = ((0.0, 0.0, 0.0), (0.5, 0.5, 0.5))
+#: structures of two kinds of balls by name, beside the lattices that have a name
 STRUCTURES = {
-    name: Lattice(name, tuple(map(tuple, cell)), ((0.0, 0.0, 0.0), (0.5, 0.5, 0.5)))
-    for name, cell in (("NaCl", _FACES), ("CsCl", (2.0 / math.sqrt(3.0) * np.eye(3)).tolist()))
-} | {"zincblende": Lattice("zincblende", LATTICES["diamond"].cell, LATTICES["diamond"].sites)}
+    "NaCl": Lattice("NaCl", _FACES, _CENTRED),
+    "CsCl": Lattice("CsCl", ((_CUBE, 0.0, 0.0), (0.0, _CUBE, 0.0), (0.0, 0.0, _CUBE)), _CENTRED),
+    "zincblende": Lattice("zincblende", DIAMOND.cell, DIAMOND.sites),
+}
 
 
 def _are_close(coordinates: Array, registered: Array) -> bool:
@@ -344,9 +351,9 @@ def register_lattice(lattice: Lattice) -> Lattice:
     """Make a lattice known by its name: to :class:`~granphon.Packing`, ``Crystal.on``, sweeps and
     scenes.
 
-    Returns the ``lattice``; lengths in it are in spacings of touching balls. A crystal of n kinds
-    of balls takes one whose cell has a multiple of n sites. Raises :class:`InputError` for what is
-    no :class:`Lattice`, and for a name that is taken.
+    Returns the ``lattice``; its lengths are in spacings of touching balls. A crystal of n kinds of
+    balls takes a lattice whose cell has a multiple of n sites. Raises :class:`InputError` for an
+    argument that is no :class:`Lattice`, and for a name that is taken.
     """
     if not isinstance(lattice, Lattice):
         raise InputError(f"{brief(lattice)} is no lattice", mend="Give a granphon.Lattice")
@@ -381,7 +388,9 @@ def name_structure(name: Any) -> str | None:
 
 
 def find_structure(name: str | Lattice) -> Lattice:
-    """Return the lattice of a name, that of NaCl, CsCl and zincblende among them."""
+    """Return the lattice of a name, NaCl, CsCl and zincblende included, or a given
+    :class:`Lattice` itself; :class:`InputError` for an unknown name.
+    """
     structure_name = name_structure(name)
     if structure_name is None:
         return find_lattice(name, [*LATTICES, *STRUCTURES])
@@ -396,10 +405,10 @@ def as_direction(direction: ArrayLike, dimension: int = 2) -> Array:
     length zero.
     """
     vector = real_array("direction", direction)
-    largest = np.zeros(1)
+    largest_component = np.zeros(1)
     if vector.ndim in (1, 2) and vector.size:
-        largest = np.max(np.abs(vector), axis=-1, keepdims=True)
-    is_direction = bool(np.all(np.isfinite(vector)) and np.all(largest > 0.0))
+        largest_component = np.max(np.abs(vector), axis=-1, keepdims=True)
+    is_direction = bool(np.all(np.isfinite(vector)) and np.all(largest_component > 0.0))
     if vector.shape[-1:] != (dimension,) or not is_direction:
         description, example = _DIRECTIONS[dimension - 1]
         raise InputError(
@@ -407,8 +416,9 @@ def as_direction(direction: ArrayLike, dimension: int = 2) -> Array:
             f"A direction is {description}",
             f"Give {example}, or an array (n, {dimension}) of directions",
         )
-    scaled = vector / largest  # squares of numbers as they are may leave the floating range
-    return np.asarray(scaled / np.linalg.norm(scaled, axis=-1, keepdims=True))
+    # squares of the numbers as they are may leave the floating range
+    scaled_vector = vector / largest_component
+    return np.asarray(scaled_vector / np.linalg.norm(scaled_vector, axis=-1, keepdims=True))
 
 
 def one_direction(direction: ArrayLike, dimension: int = 2) -> Array:

@@ -39,8 +39,8 @@ class Layers:
     ----------
     basis : (p, p) whole numbers that make vectors of the cell: those within a layer, and last that
         to the next layer.
-    turn : (d, d) rotation after which the periods of a layer lie along x, or in the xy plane; of a
-        chain whose period leads to lower x it turns x round.
+    turn : (d, d) rotation after which the periods of a layer lie along x, or in the xy plane; with
+        one period it may be a reflection of x, if the period leads to lower x.
     cell : (p - 1, d) periods of a layer, turned.
     stack : (d,) vector to the next layer, turned; its component along axis p - 1 is above zero.
     """
@@ -66,11 +66,11 @@ class Layers:
         turn = np.eye(d)
 
         def turn_upright() -> None:
-            """Write to ``turn`` the rotation after which the periods of a layer lie along x, or in
-            the xy plane; with two periods or more it may be a reflection.
+            """Write to ``turn`` the rotation or reflection after which the periods of a layer lie
+            along x, or in the xy plane, and each vector has a component above zero along its axis.
             """
             q, r = np.linalg.qr((basis @ cell)[:, :p].T)
-            # with these signs each vector has a component above zero along its own axis
+            # each column of q gets the sign of the component of its vector
             turn[:p, :p] = (q * np.sign(np.diag(r))).T
 
         is_tilted = np.any(np.abs(vectors[:-1, p - 1 :]) > _LEVEL * np.max(np.abs(vectors)))
@@ -81,10 +81,10 @@ class Layers:
         if is_mirrored and p > 1:  # the opposite of a period within the layer makes it a rotation
             basis[0] = -basis[0]
             turn_upright()
-        turned = basis @ cell @ turn.T
-        layer_cell = turned[:-1]
+        turned_vectors = basis @ cell @ turn.T
+        layer_cell = turned_vectors[:-1]
         layer_cell[:, p - 1 :] = 0.0  # exactly, where rounding has left a little
-        return cls(basis, turn, layer_cell, turned[-1])
+        return cls(basis, turn, layer_cell, turned_vectors[-1])
 
     def split(self, shift: Index) -> tuple[Index, Index]:
         """Return cells (n_c, p - 1) within a layer, and layers (n_c,), of contacts that lead to
@@ -100,7 +100,7 @@ class Layers:
         (n_c,), with all sites within one layer.
 
         Sites that lie one layer or more above the lowest are moved down by whole layers. ``walls``
-        (n,) says which of the n have no site: they stay.
+        (n,) says which of the n bodies are walls, which have no site and stay where they are.
         """
         p = len(self.basis)
         height = (positions @ self.turn.T)[:, p - 1] / self.stack[p - 1]  # in layers
@@ -109,11 +109,11 @@ class Layers:
         layers_down = np.where(is_wall, 0.0, np.floor(height - lowest + _SITE))
         if not np.any(layers_down):
             return positions, shift
-        moved = positions - layers_down[:, None] * (self.stack @ self.turn)
+        moved_positions = positions - layers_down[:, None] * (self.stack @ self.turn)
         # a contact of two balls leads as many layers higher as ball j is moved down more than i
         difference = layers_down[j] - layers_down[i]
         layers_up = np.where(is_wall[i] | is_wall[j], 0.0, difference).astype(np.intp)
-        return moved, shift + layers_up[:, None] * self.basis[-1]
+        return moved_positions, shift + layers_up[:, None] * self.basis[-1]
 
     def unfold(
         self, i: Index, j: Index, shift: Index, n: int, count: int
@@ -206,8 +206,8 @@ def find_faces(
         """
         if edge == "clamped":
             return first_of_layer + np.arange(n)
-        outermost = np.where(is_ball, outward * heights + radii, -np.inf)
-        is_touched = outermost >= outermost.max() - slack - margin
+        outer_heights = np.where(is_ball, outward * heights + radii, -np.inf)
+        is_touched = outer_heights >= outer_heights.max() - slack - margin
         return np.flatnonzero(is_touched)
 
     lower_face = find_face(edges[0], -1.0, 0)
@@ -216,8 +216,8 @@ def find_faces(
 
 
 def find_outer(heights: Array) -> Flags:
-    """Return (2, n) whether each ball at ``heights`` (n,), m, lies in the lowest quarter of a cut,
-    and in the highest.
+    """Return (2, n) whether each ball, with its centre at one of the ``heights`` (n,), m, lies in
+    the lowest quarter of a cut, and whether it lies in the highest.
     """
     low = float(heights.min())
     high = float(heights.max())
@@ -233,19 +233,20 @@ def _find_basis(axis: Any, cell: Array) -> Index:
     periods = len(cell)
     if not periods:
         raise InputError(
-            "there is no period across which it could be cut", mend="Give what repeats"
+            "there is no period across which layers could follow each other",
+            mend="Give balls that repeat",
         )
     basis = np.eye(periods, dtype=np.intp)
     if is_whole(axis) and 0 <= axis < periods:
         return np.concatenate([np.delete(basis, axis, axis=0), basis[axis : axis + 1]])
-    inner, stack = _split_by_plane(_read_miller_indices(axis, cell))
-    inner = _shorten(inner, cell)
-    if len(inner):
+    basis_of_layer, stack = _split_by_plane(_read_miller_indices(axis, cell))
+    basis_of_layer = _shorten(basis_of_layer, cell)
+    if len(basis_of_layer):
         # whole vectors of the plane are taken from the stack, so that it stands as upright as
         # possible
-        in_plane, *_ = np.linalg.lstsq((inner @ cell).T, stack @ cell, rcond=None)
-        stack = stack - np.rint(in_plane).astype(np.intp) @ inner
-    return np.concatenate([inner, stack[None]])
+        in_plane, *_ = np.linalg.lstsq((basis_of_layer @ cell).T, stack @ cell, rcond=None)
+        stack = stack - np.rint(in_plane).astype(np.intp) @ basis_of_layer
+    return np.concatenate([basis_of_layer, stack[None]])
 
 
 def _read_miller_indices(axis: Any, cell: Array) -> Index:
@@ -253,10 +254,10 @@ def _read_miller_indices(axis: Any, cell: Array) -> Index:
     not a list of such indices.
     """
     periods = len(cell)
-    listed = axis.tolist() if isinstance(axis, np.ndarray) else axis
-    if not isinstance(listed, list | tuple) or not all(map(is_whole, listed)):
-        listed = ()  # refused below
-    indices = np.array(listed)
+    entries = axis.tolist() if isinstance(axis, np.ndarray) else axis
+    if not isinstance(entries, list | tuple) or not all(map(is_whole, entries)):
+        entries = ()  # refused below
+    indices = np.array(entries)
     if indices.shape == (4,) and periods == 3:
         indices = _read_four_indices(indices, cell)
     is_plane = indices.shape == (periods,) and bool(np.any(indices))
@@ -313,23 +314,23 @@ def _split_by_plane(indices: Index) -> tuple[Index, Index]:
     return np.delete(basis, last_rising, axis=0), stack
 
 
-def _shorten(inner: Index, cell: Array) -> Index:
+def _shorten(basis: Index, cell: Array) -> Index:
     """Return whole numbers (p - 1, p) that make the shortest vectors of the plane of the vectors
-    that ``inner`` (p - 1, p) makes: Gauss's reduction of two vectors.
+    that ``basis`` (p - 1, p) makes: Gauss's reduction of two vectors.
     """
-    if len(inner) < 2:
-        return inner
+    if len(basis) < 2:
+        return basis
     for _ in range(_MOST_REDUCTIONS):
-        previous = inner.copy()
-        lengths = np.linalg.norm(inner @ cell, axis=1)
-        inner = inner[np.argsort(lengths, kind="stable")]
-        shorter = inner[0] @ cell
-        longer = inner[1] @ cell
+        previous_basis = basis.copy()
+        lengths = np.linalg.norm(basis @ cell, axis=1)
+        basis = basis[np.argsort(lengths, kind="stable")]
+        shorter = basis[0] @ cell
+        longer = basis[1] @ cell
         quotient = int(np.rint(longer @ shorter / (shorter @ shorter)))
-        inner[1] -= quotient * inner[0]
-        if np.array_equal(previous, inner):
+        basis[1] -= quotient * basis[0]
+        if np.array_equal(previous_basis, basis):
             break
-    return inner
+    return basis
 
 
 def find_axes(periods: Array) -> Array:

@@ -15,12 +15,22 @@ from granphon.base.errors import InputError, brief
 from granphon.base.memory import require_memory
 from granphon.base.quantities import LOAD_KINDS, TENSORS, find_load_unit
 from granphon.base.results import read_only
-from granphon.base.validation import finite_array, one_of, real_list, require, whole
+from granphon.base.text import counted
+from granphon.base.validation import (
+    finite_array,
+    finite_list,
+    one_of,
+    real_list,
+    require,
+    whole,
+)
 
 #: memory of the state at one load, bytes, of which no medium takes less; and of loads that are
 #: listed, as for a sweep
 _LOAD_BYTES = 110.0
 _LISTED_BYTES = 850.0
+#: numbers of the components of a symmetric tensor of one, two and three periods
+_VOIGT_SIZES = (1, 3, 6)
 #: a rule (:mod:`granphon.base.validation`) for the length of a side of a hexagonal frame, in balls
 balls_on_side = partial(whole, low=1, high=1_000_000)
 
@@ -51,16 +61,21 @@ class Load:
     array : one value or many, of any shape, kept as a read-only array. Forces are in N, overlaps in
         m, pressures and stresses in N/m in the plane, Pa in space and N on a line. Overlaps may be
         negative, as balls may differ; forces and pressures are above zero, of a crystal with
-        gravity also zero. Of a stress or strain they are its sizes, above zero.
+        gravity also zero. Of a stress or strain they are the sizes that multiply the tensor, above
+        zero.
     balls_per_side : length of a side of the frame in balls, for a side force only.
-    tensor : the stress or strain of size one in Voigt order; tension and extension are positive.
-    gravity : of a crystal, the acceleration towards the face that is held, m/s^2.
+    tensor : the stress or strain of size one in Voigt order, 1, 3 or 6 components; tension and
+        extension are positive.
+    gravity : of a crystal, the acceleration towards the face that is held, m/s^2; away from the
+        face where below zero.
 
     Raises
     ------
     InputError : another kind; a value that is not a finite number, or not above zero where it must
         be; more values than memory holds; a side force without ``balls_per_side``, a stress or
-        strain without ``tensor``, or another kind of load with either.
+        strain without ``tensor``, or another kind of load with either; a tensor of other numbers,
+        and a gravity that is not a finite
+        number.
     """
 
     kind: str
@@ -70,8 +85,12 @@ class Load:
     gravity: float | None = None
 
     def __post_init__(self) -> None:
-        """Check all values, and keep those of the load as a read-only array."""
+        """Check all values, and keep those of the load as a read-only array, the tensor as a tuple
+        and gravity as a float.
+        """
         one_of("kind", self.kind, LOAD_KINDS)
+        if self.gravity is not None:
+            object.__setattr__(self, "gravity", _read_gravity(self.gravity))
         _require_memory(self.array, _LOAD_BYTES)
         object.__setattr__(self, "array", read_only(finite_array(self.kind, self.array)))
         # an overlap may be negative, and balls under gravity need no other load
@@ -82,6 +101,8 @@ class Load:
         has_tensor = self.tensor is not None
         if needs_tensor != has_tensor:
             raise InputError("a stress or strain has a tensor, and no other load has one")
+        if self.tensor is not None:
+            object.__setattr__(self, "tensor", _read_tensor(self.tensor))
         needs_side = self.kind == "side_force"
         has_side = self.balls_per_side is not None
         if needs_side != has_side:
@@ -90,22 +111,23 @@ class Load:
             require("balls_per_side", balls_on_side, self.balls_per_side)
 
     @classmethod
-    def only(cls, **given: ArrayLike | None) -> Self:
+    def only(cls, **values_of_kinds: ArrayLike | None) -> Self:
         """Make a load from the one keyword that is not None: its name is the kind, its value a
         number or a list of n of them. The array of the load is (n,), of a number (1,).
 
-        Raises :class:`~granphon.base.errors.InputError` if none or several are given, if the value
-        is neither a number nor a list of them, and where the class does.
+        Raises :class:`~granphon.base.errors.InputError` if all keywords are None or several are
+        not, if the value is neither a number nor a list of numbers, and where the class does.
         """
-        kinds = [kind for kind, values in given.items() if values is not None]
+        kinds = [kind for kind, values in values_of_kinds.items() if values is not None]
         if len(kinds) != 1:
             problem = "there is no load"
             if kinds:
                 problem = f"the loads are given as {' and '.join(kinds)}"
-            raise InputError(problem, mend="Give one of " + ", ".join(given))
+            raise InputError(problem, mend="Give one of " + ", ".join(values_of_kinds))
         kind = kinds[0]
-        _require_memory(given[kind], _LISTED_BYTES)
-        return cls(kind, np.array(real_list(kind, given[kind])))
+        values = values_of_kinds[kind]
+        _require_memory(values, _LISTED_BYTES)
+        return cls(kind, np.array(real_list(kind, values)))
 
     def __eq__(self, other: object) -> bool:
         """Whether ``other`` is the same load; a single value is the same load as a list of one."""
@@ -123,7 +145,9 @@ class Load:
         return self.kind, shape, self.values, self.balls_per_side, self.tensor, self.gravity
 
     def __getitem__(self, index: Any) -> Self:
-        """Select some of the loads, by an index as for arrays."""
+        """Return the load with some of its values, selected by an index as of an array; InputError
+        for an index that selects none.
+        """
         return replace(self, array=self.array[index])
 
     @property
@@ -176,6 +200,26 @@ class Load:
         return f"{self.kind} = {brief(np.asarray(numbers).tolist())}"
 
 
+def _read_gravity(gravity: Any) -> float:
+    """Return an acceleration, m/s^2, as a float; InputError unless it is one finite number."""
+    array = finite_array("gravity", gravity, "m/s^2")
+    if array.ndim:
+        problem = f"gravity is {brief(gravity)}"
+        raise InputError(problem, mend="Give one number, towards the face that is held")
+    return float(array)
+
+
+def _read_tensor(components: Any) -> tuple[float, ...]:
+    """Return the components of a stress or strain in Voigt order as a tuple of 1, 3 or 6 floats, of
+    one to three periods; InputError for other numbers.
+    """
+    tensor = finite_list("tensor", components)
+    if len(tensor) not in _VOIGT_SIZES:
+        problem = f"tensor has {counted(len(tensor), 'component')}"
+        raise InputError(problem, mend="Give 1, 3 or 6, for one, two or three periods")
+    return tensor
+
+
 def _require_memory(loads: Any, bytes_of_load: float) -> None:
     """Raise :class:`InputError` if the states at a number, list or array of ``loads`` do not fit
     into memory.
@@ -210,15 +254,7 @@ def require_compressive(name: str, loads: NDArray[np.float64]) -> None:
     is negative or zero.
     """
     if np.any(loads < 0.0):
-        shown = brief(loads.tolist())
-        raise InputError(
-            f"{name} is {shown}: tensile",
-            NO_TENSION,
-            "Give a load above zero",
-        )
+        problem = f"{name} is {brief(loads.tolist())}: tensile"
+        raise InputError(problem, NO_TENSION, "Give a load above zero")
     if np.any(loads == 0.0):
-        raise InputError(
-            f"{name} is zero",
-            NO_STIFFNESS,
-            "Press them",
-        )
+        raise InputError(f"{name} is zero", NO_STIFFNESS, "Press the balls")

@@ -19,11 +19,11 @@ from granphon.base.validation import positive, real_number
 #: Young's modulus, Pa, below that of any solid that keeps its shape; a smaller one was probably
 #: given in a wrong unit
 LEAST_YOUNG_MODULUS = 1e3
-#: density, kg/m^3, below that of balls that are not foam, and about the largest of a solid in
-#: g/cm^3 (osmium, 22.6), in which a smaller one was probably given
+#: density, kg/m^3, below which no ball is but of foam; a smaller number was probably given in
+#: g/cm^3, in which the densest solid, osmium, has 22.6
 LEAST_DENSITY = 20.0
-#: mean pressure of a contact over the yield strength from which on it yields: 1.6 of the largest,
-#: 2/3 of which is the mean
+#: mean pressure of a contact over the yield strength at which it begins to yield: the largest
+#: pressure is then 1.6 of the yield strength, and the mean of a Hertz contact is 2/3 of the largest
 ONSET_OF_YIELD = 1.07
 #: omega R / v_T of the torsional mode of order two of a free sphere: the least positive root of x
 #: j_2'(x) = j_2(x)
@@ -95,8 +95,12 @@ class Material(Block):
         return 2.0 * (1.0 - self.poisson_ratio) / (2.0 - self.poisson_ratio)
 
     def ball_mass(self, diameter: float) -> float:
-        """Return the mass of a ball, pi rho d^3 / 6, kg (equation 7); ``diameter`` in m."""
-        return math.pi / 6.0 * self.density * diameter * diameter * diameter
+        """Return the mass of a ball of a ``diameter`` d, m, pi rho d^3 / 6, kg (equation 7); it is
+        zero below the floating range. Raises InputError for a diameter that is not a finite number
+        above zero.
+        """
+        d = positive("diameter", diameter, "m")
+        return math.pi / 6.0 * self.density * d * d * d
 
     @property
     def shear_modulus(self) -> float:
@@ -118,10 +122,12 @@ class Material(Block):
         return self.transverse_velocity * math.sqrt(2.0 * (1.0 - sigma) / (1.0 - 2.0 * sigma))
 
     def lowest_resonance(self, diameter: float) -> float:
-        """Frequency of the lowest free vibration of a ball of this material, Hz.
+        """Return the frequency of the lowest free vibration of a ball of this material, Hz, of a
+        ``diameter``, m.
 
-        It is the lower one of the torsional mode of order two and the breathing mode of a free
-        elastic sphere (H. Lamb, Proc. London Math. Soc. 13, 189, 1882). ``diameter`` in m.
+        The vibration is the torsional mode of order two or the breathing mode of a free elastic
+        sphere, whichever is lower (H. Lamb, Proc. London Math. Soc. 13, 189, 1882). Raises
+        InputError for a diameter that is not a finite number above zero.
         """
         radius = positive("diameter", diameter, "m") / 2.0
         frequency_unit = self.transverse_velocity / (2.0 * math.pi * radius)  # Hz
@@ -163,9 +169,9 @@ def _find_breathing_mode(sigma: float) -> float | None:
     # with uniform strain a ball would breathe at omega R / v_T = (15 K/G)^(1/2); the exact root
     # is a little lower
     uniform_strain = math.sqrt(10.0 * (1.0 + sigma) / (1.0 - 2.0 * sigma))
-    lower = 0.5 * uniform_strain
+    lower_bound = 0.5 * uniform_strain
     # the factor is above 1 because the root equals ``uniform_strain`` to rounding near sigma = -1
-    upper = min(1.1 * uniform_strain, _TORSIONAL)
-    if residual(lower) * residual(upper) > 0.0:
+    upper_bound = min(1.1 * uniform_strain, _TORSIONAL)
+    if residual(lower_bound) * residual(upper_bound) > 0.0:
         return None
-    return float(brentq(residual, lower, upper, xtol=1e-16 * uniform_strain))
+    return float(brentq(residual, lower_bound, upper_bound, xtol=1e-16 * uniform_strain))

@@ -151,8 +151,8 @@ def select_motions(
     among: Motions = IN_PLANE,
     on_site: ArrayLike | None = None,
 ) -> Motions:
-    """Return the motions of balls selected from those of ``among``: all displacements, and the
-    rotations if contacts, or springs to the ground, resist any.
+    """Return the motions of balls selected from those of ``among``: all displacements, and all
+    rotations if contacts, or springs to the ground, resist one of them.
 
     Shear and bending resist rotations across the normal of a contact, torsion those along it. So
     torsion alone resists nothing where balls of a plane turn about z only.

@@ -1,9 +1,9 @@
 """The table of contacts: which balls touch, and in what direction.
 
-It is the only description of the geometry of contacts: the dynamics of lattices, the calculator and
-the simulation share it. A lattice of balls in contact must hang together. One that does not was
-probably written with too few digits: the errors then name the balls that miss each other by little,
-or the pieces into which the lattice falls.
+The table is the only description of the geometry of contacts: the dynamics of lattices, the
+calculator and the simulation share it. A lattice of balls in contact must hang together. A lattice
+that does not was probably written with too few digits: the errors then name the balls that miss
+each other by little, or the pieces into which the lattice falls.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ _FEW = 40
 #: units in which lengths are often given instead of m, and by what factor numbers are then too
 #: large
 _UNITS = {"cm": 1e2, "mm": 1e3, "um": 1e6}
-#: distance of the nearest balls, over the sum of their radii, times or over this factor of a unit,
-#: that looks like the unit
-_LIKE = 2.0
-#: distance over that of touching balls, below which diameters look like mm or a finer unit: half of
-#: 1/100, so that cm are not taken for mm
+#: lengths look like those of a unit if the distance of the nearest balls, over the sum of their
+#: radii, is within this factor of the number of the unit in :data:`_UNITS`
+_UNIT_TOLERANCE = 2.0
+#: distance of two balls, over that at which they touch, below which diameters look like mm or a
+#: finer unit: half of 1/100, so that cm are not taken for mm
 _LOOKS_LIKE_MM = 1.0 / 200.0
 #: a unit normal with a larger component along z is too near to z for z x n; its tangents are made
 #: from x instead
@@ -145,25 +145,26 @@ def contact_frames(normal: Array) -> list[list[Array]]:
 
 
 def repeat_contacts(
-    i: Any, j: Any, shift: Any, n: int, full: tuple[int, ...]
+    i: Any, j: Any, shift: Any, n: int, counts: tuple[int, ...]
 ) -> tuple[Any, Any, Any, Any]:
     """Repeat the contacts of a cell: balls ``i``, ``j`` (n_c,), whole cells ``shift`` (n_c, p).
 
-    Returns the m cells (m, p) of a supercell of ``full`` (p,) cells of ``n`` balls each, and i, j
-    (m n_c,) and shift (m n_c, p), in whole supercells, of its contacts. Balls come in the order of
-    cells, ball by ball of each cell, with the last period fastest; contacts cell by cell.
+    Returns the m cells (m, p) of a supercell of ``counts`` (p,) cells of ``n`` balls each along the
+    periods, and i, j (m n_c,) and shift (m n_c, p), in whole supercells, of its contacts. Balls
+    come in the order of cells, ball by ball of each cell, with the last period fastest; contacts
+    come cell by cell.
     """
-    p = len(full)
-    grid = np.meshgrid(*map(np.arange, full), indexing="ij")
+    p = len(counts)
+    grid = np.meshgrid(*map(np.arange, counts), indexing="ij")
     cells = np.stack(grid, axis=-1).reshape(-1, p)
     # (m, n_c, p): the cell of ball j, which may lie beyond the supercell
     cells_of_j = cells[:, None] + shift
-    cells_within = np.moveaxis(np.mod(cells_of_j, full), -1, 0)
-    number_of_j = np.ravel_multi_index(tuple(cells_within), full)
+    cells_within = np.moveaxis(np.mod(cells_of_j, counts), -1, 0)
+    number_of_j = np.ravel_multi_index(tuple(cells_within), counts)
     number_of_i = np.arange(len(cells))[:, None]
     repeated_i = (n * number_of_i + i).ravel()
     repeated_j = (n * number_of_j + j).ravel()
-    repeated_shift = np.floor_divide(cells_of_j, full).reshape(-1, p)
+    repeated_shift = np.floor_divide(cells_of_j, counts).reshape(-1, p)
     return cells, repeated_i, repeated_j, repeated_shift
 
 
@@ -195,8 +196,8 @@ def _find_most_steps(cell: Array, radius: float) -> Array:
     # more than |b_k| radius steps along vector k leave the sphere, whatever the other steps; b_k
     # are the reciprocal vectors
     reciprocal_lengths = np.linalg.norm(np.linalg.pinv(cell), axis=0)
-    with_rounding = 1.0 + 1e-12  # a vector exactly as long as the radius is within
-    return np.asarray(np.floor(radius * reciprocal_lengths * with_rounding))
+    rounding_factor = 1.0 + 1e-12  # a vector exactly as long as the radius counts
+    return np.asarray(np.floor(radius * reciprocal_lengths * rounding_factor))
 
 
 def select_once(i: Index, j: Index, shift: Index) -> Flags:
@@ -210,9 +211,9 @@ def select_once(i: Index, j: Index, shift: Index) -> Flags:
     if not shift.shape[1]:
         return i < j
     # the first number of cells that is not zero
-    leading_axis = np.argmax(shift != 0, axis=1)[:, None]
-    leading = np.take_along_axis(shift, leading_axis, axis=1)[:, 0]
-    return np.asarray((i < j) | ((i == j) & (leading > 0)))
+    first_axis = np.argmax(shift != 0, axis=1)[:, None]
+    first_number = np.take_along_axis(shift, first_axis, axis=1)[:, 0]
+    return np.asarray((i < j) | ((i == j) & (first_number > 0)))
 
 
 def find_contacts(
@@ -228,20 +229,20 @@ def find_contacts(
     many cells would have to be searched.
     """
     pairs = _NearPairs.find(cell, positions, name, radii)
-    near = pairs.describe_near(cell)
-    pairs.require_apart(near)
-    pairs.require_contacts(cell, positions, near)
-    if near is not None and near.ratio - 1.0 <= _CLOSING:
-        raise _explain_closing(pairs, near)
-    touching = np.flatnonzero(pairs.deviation <= TOUCH)
-    is_counted = select_once(pairs.i[touching], pairs.j[touching], pairs.shift[touching])
-    contacts = touching[is_counted]
+    gap = pairs.describe_gap(cell)
+    pairs.require_apart(gap)
+    pairs.require_contacts(cell, positions, gap)
+    if gap is not None and gap.ratio - 1.0 <= _CLOSING:
+        raise _explain_closing(pairs, gap)
+    ends = np.flatnonzero(pairs.deviation <= TOUCH)  # each contact twice, once from each end
+    is_counted = select_once(pairs.i[ends], pairs.j[ends], pairs.shift[ends])
+    contacts = ends[is_counted]
     i = pairs.i[contacts]
     j = pairs.j[contacts]
     shift = pairs.shift[contacts]
-    why = "" if near is None else near.why
-    mend = "" if near is None else near.mend
-    require_joined(i, j, shift, len(positions), len(cell), pairs.called, why=why, mend=mend)
+    why = "" if gap is None else gap.why
+    mend = "" if gap is None else gap.mend
+    require_joined(i, j, shift, len(positions), len(cell), pairs.subject, why=why, mend=mend)
     normal = pairs.vector[contacts] / pairs.distance[contacts][:, None]
     # exactly as long as touching balls are apart: the deviation is rounding of the positions
     vector = normal if radii is None else normal * pairs.touch[contacts][:, None]
@@ -249,9 +250,10 @@ def find_contacts(
 
 
 @dataclass(frozen=True, eq=False)
-class _NearGap:
-    """Two balls that nearly touch: ``ratio`` is their distance over that of touching balls; ``why``
-    and ``mend`` are sentences of a message.
+class _Gap:
+    """The gap, or the overlap, of two balls that nearly touch: ``ratio`` is their distance over
+    that of touching balls; ``why`` and ``mend`` are sentences of a message: how far they are apart,
+    and what makes them touch.
     """
 
     ratio: float
@@ -266,7 +268,7 @@ class _NearPairs:
 
     Attributes
     ----------
-    called : the crystal or the lattice in messages.
+    subject : what messages call the crystal or the lattice.
     has_radii : whether balls have radii of their own; those of a lattice are 1/2.
     radii : (n,) of the balls, in the unit of the positions.
     i, j : (pairs,) indices of the balls.
@@ -274,7 +276,7 @@ class _NearPairs:
     vector : (pairs, d) from the centre of i to that of j.
     """
 
-    called: str
+    subject: str
     has_radii: bool
     radii: Array
     i: Any
@@ -286,10 +288,10 @@ class _NearPairs:
     def find(cls, cell: Array, positions: Array, name: str, radii: Array | None) -> _NearPairs:
         """Find the pairs; the arguments are those of :func:`find_contacts`."""
         has_radii = radii is not None
-        called = f"crystal {name!r}" if has_radii else f"lattice {name!r}"
-        sizes = np.full(len(positions), 0.5) if radii is None else np.asarray(radii, float)
-        i, j, shift, vector = _find_near(cell, positions, sizes, called)
-        return cls(called, has_radii, sizes, i, j, shift, vector)
+        subject = f"crystal {name!r}" if has_radii else f"lattice {name!r}"
+        all_radii = np.full(len(positions), 0.5) if radii is None else np.asarray(radii, float)
+        i, j, shift, vector = _find_near(cell, positions, all_radii, subject)
+        return cls(subject, has_radii, all_radii, i, j, shift, vector)
 
     @cached_property
     def touch(self) -> Array:
@@ -311,10 +313,10 @@ class _NearPairs:
         """(pairs,) size of the deviation of :attr:`ratio` from one."""
         return np.abs(self.ratio - 1.0)
 
-    def describe_near(self, cell: Array) -> _NearGap | None:
-        """Return the pair that is nearest to touching among those that do not touch; None if none
-        is within :data:`NEAR`. The ``cell`` (p, d) is that of :func:`find_contacts`: how to mend
-        the gap may be to scale the cell.
+    def describe_gap(self, cell: Array) -> _Gap | None:
+        """Return the gap of the pair that is nearest to touching among those that do not touch;
+        None if no pair is within :data:`NEAR`. The ``cell`` (p, d) is that of
+        :func:`find_contacts`: to scale the cell may close the gap.
         """
         is_touching = self.deviation <= TOUCH
         is_near = ~is_touching & (self.deviation <= NEAR)
@@ -326,34 +328,34 @@ class _NearPairs:
             cells = ", ".join(map(str, self.shift[pair].tolist()))
             image = f" shifted by ({cells}) cells"
         balls = f"Ball {self.i[pair]} and ball {self.j[pair]}{image}"
-        near = self.vector[is_near] / self.touch[is_near, None]
-        touching = self.vector[is_touching] / self.touch[is_touching, None]
-        mend = _scale_to_touch(cell, near, touching, with_positions=self.has_radii)
+        near_vectors = self.vector[is_near] / self.touch[is_near, None]
+        touching_vectors = self.vector[is_touching] / self.touch[is_touching, None]
+        mend = _scale_to_touch(cell, near_vectors, touching_vectors, with_positions=self.has_radii)
         if not mend:
             mend = "If numbers were rounded, write them with eight digits or more"
-        why = f"{balls} are {self._describe_gap(pair)}"
-        return _NearGap(float(self.ratio[pair]), why, mend)
+        why = f"{balls} are {self._describe_distance(pair)}"
+        return _Gap(float(self.ratio[pair]), why, mend)
 
-    def require_apart(self, near: _NearGap | None) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if balls overlap; ``near`` says how to
-        mend an overlap of less than :data:`NEAR`.
+    def require_apart(self, gap: _Gap | None) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if balls overlap; ``gap``, that of
+        :meth:`describe_gap`, says how to mend an overlap of less than :data:`NEAR`.
         """
         if not np.any(self.ratio < 1.0 - TOUCH):
             return
         pair = int(np.argmin(self.ratio))
         raise InputError(
-            f"balls of {self.called} overlap",
+            f"balls of {self.subject} overlap",
             self._describe_overlap(pair),
-            self._mend_overlap(pair, near),
+            self._mend_overlap(pair, gap),
         )
 
     def _describe_overlap(self, pair: int) -> str:
         """Return the sentence of a message on the distance of a ``pair`` that overlaps."""
         if not self.has_radii:
             return f"Two sites are {self.ratio[pair]:.9g} apart, and touching balls are 1 apart"
-        return f"Balls {self.i[pair]} and {self.j[pair]} are {self._describe_gap(pair)}"
+        return f"Balls {self.i[pair]} and {self.j[pair]} are {self._describe_distance(pair)}"
 
-    def _describe_gap(self, pair: int) -> str:
+    def _describe_distance(self, pair: int) -> str:
         """Return the distance of a ``pair`` in words, beside that of touching balls."""
         if not self.has_radii:
             return f"{self.ratio[pair]:.9g} apart, where touching balls are 1 apart"
@@ -361,8 +363,8 @@ class _NearPairs:
             f"{self.distance[pair]:.9g} m apart, and their radii add up to {self.touch[pair]:.9g} m"
         )
 
-    def _mend_overlap(self, pair: int, near: _NearGap | None) -> str:
-        """Return the sentence of a message on how to mend the overlap of a ``pair``; ``near`` is as
+    def _mend_overlap(self, pair: int, gap: _Gap | None) -> str:
+        """Return the sentence of a message on how to mend the overlap of a ``pair``; ``gap`` is as
         in :meth:`require_apart`.
         """
         is_same_site = self.distance[pair] <= TOUCH * self.touch[pair]
@@ -374,24 +376,24 @@ class _NearPairs:
             )
         if self.has_radii and self.ratio[pair] < _LOOKS_LIKE_MM:
             return "Compare the units: diameters, cell and positions are in m"
-        if near is not None and is_slight:
-            return near.mend
+        if gap is not None and is_slight:
+            return gap.mend
         return "Move the sites apart"
 
-    def require_contacts(self, cell: Array, positions: Array, near: _NearGap | None) -> None:
+    def require_contacts(self, cell: Array, positions: Array, gap: _Gap | None) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if a ball touches no other; ``cell`` and
-        ``positions`` are those of :func:`find_contacts`, and ``near`` is the gap of
-        :meth:`describe_near`.
+        ``positions`` are those of :func:`find_contacts`, and ``gap`` is that of
+        :meth:`describe_gap`.
         """
         touching_balls = self.i[self.deviation <= TOUCH]
         lone_balls = np.setdiff1d(np.arange(len(positions)), touching_balls)
         if not lone_balls.size:
             return
         ball = int(lone_balls[0])
-        words = f"ball {ball} of {self.called}" if self.has_radii else f"a ball of {self.called}"
+        words = f"ball {ball} of {self.subject}" if self.has_radii else f"a ball of {self.subject}"
         problem = f"{words} touches no other"
-        if near is not None:
-            raise InputError(problem, near.why, near.mend)
+        if gap is not None:
+            raise InputError(problem, gap.why, gap.mend)
         if self.has_radii:
             raise InputError(problem, *_explain_lone_ball(cell, positions, self.radii, ball))
         raise InputError(problem, "Touching balls are 1 apart")
@@ -419,42 +421,42 @@ def _explain_lone_ball(cell: Array, positions: Array, radii: Array, ball: int) -
         f" {touch:.6g} m"
     )
     for unit, factor in _UNITS.items():
-        if factor / _LIKE < ratio < factor * _LIKE:
+        if factor / _UNIT_TOLERANCE < ratio < factor * _UNIT_TOLERANCE:
             return why, f"Give cell and positions in m: they look like {unit}"
     return why, "Move them together, until their radii add up to their distance"
 
 
-def _explain_closing(pairs: _NearPairs, near: _NearGap) -> InputError:
-    """Return the error of a gap that is so small that it closes under load: ``near`` describes the
-    gap, which is one of the ``pairs``.
+def _explain_closing(pairs: _NearPairs, gap: _Gap) -> InputError:
+    """Return the error of a ``gap`` of one of the ``pairs`` that is so small that it closes under
+    load.
     """
-    gap = f"A gap of {near.ratio - 1.0:.2g}"
-    least_gap = f"{_CLOSING:g}"
+    gap_in_words = f"A gap of {gap.ratio - 1.0:.2g}"
+    least_in_words = f"{_CLOSING:g}"
     if pairs.has_radii:  # without radii the distance is 1
-        gap += " of that"
-        least_gap += " of their distance"
+        gap_in_words += " of that"
+        least_in_words += " of their distance"
     return InputError(
-        f"balls of {pairs.called} nearly touch",
-        f"{near.why}. {gap} closes under load, so that it was probably rounded",
-        f"{near.mend}; for balls that do not touch, leave gaps above {least_gap}",
+        f"balls of {pairs.subject} nearly touch",
+        f"{gap.why}. {gap_in_words} closes under load, so that it was probably rounded",
+        f"{gap.mend}; for balls that do not touch, leave gaps above {least_in_words}",
     )
 
 
 def _find_near(
-    cell: Array, positions: Array, radii: Array, called: str
+    cell: Array, positions: Array, radii: Array, subject: str
 ) -> tuple[Any, Any, Any, Array]:
     """Return the pairs of balls at ``positions`` (n, d) with ``radii`` (n,) that are no farther
     apart than :data:`_NEAR_TOUCH` times the distance of touching balls, each from both of its ends.
 
     They are balls i and j (pairs,), whole cells (pairs, p) by which j is displaced and vectors
-    (pairs, d) from i to j, in the order of i, j, and these cells. Raises InputError, which names
-    what is ``called``, if too many cells would have to be searched.
+    (pairs, d) from i to j, in the order of i, j, and these cells. Raises InputError, which calls
+    the lattice or crystal ``subject``, if too many cells would have to be searched.
     """
     n = len(positions)
     if n <= _FEW:
-        return _find_near_among_all(cell, positions, radii, called)
+        return _find_near_among_all(cell, positions, radii, subject)
     cutoff = 2.0 * _NEAR_TOUCH * float(radii.max())
-    _require_few_cells(_find_most_steps(cell, cutoff) + 1.0, n / _FEW, called)
+    _require_few_cells(_find_most_steps(cell, cutoff) + 1.0, n / _FEW, subject)
     i, j, shift, vector = find_pairs(positions, cell, cutoff)
     is_near = np.linalg.norm(vector, axis=-1) <= _NEAR_TOUCH * (radii[i] + radii[j])
     i = i[is_near]
@@ -471,16 +473,16 @@ def _find_near(
 
 
 def _find_near_among_all(
-    cell: Array, positions: Array, radii: Array, called: str
+    cell: Array, positions: Array, radii: Array, subject: str
 ) -> tuple[Any, Any, Any, Array]:
     """Return balls i and j (pairs,), whole cells (pairs, p) and vectors (pairs, d) as
     :func:`_find_near` does from the same arguments, for a few balls: all pairs are compared.
     """
     within_cell = positions[None] - positions[:, None]  # (n, n, d) from i to j of the same cell
-    farthest = float(np.linalg.norm(within_cell, axis=-1).max())
-    radius = 2.0 * _NEAR_TOUCH * float(radii.max()) + farthest
+    largest_distance = float(np.linalg.norm(within_cell, axis=-1).max())
+    radius = 2.0 * _NEAR_TOUCH * float(radii.max()) + largest_distance
     most_steps = _find_most_steps(cell, radius)
-    _require_few_cells(most_steps, 1.0, called)
+    _require_few_cells(most_steps, 1.0, subject)
     steps = _list_steps(cell, radius, most_steps)
     vectors = within_cell[:, :, None] + (steps @ cell)[None, None]  # (n, n, steps, d)
     touch = radii[:, None] + radii  # (n, n)
@@ -491,13 +493,13 @@ def _find_near_among_all(
     return i, j, steps[step], vectors[i, j, step]
 
 
-def _require_few_cells(most_steps: Array, cell_weight: float, called: str) -> None:
-    """Raise :class:`~granphon.base.errors.InputError`, which names what is ``called``, if too many
-    cells are to be searched: those up to ``most_steps`` (p,) cells along each vector to either
-    side. A cell counts ``cell_weight`` times, once for each :data:`_FEW` balls in it.
+def _require_few_cells(most_steps: Array, cell_weight: float, subject: str) -> None:
+    """Raise :class:`~granphon.base.errors.InputError`, which calls the lattice or crystal
+    ``subject``, if too many cells are to be searched: those up to ``most_steps`` (p,) cells along
+    each vector to either side. A cell counts ``cell_weight`` times.
     """
     if np.prod(2.0 * most_steps + 1.0) * cell_weight > _MOST_CELLS:
-        problem = f"the cell of {called} is too oblique, or its sites are too far from each other"
+        problem = f"the cell of {subject} is too oblique, or its sites are too far from each other"
         raise InputError(problem, mend="Give short lattice vectors, and sites from 0 to 1")
 
 
@@ -506,8 +508,8 @@ def find_pairs(positions: Array, periods: Array, cutoff: float) -> tuple[Any, An
     also of images along ``periods`` (p, d).
 
     Returns indices i and j (pairs,), the whole periods (pairs, p) by which the image of j is
-    shifted, and the vectors (pairs, d) from i to it, in the order of i, j and these shifts. The
-    search is in a tree of the places and of their images near the faces of the cell.
+    shifted, and the vectors (pairs, d) from i to this image, in the order of i, j and these shifts.
+    The search is in a tree of the places and of their images near the faces of the cell.
     """
     # imported here because it loads much of scipy, which lattices that have a name do not need
     from scipy.spatial import cKDTree
@@ -571,7 +573,7 @@ def require_joined(
     shift: Index,
     n: int,
     periods: int,
-    called: str,
+    subject: str,
     *,
     why: str = "",
     mend: str = "",
@@ -581,8 +583,8 @@ def require_joined(
     their images.
 
     ``i``, ``j`` are (n_c,), ``shift`` is (n_c, periods) cells. Balls that are ``held`` (n,) are one
-    body, along all periods. The message names what is ``called``, and says ``why`` and how to
-    ``mend`` that.
+    body, along all periods. The message calls the crystal or network ``subject``, and says ``why``
+    it falls into pieces and how to ``mend`` that.
     """
     if held is not None and np.any(held):
         i, j, shift, n = _merge_held(i, j, shift, held, periods)
@@ -597,7 +599,7 @@ def require_joined(
     else:
         kinds = ", ".join(_PIECES[rank] for rank in sorted(ranks))
         words = f"{kinds}, {count} in each cell"
-    problem = f"{called} falls into pieces that do not touch: {words}"
+    problem = f"{subject} falls into pieces that do not touch: {words}"
     raise InputError(problem, why, mend or "Move them together, or give one of them alone")
 
 
@@ -665,7 +667,7 @@ def _walk(
     while unvisited:
         ball = unvisited.pop()
         for neighbour, step in neighbours[ball]:
-            cell = tuple(map(sum, zip(cells[ball], step, strict=True)))
+            cell = tuple(a + b for a, b in zip(cells[ball], step, strict=True))
             if neighbour not in cells:
                 cells[neighbour] = cell
                 unvisited.append(neighbour)
@@ -709,23 +711,26 @@ def _find_lattice_index(basis: list[list[int]], periods: int) -> int:
     return math.gcd(*minors)
 
 
-def _scale_to_touch(cell: Array, near: Array, touching: Array, *, with_positions: bool) -> str:
+def _scale_to_touch(
+    cell: Array, near_vectors: Array, touching_vectors: Array, *, with_positions: bool
+) -> str:
     """Return the sentence of a message that says by what number to multiply the cell, or its
-    coordinates along one axis, so that balls at ``near`` touch.
+    coordinates along one axis, so that balls that nearly touch do touch.
 
-    ``near`` and ``touching`` are vectors (n, d) between balls, over the distance at which they
-    touch; those that touch already must not change. ``with_positions`` says that positions are to
-    be multiplied too. The text is empty if no single number makes all balls touch.
+    ``near_vectors`` (n, d) join balls that nearly touch, and ``touching_vectors`` (m, d) join those
+    that touch already and must not change; both are over the distance at which the balls touch.
+    ``with_positions`` says that positions are to be multiplied too. The text is empty if no single
+    number makes all balls touch.
     """
-    if not len(touching):
-        factors = 1.0 / np.linalg.norm(near, axis=1)
+    if not len(touching_vectors):
+        factors = 1.0 / np.linalg.norm(near_vectors, axis=1)
         if np.ptp(factors) <= TOUCH:
-            scaled = "the cell and the positions" if with_positions else "the cell"
-            return f"Multiply {scaled} by {np.mean(factors):.12g}"
+            lengths = "the cell and the positions" if with_positions else "the cell"
+            return f"Multiply {lengths} by {np.mean(factors):.12g}"
     if with_positions:
         return ""  # a factor along one axis would change the gaps between the positions too
     for axis in range(len(cell)):
-        factor = _scale_axis(near, touching, axis)
+        factor = _scale_axis(near_vectors, touching_vectors, axis)
         if factor is None:
             continue
         length = next(size for size in np.abs(cell[:, axis]).tolist() if size)
@@ -737,16 +742,16 @@ def _scale_to_touch(cell: Array, near: Array, touching: Array, *, with_positions
     return ""
 
 
-def _scale_axis(near: Array, touching: Array, axis: int) -> float | None:
-    """Return the factor of the coordinates along an ``axis`` at which balls at ``near`` (n, d)
-    touch; None if no factor does that for all, or if it would part balls that are ``touching``
-    (m, d).
+def _scale_axis(near_vectors: Array, touching_vectors: Array, axis: int) -> float | None:
+    """Return the factor of the coordinates along an ``axis`` at which the balls of all
+    ``near_vectors`` (n, d) touch; None if no factor does that, or if it would part the balls of
+    ``touching_vectors`` (m, d). Both are those of :func:`_scale_to_touch`.
     """
-    if np.any(np.abs(touching[:, axis]) > TOUCH):
+    if np.any(np.abs(touching_vectors[:, axis]) > TOUCH):
         return None
     # squares of the components along the axis and across
-    along_squared = near[:, axis] ** 2
-    across_squared = np.sum(np.delete(near, axis, axis=1) ** 2, axis=1)
+    along_squared = near_vectors[:, axis] ** 2
+    across_squared = np.sum(np.delete(near_vectors, axis, axis=1) ** 2, axis=1)
     # a component along the axis of less than a tenth of the distance does not tell its factor, and
     # no factor brings a component across of one or more to touch
     if np.any(along_squared < _LEAST_SQUARE) or np.any(across_squared >= 1.0):

@@ -81,6 +81,7 @@ def read_on_site(value: Any, motions: Motions, n: int) -> Array | None:
     stiffnesses, "x", "y", "z" in N/m, and "rotation" of all rotations, or "rotation_x" and so on of
     one, in N m; or a list of such numbers or mappings, one for each ball; or the array (n,
     motions).
+
     Raises :class:`~granphon.base.errors.InputError` for something else, a stiffness below zero,
     above 1e30 or not finite, a motion that balls do not have, and a list of another length.
     """
@@ -111,8 +112,9 @@ def _read_springs(value: Any, motions: Motions) -> list[float]:
     allowed = (*names, ROTATION) if motions.rotations else names
     rules = {name: partial(_read_stiffness, unit=find_unit(name)) for name in allowed}
     stiffnesses = require("on_site", partial(block, rules=rules), value)
-    of_rotations = stiffnesses.get(ROTATION, 0.0)
-    return [stiffnesses.get(name, of_rotations if name in ROTATIONS else 0.0) for name in names]
+    rotation_stiffness = stiffnesses.get(ROTATION, 0.0)  # of rotations without one of their own
+    defaults = {name: rotation_stiffness if name in ROTATIONS else 0.0 for name in names}
+    return [stiffnesses.get(name, defaults[name]) for name in names]
 
 
 def _read_stiffness(value: Any, unit: str) -> float:
@@ -139,7 +141,7 @@ def find_unit(name: str) -> str:
 SPRING_PARAMETERS = {ON_SITE: quantities.STIFFNESS.si_unit} | {
     f"{ON_SITE}.{name}": find_unit(name) for name in (*DISPLACEMENTS, ROTATION, *ROTATIONS)
 }
-#: those of them that hold balls, which then have no sound
+#: the names of those springs that hold balls in their place, so that there is no sound
 HOLDING_PARAMETERS = frozenset(
     name for name, unit in SPRING_PARAMETERS.items() if unit == quantities.STIFFNESS.si_unit
 )
@@ -160,7 +162,7 @@ def change_springs(
     """
     springs = np.zeros((n, motions.count)) if on_site is None else on_site.copy()
     for parameter, stiffness in changes.items():
-        springs[:, _find_motions(parameter, motions)] = stiffness
+        springs[:, _flag_motions(parameter, motions)] = stiffness
     return springs
 
 
@@ -169,23 +171,24 @@ def find_stiffness(on_site: Array | None, parameter: str, motions: Motions) -> f
     :data:`SPRING_PARAMETERS`, stands.
 
     ``on_site`` (n, motions) are the stiffnesses of the springs of n balls, or None without springs,
-    whose stiffness is zero. Returns None if the springs that are meant have several stiffnesses, or
-    if balls of these ``motions`` have none of them.
+    whose stiffness is zero. Returns None if these springs have several stiffnesses, or if the
+    parameter stands for none of the ``motions`` of the balls.
     """
-    is_meant = _find_motions(parameter, motions)
+    is_named = _flag_motions(parameter, motions)
     if on_site is None:
-        return 0.0 if any(is_meant) else None
-    stiffnesses = np.unique(on_site[:, is_meant])
+        return 0.0 if any(is_named) else None
+    stiffnesses = np.unique(on_site[:, is_named])
     return float(stiffnesses[0]) if stiffnesses.size == 1 else None
 
 
-def _find_motions(parameter: str, motions: Motions) -> list[bool]:
-    """Return of each of the ``motions`` whether one of :data:`SPRING_PARAMETERS` stands for its
-    spring.
+def _flag_motions(parameter: str, motions: Motions) -> list[bool]:
+    """Return for each of the ``motions`` whether the ``parameter``, one of
+    :data:`SPRING_PARAMETERS`, stands for the spring of this motion.
     """
-    _, _, meant = parameter.partition(".")
-    group = {"": DISPLACEMENTS, ROTATION: ROTATIONS}.get(meant, (meant,))
-    return [name in group for name in name_springs(motions)]
+    _, _, spring = parameter.partition(".")
+    names_of_groups = {"": DISPLACEMENTS, ROTATION: ROTATIONS}
+    names = names_of_groups.get(spring, (spring,))
+    return [name in names for name in name_springs(motions)]
 
 
 def turn_on_site(on_site: Array | None, turn: Array, motions: Motions) -> Array | None:
@@ -199,22 +202,23 @@ def turn_on_site(on_site: Array | None, turn: Array, motions: Motions) -> Array 
         return on_site
     axes = np.eye(3)
     axes[:d, :d] = turn
-    turned = np.zeros_like(on_site)
+    turned_springs = np.zeros_like(on_site)
     for columns, motion_axes in (
         (motions.translating, motions.translations),
         (motions.turning, motions.rotations),
     ):
         springs = np.zeros((len(on_site), 3))
         springs[:, motion_axes] = on_site[:, columns]
-        # the stiffness of each ball as a tensor (n, 3, 3) along the new axes
+        # the stiffness of each ball as a tensor (n, 3, 3) along the new axes: the sum over the old
+        # axes b of R_ab k_b R_cb
         tensors = np.einsum("ab,nb,cb->nac", axes, springs, axes)
-        diagonal = np.einsum("naa->na", tensors)
-        across = np.abs(tensors - diagonal[:, :, None] * np.eye(3))
-        if np.max(across, initial=0.0) > _COUPLED * np.max(springs, initial=0.0):
+        diagonal = np.diagonal(tensors, axis1=1, axis2=2)  # (n, 3)
+        couplings = np.abs(tensors - diagonal[:, :, None] * np.eye(3))
+        if np.max(couplings, initial=0.0) > _COUPLED * np.max(springs, initial=0.0):
             raise InputError(
                 "springs to the ground differ along axes that are turned",
                 "Each spring lies along an axis of the balls, and would lie across two",
                 "Give on_site the same number along these axes, or choose another axis",
             )
-        turned[:, columns] = diagonal[:, motion_axes]
-    return read_only(turned)
+        turned_springs[:, columns] = diagonal[:, motion_axes]
+    return read_only(turned_springs)

@@ -27,7 +27,15 @@ from granphon.base.results import write_html
 from granphon.base.scales import WidthUnits, write_in
 from granphon.base.settings import NEEDED, describe_settings, list_settings
 from granphon.base.text import closest, counted
-from granphon.base.validation import is_one_of, not_negative, positive, real_list, require, truth
+from granphon.base.validation import (
+    is_one_of,
+    not_negative,
+    positive,
+    real_array,
+    real_list,
+    require,
+    truth,
+)
 
 #: the word for the torsional stiffness of a Hertz contact that does not slip
 MINDLIN = "mindlin"
@@ -207,9 +215,10 @@ class Packing:
         With ``torsion="mindlin"`` the stiffness against twist is (8/3) G r^3, that of a Hertz
         contact of radius r that does not slip (R. D. Mindlin, J. Appl. Mech. 16, 259, 1949); r
         follows from the force. For equal balls the result is (1 - nu)/3 times the overlap over the
-        diameter. The result is zero where k is zero.
+        diameter. The result is zero where k is zero. Raises :class:`InputError` for what is no
+        number, and for a negative force if the torsion depends on the load.
         """
-        f, k = np.broadcast_arrays(np.asarray(force, float), np.asarray(stiffness, float))
+        f, k = np.broadcast_arrays(real_array("force", force), real_array("stiffness", stiffness))
         if self.torsion != MINDLIN:
             return np.full(f.shape, float(self.torsion))
         d = self.diameter
@@ -247,13 +256,14 @@ class Packing:
     def effective_density(self) -> float:
         """Density of the array, the one that belongs to its moduli.
 
-        In the plane mass over the volume of a layer one diameter thick, rho~, kg/m^3 (equation 17:
-        pi rho / 3 sqrt(3)); in space kg/m^3 of the crystal; of a chain its mass per length, kg/m.
+        In the plane the density is rho~, the mass over the volume of a layer one diameter thick,
+        kg/m^3 (equation 17: pi rho / 3 sqrt(3)); in space it is that of the crystal, kg/m^3; of a
+        chain it is the mass per length, kg/m.
         """
-        per_ball = self.structure.measure_per_ball
+        measure_per_ball = self.structure.measure_per_ball  # in diameters to the power p
         if self.structure.periods == 1:
-            return self.mass / (self.diameter * per_ball)
-        return self.material.ball_mass(1.0) / per_ball
+            return self.mass / (self.diameter * measure_per_ball)
+        return self.material.ball_mass(1.0) / measure_per_ball
 
     def describe(self) -> list[tuple[str, Any, str]]:
         """Return the rows of the table of the packing in a notebook: name, value and SI unit of
@@ -286,20 +296,20 @@ class Packing:
 
 
 def read_rolling(
-    called: str, dimension: int, motions: Any, torsion: Any, bending: Any
+    subject: str, dimension: int, motions: Any, torsion: Any, bending: Any
 ) -> tuple[float | str, float]:
-    """Check the ``motions`` of balls on a line, in a plane or in space (1, 2, 3 ``dimension``), and
-    return ``torsion`` and ``bending``, over k d^2.
+    """Check the ``motions`` of balls on a line, in a plane or in space (``dimension`` 1, 2, 3), and
+    return ``torsion`` and ``bending``, over k d^2; a torsion may be the word "mindlin".
 
-    Raises :class:`InputError`, which names what is ``called``, for motions that such balls do not
-    have, for a stiffness that is no number or too large, and for one that resists none of the
-    motions.
+    Raises :class:`InputError` for motions that such balls do not have, for a stiffness that is no
+    number or too large, and for one that resists none of the motions. The message calls the lattice
+    or crystal of the balls ``subject``.
     """
     allowed = allowed_motions(dimension)
     if motions is not None and not is_one_of(motions, allowed):
         extent = ("on a line", "in a plane", "in space")[dimension - 1]
         raise InputError(
-            f"{called} has no motions {brief(motions)}",
+            f"{subject} has no motions {brief(motions)}",
             f"It lies {extent}",
             "Use " + ", ".join(allowed),
         )
@@ -317,33 +327,33 @@ def read_rolling(
             )
     ball_motions = find_motions(dimension, motions)
     _require_resisted(
-        called, ball_motions, allowed, has_torsion=bool(torsion), has_bending=bool(bending)
+        subject, ball_motions, allowed, has_torsion=bool(torsion), has_bending=bool(bending)
     )
     return torsion, bending
 
 
 def _require_resisted(
-    called: str,
+    subject: str,
     ball_motions: Motions,
     allowed: Mapping[str, Motions],
     *,
     has_torsion: bool,
     has_bending: bool,
 ) -> None:
-    """Raise :class:`InputError`, which names what is ``called``, if a torsion or a bending resists
-    no rotation of ``ball_motions``.
+    """Raise :class:`InputError` if a torsion or a bending resists no rotation of ``ball_motions``.
 
-    ``allowed`` are all sets of motions that these balls may have, by name.
+    ``allowed`` are all sets of motions that these balls may have, by name. The message calls the
+    lattice or crystal of the balls ``subject``.
     """
 
     def list_idle(motions: Motions) -> list[str]:
-        """Return which of torsion and bending resists none of the motions."""
-        idle = []
+        """Return the names of those of torsion and bending that resist none of the motions."""
+        names = []
         if has_torsion and not motions.twist:
-            idle.append("torsion")
+            names.append("torsion")
         if has_bending and not motions.rotate:
-            idle.append("bending")
-        return idle
+            names.append("bending")
+        return names
 
     idle_stiffnesses = list_idle(ball_motions)
     if not idle_stiffnesses:
@@ -357,7 +367,7 @@ def _require_resisted(
     pronoun = "it" if len(idle_stiffnesses) == 1 else "both"
     raise InputError(
         f"{' and '.join(idle_stiffnesses)} without {missing_motions}",
-        f"The motions {ball_motions.name!r} of {called} {why}",
+        f"The motions {ball_motions.name!r} of {subject} {why}",
         f"Use motions {', '.join(suitable)}, or leave {pronoun} out",
     )
 
@@ -408,6 +418,7 @@ BallsT = TypeVar("BallsT")
 ChangedT = TypeVar("ChangedT")
 #: most packings of a sweep; more are taken for a mistake
 MOST_COMBINATIONS = 100_000
+#: the numbers that every material has, and their SI units
 _MATERIAL = {
     name: declared.kind.unit or "1"
     for name, declared in list_settings(Material).items()
@@ -448,7 +459,7 @@ LOSS_QUANTITIES: Mapping[str, Quantity | None] = {
     "dashpot": VISCOSITY,
     "restitution": None,
 }
-#: their SI units
+#: the SI units of these losses; empty for pure numbers
 LOSSES: Mapping[str, str] = {
     name: "" if quantity is None else quantity.si_unit for name, quantity in LOSS_QUANTITIES.items()
 }
@@ -476,7 +487,8 @@ SWEPT: Mapping[str, str | None] = {
 
 def find_unit(name: str) -> str | None:
     """Return the SI unit of a parameter of a sweep: of packings, of springs to the ground, of
-    losses, or of a kind of ball or a wall ("A.diameter"); None if it is not a number.
+    losses, or of a kind of ball or a wall ("A.diameter"); None if it is not a number. Raises
+    KeyError for any other name.
     """
     if name in SWEPT:
         return SWEPT[name]
@@ -491,28 +503,29 @@ class Axis:
     values: tuple[Any, ...]
 
     @classmethod
-    def of(cls, name: str, given: Any) -> Axis:
-        """Make the axis of the parameter ``name`` from one value or a list of them, ``given``.
+    def of(cls, name: str, argument: Any) -> Axis:
+        """Make the axis of the parameter ``name`` from an ``argument``, one value or a list of
+        values.
 
-        Raises :class:`InputError` for an unknown name, an empty list, numbers that are none, a
-        value that stands twice, and lattices of different dimension or of one name. Other wrong
-        values are refused where packings are made of them.
+        Raises :class:`InputError` for an unknown name, an empty list, an entry that is no number
+        where numbers are needed, a value that stands twice, and lattices of different dimension or
+        of one name. Other wrong values are refused where packings are made of them.
         """
         _require_parameter(name)
-        listed = given if isinstance(given, list | tuple) else (given,)
-        has_word = name == "torsion" and any(isinstance(value, str) for value in listed)
+        entries = argument if isinstance(argument, list | tuple) else (argument,)
+        has_word = name == "torsion" and any(isinstance(entry, str) for entry in entries)
         if find_unit(name) is None or has_word:
-            axis = cls(name, _list_values(given))
+            axis = cls(name, _list_values(argument))
             if not axis.values:
                 raise InputError(f"{name} is an empty list", mend="Give at least one value")
         else:
-            axis = cls(name, real_list(name, given))
+            axis = cls(name, real_list(name, argument))
         double_index = find_double(axis.values)
         if double_index is not None:
             value = axis.values[double_index]
-            double = axis.describe(value if isinstance(value, float) else brief(value))
+            value_in_words = axis.describe(value if isinstance(value, float) else brief(value))
             raise InputError(
-                f"the sweep has {double} twice",
+                f"the sweep has {value_in_words} twice",
                 "Both would be the same states",
                 "Give each value once",
             )
@@ -584,11 +597,13 @@ class Axis:
         return Axis(self.name, (smallest,) if smallest == greatest else (smallest, greatest))
 
     def describe(self, label: Any) -> str:
-        """A label with the name of the parameter and its unit, such as "width = 2 um"."""
+        """Return a label with the name of the parameter and its unit, such as "width = 2 um"."""
         return f"{self.name} = {self.write(label)}"
 
     def write(self, label: Any, written: str = "") -> str:
-        """A label with its unit, such as "2 um"; in the unit ``written`` if there is one."""
+        """Return a label with its unit, such as "2 um"; in the unit ``written`` if that is not
+        empty. A label that is no number, or has no unit, is returned as a text alone.
+        """
         if self.unit in (None, "1") or not isinstance(label, float):
             return str(label)
         return write_in(label, str(self.unit), written, _DIGITS)
@@ -620,17 +635,17 @@ def _require_parameter(name: str) -> None:
     )
 
 
-def _list_values(given: Any) -> tuple[Any, ...]:
-    """Return the values of an argument ``given`` that is one value or several; a text is one."""
-    argument = given.tolist() if isinstance(given, np.ndarray | np.generic) else given
-    if isinstance(argument, Iterable) and not isinstance(argument, str):
-        return tuple(argument)
-    return (argument,)
+def _list_values(argument: Any) -> tuple[Any, ...]:
+    """Return the values of an ``argument`` that is one value or several; a text is one value."""
+    values = argument.tolist() if isinstance(argument, np.ndarray | np.generic) else argument
+    if isinstance(values, Iterable) and not isinstance(values, str):
+        return tuple(values)
+    return (values,)
 
 
 def _label_spreads(spreads: Sequence[Any]) -> tuple[str, ...]:
-    """Return a name for each spread, its class and width, or that of equal balls if it is None; the
-    second of the same name has #2.
+    """Return a name for each spread: its class and width, or "equal balls" for None. The second
+    spread of the same name has #2 behind it, the third #3, and so on.
     """
     labels = []
     counts = Counter[str]()
@@ -668,13 +683,13 @@ def change_packing(packing: BallsT, values: Mapping[str, Any]) -> BallsT:
     """
     if not isinstance(packing, Packing):
         return packing.change(values)  # type: ignore[attr-defined, no-any-return]
-    unknown = [name for name in values if name not in PARAMETERS]
-    if unknown:
+    unknown_name = next((name for name in values if name not in PARAMETERS), None)
+    if unknown_name is not None:
         mend = "Use one of these"
-        if unknown[0] in SPRING_PARAMETERS:
+        if unknown_name in SPRING_PARAMETERS:
             mend = "Springs to the ground are those of a gp.Crystal(..., on_site=...)"
         raise InputError(
-            f"a packing has no parameter {unknown[0]!r}",
+            f"a packing has no parameter {unknown_name!r}",
             "It has " + ", ".join(PARAMETERS),
             mend,
         )
@@ -733,8 +748,8 @@ def combine(
         ]
         combination = tuple(zip(names, words, strict=True))
         try:
-            changed = change(dict(zip(names, values, strict=True)))
+            changed_object = change(dict(zip(names, values, strict=True)))
         except InputError as error:
             raise InputError(f"{describe_combination(combination)}: {error}") from error
-        combinations.append((combination, changed))
+        combinations.append((combination, changed_object))
     return combinations

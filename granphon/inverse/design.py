@@ -10,18 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from inspect import signature
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
-from granphon.base.progress import Progress, silent
+from granphon.base.progress import Progress, require_progress, silent
 from granphon.base.results import Result, held, result_class
-from granphon.base.validation import texts
+from granphon.base.validation import one_of, texts
 from granphon.inverse.goals import Goal
 from granphon.inverse.search import Found, Numbers, Parameters, Problem
-from granphon.inverse.variables import RESTARTS, SEED, STEPS, read_bounds
+from granphon.inverse.variables import PER, RESTARTS, SEED, STEPS, read_bounds
 from granphon.networks.network import ContactNetwork, given_network
 
 
@@ -99,12 +99,12 @@ def design(
         keep this sum. Searches begin at networks that have it: a given network, or a random one,
         that does not is changed first.
     per : "each": every ball or contact has a variable of its own. "kind": all balls of a kind, or
-        all contacts of a pair of kinds, have one variable together. Only of a network.
-    restarts : number of searches from random starts, after that from the given network, or, of a
-        function, from the middle of the bounds.
+        all contacts of a pair of kinds, have one variable together; not for a function.
+    restarts : number of searches from random starts. They follow the first search, which begins at
+        the given network or, for a function, in the middle of the bounds.
     seed : of the random starts.
     steps : most steps of the search from each start.
-    progress : told how many starts are over.
+    progress : told how many searches are over.
 
     The ``warnings`` of the design name variables without an effect, a goal that is not reached, and
     a gap that closes on the way.
@@ -112,28 +112,29 @@ def design(
     Raises
     ------
     InputError : unknown names, no bounds, bounds that exclude the network or a sum, constraints or
-        ``per`` of a function, and a goal that depends on none of the variables.
+        ``per="kind"`` with a function, an object that is no goal, a goal that depends on none of
+        the variables, and a ``progress`` without ``step``.
     """
+    require_progress(progress)
     space: Numbers | Parameters
     sums: Sequence[tuple[Array, float]] = ()
     if callable(x) and not hasattr(x, "network"):
         space = _read_parameters(x, vary, bounds)
-        if constraints:
+        if constraints is not None:
             raise InputError("a function of parameters has no sums", mend="Leave constraints out")
-        if per != "each":
-            refused = f"a function has no balls and contacts to group per {brief(per)}"
-            raise InputError(refused, mend="Leave per out")
+        if one_of("per", per, PER) != PER[0]:
+            raise InputError("a function of parameters has no kinds", mend="Leave per out")
     else:
         space = Numbers.of(given_network(x), vary, bounds, per)
         sums = space.read_sums(constraints)
     problem = Problem.of(space, goal, sums, restarts=restarts, seed=seed, steps=steps)
     warnings = problem.judge_effects()
-    found = []
+    searches = []
     with progress.step("design", total=problem.count) as step:
         for number in range(problem.count):
-            found.append(problem.search(number))
+            searches.append(problem.search(number))
             step.advance()
-    return choose_best(problem, found, warnings)
+    return choose_best(problem, searches, warnings)
 
 
 def _read_parameters(make: Any, vary: Any, bounds: Any) -> Parameters:
@@ -153,95 +154,109 @@ def _read_parameters(make: Any, vary: Any, bounds: Any) -> Parameters:
         raise InputError(problem, mend="Name its keywords in vary") from None
     pairs = np.array([read_bounds(name, bounds, names) for name in names])
 
-    def make_of(values: Array) -> Any:
+    def make_with(values: Array) -> Any:
         """Return what ``make`` returns for these values (n,) of the parameters, SI."""
         return make(**dict(zip(names, values.tolist(), strict=True)))
 
-    return Parameters(make_of, names, pairs[:, 0], pairs[:, 1], pairs.mean(axis=1))
+    return Parameters(make_with, names, pairs[:, 0], pairs[:, 1], pairs.mean(axis=1))
 
 
-def choose_best(problem: Problem, found: Sequence[Found], warnings: Sequence[str]) -> Design:
+class _Choice(NamedTuple):
+    """The network that is kept of several searches.
+
+    Attributes
+    ----------
+    number : the number of its start.
+    variables : (n,) the values of the variables in it, SI.
+    value : the goal's value, for a gap the certificate.
+    start_value : that of the given network.
+    sentences : why it was kept, where that is not plain.
+    """
+
+    number: int
+    variables: Array
+    value: float
+    start_value: float
+    sentences: list[str]
+
+
+def choose_best(problem: Problem, searches: Sequence[Found], warnings: Sequence[str]) -> Design:
     """Return the design whose network is the best that the searches of a ``problem`` have found.
 
-    ``found`` has what each search has found, in the order of their starts, and ``warnings`` the
-    sentences before those of the searches. The best start is that with the best value, or, for a
-    goal with certificates, the best one whose certificate holds (:func:`_certify`).
+    ``searches`` holds what each search has found, in the order of their starts, and ``warnings``
+    the sentences before those of the searches. The best start is that with the best value, or, for
+    a goal with certificates, the best one whose certificate holds (:func:`_choose_certified`).
     """
     space = problem.space
     sign = -1.0 if problem.goals[0].largest else 1.0
     # the best value of each start that has met a network with a value
-    best_of = {
-        number: sign * float(np.min(sign * of_start.history))
-        for number, of_start in enumerate(found)
-        if of_start.history.size
+    best_values = {
+        number: sign * float(np.min(sign * search.history))
+        for number, search in enumerate(searches)
+        if search.history.size
     }
-    order = sorted(best_of, key=lambda number: sign * best_of[number])
-    kept = order[0]
-    variables = found[kept].best
-    value = best_of[kept]
+    order = sorted(best_values, key=lambda number: sign * best_values[number])
     start = space.make_network(space.start)
-    # a search from a network without the sums has begun at another one
-    begins_there = problem.keeps_sums(space.start)
-    start_value = float(found[0].history[0]) if begins_there else problem.start_value
-    sentences = list(warnings)
     if hasattr(problem.goals[0], "certify"):
-        start_value = float(problem.goals[0].certify(start))
-        certified = _certify(problem, found, order, start_value)
-        if certified is None:
-            kept = 0
-            variables = space.start
-            value = start_value
-            sentences.append("no start widens the gap of the given network, which is kept")
-        else:
-            kept, value = certified
-            variables = found[kept].best
-            if kept != order[0]:
+        choice = _choose_certified(problem, searches, order, start)
+    else:
+        # a search from a network without the sums has begun at another one
+        begins_at_start = problem.keeps_sums(space.start)
+        start_value = float(searches[0].history[0]) if begins_at_start else problem.start_value
+        best = searches[order[0]].best
+        choice = _Choice(order[0], best, best_values[order[0]], start_value, [])
+    search = searches[choice.number]
+    goal = problem.find_goal(choice.number)
+    network = space.make_network(choice.variables)
+    sentences = [*warnings, *choice.sentences]
+    if search.stopped:
+        sentences.append(f"the search ended early, and its best is kept: {search.stopped}")
+    if hasattr(goal, "judge_history"):
+        sentences.append(goal.judge_history(search.history, choice.value))
+    if hasattr(goal, "judge"):
+        sentences.append(goal.judge(network, choice.value))
+    return Design(
+        network=network,
+        value=choice.value,
+        unit=getattr(goal, "unit", ""),
+        history=search.history,
+        variables=choice.variables,
+        labels=tuple(space.labels),
+        evaluations=sum(one_search.history.size for one_search in searches),
+        start=start,
+        start_value=choice.start_value,
+        start_variables=space.start,
+        bounds=np.column_stack([space.low, space.high]),
+        best_start=choice.number,
+        starts=np.array([best_values[number] for number in sorted(best_values)]),
+        warnings=tuple(filter(None, sentences)),  # a goal without a complaint returns ""
+    )
+
+
+def _choose_certified(
+    problem: Problem, searches: Sequence[Found], order: Sequence[int], start: ContactNetwork
+) -> _Choice:
+    """Return the network that is kept for a gap, whose width, Hz, is that on the finer mesh.
+
+    The ``searches`` are tried in the ``order`` of their starts: the first one whose gap is open on
+    the finer mesh, and no narrower than that of ``start``, the given network, is kept. If there is
+    none, the given network is kept, if its gap is open and it has the sums that are to be kept.
+    Otherwise no gap is open, and the first start of the order is kept with the width 0.
+    """
+    space = problem.space
+    start_value = float(problem.goals[0].certify(start))
+    for number in order:
+        variables = searches[number].best
+        value = float(problem.find_goal(number).certify(space.make_network(variables)))
+        if value > 0.0 and value >= start_value:
+            sentences = []
+            if number != order[0]:
                 sentences.append(
                     "on the finer mesh the gap of a better start is closed, or narrower than that"
                     " of the given network"
                 )
-    goal = problem.find_goal(kept)
-    if found[kept].stopped:
-        sentences.append(f"the search ended early, and its best is kept: {found[kept].stopped}")
-    network = space.make_network(variables)
-    if hasattr(goal, "judge_history"):
-        sentences += filter(None, [goal.judge_history(found[kept].history, value)])
-    if hasattr(goal, "judge"):
-        sentences += filter(None, [goal.judge(network, value)])
-    return Design(
-        network=network,
-        value=value,
-        unit=getattr(goal, "unit", ""),
-        history=found[kept].history,
-        variables=variables,
-        labels=tuple(space.labels),
-        evaluations=sum(of_start.history.size for of_start in found),
-        start=start,
-        start_value=start_value,
-        start_variables=space.start,
-        bounds=np.column_stack([space.low, space.high]),
-        best_start=kept,
-        starts=np.array([best_of[number] for number in sorted(best_of)]),
-        warnings=tuple(sentences),
-    )
-
-
-def _certify(
-    problem: Problem, found: Sequence[Found], order: Sequence[int], start_value: float
-) -> tuple[int, float] | None:
-    """Return the number of the start whose gap is kept, and the width of this gap, Hz, on the finer
-    mesh; None if the given network is kept.
-
-    The starts are tried in the ``order`` given: the first one whose gap is open on the finer mesh,
-    and no narrower than that of the given network, ``start_value`` in Hz, is kept. If there is
-    none, the given network is kept, if its gap is open and it has the sums that are to be kept.
-    Otherwise no gap is open, and the first start of the order is kept with the width 0.
-    """
-    for number in order:
-        network = problem.space.make_network(found[number].best)
-        value = float(problem.find_goal(number).certify(network))
-        if value > 0.0 and value >= start_value:
-            return number, value
-    if start_value > 0.0 and problem.keeps_sums(problem.space.start):
-        return None
-    return order[0], 0.0
+            return _Choice(number, variables, value, start_value, sentences)
+    if start_value > 0.0 and problem.keeps_sums(space.start):
+        sentence = "no start widens the gap of the given network, which is kept"
+        return _Choice(0, space.start, start_value, start_value, [sentence])
+    return _Choice(order[0], searches[order[0]].best, 0.0, start_value, [])

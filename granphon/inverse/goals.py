@@ -26,6 +26,8 @@ from granphon.base.validation import (
     not_negative,
     one_of,
     positive,
+    require,
+    truth,
     whole_number,
 )
 from granphon.dynamics.sensitivities import list_inertias
@@ -70,9 +72,10 @@ _LEAST_OVERLAP = 0.5
 
 
 class Goal(Protocol):
-    """A goal of :func:`granphon.design`; an object of your own with these serves, too.
+    """A goal of :func:`granphon.design`; an object of your own with this attribute and this method
+    is a goal, too.
 
-    ``largest`` says that the largest value is sought, not the smallest.
+    ``largest`` says whether the largest value is sought, not the smallest.
     """
 
     largest: bool
@@ -108,7 +111,8 @@ class WidestGap:
     largest = True
 
     def __post_init__(self) -> None:
-        """Check the arguments that are given. InputError for both ``near`` and ``branches``, which
+        """Check ``near``, ``smoothing`` and ``branches``, if they are given; the ``mesh`` is
+        checked with the periods of a network. InputError for both ``near`` and ``branches``, which
         each choose the gap.
         """
         if self.near is not None and self.branches is not None:
@@ -119,8 +123,8 @@ class WidestGap:
         if self.branches is not None:
             whole_number("branches", self.branches, 1)
 
-    def choose(self, network: ContactNetwork, most: int) -> list[WidestGap]:
-        """Return up to ``most`` goals with a fixed number of ``branches`` below the gap, the most
+    def choose(self, network: ContactNetwork, count: int) -> list[WidestGap]:
+        """Return up to ``count`` goals with a fixed number of ``branches`` below the gap, the most
         promising first, for a search that begins at a ``network``.
 
         With ``branches`` or ``near`` there is one goal: that number of branches, or the number of
@@ -155,7 +159,7 @@ class WidestGap:
                 )
             return [replace(goal, branches=n_below)]
         widths = bottoms[1:] - tops[:-1]  # of the gap above each branch, below zero where none is
-        widest = np.argsort(-widths, kind="stable")[:most]
+        widest = np.argsort(-widths, kind="stable")[:count]
         return [replace(goal, branches=1 + int(number)) for number in widest]
 
     def _list_numbers(self, periods: int) -> tuple[int, ...]:
@@ -188,20 +192,20 @@ class WidestGap:
             return self.choose(network, 1)[0].evaluate(network)
         phonons = Phonons(network)
         points, frequencies = self._find_frequencies(phonons)
-        lower = frequencies[:, : self.branches]
-        upper = frequencies[:, self.branches :]
-        top, weights_below = _smooth_largest(lower, self.smoothing)
+        frequencies_below = frequencies[:, : self.branches]
+        frequencies_above = frequencies[:, self.branches :]
+        top, weights_below = _smooth_largest(frequencies_below, self.smoothing)
         # the smallest frequency is the negative of the largest of the negatives
-        negative_bottom, weights_above = _smooth_largest(-upper, self.smoothing)
+        negative_bottom, weights_above = _smooth_largest(-frequencies_above, self.smoothing)
         width = -negative_bottom - top
         # (n_q, n_b) derivatives of the width by each frequency; nearly all are negligible
         weights = np.concatenate([-weights_below, weights_above], axis=1)
-        counts = np.abs(weights) > _LEAST_WEIGHT
+        is_counted = np.abs(weights) > _LEAST_WEIGHT
         slopes: dict[str, Any] = {}
-        for number in np.flatnonzero(np.any(counts, axis=1)).tolist():
-            branches = np.flatnonzero(counts[number])
+        for number in np.flatnonzero(np.any(is_counted, axis=1)).tolist():
+            branches = np.flatnonzero(is_counted[number])
             sensitivities = phonons.sensitivities(points[number : number + 1], branches)
-            _add(slopes, sensitivities, weights[number, branches])
+            _add_slopes(slopes, sensitivities, weights[number, branches])
         return width, slopes
 
     def certify(self, network: ContactNetwork) -> float:
@@ -212,8 +216,8 @@ class WidestGap:
             return self.choose(network, 1)[0].certify(network)
         phonons = Phonons(network)
         numbers = self._list_numbers(phonons.lattice.periods)
-        below, gaps = phonons.find_gaps([FINER * number for number in numbers])
-        is_gap = below == self.branches
+        numbers_below, gaps = phonons.find_gaps([FINER * number for number in numbers])
+        is_gap = numbers_below == self.branches  # of one gap, or of none if the gap is closed
         return float(np.sum(np.diff(gaps[is_gap], axis=1)))
 
     def tell_closed(self, width: float) -> str:
@@ -228,9 +232,9 @@ class WidestGap:
         """Return the memory that :meth:`evaluate` takes, bytes."""
         lattice = Phonons(network).lattice
         n_points = math.prod(self._list_numbers(lattice.periods))
-        frequencies = costs.bands(n_points, lattice.n_branches, eigenvectors=False)
-        vectors = costs.bands(1, lattice.n_branches, file=False)
-        return max(frequencies.working, vectors.working) + frequencies.kept
+        frequency_cost = costs.bands(n_points, lattice.n_branches, eigenvectors=False)
+        vector_cost = costs.bands(1, lattice.n_branches, file=False)
+        return max(frequency_cost.working, vector_cost.working) + frequency_cost.kept
 
     def estimate_certificate(self, network: ContactNetwork) -> costs.Cost:
         """Return the cost of :meth:`certify`, in time and memory."""
@@ -306,10 +310,10 @@ class MatchFrequencies:
             raise InputError("shapes are given with q", mend="Leave one of them out")
         n_points = len(np.atleast_1d(finite_array("q", self.q)))
         if measured.ndim > 1:
-            fits = measured.ndim == 2 and len(measured) == n_points
+            has_all_points = measured.ndim == 2 and len(measured) == n_points
         else:
-            fits = n_points in (1, measured.size)
-        if not fits:
+            has_all_points = n_points in (1, measured.size)
+        if not has_all_points:
             fault = (
                 f"measured has the shape {measured.shape}, and there are {n_points} wave vectors"
             )
@@ -411,8 +415,11 @@ class MatchFrequencies:
         derivatives: (n_c,) for contacts, (n,) for balls.
         """
         residuals, slopes = self.find_residuals(network)
-        doubled = {name: np.tensordot(2.0 * residuals, slope, 1) for name, slope in slopes.items()}
-        return float(residuals @ residuals), doubled
+        # the derivative of r^2 is 2 r dr
+        square_slopes = {
+            name: np.tensordot(2.0 * residuals, slope, 1) for name, slope in slopes.items()
+        }
+        return float(residuals @ residuals), square_slopes
 
     def judge(self, network: ContactNetwork, value: float) -> str:
         """Return a sentence if some measured shape overlaps too little with the mode to which it is
@@ -430,12 +437,13 @@ class MatchFrequencies:
                     "a measured shape and the mode to which it is assigned overlap by"
                     f" {least_overlap:.2g}"
                 )
-        worst = float(np.max(np.abs(residuals)))
+        largest_misfit = float(np.max(np.abs(residuals)))
         tolerance = _FAR_RELATIVE if self.sigma is None else _FAR
-        if worst <= tolerance:
+        if largest_misfit <= tolerance:
             return ""
         unit = "of its value" if self.sigma is None else "standard errors"
-        return f"the goal is not reached: a measured frequency is missed by {worst:.3g} {unit}"
+        miss = f"{largest_misfit:.3g} {unit}"
+        return f"the goal is not reached: a measured frequency is missed by {miss}"
 
 
 @dataclass(frozen=True)
@@ -472,7 +480,7 @@ class LowestVelocity:
         wave = whole_number("wave", self.wave, 0, n_waves - 1)
         weights = np.eye(n_waves)[wave]  # one for this wave, and zero for the others
         slopes: dict[str, Any] = {}
-        _add(slopes, sensitivities, weights)
+        _add_slopes(slopes, sensitivities, weights)
         return float(sensitivities.velocities[wave]), slopes
 
 
@@ -504,14 +512,15 @@ class ResponseAt:
         self, frequency: float, source: Any, receiver: Any, *, largest: bool = False, **options: Any
     ) -> None:
         """Set the fields of the goal; InputError for a frequency that is below zero or not finite,
-        and for an unknown quantity. ``options`` are those of :meth:`granphon.Waves.response`, which
-        checks the others.
+        a ``largest`` that is no truth value, and an unknown quantity. ``options`` are those of
+        :meth:`granphon.Waves.response`, which checks the others.
         """
         not_negative("frequency", frequency, "Hz")
+        is_largest = require("largest", truth, largest)
         if "quantity" in options:
             one_of("quantity", options["quantity"], QUANTITIES)
         # a frozen data class allows no assignment; the names of fields are in the order of values
-        values = (frequency, source, receiver, largest, options)
+        values = (frequency, source, receiver, is_largest, options)
         for name, value in zip(self.__dataclass_fields__, values, strict=True):
             object.__setattr__(self, name, value)
 
@@ -553,7 +562,7 @@ def _smooth_largest(values: Array, t: float) -> tuple[float, Array]:
     return highest + t * float(np.log(total)), exponentials / total
 
 
-def _add(slopes: dict[str, Any], sensitivities: Any, weights: Array) -> None:
+def _add_slopes(slopes: dict[str, Any], sensitivities: Any, weights: Array) -> None:
     """Add the derivatives of a weighted sum of b results to ``slopes``, in place.
 
     ``sensitivities`` are those of the results, whose axes may be several, as (1, b), ``weights``

@@ -82,9 +82,9 @@ class Parameters:
 
     def __post_init__(self) -> None:
         """Raise InputError for a start outside of its bounds."""
-        outside = find_outside(self)
-        if outside:
-            raise InputError(outside[min(outside)], mend="Widen the bounds, or start elsewhere")
+        clauses = find_outside(self)
+        if clauses:
+            raise InputError(clauses[min(clauses)], mend="Widen the bounds, or start elsewhere")
 
     def make_network(self, values: Array) -> ContactNetwork:
         """Return the network of ``values`` (n,) of the parameters, SI; InputError if the function
@@ -107,29 +107,31 @@ class Parameters:
         for number, step in enumerate(steps.tolist()):
             ends = []
             for sign in (1.0, -1.0):
-                shifted = values.copy()
-                shifted[number] += sign * step
-                shifted = np.clip(shifted, self.low, self.high)
-                shifted_value, _slopes = _read_goal(find(self.make_network(shifted)))
-                ends.append((shifted[number], shifted_value))
+                shifted_values = values.copy()
+                shifted_values[number] += sign * step
+                shifted_values = np.clip(shifted_values, self.low, self.high)
+                shifted_value, _slopes = _read_goal(find(self.make_network(shifted_values)))
+                ends.append((shifted_values[number], shifted_value))
             (upper_end, value_above), (lower_end, value_below) = ends
             columns.append((value_above - value_below) / (upper_end - lower_end))
         return value, np.stack(columns, axis=-1)
 
 
-def _read_goal(found: Any) -> tuple[Array, Mapping[str, Any]]:
-    """Return the value and the derivatives, by name, that a goal has ``found``.
+def _read_goal(answer: Any) -> tuple[Array, Mapping[str, Any]]:
+    """Return the value of a goal, a number or (m,), and its derivatives by name from the ``answer``
+    that the goal gives.
 
-    A user's own goal may return anything: InputError unless it is a pair of finite numbers and a
-    mapping of known names.
+    A user's own goal may give anything: InputError unless the answer is a pair, of finite numbers
+    and of a mapping of known names.
     """
-    is_pair = isinstance(found, Sequence) and len(found) == 2 and isinstance(found[1], Mapping)
+    is_pair = isinstance(answer, Sequence) and len(answer) == 2 and isinstance(answer[1], Mapping)
     if not is_pair:
         mend = 'Return a number and its derivatives by name, as value, {"mass": slopes}'
-        raise InputError(f"the goal returns {brief(found)}", mend=mend)
-    for name in found[1]:
+        raise InputError(f"the goal returns {brief(answer)}", mend=mend)
+    value, slopes = answer
+    for name in slopes:
         one_of("the derivatives of the goal", name, _DERIVATIVES)
-    return finite_array("the value of the goal", found[0]), found[1]
+    return finite_array("the value of the goal", value), slopes
 
 
 #: networks by the values of variables
@@ -188,11 +190,11 @@ class Problem:
         """Return a problem with ``restarts`` random starts after the given network.
 
         A goal that has to be chosen, as a gap, is replaced by several with fixed numbers of
-        branches, at most one for each start. InputError for what is no goal, and where the network
-        has no such gap.
+        branches, at most one for each start. InputError for an object that is no goal, and where
+        the network has no such gap.
         """
         count = 1 + whole_number("restarts", restarts, 0)
-        most = whole_number("steps", steps, 1)
+        most_steps = whole_number("steps", steps, 1)
         whole_seed = whole_number("seed", seed, 0)
         has_value = callable(getattr(goal, "evaluate", None)) and hasattr(goal, "largest")
         if isinstance(goal, type) or not has_value:
@@ -203,7 +205,7 @@ class Problem:
             network = space.make_network(space.start)
             with about("goal"):
                 goals = goal.choose(network, count)
-        return cls(space, goals, sums, count, whole_seed, most)
+        return cls(space, goals, sums, count, whole_seed, most_steps)
 
     @property
     def start_value(self) -> float:
@@ -237,26 +239,26 @@ class Problem:
             _value, slope = space.differentiate(goal.evaluate, self._draw_start(0))
             sizes = np.maximum(sizes, np.abs(slope))
         sizes = sizes * (space.high - space.low)
-        largest = float(np.max(sizes))
-        if not largest > 0.0:
+        largest_size = float(np.max(sizes))
+        if not largest_size > 0.0:
             first = ", ".join(space.labels[:_NAMED])
             fault = f"the goal depends on none of the variables: {first}"
             with about("vary"):
                 raise InputError(fault, mend="Vary others")
-        idle = np.flatnonzero(sizes <= _NO_EFFECT * largest)
-        if not idle.size:
+        numbers = np.flatnonzero(sizes <= _NO_EFFECT * largest_size)
+        if not numbers.size:
             return []
-        named = ", ".join(space.labels[number] for number in idle[:_NAMED].tolist())
-        ending = f" and {idle.size - _NAMED} more" if idle.size > _NAMED else ""
-        return [f"the goal does not depend on {counted(idle.size, 'variable')}: {named}{ending}"]
+        names = ", ".join(space.labels[number] for number in numbers[:_NAMED].tolist())
+        ending = f" and {numbers.size - _NAMED} more" if numbers.size > _NAMED else ""
+        return [f"the goal does not depend on {counted(numbers.size, 'variable')}: {names}{ending}"]
 
     def _draw_start(self, number: int) -> Array:
         """Return random values (n,) of the variables within their bounds, SI, those at which start
         ``number`` begins, from 1 on. Start 0 begins at the given network; its random values are
         those at which :meth:`judge_effects` looks.
         """
-        random = np.random.default_rng((self.seed, number))
-        return random.uniform(self.space.low, self.space.high)
+        generator = np.random.default_rng((self.seed, number))
+        return generator.uniform(self.space.low, self.space.high)
 
     def keeps_sums(self, values: Array) -> bool:
         """Return whether the ``values`` (n,) of the variables, SI, have the :attr:`sums`, but for
@@ -269,20 +271,20 @@ class Problem:
 
     def _meet_sums(self, values: Array) -> Array:
         """Return the ``values`` (n,) of variables, SI, or, if these do not have the sums, values
-        within the bounds that have. The values of a sum that is too small go equal parts of their
-        ways to their greatest values, those of a sum that is too large to their least values.
+        within the bounds that have them. If a sum is too small, each of its values moves by the
+        same fraction of its distance to its greatest value; if too large, to its least value.
         """
         if self.keeps_sums(values):
             return values
-        met = values.copy()
-        for weights, total in self.sums:
-            lack = total - weights @ met
-            ends = self.space.high if lack > 0.0 else self.space.low
-            ways = np.where(weights > 0.0, ends - met, 0.0)
-            reach = weights @ ways
-            if reach:
-                met += lack / reach * ways
-        return met
+        moved_values = values.copy()
+        for weights, total in self.sums:  # no variable counts in two sums
+            missing_sum = total - weights @ moved_values
+            ends = self.space.high if missing_sum > 0.0 else self.space.low
+            distances = np.where(weights > 0.0, ends - moved_values, 0.0)
+            most_change = weights @ distances  # of the sum
+            if most_change:
+                moved_values += missing_sum / most_change * distances
+        return moved_values
 
     def find_goal(self, number: int) -> Any:
         """Return the goal of the start of this ``number``."""
@@ -392,14 +394,14 @@ class _Search:
         # each sum is over the greatest one within the bounds: its total may be zero
         constraints = []
         for weights, total in self.sums:
-            greatest = float(weights @ self.space.high)
-            row = weights * self._scale / greatest
-            constraints.append(LinearConstraint(row, total / greatest, total / greatest))
-        search: Any = minimize
+            greatest_sum = float(weights @ self.space.high)
+            row = weights * self._scale / greatest_sum
+            constraints.append(LinearConstraint(row, total / greatest_sum, total / greatest_sum))
+        minimise: Any = minimize  # the types that SciPy gives it are narrower than what it takes
         with warnings.catch_warnings():
             # older versions of SciPy step out of the bounds by rounding, and clip the step
             warnings.filterwarnings("ignore", "Values in x were outside bounds", RuntimeWarning)
-            search(
+            minimise(
                 self._evaluate,
                 start / self._scale,
                 jac=True,

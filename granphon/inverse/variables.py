@@ -38,7 +38,7 @@ VARIED = {
     "bending": {"bending_stiffness": "bending"},
     "on_site": {"on_site": "on_site"},
 }
-#: what quantity each is, and its SI unit
+#: the quantity of each variable by name
 QUANTITIES = {
     "mass": MASS,
     "inertia": INERTIA,
@@ -49,6 +49,7 @@ QUANTITIES = {
     "bending": TURN_STIFFNESS,
     "on_site": STIFFNESS,
 }
+#: the SI unit of each variable by name
 UNITS = {name: quantity.si_unit for name, quantity in QUANTITIES.items()}
 #: what may be zero in a network; masses, inertias and normal stiffnesses are above zero
 _MAY_BE_ZERO = ("shear_stiffness", "torsion", "bending", "on_site")
@@ -77,7 +78,7 @@ class _Group:
     name : the name in ``vary``.
     members : (m,) indices of the balls or contacts that vary.
     numbers : (m,) the number of the variable, from 0, that each member has.
-    labels : (count,) the balls or contacts that have each variable, in words.
+    labels : the balls or contacts that have each variable, in words, in the order of the variables.
     """
 
     name: str
@@ -96,6 +97,11 @@ class _Group:
         the variable itself, and the others change in proportion with it.
         """
         return VARIED[self.name]
+
+    @property
+    def main_field(self) -> str:
+        """The field of a network that is the variable itself."""
+        return next(iter(self.fields))
 
     def read_bounds(self, bounds: Any, names: Sequence[str]) -> tuple[float, float]:
         """Return the least and the greatest value of the variables, SI, from the argument
@@ -120,8 +126,8 @@ class Variables:
 
     Attributes
     ----------
-    network : the given network, in which they vary.
-    groups : the variables of each name; these n variables come group by group.
+    network : the given network, in which the variables vary.
+    groups : the variables of each name; all n variables come group by group.
     low, high : (n,) least and greatest values, SI.
     start : (n,) the values in the given network, SI; the mean over the members of a variable.
     """
@@ -143,10 +149,10 @@ class Variables:
         names = texts("vary", vary)
         if not names:
             raise InputError("nothing varies", mend=f"Use {', '.join(VARIED)}")
-        varied: list[str] = []
+        varied_fields: list[str] = []
         for name in names:
-            varied += VARIED[one_of("vary", name, tuple(VARIED))]
-        if len(set(varied)) < len(varied):
+            varied_fields += VARIED[one_of("vary", name, tuple(VARIED))]
+        if len(set(varied_fields)) < len(varied_fields):
             fault = f"{' and '.join(names)} vary the same numbers of the network"
             with about("vary"):
                 raise InputError(fault, mend="Leave one out")
@@ -157,25 +163,29 @@ class Variables:
         for group in groups:
             with about("vary", group.name):
                 smallest, largest = group.read_bounds(bounds, names)
-            values = _read_values(network, next(iter(group.fields)), group.members)
+            values = _read_values(network, group.main_field, group.members)
             sums = np.bincount(group.numbers, values, group.count)
             start.append(sums / np.bincount(group.numbers, minlength=group.count))
             low.append(np.full(group.count, smallest))
             high.append(np.full(group.count, largest))
-        variables = cls(network, groups, *map(np.concatenate, (low, high, start)))
+        variables = cls(
+            network, groups, np.concatenate(low), np.concatenate(high), np.concatenate(start)
+        )
         variables._require_inside()
         return variables
 
     def _require_inside(self) -> None:
-        """Raise InputError, which names the first such variable, if the start is out of bounds."""
-        outside = find_outside(self, self.units)
-        if outside:
-            first = min(outside)
-            more = f", and {len(outside) - 1} more" if len(outside) > 1 else ""
+        """Raise InputError if the start of a variable is out of its bounds; the message names the
+        first such variable.
+        """
+        clauses = find_outside(self, self.units)
+        if clauses:
+            first = min(clauses)
+            ending = f", and {len(clauses) - 1} more" if len(clauses) > 1 else ""
             mend = "Widen the bounds, or start from another network"
             names = [group.name for group in self.groups for _ in group.labels]
             with about("vary", names[first]):
-                raise InputError(f"in the network {outside[first]}{more}", mend=mend)
+                raise InputError(f"in the network {clauses[first]}{ending}", mend=mend)
 
     @property
     def labels(self) -> list[str]:
@@ -198,18 +208,17 @@ class Variables:
         fields: dict[str, Any] = {}
         for group, values_of_group in zip(self.groups, self.split(values), strict=True):
             new_values = values_of_group[group.numbers]
-            main = next(iter(group.fields))  # the field that is the variable itself
-            old_values = _read_values(self.network, main, group.members)
+            old_values = _read_values(self.network, group.main_field, group.members)
             for name in group.fields:
                 if name == "on_site":
                     fields[name] = _put_springs(self.network, group.members, new_values)
                     continue
-                changed = np.array(getattr(self.network, name))
-                if name == main:
-                    changed[group.members] = new_values
+                array = np.array(getattr(self.network, name))
+                if name == group.main_field:
+                    array[group.members] = new_values
                 else:  # in proportion with the main field
-                    changed[group.members] *= new_values / old_values
-                fields[name] = changed
+                    array[group.members] *= new_values / old_values
+                fields[name] = array
         return replace(self.network, lattice=None, shape=None, **fields)
 
     def chain(self, network: ContactNetwork, slopes: Mapping[str, Any]) -> Array:
@@ -223,27 +232,27 @@ class Variables:
         """
         columns = []
         for group in self.groups:
-            main = next(iter(group.fields))  # the field that is the variable itself
-            values = _read_values(network, main, group.members)
-            total: Any = 0.0
+            values = _read_values(network, group.main_field, group.members)
+            total: Any = 0.0  # of the derivatives by each member, (..., m)
             for field, name in group.fields.items():
                 slope = slopes.get(name)
                 if slope is None:
                     continue
-                by_all = finite_array(f"the derivatives by {name}", slope)
+                derivatives = finite_array(f"the derivatives by {name}", slope)
                 if name == "on_site":  # the same spring resists each of the displacements
-                    by_all = by_all[..., network.ball_motions.translating].sum(axis=-1)
+                    derivatives = derivatives[..., network.ball_motions.translating].sum(axis=-1)
                 size = network.n_balls if name == "on_site" else len(getattr(network, field))
-                if by_all.shape[-1:] != (size,):
-                    fault = f"the derivatives by {name} have the shape {by_all.shape}"
+                if derivatives.shape[-1:] != (size,):
+                    fault = f"the derivatives by {name} have the shape {derivatives.shape}"
                     raise InputError(fault, f"There are {size} of each value of the goal")
-                of_members = by_all[..., group.members]
-                if field != main:  # a field y in proportion with x has dy/dx = y/x
-                    of_members = of_members * getattr(network, field)[group.members] / values
-                total = total + of_members
-            by_member = np.zeros(len(group.members)) + total
-            sums = np.zeros((group.count, *by_member.shape[:-1]))
-            np.add.at(sums, group.numbers, np.moveaxis(by_member, -1, 0))
+                member_slopes = derivatives[..., group.members]
+                if field != group.main_field:  # a field y in proportion with x has dy/dx = y/x
+                    member_slopes = member_slopes * getattr(network, field)[group.members] / values
+                total = total + member_slopes
+            # zeros where the goal depends on none of the fields
+            all_slopes = np.zeros(len(group.members)) + total
+            sums = np.zeros((group.count, *all_slopes.shape[:-1]))
+            np.add.at(sums, group.numbers, np.moveaxis(all_slopes, -1, 0))
             columns.append(np.moveaxis(sums, 0, -1))
         return np.concatenate(columns, axis=-1)
 
@@ -252,7 +261,7 @@ class Variables:
         variables add up to the sum over all balls or contacts, and the total that the sum keeps,
         SI. InputError for names that do not vary, and totals out of reach.
         """
-        total_of_name: Any = constraints or {}
+        total_of_name: Any = {} if constraints is None else constraints
         if not isinstance(total_of_name, Mapping):
             mend = 'Give a mapping of a varied name to a sum, as {"mass": 0.1}'
             raise InputError(f"constraints is {brief(total_of_name)}", mend=mend)
@@ -275,13 +284,13 @@ class Variables:
         # split returns are views, so that weights itself is set
         self.split(weights)[number][:] = np.bincount(group.numbers, minlength=group.count)
         total = not_negative("constraints", given_total)
-        least = float(weights @ self.low)
-        greatest = float(weights @ self.high)
-        if not least <= total <= greatest:
+        least_sum = float(weights @ self.low)
+        greatest_sum = float(weights @ self.high)
+        if not least_sum <= total <= greatest_sum:
             unit = UNITS[name]
             raise InputError(
                 f"the sum of the {name}, {total:.6g} {unit}, is out of reach",
-                f"The bounds allow {least:.6g} to {greatest:.6g} {unit}",
+                f"The bounds allow {least_sum:.6g} to {greatest_sum:.6g} {unit}",
             )
         return weights, total
 
@@ -353,11 +362,10 @@ def _make_group(network: ContactNetwork, name: str, per: str) -> _Group:
         labels = tuple(f"{noun} {member}" for member in members)
         return _Group(name, members, np.arange(len(members)), labels)
     kinds_of_members = kinds or [()] * len(members)  # without kinds all have one variable
-    unique = sorted(set(kinds_of_members))
-    numbers = np.array([unique.index(kind) for kind in kinds_of_members], np.intp)
-    return _Group(
-        name, members, numbers, tuple("-".join(kind) or f"all {noun}s" for kind in unique)
-    )
+    unique_kinds = sorted(set(kinds_of_members))
+    numbers = np.array([unique_kinds.index(kind) for kind in kinds_of_members], np.intp)
+    labels = tuple("-".join(kind) or f"all {noun}s" for kind in unique_kinds)
+    return _Group(name, members, numbers, labels)
 
 
 def read_bounds(name: str, bounds: Any, names: Sequence[str]) -> tuple[float, float]:

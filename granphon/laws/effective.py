@@ -152,9 +152,9 @@ class EffectiveLaw(SpreadLaw):
 
     def near(self, origin: EffectiveLaw) -> EffectiveLaw:
         """Return this law to first order in the difference of its Xi from that of the law
-        ``origin``, whose curve then gives that of this law by one linear solution.
+        ``origin``, whose curve then gives the curve of this law by one linear solution.
 
-        Return the law itself if both Xi are equal or the shapes differ.
+        The law itself is returned if both Xi are equal or the shapes differ.
         """
         if self.xi == origin.xi or self.shape != origin.shape:
             return self
@@ -259,7 +259,7 @@ class EffectiveCurve:
     tables: tuple[Array, Array, Array]
 
     def follow(self, xi: float) -> EffectiveCurve:
-        """Return the curve at another Xi, ``xi``, to first order in its difference from this."""
+        """Return the curve at another Xi, ``xi``, to first order in the difference of the two."""
         step = xi - self.xi
         energies, forces, stiffness = (
             read_only(table + step * slope)
@@ -555,28 +555,30 @@ class PointAverages:
     """
 
     def __init__(self, shape: PointShape, xi: float) -> None:
-        """Sort the openings of all pairs, and tabulate the weights of pairs in sums of balls."""
+        """Sort the openings of all pairs, and tabulate the weight of each pair in the sums of its
+        balls.
+        """
         from scipy.sparse import csc_array
 
         self.xi = xi
         x = np.array(shape.positions)
         w = np.array(shape.weights)
-        #: (n,) weights of the listed diameters
+        # (n,) weights of the listed diameters
         self._weights = w
-        #: (n, n) openings of all pairs, in units of W
+        # (n, n) openings of all pairs, in units of W
         self._opening_matrix = -0.5 * (x[:, None] + x)
         i, j = np.triu_indices(w.size)
         order = np.argsort(self._opening_matrix[i, j], kind="stable")
         i = i[order]
         j = j[order]
-        #: (m,) openings of pairs, ascending
+        # (m,) openings of pairs, ascending
         self._openings = self._opening_matrix[i, j]
         # a pair of unlike balls counts for both balls
-        unlike = np.flatnonzero(i != j)
-        rows = np.concatenate([i, j[unlike]])
-        columns = np.concatenate([np.arange(i.size), unlike])
-        weights = np.concatenate([w[j], w[i[unlike]]])
-        #: (n, m) weights of each pair in the sums of its two balls, sparse
+        unlike_pairs = np.flatnonzero(i != j)
+        rows = np.concatenate([i, j[unlike_pairs]])
+        columns = np.concatenate([np.arange(i.size), unlike_pairs])
+        weights = np.concatenate([w[j], w[i[unlike_pairs]]])
+        # (n, m) weights of each pair in the sums of its two balls, sparse
         self._pair_weights: Any = csc_array((weights, (rows, columns)), shape=(w.size, i.size))
 
     def _find_range(self, block: Block) -> tuple[float, float, float, slice]:
@@ -597,12 +599,13 @@ class PointAverages:
         """Return the number of steps of a ``block`` that may be solved at once, such that the work
         on near and far contacts is balanced and arrays of near contacts stay small.
 
-        If the number is less than that of the block, ask again for the block of so many steps.
+        If the number is less than that of the block, the work on a block of so many steps may still
+        be too much, and the method is to be called again for that block.
         """
         point_count: int = block.root.shape[1]
         steps = min(len(block.root), max(_LEAST_STEPS, len(self._weights) // 3))
-        *_, near = self._find_range(block)
-        near_count: int = near.stop - near.start
+        *_, near_contacts = self._find_range(block)
+        near_count: int = near_contacts.stop - near_contacts.start
         elements = near_count * steps * point_count
         if steps > 1 and elements > _MOST_NEAR:
             return steps // 2
@@ -623,19 +626,19 @@ class PointAverages:
             sums = [near_sum + far_sum for near_sum, far_sum in zip(sums, far_sums, strict=True)]
         return PointBalls(self._weights, self.xi, *sums)
 
-    def _sum_near(self, block: Block, near: slice) -> list[Array]:
-        """Return the four sums of :meth:`balls` over the ``near`` contacts, contact by contact;
+    def _sum_near(self, block: Block, near_contacts: slice) -> list[Array]:
+        """Return the four sums of :meth:`balls` over the ``near_contacts``, contact by contact;
         arrays of contacts are (near contacts, B) or (near contacts, B, s + 1).
         """
-        openings = self._openings[near]
-        pair_weights = self._pair_weights[..., near]
+        openings = self._openings[near_contacts]
+        pair_weights = self._pair_weights[..., near_contacts]
         origin = block.origin[:, 0]
-        closed = openings[:, None] <= origin
+        is_closed = openings[:, None] <= origin
         # h^(1/2) of the overlaps h = (origin - opening) + u^2, and its change from the upper end
-        overlap_at_origin = np.where(closed, origin - openings[:, None], 0.0)
-        root = np.sqrt(overlap_at_origin[..., None] + block.root**2) * closed[..., None]
+        overlap_at_origin = np.where(is_closed, origin - openings[:, None], 0.0)
+        root = np.sqrt(overlap_at_origin[..., None] + block.root**2) * is_closed[..., None]
         top = root[..., -1:]
-        sum_of_roots = np.where(closed[..., None], root + top, np.inf)
+        sum_of_roots = np.where(is_closed[..., None], root + top, np.inf)
         change = block.drop * (block.root + block.root[:, -1:]) / sum_of_roots
 
         def sum_pairs(terms: Array) -> Array:
@@ -807,15 +810,15 @@ def _differentiate_curve(curve: EffectiveCurve) -> tuple[Array, Array, Array]:
     slope = differentiate(find_stiffness, _STEP_OF_XI) / xi  # dk/dXi at the upper end
     force_slope = 0.0  # that of the force, at the lower end of the steps that are done
     tables = []
-    last = curve.steps.shape[1]  # steps from this number on are done
-    while last:
-        steps = _list_steps(curve, slice(max(0, last - _MANY_STEPS), last))
+    first_done = curve.steps.shape[1]  # steps from this number on are done
+    while first_done:
+        steps = _list_steps(curve, slice(max(0, first_done - _MANY_STEPS), first_done))
         block = Block.of(steps, points)
-        allowed = averages.limit_steps(block) if averages else len(steps)
-        block = Block.of(steps[:allowed], points)
+        step_count = averages.limit_steps(block) if averages else len(steps)
+        block = Block.of(steps[:step_count], points)
         balls = averages.balls(block) if averages else DensityBalls(shape, xi, _ORDER, block)
-        chosen = slice(last - allowed, last)
-        values = chebyshev.chebval(points, curve.tables[STIFFNESS][:, chosen])
+        steps_of_block = slice(first_done - step_count, first_done)
+        values = chebyshev.chebval(points, curve.tables[STIFFNESS][:, steps_of_block])
         k = np.asarray(values[::-1], float)  # a block has its steps in descending order
         _, by_k, _ = balls.balance(k)
         by_xi = by_k * k / xi  # dG/dXi at fixed k
@@ -827,17 +830,17 @@ def _differentiate_curve(curve: EffectiveCurve) -> tuple[Array, Array, Array]:
         slope = float(slopes[-1, 0])
         force_slope = float(by_k[-1, 0] * slope + by_xi[-1, 0])
         tables.append(slopes @ coefficients.T)
-        last -= allowed
+        first_done -= step_count
     stiffness = np.concatenate(tables)[::-1].T
     rise = 2.0 * curve.steps[2] * curve.steps[1:]
     forces = _integrate_over_steps(stiffness, rise, force_slope)
     return _integrate_over_steps(forces, rise, 0.0), forces, stiffness
 
 
-def _list_steps(curve: EffectiveCurve, chosen: slice) -> list[Step]:
-    """Return the steps of a ``curve`` that the slice ``chosen`` selects, in descending order."""
+def _list_steps(curve: EffectiveCurve, numbers: slice) -> list[Step]:
+    """Return the steps of a ``curve`` with the ``numbers`` in a slice, in descending order."""
     steps = []
-    for origin, middle, half in curve.steps[:, chosen].T[::-1].tolist():
+    for origin, middle, half in curve.steps[:, numbers].T[::-1].tolist():
         low = 0.0 if middle == half else middle - half
         steps.append((origin, low, middle + half))
     return steps
@@ -886,33 +889,34 @@ def solve_curve(
     """
     averages = PointAverages(shape, xi) if isinstance(shape, PointShape) else None
     points, derivative, coefficients = radau(stages)
-    far = high_pressure_series(shape, xi)
+    series = high_pressure_series(shape, xi)
     # steps to be solved, in ascending order; the last of them is solved next
-    pending = _divide_range([*shape.openings.tolist(), far.start], longest)
-    first_opening = pending[0][0]
-    stiffness = far.value(far.start, STIFFNESS)
-    force = far.value(far.start, FORCE)
+    pending_steps = _divide_range([*shape.openings.tolist(), series.start], longest)
+    first_opening = pending_steps[0][0]
+    # those at the upper end of the step that is solved next
+    stiffness = series.value(series.start, STIFFNESS)
+    force = series.value(series.start, FORCE)
     solved_steps = []
     solved_tables = []
     count = 1  # number of steps that are solved at once
     guess = None  # overlaps and k/<K^Q> of the last attempt, if it has to be repeated
     while force > LEAST_SOLVED_FORCE:
-        origin, low, high = pending[-1]
+        origin, low, high = pending_steps[-1]
         if stiffness * (origin - first_opening + high**2) <= _VANISHED * force:
             break
         # at the overlap where the first contact closes, force and stiffness are both zero. Steps
         # are halved towards this end, and never contain it
         if (origin, low) == (first_opening, 0.0):
-            pending[-1:] = _halve(pending[-1])
+            pending_steps[-1:] = _halve(pending_steps[-1])
             continue
-        descending = reversed(pending[-count:])
-        steps = [step for step in descending if step[:2] != (first_opening, 0.0)]
+        next_steps = reversed(pending_steps[-count:])  # in descending order
+        steps = [step for step in next_steps if step[:2] != (first_opening, 0.0)]
         block = Block.of(steps, points)
         # steps of a density are long and few: one is solved at a time, because a step that must be
         # halved makes the work on the steps below it useless
-        allowed = averages.limit_steps(block) if averages else 1
-        if allowed < len(steps):
-            count = allowed
+        most_steps = averages.limit_steps(block) if averages else 1
+        if most_steps < len(steps):
+            count = most_steps
             continue
         balls = averages.balls(block) if averages else DensityBalls(shape, xi, order, block)
         start = _estimate(balls, block, guess, stiffness)
@@ -934,9 +938,9 @@ def solve_curve(
         if is_hopeless:
             raise _explain_divergence(block)
         if np.any(is_rough):
-            finer = _halve_rough(steps, is_rough)
-            pending[-len(steps) :] = finer
-            count = len(finer)
+            finer_steps = _halve_rough(steps, is_rough)
+            pending_steps[-len(steps) :] = finer_steps
+            count = len(finer_steps)
             if solution is not None:
                 guess = _sort_by_overlap(block.y, k / balls.mean)
             continue
@@ -947,10 +951,10 @@ def solve_curve(
         solved_tables.append(table[:solved_count])
         stiffness = float(k[solved_count - 1, 0])
         force = float(forces[solved_count - 1])
-        del pending[-len(steps) :]
+        del pending_steps[-len(steps) :]
         count = 2 * count
         guess = None
-    return _make_curve(shape, xi, far, solved_steps, solved_tables, force)
+    return _make_curve(shape, xi, series, solved_steps, solved_tables, force)
 
 
 def _explain_divergence(block: Block) -> PrecisionError:
@@ -994,7 +998,7 @@ def _divide_range(ends: list[float], longest: float) -> list[Step]:
 def _make_curve(
     shape: Shape,
     xi: float,
-    far: Series,
+    series: Series,
     steps: list[Array],
     tables: list[Array],
     lowest_force: float,
@@ -1003,8 +1007,8 @@ def _make_curve(
 
     ``steps`` holds an array (B, 3) for each block: the origin, the middle and the half length of
     each step. ``tables`` holds an array (B, s + 1) for each: the Chebyshev coefficients of k.
-    ``far`` is the series beyond the steps, and ``lowest_force`` the reduced force at the lower end
-    of the curve.
+    ``series`` is that beyond the steps, and ``lowest_force`` the reduced force at the lower end of
+    the curve.
     """
     geometry = np.ascontiguousarray(np.concatenate(steps)[::-1].T)
     stiffness = np.ascontiguousarray(np.concatenate(tables)[::-1].T)
@@ -1012,12 +1016,12 @@ def _make_curve(
     rise = 2.0 * geometry[2] * geometry[1:]  # dy/dt, as a series
     forces = _integrate_over_steps(stiffness, rise, lowest_force)
     # the curve and the series differ here by rounding alone; scaling the curve removes the jump
-    scale = far.value(far.start, FORCE) / float(np.sum(forces[:, -1]))
+    scale = series.value(series.start, FORCE) / float(np.sum(forces[:, -1]))
     energies = _integrate_over_steps(forces, rise, 0.0)
     energies, forces, stiffness = (
         read_only(scale * table) for table in (energies, forces, stiffness)
     )
-    return EffectiveCurve(shape, xi, far, read_only(geometry), (energies, forces, stiffness))
+    return EffectiveCurve(shape, xi, series, read_only(geometry), (energies, forces, stiffness))
 
 
 def _estimate(
@@ -1047,10 +1051,10 @@ def _halve_rough(steps: list[Step], is_rough: Flags) -> list[Step]:
     """Return ``steps``, which are in descending order, in ascending order, with those halved for
     which ``is_rough`` (steps,) is true.
     """
-    finer = []
+    finer_steps = []
     for step, must_halve in zip(reversed(steps), reversed(is_rough.tolist()), strict=True):
-        finer += _halve(step) if must_halve else [step]
-    return finer
+        finer_steps += _halve(step) if must_halve else [step]
+    return finer_steps
 
 
 def _halve(step: Step) -> list[Step]:

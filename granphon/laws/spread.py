@@ -37,10 +37,12 @@ from granphon.balls.hertz import (
     EnergyLaw,
     HertzLaw,
     high_pressure_overlap,
+    read_overlap,
 )
 from granphon.base.arrays import ROUNDED, Array
 from granphon.base.errors import InputError, PrecisionError
 from granphon.base.scales import WidthUnits
+from granphon.base.validation import real_array
 
 #: prefactors of the reduced energy of equal balls, (2/5) y^(5/2), and of its derivatives of order 1
 #: to 3
@@ -231,11 +233,11 @@ class SpreadLaw(EnergyLaw):
     def overlap(self, force: ArrayLike) -> Any:
         """Return the overlap delta, m, at a mean contact ``force`` above zero, N.
 
-        Raises :class:`~granphon.base.errors.InputError` if a force is not above zero, and
-        :class:`~granphon.base.errors.PrecisionError` if a force is so small that the law is not
-        known there.
+        Raises :class:`~granphon.base.errors.InputError` if a force is no real number or not above
+        zero, and :class:`~granphon.base.errors.PrecisionError` if a force is so small that the law
+        is not known there.
         """
-        load = np.asarray(force, float)
+        load = real_array("force", force)
         if not np.all(load > 0.0):
             raise InputError(
                 "the mean force of the contacts is not above zero",
@@ -244,8 +246,8 @@ class SpreadLaw(EnergyLaw):
 
         def invert_near(force: Array) -> Array:
             """Return the overlaps, m, at forces below that at the start of the series, N."""
-            reduced = np.asarray(self._units.reduced_force(force))
-            return self.width * self._find_near_overlap(reduced)
+            reduced_force = np.asarray(self._units.reduced_force(force))
+            return self.width * self._find_near_overlap(reduced_force)
 
         def invert_series(force: Array) -> Array:
             """Return the overlaps, m, at forces from that at the start of the series on, N."""
@@ -271,7 +273,7 @@ class SpreadLaw(EnergyLaw):
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
         """Return Delta f / f of Section IV at each ``overlap``, m: the rms deviation, over balls Q,
         of the force F^Q - K^Q u^Q from the mean force f, divided by f. The corona of a ball has
-        been displaced by u^Q.
+        been displaced by u^Q. The result is zero where all contacts are open.
         """
 
         def compute_rms(force_excess: Array, stiffness_ratio: Array, weights: Array) -> Array:
@@ -284,25 +286,25 @@ class SpreadLaw(EnergyLaw):
             relaxed_excess = force_excess / (1.0 + stiffness_ratio / self.xi)
             return np.asarray(np.sqrt(np.sum(weights * relaxed_excess**2, axis=-1)))
 
-        def far(y: Array) -> Array:
+        def find_far(y: Array) -> Array:
             """Return Delta f / f (n_y,) at overlaps y (n_y,), from the start of the series on."""
             force_excess, stiffness_ratio = self._series.excess(y)
             return compute_rms(force_excess, stiffness_ratio, self._series.weights)
 
-        def near(y: Array) -> Array:
+        def find_near(y: Array) -> Array:
             """Return Delta f / f (n_y,) at overlaps y (n_y,) below the start of the series."""
             nodes = self.shape.nodes(y)
             force_excess, stiffness_ratio = self._compute_excesses(y, nodes.positions)
             return compute_rms(force_excess, stiffness_ratio, nodes.weights)
 
-        return self._evaluate_joined(overlap, far, near)
+        return self._evaluate_joined(overlap, find_far, find_near)
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
         """Return the fraction of contacts that are closed (N_c of Section IV) at each ``overlap``,
         m, if the corona of each ball Q is displaced by u^Q = (F^Q - f)/(K^Q + Xi k).
         """
 
-        def near(y: Array) -> Array:
+        def find_near(y: Array) -> Array:
             """Return the fractions (n_y,) at overlaps y (n_y,) below the start of the series."""
             nodes = self.shape.nodes(y, _COUNTING, whole=True)
             force_excess, stiffness_ratio = self._compute_excesses(y, nodes.positions)
@@ -313,11 +315,12 @@ class SpreadLaw(EnergyLaw):
             displacement = (
                 force_over_stiffness[:, None] * force_excess / (stiffness_ratio + self.xi)
             )
-            closed = self.shape.average(y[:, None] - displacement, 0.0, nodes.positions)
+            # the fraction of the contacts of each ball
+            fractions = self.shape.average(y[:, None] - displacement, 0.0, nodes.positions)
             # the sum of the weights may be above one by rounding
-            return np.asarray(np.minimum(np.sum(nodes.weights * closed, axis=-1), 1.0))
+            return np.asarray(np.minimum(np.sum(nodes.weights * fractions, axis=-1), 1.0))
 
-        return self._evaluate_joined(overlap, np.ones_like, near)
+        return self._evaluate_joined(overlap, np.ones_like, find_near)
 
     def _compute_excesses(self, y: Array, x: Array) -> tuple[Array, Array]:
         """Return (F^Q - f)/f and K^Q/k, each (n_y, n_Q), of balls with the reduced deviations ``x``
@@ -327,11 +330,13 @@ class SpreadLaw(EnergyLaw):
         """
         force = self._evaluate_near(y, FORCE)[:, None]
         k = self._evaluate_near(y, STIFFNESS)[:, None]
-        closed = force > 0.0
-        divisor = np.where(closed, force, 1.0)  # no division by zero where all contacts are open
-        force_excess = self.shape.force(y[:, None], x) / divisor - 1.0
-        stiffness_ratio = self.shape.stiffness(y[:, None], x) / np.where(closed, k, 1.0)
-        return force_excess * closed, stiffness_ratio
+        has_force = force > 0.0
+        # no division by zero where all contacts are open
+        force_or_one = np.where(has_force, force, 1.0)
+        k_or_one = np.where(has_force, k, 1.0)
+        force_excess = self.shape.force(y[:, None], x) / force_or_one - 1.0
+        stiffness_ratio = self.shape.stiffness(y[:, None], x) / k_or_one
+        return force_excess * has_force, stiffness_ratio
 
     # -- between SI and reduced --------------------------------------------------------------------
 
@@ -339,6 +344,12 @@ class SpreadLaw(EnergyLaw):
     def _units(self) -> WidthUnits:
         """SI values of the reduced units of a distribution of width W."""
         return WidthUnits(self.coefficient, self.width)
+
+    def _reduce_overlap(self, overlap: Array) -> Array:
+        """Return y = overlap/W at each ``overlap``, m. Where the balls are farther apart than at
+        the first contact, y is that of the first contact, as nothing changes from there on.
+        """
+        return np.asarray(np.maximum(overlap / self.width, -self.shape.bounds[1]))
 
     def _find_unit(self, order: int) -> float:
         """Return the SI value of the reduced unit of energy, force, stiffness or slope of the
@@ -365,51 +376,60 @@ class SpreadLaw(EnergyLaw):
         if order == ENERGY:
             offset = self._energy_offset * self._find_unit(ENERGY)
 
-        def far(overlap: Array) -> Array:
+        def find_far(overlap: Array) -> Array:
             """Return the derivatives (n,) at ``overlap`` (n,), m, by the series."""
             ratio = self._series.ratio(overlap / self.width, order)
             return np.asarray(hertz._evaluate(overlap, order) * ratio + offset)
 
-        def near(overlap: Array) -> Array:
+        def find_near(overlap: Array) -> Array:
             """Return the derivatives (n,) at ``overlap`` (n,), m, by the reduced law."""
-            return self._find_unit(order) * self._evaluate_near(overlap / self.width, order)
+            y = self._reduce_overlap(overlap)
+            return self._find_unit(order) * self._evaluate_near(y, order)
 
         # W may be so small that y is above the floating range, where the series holds
         with np.errstate(over="ignore", under="ignore"):
             is_far = delta / self.width >= self._series.start
-            return self._evaluate_parts(delta, is_far, far, near)
+            return self._evaluate_parts(delta, is_far, find_far, find_near)
 
     @staticmethod
     def _evaluate_parts(
-        arguments: Array, is_far: Any, far: Callable[[Array], Array], near: Callable[[Array], Array]
+        arguments: Array,
+        is_far: Any,
+        find_far: Callable[[Array], Array],
+        find_near: Callable[[Array], Array],
     ) -> Any:
-        """Return the values of ``far`` at those ``arguments`` for which ``is_far`` is true, and of
-        ``near`` at the others, in the shape of the arguments; a float for a number.
+        """Return the values of ``find_far`` at those ``arguments`` for which ``is_far`` is true,
+        and of ``find_near`` at the others, in the shape of the arguments; a float for a number.
 
         A function is not called if no argument is left for it.
         """
         if np.all(is_far):
-            return far(arguments)[()]
+            return find_far(arguments)[()]
         if not np.any(is_far):
-            return near(arguments)[()]
+            return find_near(arguments)[()]
         results = np.empty(arguments.shape)
-        results[is_far] = far(arguments[is_far])
-        results[~is_far] = near(arguments[~is_far])
+        results[is_far] = find_far(arguments[is_far])
+        results[~is_far] = find_near(arguments[~is_far])
         return results
 
     def _evaluate_joined(
-        self, overlap: ArrayLike, far: Callable[[Array], Array], near: Callable[[Array], Array]
+        self,
+        overlap: ArrayLike,
+        find_far: Callable[[Array], Array],
+        find_near: Callable[[Array], Array],
     ) -> Any:
-        """Return the values of a function of y = overlap/W at each ``overlap``, m, in its shape.
+        """Return the values of a function of y = overlap/W at each ``overlap``, m, in its shape;
+        InputError for an overlap that :func:`~granphon.balls.hertz.read_overlap` refuses.
 
-        The function is ``far`` from the start of the series on, and ``near`` below it; both take an
-        array of y (n,) and return (n,).
+        The function is ``find_far`` from the start of the series on, and ``find_near`` below the
+        start; both take an array of y (n,) and return (n,).
         """
-        far_in_blocks = partial(evaluate_in_blocks, far, size=_LOADS_AT_ONCE)
-        near_in_blocks = partial(evaluate_in_blocks, near, size=_LOADS_AT_ONCE)
+        delta = read_overlap(overlap)
+        far_in_blocks = partial(evaluate_in_blocks, find_far, size=_LOADS_AT_ONCE)
+        near_in_blocks = partial(evaluate_in_blocks, find_near, size=_LOADS_AT_ONCE)
         # W may be so small that y is above the floating range, where the series holds
         with np.errstate(over="ignore", under="ignore"):
-            y = np.asarray(np.asarray(overlap, float) / self.width)
+            y = self._reduce_overlap(delta)
             is_far = y >= self._series.start
             return self._evaluate_parts(y, is_far, far_in_blocks, near_in_blocks)
 
@@ -484,12 +504,12 @@ class AveragedLaw(SpreadLaw):
     def contact_fraction(self, overlap: ArrayLike) -> Any:
         """Return the fraction of pairs that overlap, at each ``overlap`` of mean balls, m."""
 
-        def near(y: Array) -> Array:
+        def find_near(y: Array) -> Array:
             """Return the fractions (n_y,) at overlaps y (n_y,) below the start of the series."""
             # the sum of the weights may be above one by rounding
             return np.asarray(np.minimum(self.shape.average(y, 0.0), 1.0))
 
-        return self._evaluate_joined(overlap, np.ones_like, near)
+        return self._evaluate_joined(overlap, np.ones_like, find_near)
 
 
 @lru_cache(maxsize=128)

@@ -64,13 +64,13 @@ def find_rows(structure: Lattice, truth: FrictionHistory = REST) -> Mapping[str,
     has no such part, or if the lattice is not the registered one of its name.
     """
     is_registered = LATTICES.get(structure.name) == structure
-    return _find_lattices(truth).get(structure.name) if is_registered else None
+    return _find_parts(truth).get(structure.name) if is_registered else None
 
 
-def _find_lattices(truth: FrictionHistory) -> Mapping[str, Any]:
+def _find_parts(truth: FrictionHistory) -> Mapping[str, Any]:
     """Return the parts of the table for the arrays of a ``truth``, by the names of lattices."""
-    lattices: Mapping[str, Any] = read_table()["loaded" if truth.is_loaded else "rest"]
-    return lattices
+    parts: Mapping[str, Any] = read_table()["loaded" if truth.is_loaded else "rest"]
+    return parts
 
 
 def explain_uncovered(packing: Packing, truth: FrictionHistory = REST) -> str | None:
@@ -81,7 +81,7 @@ def explain_uncovered(packing: Packing, truth: FrictionHistory = REST) -> str | 
         return None
     rows = find_rows(packing.structure, truth)
     if rows is None:
-        lattices = ", ".join(_find_lattices(truth))
+        lattices = ", ".join(_find_parts(truth))
         against = " against arrays loaded with friction" if truth.is_loaded else ""
         return (
             f"none were measured on the {packing.structure.name} lattice{against}; they were on"
@@ -93,11 +93,11 @@ def explain_uncovered(packing: Packing, truth: FrictionHistory = REST) -> str | 
     return reason
 
 
-def _explain_balls(packing: Packing, most: Mapping[str, float]) -> str | None:
+def _explain_balls(packing: Packing, measured_limits: Mapping[str, float]) -> str | None:
     """Return the reason why balls of a packing were not measured; None if they were.
 
-    ``most`` holds the largest skewness, of either sign, and excess kurtosis of diameters that were
-    measured.
+    ``measured_limits`` holds the largest skewness, of either sign, and the largest excess kurtosis
+    of diameters that were measured.
     """
     moves_in_plane = packing.motions in (None, IN_PLANE.name)
     if packing.structure.periods == 2 and not moves_in_plane:
@@ -107,11 +107,11 @@ def _explain_balls(packing: Packing, most: Mapping[str, float]) -> str | None:
     if packing.spread is None:
         return None
     skewness, kurtosis = compute_form_coefficients(packing.spread.shape)
-    if abs(skewness) > most["skewness"] or kurtosis > most["kurtosis"]:
+    if abs(skewness) > measured_limits["skewness"] or kurtosis > measured_limits["kurtosis"]:
         return (
             f"the distribution of diameters has skewness {skewness:.3g} and excess kurtosis"
-            f" {kurtosis:.3g}; they are known up to {most['skewness']:.3g} and"
-            f" {most['kurtosis']:.3g}"
+            f" {kurtosis:.3g}; they are known up to {measured_limits['skewness']:.3g} and"
+            f" {measured_limits['kurtosis']:.3g}"
         )
     return None
 
@@ -145,9 +145,10 @@ def find_error(
 
     ``medium`` is one of :data:`AVERAGES`, or "simulation" for samples with the friction of the
     ``truth`` and so many ``balls`` in all. The error is zero for equal balls and on a line, where
-    every medium is exact, and +inf for what the table does not cover. Above the greatest load of
-    the table the error falls as the square of the spread over the overlap, the law of high loads;
-    with partial slip, whose contacts are softer by |T|/(3 mu f), as the first power.
+    every medium is exact, and +inf for what the table does not cover, also below its least load.
+    Above the greatest load of the table the error falls as the square of the spread over the
+    overlap, the law of high loads; with partial slip, whose contacts are softer by |T|/(3 mu f), as
+    the first power.
     """
     if not packing.spread_matters:
         return np.zeros(load.shape)
@@ -215,16 +216,16 @@ def _interpolate(reduced_load: Array, table_loads: Array, table_errors: Array) -
     return np.exp(log_errors)
 
 
-def _find_growth_of_overlap(reduced_load: Array, greatest: float, axis: str) -> Array:
-    """Return the overlap at each ``reduced_load`` over that at the ``greatest`` load of the table,
+def _find_growth_of_overlap(reduced_load: Array, greatest_load: float, axis: str) -> Array:
+    """Return the overlap at each ``reduced_load`` over that at the ``greatest_load`` of the table,
     by the law of equal balls; 1 within the table.
 
     Both loads are a* for the ``axis`` "overlap", and f* for "force".
     """
     if axis == "overlap":  # in units of W the overlap is a* - 1/2
-        growth = (reduced_load - 0.5) / (greatest - 0.5)
+        growth = (reduced_load - 0.5) / (greatest_load - 0.5)
     else:
-        growth = np.asarray(overlap_of(reduced_load / greatest))
+        growth = np.asarray(overlap_of(reduced_load / greatest_load))
     return np.maximum(growth, 1.0)
 
 

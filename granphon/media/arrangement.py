@@ -50,7 +50,7 @@ from granphon.media.state import NetworkState
 #: options of an arrangement that a crystal has too
 _OPTIONS = ("law", "friction", "motions", "torsion", "bending", "on_site")
 #: relative difference of two masses or inertias that is put down to rounding
-_SAME = 1e-12
+_SAME_MASS = 1e-12
 
 
 @dataclass(frozen=True)
@@ -163,8 +163,8 @@ class Arrangement:
             "a cut": (self.cut, "the whole crystal, and crystal.cut"),
             "springs of each ball to the ground": (self.on_site, "crystal.on_site"),
         }
-        for words, (part, keys) in parts.items():
-            if part:
+        for words, (attribute, keys) in parts.items():
+            if attribute:
                 problem = f"a scene file has no words for {words} of a crystal that exists already"
                 mend = f"Write {keys} in the file, or call granphon.sweep"
                 raise InputError(problem, "It describes how a crystal is made", mend)
@@ -338,9 +338,8 @@ class Arrangement:
         names = list[str]()
         for kind in self.kind_names:
             ball = self._named_balls[kind]
-            names += [f"{kind}.{name}" for name in (*WALL_PARAMETERS, "density", "diameter")]
-            if not _has_solid_mass(ball):
-                names[names.index(f"{kind}.density")] = f"{kind}.mass"
+            density_or_mass = "density" if _has_solid_mass(ball) else "mass"
+            names += [f"{kind}.{name}" for name in (*WALL_PARAMETERS, density_or_mass, "diameter")]
         spare_kinds = sorted({*self._kinds_of_walls, *kinds_of_walls} - {*self.kind_names})
         walls_of_own = [
             at_face.name
@@ -360,9 +359,12 @@ class Arrangement:
         for group, motions in ((ON_SITE, DISPLACEMENTS), (f"{ON_SITE}.{ROTATION}", ROTATIONS)):
             if group not in self.parameters:
                 continue
+            has_one_stiffness = self.read(group) is not None
+            if has_one_stiffness:
+                names.append(group)
+                continue
             of_motions = [f"{ON_SITE}.{name}" for name in motions]
-            is_one = self.read(group) is not None
-            names += [group] if is_one else [name for name in of_motions if name in self.parameters]
+            names += [name for name in of_motions if name in self.parameters]
         return names
 
     def read(self, name: str) -> Any:
@@ -379,8 +381,8 @@ class Arrangement:
         if owner in self._walls:
             return getattr(self._walls[owner].solid, parameter)
         ball = self._named_balls[owner]
-        has_parameter = ball if hasattr(ball, parameter) else ball.material
-        return getattr(has_parameter, parameter)
+        ball_or_material = ball if hasattr(ball, parameter) else ball.material
+        return getattr(ball_or_material, parameter)
 
     def _require_parameter(self, name: str) -> None:
         """Raise :class:`~granphon.base.errors.InputError` unless ``name`` is one of the
@@ -517,7 +519,7 @@ def _has_solid_mass(ball: Ball) -> bool:
     given.
     """
     solid_mass = ball.material.ball_mass(ball.diameter)
-    return math.isclose(ball.mass, solid_mass, rel_tol=_SAME)
+    return math.isclose(ball.mass, solid_mass, rel_tol=_SAME_MASS)
 
 
 def _change_ball(ball: Ball, parameter: str, value: Any) -> Ball:
@@ -531,7 +533,7 @@ def _change_ball(ball: Ball, parameter: str, value: Any) -> Ball:
     # None lets the new ball compute the number of a solid one
     if _has_solid_mass(ball):
         changes["mass"] = None
-    if math.isclose(ball.inertia, solid_inertia, rel_tol=_SAME):
+    if math.isclose(ball.inertia, solid_inertia, rel_tol=_SAME_MASS):
         changes["inertia"] = None
     if parameter in ("diameter", "mass"):
         changes[parameter] = value
@@ -645,12 +647,14 @@ class LoadedCrystal(NetworkState):
 
     @property
     def contact_fraction(self) -> Any:
-        """Fraction of the contacts of the crystal that carry load."""
+        """Fraction of the contacts of the crystal that are closed, at which they have a
+        stiffness.
+        """
         return np.mean(self.source.normal_stiffness > 0.0, axis=-1)[()]
 
     @property
     def pressure(self) -> Any:
-        """Mean pressure, minus the trace of the stress over the periods: N, N/m or Pa.
+        """Mean pressure, minus the trace of the stress over the number of periods: N, N/m or Pa.
 
         Raises :class:`~granphon.base.errors.InputError` for a crystal that was cut, as the stress
         of a strip or slab is that of the whole layer, and a column has none; and for a cluster

@@ -146,9 +146,9 @@ class FrictionHistory:
         # without a history only defaults are allowed
         for name, value in history_options.items():
             if value != HISTORY_OPTIONS[name].default:
-                given = str(value) if isinstance(value, Load) else show(options[name])
+                value_in_words = str(value) if isinstance(value, Load) else show(options[name])
                 raise Refused(
-                    f"{given} without friction_history",
+                    f"{value_in_words} without friction_history",
                     f"{name} together with friction_history: true",
                     "Samples then come to rest without friction.",
                     (name,),
@@ -271,8 +271,8 @@ def _read_start_load(
     if read_load is None and not math.isfinite(real_number(value)):
         raise Refused(show(value), allowed, path=(kind,))
     try:
-        size = real_number(value) if read_load is None else read_load(kind, value)
-        return Load(kind, size)
+        size_of_load = real_number(value) if read_load is None else read_load(kind, value)
+        return Load(kind, size_of_load)
     except Refused as refused:
         raise refused.under(kind) from None
     except InputError as error:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granphon.balls.lattices import Lattice
+from granphon.balls.layers import find_axes
 from granphon.base.arrays import Array
 
 if TYPE_CHECKING:
@@ -39,10 +40,12 @@ class CrystalCell(Lattice):
 
     @classmethod
     def of(cls, crystal: Crystal, diameter: float) -> CrystalCell:
-        """Return the cell of a crystal, whose contacts are in m, for a mean ``diameter``, m."""
+        """Return the cell of a crystal for a mean ``diameter``, m. Its attribute ``contacts`` is
+        the table of the crystal, in m.
+        """
         lengths = np.linalg.norm(crystal.contacts.vector, axis=1)
         longest_contact = float(lengths.max(initial=0.0)) / diameter
-        vectors, sites = _fill_cell(crystal.cell, crystal.positions, crystal.radii, diameter)
+        vectors, sites = _reduce_cell(crystal.cell, crystal.positions, crystal.radii, diameter)
         cell = cls(
             name=crystal.name,
             cell=vectors,
@@ -57,14 +60,20 @@ class CrystalCell(Lattice):
 
     @classmethod
     def of_network(cls, network: ContactNetwork, diameter: float) -> CrystalCell:
-        """Return the cell of the balls of a network that move, for a mean ``diameter``, m."""
+        """Return the cell of the balls of a network that move, for a mean ``diameter``, m.
+
+        The network is turned as for its contact lattice: its first period is along x, and the
+        second in the xy plane.
+        """
         d = network.dimension
         moving = network.moving
+        periods = network.cell[np.flatnonzero(network.pbc), :d]
+        turn = find_axes(periods) if len(periods) else np.eye(d)
         distances = network.distance[np.isfinite(network.distance)]
         longest_contact = float(distances.max(initial=0.0)) / diameter
-        vectors, sites = _fill_cell(
-            network.cell[np.flatnonzero(network.pbc), :d],
-            network.positions[moving, :d],
+        vectors, sites = _reduce_cell(
+            periods @ turn.T,
+            network.positions[moving, :d] @ turn.T,
             network.radii[moving],
             diameter,
         )
@@ -77,14 +86,14 @@ class CrystalCell(Lattice):
         )
 
 
-def _fill_cell(
+def _reduce_cell(
     vectors: Array, positions: Array, radii: Array, diameter: float
 ) -> tuple[tuple[tuple[float, ...], ...], tuple[tuple[float, ...], ...]]:
     """Return the vectors (p, d) of a cell in mean diameters, and the sites (n, d) of its balls.
 
-    ``vectors`` (p, d), ``positions`` (n, d), ``radii`` (n,) and the mean ``diameter`` are in m. The
-    first p coordinates of a site are fractions of the vectors, the others mean diameters. A cluster
-    without periods is put into a cell along x.
+    ``vectors`` (p, d), along the first p axes, ``positions`` (n, d), ``radii`` (n,) and the mean
+    ``diameter`` are in m. The first p coordinates of a site are fractions of the vectors, the
+    others mean diameters. A cluster without periods is put into a cell along x.
     """
     sites = positions.copy()
     if not len(vectors):

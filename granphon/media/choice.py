@@ -206,24 +206,26 @@ class AutoMedium(Medium[ContactState]):
             [medium.expected_error(self.packing, load, self.truth) for medium in candidates]
         )
         least_errors = np.min(errors, axis=0)  # (n_loads,)
-        worst = int(np.argmax(least_errors))
-        if least_errors[worst] > self.tolerance:
-            least_error = float(least_errors[worst])
-            refusal = self._explain_failure(load[worst], least_error, candidates[-1])
-            refusal.load_index = worst
+        worst_index = int(np.argmax(least_errors))
+        if least_errors[worst_index] > self.tolerance:
+            least_error = float(least_errors[worst_index])
+            refusal = self._explain_failure(load[worst_index], least_error, candidates[-1])
+            refusal.load_index = worst_index
             raise refusal
         return candidates, errors
 
-    def _explain_failure(self, load: Load, least_error: float, largest: MediumChoice) -> InputError:
+    def _explain_failure(
+        self, load: Load, least_error: float, largest_simulation: MediumChoice
+    ) -> InputError:
         """Return the error for a ``load`` at which the ``least_error`` of all candidates is above
-        the tolerance. The least error is that of the ``largest`` simulation, or infinite if no
+        the tolerance. The least error is that of the ``largest_simulation``, or infinite if no
         error is known at so low a load.
         """
         load_in_words = load.describe(self.packing.structure.periods)
         if self.truth.is_loaded:
             load_in_words += f" against {self.truth}"
         if math.isfinite(least_error):
-            balls = largest.of(self.packing).arrays[0].balls
+            balls = largest_simulation.of(self.packing).arrays[0].balls
             return InputError(
                 f"no medium has an expected error of {self.tolerance:g} or less at {load_in_words}",
                 f"The smallest expected error there is {least_error:.2g}, of a simulation of"
@@ -348,7 +350,7 @@ class MediumChoice:
     """
 
     name: str
-    # Load is named so that plain data are made into it again
+    # ``kind`` names Load, as a value of an option may be one: it is restored from plain data
     options: tuple[tuple[str, Load | Any], ...] = field(
         default=(), metadata={"kind": ((str, [Load, object]), ...)}
     )
@@ -358,13 +360,14 @@ class MediumChoice:
         name = require("medium", _read_name, self.name)
         options = require(f"medium.{name}", partial(_read_options, name), dict(self.options))
         # options at their default are dropped, so that choices with the same meaning compare equal
-        defaults = {option: rule.default for option, rule in find_medium(name).options.items()}
-        changed = [
+        known_options = find_medium(name).options
+        defaults = {option: known.default for option, known in known_options.items()}
+        changed_options = [
             (option, value)
             for option, value in sorted(options.items())
             if value != defaults[option]
         ]
-        object.__setattr__(self, "options", tuple(changed))
+        object.__setattr__(self, "options", tuple(changed_options))
 
     @classmethod
     def parse(
@@ -374,7 +377,7 @@ class MediumChoice:
     ) -> MediumChoice:
         """Read a choice from a ``value``, a name such as "ema", or {"ema": {"local_field":
         "paper"}}, for a ``lattice`` if one is given; see :func:`read_medium`. Raises InputError for
-        what is no such value.
+        any other value.
         """
         medium: MediumChoice = require("medium", partial(read_medium, lattice=lattice), value)
         return medium
@@ -408,8 +411,8 @@ class MediumChoice:
             """Write the value of an option as a scene would: numbers separated by spaces."""
             if isinstance(value, Load):
                 size = value.values[0]
-                short = f"{size:g}"
-                return f"{value.kind} {short if float(short) == size else size}"
+                short_text = f"{size:g}"
+                return f"{value.kind} {short_text if float(short_text) == size else size}"
             if isinstance(value, bool):
                 return str(value).lower()
             if isinstance(value, tuple):
@@ -571,11 +574,11 @@ class MediumChoice:
             )
 
     def require_for(self, balls: Balls) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if the medium is not one of these balls:
-        crystals and packings in files have one medium each, which no other balls have.
+        """Raise :class:`~granphon.base.errors.InputError` if these ``balls`` do not have the
+        medium: crystals and packings in files have one medium each, which no other balls have.
         """
-        own = self.name if self.name in _OF_BALLS else ""
-        if balls.medium_name != own:
+        medium_of_balls = self.name if self.name in _OF_BALLS else ""
+        if balls.medium_name != medium_of_balls:
             raise InputError(
                 f"the medium is {self.label!r}",
                 f"Balls of several kinds have the medium {CRYSTAL} alone, packings in"
@@ -584,8 +587,8 @@ class MediumChoice:
             )
 
     def of(self, packing: Balls) -> Medium[Any]:
-        """Return the medium of this packing with the options of the choice; InputError if the
-        medium is not one of such balls.
+        """Return the medium of this packing with the options of the choice; InputError if such
+        balls do not have this medium.
         """
         self.require_for(packing)
         options: Any = dict(self.options)
@@ -727,8 +730,9 @@ def split_label(label: str) -> tuple[str, dict[str, str]]:
     """Return the name of the medium with a :attr:`~MediumChoice.label`, and its options as they
     stand there, by name.
     """
-    name, _, inner = label.removesuffix(")").partition("(")
-    return name, dict(setting.split("=", 1) for setting in inner.split(", ") if "=" in setting)
+    name, _, settings_text = label.removesuffix(")").partition("(")
+    settings = settings_text.split(", ")
+    return name, dict(setting.split("=", 1) for setting in settings if "=" in setting)
 
 
 def _split_medium(value: Any) -> tuple[Any, Any]:

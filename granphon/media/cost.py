@@ -265,13 +265,15 @@ def _measure_ball(simulation: DirectSimulation, load: Load) -> float:
     most_balls = _SMALL_LOADED_BALLS if simulation.history.is_loaded else _SMALL_BALLS
     scale = min(1.0, most_balls / balls) ** (1.0 / len(simulation.cells))
     shape = tuple(min(cells, max(round(cells * scale), _LEAST_SIDE)) for cells in simulation.cells)
-    small = simulation
+    small_simulation = simulation
     if shape != simulation.cells or simulation.samples > 1:
-        small = replace(simulation, shape=shape, diameters=None, samples=1, executor=None)
-    small_seconds, growth = _time_array(small, load)
-    size_ratio = balls / small.balls
-    few_balls_factor = (1.0 + _FEW_BALLS / balls) / (1.0 + _FEW_BALLS / small.balls)
-    return small_seconds / small.balls * few_balls_factor * math.pow(size_ratio, growth)
+        small_simulation = replace(
+            simulation, shape=shape, diameters=None, samples=1, executor=None
+        )
+    small_seconds, growth = _time_array(small_simulation, load)
+    size_ratio = balls / small_simulation.balls
+    few_balls_factor = (1.0 + _FEW_BALLS / balls) / (1.0 + _FEW_BALLS / small_simulation.balls)
+    return small_seconds / small_simulation.balls * few_balls_factor * math.pow(size_ratio, growth)
 
 
 @lru_cache(maxsize=32)
@@ -519,8 +521,8 @@ def band_edges(
     every second branch, as measured on 29 balls of three sizes. A wave vector takes as long as one
     of a density of states. In large cells a matrix is timed, too.
     """
-    part = _PART_BELOW_GAPS_OF_NETWORKS if of_network else _PART_BELOW_GAPS
-    gaps = branches if of_all else math.ceil(part * branches)
+    fraction_below = _PART_BELOW_GAPS_OF_NETWORKS if of_network else _PART_BELOW_GAPS
+    gaps = branches if of_all else math.ceil(fraction_below * branches)
     solves = states * (0.5 * points + _EDGE_SOLVES * gaps)
     numbers_of_point = _MESH_POINT_NUMBERS + _MODE_NUMBERS * branches**2
     units = [Units(solves * numbers_of_point, _measure_number)]

@@ -85,9 +85,15 @@ from granphon.media.crystal_sites import (
     scale_until_touch,
 )
 from granphon.media.limits import Check, check_limit
-from granphon.media.mean_force import MEAN, MOST_MEANS, SAMPLED, MeanContacts, PressureSearch
+from granphon.media.mean_force import (
+    MEAN_TOLERANCE,
+    MOST_MEANS,
+    SAMPLE_TOLERANCE,
+    MeanContacts,
+    PressureSearch,
+)
 from granphon.media.sample_on_grid import SampleOnGrid
-from granphon.media.state import read_finite_overlap
+from granphon.media.state import read_finite_overlap, select_loads
 from granphon.networks.network import ContactNetwork
 from granphon.statics.configuration import BOUNDARIES, AppliedLoad, Boundary, Geometry
 from granphon.statics.find_rest import find_rest
@@ -185,8 +191,10 @@ class _Bodies(NamedTuple):
         return int(np.count_nonzero(self.ball_number >= 0))
 
     @property
-    def held(self) -> int:
-        """Number of the body that stands for all that is held."""
+    def held_body(self) -> int:
+        """The number, behind those of the balls and walls, of the body that stands for all that is
+        held.
+        """
         return self.n_balls + len(self.walls)
 
 
@@ -395,11 +403,11 @@ class Crystal(Result):
         ``changes`` of other attributes.
         """
         kind = self.kind[origin]
-        # the kinds that remain, in the order in which their balls come
+        # the kinds that remain, in the order in which their balls come, and their new numbers
         _, first_balls = np.unique(kind, return_index=True)
         used_kinds = kind[np.sort(first_balls)]
-        # the number of each ball's kind among the used kinds, which are not in ascending order
-        new_kind = np.argsort(used_kinds)[np.searchsorted(np.sort(used_kinds), kind)]
+        new_number = np.full(len(self.kinds), -1, np.intp)
+        new_number[used_kinds] = np.arange(len(used_kinds))
         faces = []
         for face in self.faces:
             lower, upper = face.balls
@@ -409,7 +417,7 @@ class Crystal(Result):
         return self._derive(
             kinds=tuple(self.kinds[number] for number in used_kinds),
             names=tuple(self.names[number] for number in used_kinds),
-            kind=new_kind,
+            kind=new_number[kind],
             positions=positions,
             contacts=contacts,
             deviations=None if self.deviations is None else self.deviations[origin],
@@ -475,8 +483,8 @@ class Crystal(Result):
         are periodic. Where all balls have the same z and none of the periods leaves the plane, the
         crystal is plane; on a line it is a chain. Kinds are called by their symbols.
 
-        Raises :class:`~granphon.base.errors.InputError` for what are no Atoms, or none of them, for
-        a symbol without a ball, and for arguments that the class does not allow.
+        Raises :class:`~granphon.base.errors.InputError` for an argument that is no ``ase.Atoms``,
+        or has no atoms, for a symbol without a ball, and for arguments that the class refuses.
         """
         attributes = ("positions", "cell", "pbc", "get_chemical_symbols")
         if not all(hasattr(atoms, name) for name in attributes):
@@ -702,7 +710,17 @@ class Crystal(Result):
     def with_walls(self, walls: Mapping[str, Wall]) -> Self:
         """Return the crystal with other ``walls``, by name, in the place of those of these names;
         a name that no wall has changes nothing.
+
+        Raises :class:`~granphon.base.errors.InputError` for an argument that is no mapping of names
+        to walls.
         """
+        mapping: object = walls  # the caller may have given anything
+        are_walls = isinstance(mapping, Mapping) and all(
+            isinstance(wall, Wall) for wall in mapping.values()
+        )
+        if not are_walls:
+            mend = 'Give a granphon.Wall for each wall that changes, as {"wall": gp.Wall(steel)}'
+            raise InputError(f"the walls are {brief(mapping)}", mend=mend)
         faces = tuple(replace(face, edges=replace_walls(face.edges, walls)) for face in self.faces)
         return self._derive(faces=faces)
 
@@ -785,8 +803,8 @@ class Crystal(Result):
         return crystal
 
     def _require_joined(self) -> None:
-        """Raise :class:`InputError` unless all balls hang together, or stand on a floor or clamp,
-        and faces have balls.
+        """Raise :class:`InputError` unless each face has a ball, each ball touches another or is
+        held, some balls touch, and all hang together, also by way of a floor or clamp.
         """
         n = self.n_balls
         table = self.contacts
@@ -799,12 +817,12 @@ class Crystal(Result):
         if not self.n_contacts:
             problem = f"no balls of crystal {self.name!r} touch"
             raise InputError(problem, mend="Give more layers, or remove fewer balls")
-        held = np.zeros(n, bool)  # a floor or clamp extends along all periods and joins its balls
+        is_held = np.zeros(n, bool)  # a floor or clamp spans all periods and joins its balls
         for side in self._sides:
             if side.edge != "free":
-                held[side.balls] = True
+                is_held[side.balls] = True
         touching_balls = np.append(table.i, table.j)
-        lone_balls = np.setdiff1d(np.flatnonzero(~held), touching_balls)
+        lone_balls = np.setdiff1d(np.flatnonzero(~is_held), touching_balls)
         if lone_balls.size:
             problem = f"ball {lone_balls[0]} of crystal {self.name!r} touches no other"
             raise InputError(problem, mend="Remove it too")
@@ -816,7 +834,7 @@ class Crystal(Result):
             self.periods,
             f"crystal {self.name!r}",
             mend="Remove one of them, or give more layers",
-            held=held,
+            held=is_held,
         )
 
     # -- balls and contacts ------------------------------------------------------------------------
@@ -930,9 +948,10 @@ class Crystal(Result):
         strengths = [ball.material.yield_strength for ball in self.kinds]
         of_kinds = np.array([math.inf if value is None else value for value in strengths])
         of_balls = self._take_least_of_ends(of_kinds[self.kind])
-        of_walls = [np.full(len(floor.balls), floor.strength) for floor in self._floors]
-        between = np.full(len(self.contacts), math.inf)
-        return np.asarray(np.minimum(of_balls, np.concatenate([between, *of_walls])))
+        no_wall = np.full(len(self.contacts), math.inf)  # of the contacts between balls
+        on_walls = [np.full(len(floor.balls), floor.strength) for floor in self._floors]
+        of_walls = np.concatenate([no_wall, *on_walls])
+        return np.asarray(np.minimum(of_balls, of_walls))
 
     @cached_property
     def masses(self) -> Array:
@@ -1109,10 +1128,12 @@ class Crystal(Result):
             return nothing, nothing, np.zeros(0)
         axes = np.array(self.named_motions.translations)
         # balls come to rest in d dimensions: displacements out of the plane are not among them
-        along = np.flatnonzero(axes < self.dimension)
-        springs = np.where(self._bodies.ball_number[:, None] >= 0, self.on_site[:, along], 0.0)
+        columns_of_axes = np.flatnonzero(axes < self.dimension)
+        springs = np.where(
+            self._bodies.ball_number[:, None] >= 0, self.on_site[:, columns_of_axes], 0.0
+        )
         balls, columns = np.nonzero(springs)
-        return balls, axes[along][columns], springs[balls, columns]
+        return balls, axes[columns_of_axes][columns], springs[balls, columns]
 
     def _find_anchored_axes(self) -> set[int]:
         """Return the axes along which each ball that moves by itself has a spring to the ground."""
@@ -1134,7 +1155,7 @@ class Crystal(Result):
         bulges = self._bulges
         # numbers of bodies: the balls that move, the walls that move, and one for all that is held
         wall_or_held = np.where(
-            bodies.wall_of_ball >= 0, bodies.n_balls + bodies.wall_of_ball, bodies.held
+            bodies.wall_of_ball >= 0, bodies.n_balls + bodies.wall_of_ball, bodies.held_body
         )
         body_of_ball = np.where(bodies.ball_number >= 0, bodies.ball_number, wall_or_held)
         first_bodies = [body_of_ball[table.i]]
@@ -1144,7 +1165,7 @@ class Crystal(Result):
         offsets = [bulges[table.i] + bulges[table.j]]
         for floor in self._floors:
             radii = self._mean_radii[floor.balls]
-            wall = bodies.n_balls + floor.wall if floor.wall >= 0 else bodies.held
+            wall = bodies.n_balls + floor.wall if floor.wall >= 0 else bodies.held_body
             first_bodies.append(body_of_ball[floor.balls])
             second_bodies.append(np.full(len(floor.balls), wall))
             # from the centre of the ball to the flat body
@@ -1152,7 +1173,7 @@ class Crystal(Result):
             offsets.append(bulges[floor.balls])
         spring_balls, spring_axes, constants = self._springs
         first_bodies.append(body_of_ball[spring_balls])
-        second_bodies.append(np.full(len(constants), bodies.held))
+        second_bodies.append(np.full(len(constants), bodies.held_body))
         vectors.append(_NO_LENGTH * np.eye(d)[spring_axes])
         offsets.append(np.zeros(len(constants)))
         i = np.concatenate(first_bodies).astype(np.int64)
@@ -1399,9 +1420,9 @@ class Crystal(Result):
         """
         tensors = self._read_tensor("strain", strain, 0.5)
         values, accelerations = self._read_gravity(tensors, gravity, 2)
-        least = float(np.min(np.linalg.eigvalsh(values)))
-        if least <= -1.0:
-            problem = f"strain shortens crystal {self.name!r} by {-least:.4g} of its length"
+        least_strain = float(np.min(np.linalg.eigvalsh(values)))
+        if least_strain <= -1.0:
+            problem = f"strain shortens crystal {self.name!r} by {-least_strain:.4g} of its length"
             raise InputError(problem, "Nothing would be left of it", "Give a strain above -1")
 
         loads = zip(values.reshape(-1, *values.shape[-2:]), accelerations, strict=True)
@@ -1411,11 +1432,11 @@ class Crystal(Result):
         )
         return self._solve_each(values, applied, finite_overlap, 2)
 
-    def _read_tensor(self, name: str, given: ArrayLike, shear_factor: float) -> Array:
-        """Return symmetric tensors (..., p, p) from ``given`` such tensors, or from their
+    def _read_tensor(self, name: str, tensor: ArrayLike, shear_factor: float) -> Array:
+        """Return symmetric tensors (..., p, p) from a ``tensor`` of that shape, or from its
         components in Voigt's order (..., p (p + 1)/2), of which the shears are multiplied by
-        ``shear_factor``: 1 of a stress, 1/2 of a strain. Raises InputError for other shapes, and
-        for tensors that are not symmetric.
+        ``shear_factor``: 1 of a stress, 1/2 of a strain. With one period a number is a tensor too.
+        Raises InputError for other shapes, and for tensors that are not symmetric.
 
         ``name`` is what messages call the tensor.
         """
@@ -1423,7 +1444,7 @@ class Crystal(Result):
         if not p:
             problem = f"crystal {self.name!r} has no period that a {name} could act on"
             raise InputError(problem, mend="Give a pressure")
-        components = finite_array(name, given)
+        components = finite_array(name, tensor)
         voigt = voigt_pairs(p)
         if p == 1 and components.ndim == 0:
             components = components[None]
@@ -1480,8 +1501,8 @@ class Crystal(Result):
         an axis on which nothing holds the balls.
         """
         d = self.dimension
-        largest = np.max(np.abs(field), axis=-1, keepdims=True)
-        acts = np.abs(field) > _ROUNDED * largest
+        largest_component = np.max(np.abs(field), axis=-1, keepdims=True)
+        acts = np.abs(field) > _ROUNDED * largest_component
         acting_axes = np.flatnonzero(np.any(acts.reshape(-1, d), axis=0)).tolist()
         wall_axes = {side.axis for side in self._sides if side.edge != "free"}
         anchored_axes = self._find_anchored_axes()
@@ -1522,8 +1543,8 @@ class Crystal(Result):
             lift = self._explain_lift(acceleration, pressure)
         if not np.all(np.isfinite(force)):
             raise FloatingPointError(f"the forces of {words} are not finite")
-        given = np.zeros((self.periods,) * 2) if strain is None else strain
-        return AppliedLoad(force, words, stress, given, pressing, lift)
+        strain_of_cell = np.zeros((self.periods,) * 2) if strain is None else strain
+        return AppliedLoad(force, words, stress, strain_of_cell, pressing, lift)
 
     def _press_faces(self, pressure: float) -> Array:
         """Return the forces, N, of a pressure: the d components of each ball that moves by itself,
@@ -1560,12 +1581,14 @@ class Crystal(Result):
             if low == high == "free":
                 continue
             stands_on_low = low != "free"
-            along = acceleration[face.axis]
-            lift = along if stands_on_low else -along  # m/s^2, away from the face that holds
+            component = acceleration[face.axis]
+            # m/s^2, away from the face that holds
+            lift = component if stands_on_low else -component
             thicknesses = [cut.thickness for cut in self.faces if cut is not face]
-            weight = mass * lift / (self.measure * math.prod(thicknesses))
+            # the weight of all balls over the area of the face
+            weight_pressure = mass * lift / (self.measure * math.prod(thicknesses))
             is_held_at_both = face.edges == ("clamped", "clamped")
-            if lift <= 0.0 or pressure > weight or is_held_at_both:
+            if lift <= 0.0 or pressure > weight_pressure or is_held_at_both:
                 continue
             unit = _PRESSURE_UNITS[self.periods + len(self.faces)]
             edge = low if stands_on_low else high
@@ -1577,7 +1600,7 @@ class Crystal(Result):
                 f"Gravity acts along {sign}{'xyz'[face.axis]}, away from the {support} on which"
                 f" the balls stand"
             )
-            press = f"press with more than their weight, {weight:.4g} {unit}"
+            press = f"press with more than their weight, {weight_pressure:.4g} {unit}"
             return why, f"Turn it round, or {press}"
         return None
 
@@ -1663,12 +1686,10 @@ class Crystal(Result):
         laws = self._laws
         words = f"a mean {kind} of {goal:g} {'N' if kind == 'force' else 'm'}, at a pressure of"
         pressure = self._estimate_pressure(kind, goal)
-        search = PressureSearch(goal)
+        differ = assembly.differs
+        search = PressureSearch(goal, SAMPLE_TOLERANCE if differ else MEAN_TOLERANCE)
         start: Rest | None = None
         state: Rest | None = None
-        last_error = math.inf
-        differ = assembly.differs
-        tolerance = SAMPLED if differ else MEAN
         for _ in range(MOST_MEANS):
             load = self._load_hydrostatic(pressure, acceleration, f"{words} {pressure:.6g}")
             lattice_state = self._find_rest(load, "lattice", boundary, start)
@@ -1676,27 +1697,21 @@ class Crystal(Result):
                 # the state in the exact geometry is found from that in the directions of the sites.
                 # But where balls differ it is found from the last one: from another state loose
                 # balls would come to rest elsewhere, and the mean would jump
-                nearest = state if differ and state else lattice_state
-                state = self._find_rest(load, "exact", boundary, nearest)
+                start_of_exact = state if differ and state else lattice_state
+                state = self._find_rest(load, "exact", boundary, start_of_exact)
             else:
                 state = lattice_state
             contacts = MeanContacts.of(state, laws, differ)
-            if not np.any(contacts.counts):
+            if not np.any(contacts.is_counted):
                 problem = f"all contacts are open under {load.words}"
                 why = "Those that adhere have come apart"
                 raise InputError(problem, why, f"Give a larger {kind}")
             mean = contacts.find_mean(kind)
-            excess = mean / goal - 1.0
-            error = abs(excess)
             rounding = contacts.bound_rounding(kind, goal, differ, laws.adhere)
-            comes_no_nearer = error <= rounding and error >= last_error
-            if error <= tolerance or comes_no_nearer:
+            if search.is_reached(mean, rounding):
                 return state, load
-            is_unchanged = abs(excess - last_error) <= rounding * excess
-            if acceleration is not None and excess > 0.0 and is_unchanged:
-                # gravity alone presses more than the goal, and less pressure changes nothing
-                break
-            last_error = error
+            if acceleration is not None and search.is_stuck(mean, rounding):
+                break  # gravity alone presses more than the goal
             pressure_growth, overlap_growth = contacts.find_growth(kind, goal, mean)
             guess = pressure * pressure_growth
             if differ:
@@ -1706,9 +1721,9 @@ class Crystal(Result):
                 guess = search.extrapolate(pressure, mean, guess)
             # the next state is found from this one with the overlaps that are expected there
             start = lattice_state.scale(overlap_growth)
-            next_pressure = search.choose(pressure, excess, guess)
+            next_pressure = search.choose(pressure, mean, guess)
             if next_pressure is None:
-                if error <= rounding:
+                if search.last_error <= rounding:
                     return state, load
                 break
             pressure = next_pressure
@@ -1829,8 +1844,9 @@ class Crystal(Result):
         if not any("clamped" in face.edges for face in self.faces):
             _, anchored_axes, _ = self._springs
             held_axes = [*(side.axis for side in self._floors), *anchored_axes.tolist()]
-            loose = np.setdiff1d(np.arange(d), held_axes)
-            displacements[..., loose] -= np.mean(displacements[..., loose], axis=1, keepdims=True)
+            free_axes = np.setdiff1d(np.arange(d), held_axes)
+            along_free_axes = displacements[..., free_axes]
+            displacements[..., free_axes] -= np.mean(along_free_axes, axis=1, keepdims=True)
         return displacements, wall_motions
 
     def _find_stresses(self, states: Sequence[Rest], strains: Array) -> Array:
@@ -1888,26 +1904,19 @@ class CrystalState(Result):
         return {**self.units, "stress": ("", "N", "N/m", "Pa")[self.crystal.periods]}
 
     def __getitem__(self, index: Any) -> CrystalState:
-        """Return the state at some of the loads, indexed like an array.
-
-        Raises :class:`~granphon.base.errors.InputError` for the state at a single load, and for an
-        index that selects none.
+        """Return the state at some of the loads, indexed like an array; the errors are those of
+        :func:`~granphon.media.state.select_loads`.
         """
-        if self.is_single:
-            raise InputError("the state has one load, and no index", mend="Use it as it is")
-        load_count = int(np.prod(self.shape))
+        load_count = math.prod(self.shape)
         load_axes = len(self.shape)
         # the numbers of the loads are indexed, so that an index cannot reach the axes behind them
-        selected_loads = np.arange(load_count).reshape(self.shape)[index]
-        if not np.size(selected_loads):
-            problem = f"the index {brief(index)} selects none of the loads"
-            raise InputError(problem, mend="Select one or more")
-        selected: dict[str, Any] = {}
+        selected_loads = select_loads(self.shape, index)
+        selected_arrays: dict[str, Any] = {}
         for name in _PER_LOAD:
             array = getattr(self, name)
             array_of_loads = array.reshape(load_count, *array.shape[load_axes:])
-            selected[name] = read_only(array_of_loads[selected_loads])
-        return replace(self, **selected)
+            selected_arrays[name] = read_only(array_of_loads[selected_loads])
+        return replace(self, **selected_arrays)
 
     def __repr__(self) -> str:
         forces = self.normal_force

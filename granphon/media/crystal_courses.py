@@ -50,7 +50,7 @@ class CrystalFollower:
             self._pressure = find_pressure(lambda size: self._pose(crystal, load, size), rest)
         problem = self._pose(crystal, load, self._pressure)
         self._follower = RestFollower(problem, rest)
-        self._counts = _count_in_means(rest, crystal)
+        self._is_counted = _find_counted(rest, crystal)
         self._under_mean: PressureFollower | None = None
         if load.kind in _MEANS:
             self._under_mean = PressureFollower(
@@ -87,7 +87,8 @@ class CrystalFollower:
 
     def _measure_mean(self, configuration: Configuration) -> float:
         """Return the mean that the load gives, force, N, or overlap, m, of a configuration."""
-        return float(np.mean(getattr(configuration, self._load.kind)[self._counts]))
+        forces_or_overlaps = getattr(configuration, self._load.kind)
+        return float(np.mean(forces_or_overlaps[self._is_counted]))
 
     def _pose(self, crystal: Crystal, load: Load, pressure: float) -> Problem:
         """Return the problem of a crystal at rest under a load. ``pressure``, N, N/m or Pa, is the
@@ -134,11 +135,11 @@ def _restore(state: CrystalState, problem: Problem) -> Rest:
     return replace(rest, overlap=overlap)
 
 
-def _count_in_means(rest: Rest, crystal: Crystal) -> Flags:
-    """Return (n_c + n_s,) whether each contact counts in the means; the n_s springs to the ground,
-    which come last, do not.
+def _find_counted(rest: Rest, crystal: Crystal) -> Flags:
+    """Return (n_c + n_s,) whether means are over each contact; they are not over the n_s springs to
+    the ground, which come last.
     """
-    counts = np.zeros(len(rest.overlap), bool)
-    means = MeanContacts.of(rest, crystal._laws, rest.assembly.differs)
-    counts[: crystal.n_contacts] = means.counts
-    return counts
+    is_counted = np.zeros(len(rest.overlap), bool)
+    contacts = MeanContacts.of(rest, crystal._laws, rest.assembly.differs)
+    is_counted[: crystal.n_contacts] = contacts.is_counted
+    return is_counted

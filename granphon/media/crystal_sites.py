@@ -67,15 +67,17 @@ def _count_in_letters() -> Iterator[str]:
             yield "".join(letters)
 
 
-def name_kinds(kinds: Sequence[Ball], known: Mapping[Ball, str] | None = None) -> tuple[str, ...]:
-    """Return the name of each kind: the ``known`` name of its ball, or else the name that the ball
-    itself has, or else the next unused one of A, B, C, ...
+def name_kinds(
+    kinds: Sequence[Ball], known_names: Mapping[Ball, str] | None = None
+) -> tuple[str, ...]:
+    """Return the name of each kind: the one of its ball in ``known_names``, or else the name that
+    the ball itself has, or else the next unused one of A, B, C, ...
 
     Raises :class:`~granphon.base.errors.InputError` if two kinds have the same name, or a kind is
     called "floor".
     """
-    known_names = known or {}
-    names = {ball: known_names.get(ball) or ball.name for ball in kinds}  # empty if there is none
+    given_names = known_names or {}
+    names = {ball: given_names.get(ball) or ball.name for ball in kinds}  # empty if there is none
     used_names = {name for name in names.values() if name} | {RIGID_PLANE.name}
     unused_letters = (letters for letters in _count_in_letters() if letters not in used_names)
     kind_names = tuple(names[ball] or next(unused_letters) for ball in kinds)
@@ -128,9 +130,9 @@ def require_symbols(symbols: Sequence[str], balls: object) -> None:
     if not isinstance(balls, Mapping):
         mend = 'Give balls by symbols, as {"Na": ball}'
         raise InputError(f"the balls are {brief(balls)}", mend=mend)
-    missing = sorted(set(symbols) - set(balls))
-    if missing:
-        problem = f"there is no ball for {', '.join(missing)}"
+    missing_symbols = sorted(set(symbols) - set(balls))
+    if missing_symbols:
+        problem = f"there is no ball for {', '.join(missing_symbols)}"
         raise InputError(problem, mend="Give one for each symbol")
 
 
@@ -202,19 +204,19 @@ def require_large_enough(structure: Lattice, cell: Array, kinds: Sequence[Ball])
     steps = np.array(list(itertools.product((-1, 0, 1), repeat=p)))
     image_steps = steps[np.any(steps, axis=1)]  # without the ball itself
     image_distance = float(np.min(np.linalg.norm(image_steps @ cell, axis=1)))
-    small, large = sorted(kinds, key=lambda ball: ball.diameter)
-    if image_distance >= large.diameter * (1.0 - TOUCH):
+    small_ball, large_ball = sorted(kinds, key=lambda ball: ball.diameter)
+    if image_distance >= large_ball.diameter * (1.0 - TOUCH):
         return
     # the distance of unlike balls over that of images is fixed by the lattice; at the least small
     # diameter the images are one large diameter apart
-    distance_ratio = 0.5 * (small.diameter + large.diameter) / image_distance
-    least_diameter = 2.0 * large.diameter * distance_ratio - large.diameter
-    name = small.name or "AB"[kinds.index(small)]
-    ratio = small.diameter / large.diameter
-    least_ratio = least_diameter / large.diameter
+    distance_ratio = 0.5 * (small_ball.diameter + large_ball.diameter) / image_distance
+    least_diameter = 2.0 * large_ball.diameter * distance_ratio - large_ball.diameter
+    name = small_ball.name or "AB"[kinds.index(small_ball)]
+    ratio = small_ball.diameter / large_ball.diameter
+    least_ratio = least_diameter / large_ball.diameter
     raise InputError(
-        f"ball {name} of {small.diameter:g} m is too small for its site in {structure.name}",
-        f"The others, of {large.diameter:g} m, touch each other before they touch it: the ratio of"
-        f" the diameters is {ratio:.4g}, and must be {least_ratio:.4g} or more",
+        f"ball {name} of {small_ball.diameter:g} m is too small for its site in {structure.name}",
+        f"The others, of {large_ball.diameter:g} m, touch each other before they touch it: the"
+        f" ratio of the diameters is {ratio:.4g}, and must be {least_ratio:.4g} or more",
         f"Give it a diameter of {least_diameter:.6g} m or more",
     )

@@ -170,7 +170,7 @@ class Check(Result):
     @property
     def excess(self) -> float:
         """How far the worst value is beyond the limit: the ratio of the two, above 1 if the
-        condition fails there.
+        condition fails there; infinite where the one that should be larger is zero or below.
         """
         worst = float(np.ravel(self.value)[self.worst_index])
         # the value that should be the larger one is the divisor
@@ -189,8 +189,9 @@ class Check(Result):
         return self.tell()
 
     def tell(self, where: str = "", force_unit: str = "") -> str | None:
-        """Return the :attr:`warning`. The words ``where`` say, in brackets behind the number of
-        loads at which the condition fails, which loads these are. Forces of contacts are in the
+        """Return the :attr:`warning`. The words ``where`` say at which loads the condition fails;
+        they stand in brackets behind the number of these loads, or at the end of the warning of a
+        medium, and are left out where the warning counts no loads. Forces of contacts are in the
         ``force_unit``; in N, if need be with a prefix, if that is empty.
         """
         failing = self.failing
@@ -201,9 +202,9 @@ class Check(Result):
             return message(self.fault, self.reason)
         place = f" ({where})" if where else ""
         value = np.asarray(self.value)
-        worst = float(value.min() if self.at_least else value.max())
+        worst_value = float(value.min() if self.at_least else value.max())
         if self.name == "medium":
-            return f"{self._warn_of_medium(worst, failing, loads, force_unit)}{place}."
+            return f"{self._warn_of_medium(worst_value, failing, loads, force_unit)}{place}."
         # the spread and the constants of a ball do not depend on the load
         depends_on_load = self.name not in ("spread", *BALL_LIMITS)
         bound = ""
@@ -211,7 +212,7 @@ class Check(Result):
         if depends_on_load and loads > 1:
             bound = "up to " if failing > 1 else ""
             share = f"{_write_share(failing, loads)}{place} "
-        sentence = f"{share}{self._write_sentence(worst, bound)}"
+        sentence = f"{share}{self._write_sentence(worst_value, bound)}"
         return f"{sentence[0].upper()}{sentence[1:]}: {self.reason}."
 
     def tell_states(self, share: str, place: str, force_unit: str = "") -> str:
@@ -269,16 +270,16 @@ class Check(Result):
         return f"{self.reason} below {limit}: {clause} {force}"
 
 
-def check_limit(name: str, value: Any, more: str = "") -> Check:
+def check_limit(name: str, value: Any, addition: str = "") -> Check:
     """Return the condition called ``name`` of :data:`_LIMITS` or
     :data:`~granphon.balls.ball.BALL_LIMITS` for a ``value``, of the shape of the load, in the unit
-    of the limit. The words ``more`` are added to its reason.
+    of the limit. The words ``addition`` end its reason.
     """
     if name in BALL_LIMITS:
         _, quantity, unit, limit, at_least = BALL_LIMITS[name]
-        return Check(name, f"{quantity} in {unit}", value, limit, WRONG_UNIT + more, at_least)
+        return Check(name, f"{quantity} in {unit}", value, limit, WRONG_UNIT + addition, at_least)
     condition = _LIMITS[name]
-    return Check(name, condition.quantity, value, condition.value, condition.reason + more)
+    return Check(name, condition.quantity, value, condition.value, condition.reason + addition)
 
 
 def _write_share(failing: int, loads: int) -> str:

@@ -20,9 +20,7 @@ from granphon.array.equilibrium import (
     explain_too_small,
 )
 from granphon.array.history import LoadingHistory
-from granphon.array.options import (
-    ReducedLoad,
-)
+from granphon.array.options import ReducedLoad
 from granphon.array.pressed_array import PressedArray
 from granphon.array.pressed_place import PressedGeometry
 from granphon.array.pressed_sample import PressedEquilibrium, PressedSample
@@ -43,19 +41,19 @@ def require_load(packing: Packing, load: Load, largest_excess: float) -> None:
     """Raise :class:`~granphon.base.errors.InputError` for an applied load that no sample of a
     packing can bear.
 
-    Such loads are beyond the range of the law of equal balls, or press equal balls together by a
-    whole diameter; and those that crystals alone bear. Where balls differ, two kinds of loads are
-    refused too: forces and pressures below f* = 1e-8 (on a line also overlaps with such a force),
-    and overlaps at which not even two of the largest balls touch. ``largest_excess`` is the excess
-    of the largest diameter over the mean, m.
+    Refused are loads that crystals alone bear, loads beyond the range of the law of equal balls,
+    and those that press equal balls together by a whole diameter. Where balls differ, two kinds of
+    loads are refused too: forces and pressures below f* = 1e-8 (on a line also overlaps with such a
+    force), and overlaps at which not even two of the largest balls touch. ``largest_excess`` is the
+    excess of the largest diameter over the mean, m.
     """
     require_of_packing(load)
     equal_balls = AveragedLattice(replace(packing, spread=None))
     # on a line balls that differ have the law of equal balls, and overlaps are treated as forces
     if load.kind == "overlap" and packing.spread_matters:
-        greatest = np.max(load.array)
-        if greatest > packing.width:
-            equal_balls.at(Load("overlap", greatest))  # raises for too large an overlap
+        greatest_overlap = np.max(load.array)
+        if greatest_overlap > packing.width:
+            equal_balls.at(Load("overlap", greatest_overlap))  # raises for too large an overlap
         # two of the largest balls touch where the overlap of mean balls is minus their excess
         if np.min(load.array) <= -largest_excess:
             raise explain_untouched(load, largest_excess)
@@ -204,9 +202,9 @@ class LoadedSample:
             history, start = self._begin()
             self._require_above(history, start, path)
 
-    def _stencils(self, mindlin_ratio: float = 0.0) -> Stencils:
-        """Return the stencils of the sample for contacts with a ``mindlin_ratio`` kappa/k; without
-        friction the ratio is zero.
+    def _make_stencils(self, mindlin_ratio: float = 0.0) -> Stencils:
+        """Return new stencils of the sample for contacts with a ``mindlin_ratio`` kappa/k, by
+        default without friction.
         """
         structure = self.packing.structure
         shape = array_shape(self.deviations, structure)
@@ -217,7 +215,7 @@ class LoadedSample:
 
         An error of the start has "start" as its ``option``.
         """
-        stencils = self._stencils(self.packing.mindlin_ratio)
+        stencils = self._make_stencils(self.packing.mindlin_ratio)
         geometry = PressedGeometry(stencils, self.deviations, self.ratio)
         start = self.history.reduce_start(self.packing, is_exact=bool(self.ratio))
         mu = self.history.friction_coefficient
@@ -233,8 +231,8 @@ class LoadedSample:
     def _require_above(
         self, history: LoadingHistory, start: PressedArray, path: Sequence[ReducedLoad]
     ) -> None:
-        """Raise InputError for a load of the path below the ``start``; for loads in the order of
-        the user raise nothing.
+        """Raise InputError for a load of the ``path`` below the ``start``, the array at the start
+        of the ``history``; for loads in the order of the user raise nothing.
         """
         if self.history.ordered:
             return
@@ -252,7 +250,7 @@ class LoadedSample:
         history, state = self._begin()
         self._require_above(history, state, path)
         states = history.path(path, state)
-        frictionless = self._stencils()  # all equilibria of the path share these stencils
+        frictionless = self._make_stencils()  # all equilibria of the path share these stencils
         for index in range(len(path)):
             try:
                 state = next(states)
@@ -270,8 +268,8 @@ class LoadedSample:
         slip, so that the path does not matter, and all work of the load since the start is stored
         as energy.
         """
-        stencils = self._stencils(self.packing.mindlin_ratio)
-        frictionless = self._stencils()
+        stencils = self._make_stencils(self.packing.mindlin_ratio)
+        frictionless = self._make_stencils()
         start = self.history.reduce_start(self.packing, is_exact=bool(self.ratio))
         mu = self.history.friction_coefficient
         assert mu is not None

@@ -16,28 +16,52 @@ from granphon.contacts.laws import ContactLaws
 from granphon.statics.rest import Rest
 
 #: relative error at which a mean force or overlap is reached, and most states in the search for it
-MEAN = 4e-15
+MEAN_TOLERANCE = 4e-15
 MOST_MEANS = 60
 #: relative error at which the mean of a sample is reached: samples are at rest to 1e-12 of the mean
 #: force
-SAMPLED = 1e-11
+SAMPLE_TOLERANCE = 1e-11
 #: relative error of a mean that is put down to rounding where no better one is found
 _ROUNDED_MEAN = 1e-13
 
 
 class PressureSearch:
-    """The search for the pressure at which the mean force (N) or overlap (m) is the ``goal``.
+    """The search for the pressure at which the mean force (N) or overlap (m) is the ``goal``, to a
+    relative error of ``tolerance``.
 
     ``low`` and ``high`` are the largest pressure that was found too low, and the smallest that was
-    found too high. ``last_pressure`` and ``last_mean`` belong to the last trial.
+    found too high. ``last_pressure`` and ``last_mean`` belong to the last trial of
+    :meth:`extrapolate`, and ``last_error``, the size of its relative error, to that of
+    :meth:`choose`.
     """
 
-    def __init__(self, goal: float) -> None:
+    def __init__(self, goal: float, tolerance: float) -> None:
         self.goal = goal
+        self.tolerance = tolerance
         self.low = 0.0
         self.high = math.inf
         self.last_pressure = 0.0
         self.last_mean = math.nan
+        self.last_error = math.inf
+
+    def find_excess(self, mean: float) -> float:
+        """Return how far a ``mean`` is above the goal, relative to the goal."""
+        return mean / self.goal - 1.0
+
+    def is_reached(self, mean: float, rounding: float) -> bool:
+        """Return whether a ``mean`` is the goal: to the tolerance, or to the relative error
+        ``rounding`` if the mean is no nearer to the goal than that of the trial before.
+        """
+        error = abs(self.find_excess(mean))
+        comes_no_nearer = error <= rounding and error >= self.last_error
+        return error <= self.tolerance or comes_no_nearer
+
+    def is_stuck(self, mean: float, rounding: float) -> bool:
+        """Return whether a ``mean`` is above the goal by as much as that of the trial before, to
+        the relative error ``rounding``: less pressure changes nothing.
+        """
+        excess = self.find_excess(mean)
+        return excess > 0.0 and abs(excess - self.last_error) <= rounding * excess
 
     def extrapolate(self, pressure: float, mean: float, guess: float) -> float:
         """Return the pressure at which the secant through the last two trials, of which the second
@@ -52,34 +76,35 @@ class PressureSearch:
         self.last_mean = mean
         return guess
 
-    def choose(self, pressure: float, excess: float, guess: float) -> float | None:
-        """Narrow the interval by the trial at ``pressure``, and return the next pressure: the
-        ``guess`` if it is inside the interval, else the middle of the interval. Return None if the
-        interval has no pressure left inside.
+    def choose(self, pressure: float, mean: float, guess: float) -> float | None:
+        """Narrow the interval by the trial at ``pressure``, which has this ``mean``, and return the
+        next pressure: the ``guess`` if it is inside the interval, else the middle of the interval.
+        Return None if the interval has no pressure left inside. This trial becomes the last one.
 
-        ``excess`` is that of the mean at ``pressure`` over the goal, relative to the goal. As long
-        as no mean was too large, the interval is taken to end at twice the ``pressure``.
+        As long as no mean was too large, the interval is taken to end at twice the ``pressure``.
         """
+        excess = self.find_excess(mean)
+        self.last_error = abs(excess)
         if excess < 0.0:
             self.low = pressure
         else:
             self.high = pressure
         middle = 0.5 * (self.low + min(self.high, 2.0 * pressure))
-        chosen = guess if self.low < guess < self.high else middle
-        return None if chosen in (self.low, self.high) else chosen
+        next_pressure = guess if self.low < guess < self.high else middle
+        return None if next_pressure in (self.low, self.high) else next_pressure
 
 
 class MeanContacts(NamedTuple):
-    """The contacts of a state at rest over which means are taken.
+    """The contacts of a state at rest, and over which of them means are taken.
 
-    ``overlap``, ``force`` and ``stiffness`` (n_c,) are in SI; ``counts`` (n_c,) says which contacts
-    the mean is over.
+    ``overlap`` (n_c,), m, ``force`` (n_c,), N, and ``stiffness`` (n_c,), N/m, are those of all
+    contacts; ``is_counted`` (n_c,) says of each contact whether means are over it too.
     """
 
     overlap: Array
     force: Array
     stiffness: Array
-    counts: Flags
+    is_counted: Flags
 
     @classmethod
     def of(cls, state: Rest, laws: ContactLaws, differ: bool) -> Self:
@@ -90,23 +115,25 @@ class MeanContacts(NamedTuple):
         overlap = state.overlap[: laws.count]  # springs to the ground come behind the contacts
         force = laws.force(overlap)
         stiffness = laws.stiffness(overlap)
-        counts = stiffness > 0.0 if laws.adhere else force != 0.0
+        is_counted = stiffness > 0.0 if laws.adhere else force != 0.0
         if differ:
-            counts = np.ones(force.size, bool)
-        return cls(overlap, force, stiffness, counts)
+            is_counted = np.ones(force.size, bool)
+        return cls(overlap, force, stiffness, is_counted)
 
     def find_mean(self, kind: str) -> float:
-        """Return the mean of the ``kind`` "force", N, or "overlap", m."""
+        """Return the mean of the ``kind`` "force", N, or "overlap", m; at least one contact must be
+        counted.
+        """
         values = self.force if kind == "force" else self.overlap
-        return float(np.mean(values[self.counts]))
+        return float(np.mean(values[self.is_counted]))
 
     @property
     def power(self) -> float:
         """Exponent with which overlaps grow with the pressure: the mean of f over the mean of
         k delta. For f as delta^a this is 1/a.
         """
-        work = np.mean((self.stiffness * self.overlap)[self.counts])
-        return float(np.mean(self.force[self.counts]) / work)
+        work = np.mean((self.stiffness * self.overlap)[self.is_counted])
+        return float(np.mean(self.force[self.is_counted]) / work)
 
     def find_growth(self, kind: str, goal: float, mean: float) -> tuple[float, float]:
         """Return the factor by which the pressure, and the factor by which the overlaps, are to
@@ -129,7 +156,7 @@ class MeanContacts(NamedTuple):
             # ten times the error at which the mean of a sample is reached; more where loose balls
             # make the mean small against the overlaps of single contacts
             ratio = float(np.mean(np.abs(self.overlap)) / np.abs(np.mean(self.overlap)))
-            rounding = 10.0 * SAMPLED * max(1.0, ratio)
+            rounding = 10.0 * SAMPLE_TOLERANCE * max(1.0, ratio)
         if not adhere:
             return rounding
         # where contacts adhere, the mean may be small against its parts, attraction and repulsion,
@@ -138,5 +165,5 @@ class MeanContacts(NamedTuple):
         if kind == "force":
             terms = np.abs(self.stiffness * self.overlap)
         else:
-            terms = np.abs(self.force / np.where(self.counts, self.stiffness, np.inf))
-        return rounding * max(1.0, float(np.mean(terms[self.counts])) / goal)
+            terms = np.abs(self.force / np.where(self.is_counted, self.stiffness, np.inf))
+        return rounding * max(1.0, float(np.mean(terms[self.is_counted])) / goal)

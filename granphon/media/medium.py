@@ -155,8 +155,8 @@ class Medium(ABC, Generic[StateT]):
         return
 
     def count_start(self, load: Load) -> float:
-        """Return the cost of :meth:`require_start` at a ``load``, as a number of balls of an array
-        that takes as long to bring to rest; zero if nothing is solved there.
+        """Return the cost of :meth:`require_start` at a ``load``: the number of balls of an array
+        that takes as long to come to rest; zero if no start is solved.
         """
         return 0.0
 
@@ -286,10 +286,11 @@ class LawMedium(Medium[ContactState]):
 
     ``at_*`` raise :class:`~granphon.base.errors.InputError` for a load that is not finite, not
     compressive, of a kind that crystals alone bear, too small or too large for double precision, or
-    presses balls together by their whole diameter, for more loads than memory holds, and
-    :class:`~granphon.base.errors.PrecisionError` for one so low that the law is not known there.
-    With ``finite_overlap`` every result from the state includes the terms of relative order
-    delta/d, and pressure and density count the boundary that shrinks with the balls.
+    so large that it presses balls together by their whole diameter; and for more loads than memory
+    holds. They raise :class:`~granphon.base.errors.PrecisionError` for a load so low that the law
+    is not known there. With ``finite_overlap`` every result from the state includes the terms of
+    relative order delta/d, and pressure and density are those of a boundary that shrinks with the
+    balls.
     """
 
     packing: Packing
@@ -438,7 +439,7 @@ class LawMedium(Medium[ContactState]):
             medium, changed_load = change(step)
             return medium, medium._law_near(self), changed_load.applied
 
-        def find_lack(step: float) -> Any:
+        def find_missing_force(step: float) -> Any:
             """Return the force, N, that contacts lack at a step if the overlap stays."""
             medium, law, changed_load = prepare(step)
             required_force, _ = medium._ask_force(changed_load, shrinkage)
@@ -452,26 +453,26 @@ class LawMedium(Medium[ContactState]):
             # boundary shrinks
             _, slope = self._ask_force(load, shrinkage)
             resistance = state.normal_stiffness - (slope if state.finite_overlap else 0.0)
-            derivative = differentiate(find_lack, _STEP_OF_LAW) / resistance
+            derivative = differentiate(find_missing_force, _STEP_OF_LAW) / resistance
 
         def find_state(step: float) -> ContactState:
             """Return the state at a ``step``, whose overlap changes in proportion to the step."""
             medium, law, _ = prepare(step)
-            moved = overlap + step * derivative
+            changed_overlap = overlap + step * derivative
             return replace(
                 state,
                 packing=medium.packing,
                 law=law,
-                force=law.force(moved),
-                overlap=moved,
-                normal_stiffness=law.stiffness(moved),
+                force=law.force(changed_overlap),
+                overlap=changed_overlap,
+                normal_stiffness=law.stiffness(changed_overlap),
             )
 
         return Course(find_state, _STEP_OF_LAW)
 
     def _law_near(self, origin: Any) -> Law:
-        """Return the law of this medium, which a subclass may approximate to first order in its
-        distance from the law of the medium ``origin``, if that is quicker.
+        """Return the law of this medium. A subclass may return an approximation, to first order in
+        the distance from the law of the medium ``origin``, if that is quicker.
         """
         return self.law
 
@@ -538,12 +539,12 @@ class EffectiveMedium(_ReducedMedium):
     all (equations 28-46).
 
     The only property of the lattice in its law is Xi (:attr:`local_field`), so that the medium
-    serves in one, two and three dimensions. It is valid from f* = 0.08 (Section IV, by comparison
-    with simulations of the triangular lattice); ``valid`` of a state says so. The law is solved
-    from f* = 1e-6, and force and stiffness are accurate to 1e-8 or better from f* = 1e-4. Each pair
-    of listed diameters puts a kink into the law, which is resolved. For some lists with diameters
-    rarer than about 1 % the stiffness falls to zero at a higher f* than 1e-6, and the equation has
-    no solution below. On a line the law is Hertz's.
+    serves in one, two and three dimensions. The medium is valid from f* = 0.08 (Section IV, by
+    comparison with simulations of the triangular lattice); ``valid`` of a state says so. The law is
+    solved from f* = 1e-6, and force and stiffness are accurate to 1e-8 or better from f* = 1e-4.
+    Each pair of listed diameters puts a kink into the law, which is resolved. For some lists with
+    diameters rarer than about 1 % the stiffness falls to zero at a higher f* than 1e-6, and the
+    equation has no solution below. On a line the law is Hertz's.
 
     Friction makes Xi larger: the lattice around a ball gives way less, by springs eta k against
     slip. There is no other friction in the statics of the medium: contacts bear no tangential force
@@ -632,7 +633,9 @@ class EffectiveMedium(_ReducedMedium):
         return spread is not None and spread.mean is not None
 
     def prepare(self) -> None:
-        """Find the local field, and keep it, if balls differ; not every lattice has one."""
+        """Find the local field, and keep it, if balls differ; raise
+        :class:`~granphon.base.errors.MechanismError` if the lattice has none.
+        """
         if self.packing.width:
             _ = self.local_field
 

@@ -308,40 +308,41 @@ class NetworkFiles(Block, kw_only=True):
             if len(files) == 3:
                 options["walls"] = files.pop()
         # a reader may be the user's own: what it takes is read from its signature
-        known = inspect.signature(READERS[self.format]).parameters
-        self._require_number(files, known)
-        takes_all = any(parameter.kind == parameter.VAR_KEYWORD for parameter in known.values())
-        unknown = [name for name in options if name not in known and not takes_all]
-        if unknown:
-            allowed = [name for name in self._settings if name in known]
-            fault = f"the reader of {self.format} has no option {unknown[0]!r}"
+        parameters = inspect.signature(READERS[self.format]).parameters
+        self._require_file_count(files, parameters)
+        takes_any_option = any(
+            parameter.kind == parameter.VAR_KEYWORD for parameter in parameters.values()
+        )
+        unknown_options = [name for name in options if name not in parameters]
+        if unknown_options and not takes_any_option:
+            allowed = [name for name in self._settings if name in parameters]
+            fault = f"the reader of {self.format} has no option {unknown_options[0]!r}"
             raise InputError(fault, f"It has {list_names(allowed)}", "Leave it out")
         return ContactNetwork.read(self.format, *files, **options)
 
-    def _require_number(
+    def _require_file_count(
         self, files: list[Path], parameters: Mapping[str, inspect.Parameter]
     ) -> None:
         """Raise InputError if the reader takes another number of ``files``.
 
-        Its files are those of its ``parameters`` that are given by place and are no settings of
-        this block; a parameter with a default may be left out. A reader with ``*files`` takes any
-        number.
+        A reader takes a file for each of its ``parameters``, by their names, that is given by place
+        and is no setting of this block; a parameter with a default may be left out. A reader with
+        ``*files`` takes any number.
         """
         takes_any_number = any(
             parameter.kind == parameter.VAR_POSITIONAL for parameter in parameters.values()
         )
         if takes_any_number:
             return
-        of_files = [
+        file_parameters = [
             parameter
             for name, parameter in parameters.items()
             if parameter.kind in _BY_PLACE and name not in self._settings
         ]
-        least = sum(parameter.default is parameter.empty for parameter in of_files)
-        if not least <= len(files) <= len(of_files):
-            names = list_names([parameter.name for parameter in of_files])
-            given = counted(len(files), "file")
-            fault = f"the reader of {self.format} does not take {given}"
+        least_count = sum(parameter.default is parameter.empty for parameter in file_parameters)
+        if not least_count <= len(files) <= len(file_parameters):
+            names = list_names([parameter.name for parameter in file_parameters])
+            fault = f"the reader of {self.format} does not take {counted(len(files), 'file')}"
             raise InputError(fault, f"It takes {names}", "Give these, in this order")
 
     @property
@@ -520,8 +521,8 @@ class LoadedNetwork(NetworkState):
         d = network.dimension
         if not all(network.pbc[:d]):
             raise InputError("a packing with open ends has no pressure of its own")
-        normal_force, across = network.static_forces
-        forces = normal_force[:, None] * network.normal + across
+        normal_force, tangential_force = network.static_forces
+        forces = normal_force[:, None] * network.normal + tangential_force
         volume = abs(float(np.linalg.det(network.cell[:d, :d])))
         return float(np.sum(forces * network.vector)) / (d * volume)
 

@@ -47,9 +47,8 @@ def write_newtons(error: GranphonError, packing: Any) -> GranphonError:
     text = str(error)
     if "f* = " not in text or not getattr(packing, "width", 0.0):
         return error
-    return error.restate(
-        _REDUCED_FORCE.sub(lambda found: write_force(packing, float(found[1])), text)
-    )
+    text_in_newtons = _REDUCED_FORCE.sub(lambda match: write_force(packing, float(match[1])), text)
+    return error.restate(text_in_newtons)
 
 
 def in_newtons(
@@ -67,9 +66,9 @@ def in_newtons(
         try:
             return method(medium, *arguments, **options)
         except GranphonError as error:
-            written = write_newtons(error, medium.packing)
-            if written is error:
+            restated_error = write_newtons(error, medium.packing)
+            if restated_error is error:
                 raise
-            raise written from error
+            raise restated_error from error
 
     return call

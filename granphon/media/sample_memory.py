@@ -26,8 +26,8 @@ _ROTATING_BALL_BYTES = {2: 500.0, 3: 900.0}
 #: motions of a ball, in double and in single precision, while the list responds to strains
 _LISTED_CONTACT_BYTES = 220.0
 _BLOCK_ENTRY_BYTES = 12.0
-#: bytes for each motion of a ball under each strain meanwhile: the force that is left, the
-#: direction of the search and the like
+#: bytes for each motion of a ball under each strain while the list responds: the force that is
+#: left, the direction of the search and the like
 _STRAINED_MOTION_BYTES = 110.0
 #: bytes for each ball while the Green's function is made, over n m^2, with n balls in the cell and
 #: m motions of a ball
@@ -79,7 +79,8 @@ def estimate_memory(simulation: Samples, load: Load) -> float:
 
     In exact directions contacts are a list. In the directions of the lattice they are a grid, of
     which no contact is spelled out, whether the cell shears or not; its moduli take a list up to
-    the number of balls whose matrix is factorised.
+    the number of balls whose matrix is factorised. Equal balls need no factors to come to rest, and
+    keep nothing of a path.
     """
     packing = simulation.packing
     balls = simulation.balls

@@ -46,13 +46,13 @@ class SampleOnGrid:
 
     def sort(self, rest: Rest) -> Rest:
         """Return a state at rest in the order of the crystal, sorted into that of the grid."""
-        turned = rest.turned_normal
+        turned_normal = rest.turned_normal
         return replace(
             rest,
             displacement=rest.displacement[self.balls],
             overlap=rest.overlap[self.contacts],
             assembly=self.assembly,
-            turned_normal=None if turned is None else turned[self.contacts],
+            turned_normal=None if turned_normal is None else turned_normal[self.contacts],
         )
 
     def restore(self, rest: Rest) -> Rest:

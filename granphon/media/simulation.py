@@ -32,7 +32,7 @@ from granphon.array.sample import STEP, Sample
 from granphon.array.stencils import Stencils
 from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.balls.diameters import Measured
-from granphon.balls.hertz import EnergyLaw, HertzLaw
+from granphon.balls.hertz import EnergyLaw, HertzLaw, read_overlap
 from granphon.balls.lattices import Lattice, as_direction
 from granphon.balls.loads import Load
 from granphon.balls.motions import Motions, default_motions
@@ -41,7 +41,7 @@ from granphon.base.arrays import Array
 from granphon.base.differences import Course
 from granphon.base.errors import GranphonError, InputError, MechanismError, brief
 from granphon.base.memory import require_memory
-from granphon.base.progress import Progress, silent
+from granphon.base.progress import Progress, require_progress, silent
 from granphon.base.results import held, read_only, result_class
 from granphon.base.standard_errors import jackknife, standard_error
 from granphon.base.text import suggest
@@ -82,7 +82,7 @@ from granphon.media.loading import (
 from granphon.media.medium import SIMULATION, Change, Medium, Option
 from granphon.media.newtons import in_newtons
 from granphon.media.sample_memory import estimate_memory
-from granphon.media.state import ContactState, read_finite_overlap
+from granphon.media.state import ContactState, read_finite_overlap, select_loads
 from granphon.statics.configuration import BOUNDARIES
 
 #: the largest seed of a sample
@@ -140,18 +140,19 @@ class SampleLaw(EnergyLaw):
         """
         simulation = self.simulation
         samples = range(simulation.samples)
-        largest = max(float(np.max(simulation.deviations(index))) for index in samples)
-        return -largest * simulation.packing.width_units.width
+        largest_deviation = max(float(np.max(simulation.deviations(index))) for index in samples)
+        return -largest_deviation * simulation.packing.width_units.width
 
     def _average_at(self, overlap: ArrayLike, quantity: Callable[[Sample], float]) -> Any:
         """Return the mean over samples of a ``quantity``, a number of each sample, at each
-        ``overlap``, m. The result has the shape of the overlaps.
+        ``overlap``, m. The result has the shape of the overlaps. Raises InputError for overlaps
+        that are no numbers, and the errors of :meth:`DirectSimulation.at`.
         """
-        overlaps = np.asarray(overlap, float)
+        overlaps = read_overlap(overlap)
         # equilibria are found once where an overlap is asked for twice
-        distinct, index = np.unique(overlaps, return_inverse=True)
+        distinct_overlaps, index = np.unique(overlaps, return_inverse=True)
         means = []
-        for distinct_overlap in distinct.tolist():
+        for distinct_overlap in distinct_overlaps.tolist():
             samples = self._simulate(distinct_overlap)
             means.append(np.mean([quantity(sample) for sample in samples]))
         return np.array(means)[index].reshape(overlaps.shape)[()]
@@ -269,11 +270,10 @@ class SimulatedState(ContactState):
         super().__post_init__()
 
     def __getitem__(self, index: Any) -> Self:
-        """Return the state at some of the loads, indexed like an array.
-
-        Raises :class:`~granphon.base.errors.InputError` for an index that selects none.
+        """Return the state at some of the loads, indexed like an array; the errors are those of
+        :func:`~granphon.media.state.select_loads`.
         """
-        samples = self._table.reshape(-1, self.n_samples)[self._select_loads(index)]
+        samples = self._table.reshape(-1, self.n_samples)[select_loads(self.shape, index)]
         return replace(
             self,
             force=np.asarray(self.force)[index],
@@ -307,16 +307,28 @@ class SimulatedState(ContactState):
         """First sample; for several loads an array of the first samples, with the shape of the
         load.
         """
-        first = self._table[..., 0]
-        return first if self.shape else first[()]
+        first_samples = self._table[..., 0]
+        return first_samples if self.shape else first_samples[()]
 
     def over_samples(self, of: Callable[[Any], ArrayLike]) -> Array:
         """Return a quantity of every sample, in its own unit; ``of`` is the function that returns
         the quantity of a sample.
 
-        The shape is that of the load, then (n_samples,), then that of the quantity.
+        The shape is that of the load, then (n_samples,), then that of the quantity. Raises
+        :class:`~granphon.base.errors.InputError` if ``of`` is no function, or its results are not
+        numbers, or arrays of one shape.
         """
-        values = np.array([np.asarray(of(sample)) for sample in self.samples])
+        if not callable(of):
+            raise InputError(f"of is {brief(of)}", mend="Give a function of a sample")
+        quantities = [np.asarray(of(sample)) for sample in self.samples]
+        are_numbers = all(quantity.dtype.kind in "biufc" for quantity in quantities)
+        if not are_numbers or len({quantity.shape for quantity in quantities}) > 1:
+            raise InputError(
+                f"the quantity of a sample is {brief(of(self.samples[0]))}",
+                "Numbers, or arrays of one shape, can be compared over samples",
+                "Give a function that returns these",
+            )
+        values = np.array(quantities)
         return values.reshape(*self.shape, self.n_samples, *values.shape[1:])
 
     def standard_error(self, of: str | Callable[[Any], ArrayLike]) -> Any:
@@ -325,16 +337,16 @@ class SimulatedState(ContactState):
 
         ``of`` is the name of an attribute of :class:`Sample`, or a function of a sample. The result
         has the shape of the load followed by that of the quantity. Raises
-        :class:`~granphon.base.errors.InputError` for any other argument, and if there is only one
-        sample.
+        :class:`~granphon.base.errors.InputError` for any other argument, for an attribute without
+        numbers or of different shapes, and if there is only one sample.
         """
-        given: Any = of
+        argument: Any = of
         names = [name for name in dir(self.samples[0]) if not name.startswith("_")]
-        if isinstance(given, str) and given not in names:
-            raise InputError(f"a sample has no {given!r}", mend=suggest(given, names))
-        if not (isinstance(given, str) or callable(given)):
+        if isinstance(argument, str) and argument not in names:
+            raise InputError(f"a sample has no {argument!r}", mend=suggest(argument, names))
+        if not (isinstance(argument, str) or callable(argument)):
             mend = "Give the name of an attribute, or a function of a sample"
-            raise InputError(f"of is {brief(given)}", mend=mend)
+            raise InputError(f"of is {brief(argument)}", mend=mend)
         if self.n_samples < 2:
             mend = "Give samples=2 or more to granphon.DirectSimulation"
             raise InputError("one sample has no standard error", mend=mend)
@@ -512,12 +524,12 @@ class SimulatedState(ContactState):
         over the samples.
         """
         structure = self.packing.structure
-        along = as_direction(direction, structure.periods)
+        directions = as_direction(direction, structure.periods)
         if structure.periods != 2 or not self.is_isotropic:
             squared_velocities = (
                 symmetrise(tensor, structure) / np.asarray(density)[..., None, None]
             )
-            return waves_of_tensor(squared_velocities, along)
+            return waves_of_tensor(squared_velocities, directions)
         bulk, shear = np.moveaxis(bulk_and_shear(tensor), -1, 0)
         # a sample that resists no shear has a modulus of zero, to rounding
         is_rounding = np.abs(shear) < _ROUNDED_SHEAR * np.abs(bulk)
@@ -525,11 +537,11 @@ class SimulatedState(ContactState):
         # v_L and v_T, m/s, from K and G, Pa (equation 16)
         wave_moduli = np.stack([bulk + shear, shear], axis=-1)
         velocities = np.sqrt(wave_moduli / np.asarray(density)[..., None])
-        if along.ndim > 1:
-            velocities = np.repeat(velocities[..., None, :], len(along), axis=-2)
+        if directions.ndim > 1:
+            velocities = np.repeat(velocities[..., None, :], len(directions), axis=-2)
         # the displacements of the transverse wave are normal to the direction
-        across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
-        displacements = np.stack([along, across], axis=-1)
+        normals = np.stack([-directions[..., 1], directions[..., 0]], axis=-1)
+        displacements = np.stack([directions, normals], axis=-1)
         return velocities, np.broadcast_to(displacements, (*velocities.shape, 2))
 
     def wave_errors(self, direction: ArrayLike) -> Array | None:
@@ -1006,8 +1018,8 @@ class DirectSimulation(Medium[SimulatedState]):
         if packing.spread is not None or not np.ptp(diameters):
             return packing
         # the packing takes the mean of the shifted list, which rounding may have changed
-        shifted = packing.diameter + (diameters - np.mean(diameters))
-        spread = Measured(tuple(shifted.ravel().tolist()))
+        shifted_diameters = packing.diameter + (diameters - np.mean(diameters))
+        spread = Measured(tuple(shifted_diameters.ravel().tolist()))
         return replace(packing, spread=spread, diameter=spread.mean)
 
     def _read_geometry(self) -> str | None:
@@ -1275,9 +1287,9 @@ class DirectSimulation(Medium[SimulatedState]):
             return super().follow(load, changes, finite_overlap)
         state = self.at(load, finite_overlap=finite_overlap)
         [(simulation, _)] = self.by_geometry(load, finite_overlap)
-        (reduced,) = simulation._prescribe(load.applied)
+        (reduced_load,) = simulation._prescribe(load.applied)
         samples = state.samples
-        followers = [EquilibriumFollower(sample.equilibrium, reduced) for sample in samples]
+        followers = [EquilibriumFollower(sample.equilibrium, reduced_load) for sample in samples]
 
         def follow_change(change: Change) -> Course[Any]:
             """Return the course of the state of all samples with a ``change``."""
@@ -1293,19 +1305,19 @@ class DirectSimulation(Medium[SimulatedState]):
                 """Return the changed load in reduced units and the changed W/d, on which alone the
                 equilibrium in reduced units depends.
                 """
-                changed, changed_load = change_simulation(step)
-                return changed._prescribe(changed_load)[0], changed.ratio
+                changed_simulation, changed_load = change_simulation(step)
+                return changed_simulation._prescribe(changed_load)[0], changed_simulation.ratio
 
             courses = [follower.follow(reduce_change) for follower in followers]
 
             def find_state(step: float) -> SimulatedState:
                 """Return the state of all samples at a ``step`` of the change."""
-                changed, changed_load = change_simulation(step)
-                moved = [
-                    Sample(changed.packing, sample.seed, course.at(step))
+                changed_simulation, changed_load = change_simulation(step)
+                changed_samples = [
+                    Sample(changed_simulation.packing, sample.seed, course.at(step))
                     for sample, course in zip(samples, courses, strict=True)
                 ]
-                return SimulatedState.of(changed, moved, changed_load)
+                return SimulatedState.of(changed_simulation, changed_samples, changed_load)
 
             return Course(find_state, min(course.step for course in courses))
 
@@ -1386,9 +1398,9 @@ class DirectSimulation(Medium[SimulatedState]):
         :class:`~granphon.balls.loads.Load` of many values. The path begins at :attr:`start`, from
         where the first load is reached. ``progress`` is told of each load of each sample. Raises
         :class:`~granphon.base.errors.InputError` without ``friction_history``, where the order has
-        no meaning, and for numbers that do not say which load they are; and the errors of
-        :meth:`at`. If a load is not reached, ``reached`` of the error is the state at the loads
-        before it, None if there are none.
+        no meaning, for numbers that do not say which load they are, and for a ``progress`` without
+        ``step``; and the errors of :meth:`at`. If a load is not reached, ``reached`` of the error
+        is the state at the loads before it, None if there are none.
         """
         if not self.history.is_loaded:
             raise InputError(
@@ -1396,6 +1408,7 @@ class DirectSimulation(Medium[SimulatedState]):
                 "Without friction the forces do not depend on the way to the load",
                 "Give friction_history=True, or use at_force",
             )
+        require_progress(progress)
         values_of_kinds = {"force": force, "pressure": pressure, "overlap": overlap}
         applied = _read_path(load, values_of_kinds).applied
         self._require_memory(applied)

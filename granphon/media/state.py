@@ -40,9 +40,9 @@ if TYPE_CHECKING:
     from granphon.array.sample import Sample
 
 
-#: greatest relative difference between a number of a state that was read and the number that
-#: follows from the law and the samples: rounding, also that of another machine
-_ALIKE = 1e-6
+#: greatest relative difference, put down to rounding, also that of another machine, between a
+#: number of a state that was read and the number that follows from the law and the samples
+_READ_TOLERANCE = 1e-6
 #: a number for a state at a single load, an array for a state at several loads
 Values = Any
 
@@ -229,7 +229,9 @@ class State(ABC):
 
     @property
     def is_isotropic(self) -> bool:
-        """Whether the elastic tensor is the same in all directions."""
+        """Whether the elastic tensor is the same in all directions; also True where balls do not
+        move along the periods, and no longitudinal wave tells directions apart.
+        """
         lattice = self.reference_lattice
         return "longitudinal" not in lattice.wave_names or lattice.is_isotropic
 
@@ -350,7 +352,7 @@ class ContactState(State, Result):
         # an overlap may be near zero, and is the difference of lengths of the size of the width
         least_size = self.packing.width if name == "overlap" else 0.0
         size = np.maximum(np.abs(stored), least_size)
-        is_wrong = ~(np.abs(expected - stored) <= _ALIKE * size)
+        is_wrong = ~(np.abs(expected - stored) <= _READ_TOLERANCE * size)
         if np.any(is_wrong):
             first_stored = float(stored[is_wrong].flat[0])
             first_expected = float(expected[is_wrong].flat[0])
@@ -371,23 +373,12 @@ class ContactState(State, Result):
         }
 
     def __getitem__(self, index: Any) -> Self:
-        """Return the state at some of the loads, indexed like an array.
-
-        Raises :class:`~granphon.base.errors.InputError` for an index that selects none.
+        """Return the state at some of the loads, indexed like an array; the errors are those of
+        :func:`select_loads`.
         """
-        self._select_loads(index)
+        select_loads(self.shape, index)  # raises its errors
         names = ("force", "overlap", "normal_stiffness")
         return replace(self, **{name: np.asarray(getattr(self, name))[index] for name in names})
-
-    def _select_loads(self, index: Any) -> NDArray[np.intp]:
-        """Return the numbers, in C order, of the loads that an ``index`` selects, of the shape of
-        the selection; InputError if it selects none.
-        """
-        selected = np.arange(int(np.prod(self.shape, dtype=int))).reshape(self.shape)[index]
-        if not np.size(selected):
-            problem = f"the index {brief(index)} selects none of the loads"
-            raise InputError(problem, mend="Select one or more")
-        return np.asarray(selected)
 
     def _field_units(self) -> dict[str, str]:
         """The SI unit of each attribute; the units of pressure and density depend on the number of
@@ -831,6 +822,28 @@ class ContactState(State, Result):
         return np.full(self.shape, value) if self.shape else value
 
 
+def select_loads(shape: tuple[int, ...], index: Any) -> NDArray[np.intp]:
+    """Return the numbers, in C order, of the loads of a state that an ``index`` selects, of the
+    shape of the selection. ``shape`` is that of all loads.
+
+    Raises :class:`~granphon.base.errors.InputError` for an index of the state at a single load, and
+    for one that selects no load; IndexError, by which loops over the loads end, for one that is
+    outside the loads or is no index of an array.
+    """
+    numbers = np.arange(math.prod(shape)).reshape(shape)
+    try:
+        selected_numbers = np.asarray(numbers[index])
+    except IndexError:
+        if shape:
+            raise
+        problem = "the state has one load, and no index"
+        raise InputError(problem, mend="Use it as it is") from None
+    if not selected_numbers.size:
+        problem = f"the index {brief(index)} selects none of the loads"
+        raise InputError(problem, mend="Select one or more")
+    return selected_numbers
+
+
 def read_finite_overlap(finite_overlap: bool | None) -> bool:
     """Return whether terms of finite overlap are kept; None means that they are not.
 
@@ -1082,6 +1095,6 @@ def given_state(state: Any) -> ContactState:
     why = ""
     if isinstance(state, NetworkState | ContactNetwork):
         why = "It needs the contact law of a packing"
-    shown = brief(getattr(state, "network", state))
+    state_in_words = brief(getattr(state, "network", state))
     mend = "Give a ContactState, as medium.at_force gives it"
-    raise InputError(f"state is {shown}", why, mend)
+    raise InputError(f"state is {state_in_words}", why, mend)

@@ -69,11 +69,19 @@ def test_law_inverts_itself_and_does_not_know_which_ball_is_first(first, second,
     assert_allclose(law.coefficient, mirrored.coefficient, rtol=1e-15)
 
 
-@pytest.mark.parametrize("bad", [-1.0, math.nan, [1.0, -1e-300]])
-def test_no_overlap_of_a_tensile_force(steel, bad):
+@pytest.mark.parametrize(
+    ("bad", "words"), [(-1.0, "negative"), (math.nan, "nan"), ([1.0, -1e-300], "negative")]
+)
+def test_no_overlap_of_a_tensile_force(steel, bad, words):
     law = gp.HertzLaw.between(steel, 8e-3)
-    with pytest.raises(InputError, match="negative"):
+    with pytest.raises(InputError, match=words):
         law.overlap(bad)
+
+
+@pytest.mark.parametrize("material", [None, 2e11, "steel"])
+def test_a_law_needs_a_material(material):
+    with pytest.raises(InputError, match="material of a contact"):
+        gp.HertzLaw.between(material, 8e-3)
 
 
 # -- the material ----------------------------------------------------------------------------------

@@ -280,11 +280,17 @@ def test_names_that_a_function_of_parameters_lacks_are_refused(vary):
         gp.design(lambda force: force, gp.WidestGap(), vary, {"load": (1, 2), "force": (1, 2)})
 
 
-@pytest.mark.parametrize("options", [{"per": "kind"}, {"constraints": {"force": 1.0}}])
-def test_groups_and_sums_of_a_function_of_parameters_are_refused(options):
-    (word,) = options
-    with pytest.raises(InputError, match=word):
-        gp.design(lambda force: force, gp.WidestGap(), "force", (1.0, 2.0), **options)
+@pytest.mark.parametrize(("per", "words"), [("kind", "no kinds"), ("all", "per: .*all")])
+def test_a_function_of_parameters_has_no_kinds(per, words):
+    with pytest.raises(InputError, match=words):
+        gp.design(lambda force: force, gp.WidestGap(), "force", (1.0, 2.0), per=per)
+
+
+@pytest.mark.parametrize("name", ["progress", "constraints"])
+def test_arguments_of_another_kind_are_refused(chain, name):
+    goal = gp.LowestVelocity()
+    with pytest.raises(InputError, match=name):
+        gp.design(chain, goal, "mass", (1e-9, 1.0), restarts=0, steps=1, **{name: np.ones(2)})
 
 
 def test_what_cannot_vary_is_refused(chain):
@@ -368,6 +374,8 @@ def test_a_gap_that_is_closed_on_the_finer_mesh_is_passed_over(chain):
 
 
 def test_a_response_of_an_unknown_quantity_is_refused_at_once():
+    with pytest.raises(InputError, match="largest"):
+        gp.ResponseAt(1e3, (0, "x"), (1, "x"), largest="yes")
     with pytest.raises(InputError, match="velocity"):
         gp.ResponseAt(1e3, (0, "x"), (1, "x"), quantity="speed")
 

@@ -239,6 +239,28 @@ def test_forces_that_cannot_be(kind):
         law.overlap([1.0, 1e-40])
 
 
+@pytest.mark.parametrize("kind", [0, 1, 2], ids=["averaged", "effective", "hertz"])
+@pytest.mark.parametrize(
+    "method",
+    [
+        "energy",
+        "force",
+        "stiffness",
+        "stiffness_slope",
+        "force_fluctuation",
+        "contact_fraction",
+        "overlap",
+    ],
+)
+def test_what_is_no_number_is_refused_by_every_method(kind, method):
+    law = (*laws("uniform"), gp.HertzLaw(1.0))[kind]
+    for wrong in ("x", 1j, True, math.nan, [1.0, math.nan]):
+        with pytest.raises(InputError):
+            getattr(law, method)(wrong)
+    if method != "overlap":  # balls may be as far apart as they like
+        assert getattr(law, method)(-math.inf) == 0.0
+
+
 def test_open_contacts_exert_nothing():
     for law in laws("skew"):
         y = law.least_overlap + np.array([-1.0, -1e-9, 0.0])

@@ -1108,6 +1108,7 @@ ERRORS = {
     "ball of atoms": (lambda: gp.Crystal.from_atoms(Atoms("Na"), {"Na": 5}), "5 is not a ball"),
     "no atoms": (lambda: gp.Crystal.from_atoms(Atoms(), {"Na": S}), "there are no atoms"),
     "no contact": (lambda: SQUARE.repeat((3, 3)).remove(range(8)), "no balls of crystal .* touch"),
+    "walls": (lambda: SQUARE.cut(0, 3).with_walls({"wall": S}), "the walls are"),
     "no load chosen": (lambda: SQUARE.at_force([1.0, 2.0])[[]], "selects none of the loads"),
     "cluster": (
         lambda: gp.Crystal([S, S], [], [[0.0], [19.05e-3]]).at_pressure(1.0),

@@ -508,6 +508,27 @@ def test_loads_of_crystals_are_refused_for_packings(name):
             medium.at(load)
 
 
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"gravity": "down"}, "gravity: .*down"),
+        ({"gravity": np.nan}, "gravity: .*nan"),
+        ({"gravity": [0.0, -9.81]}, "one number"),
+        ({"kind": "stress", "tensor": "xx"}, "tensor: .*xx"),
+        ({"kind": "stress", "tensor": (1.0, 2.0)}, "2 components"),
+    ],
+)
+def test_a_load_without_numbers_is_refused(options, words):
+    with pytest.raises(InputError, match=words):
+        Load(**({"kind": "pressure", "array": 1.0} | options))
+
+
+def test_a_load_keeps_plain_numbers():
+    load = Load("stress", [1.0, 2.0], tensor=np.array([-1.0, 0.0, -1.0]), gravity=np.float32(1.5))
+    assert load == Load("stress", [1.0, 2.0], tensor=(-1.0, 0.0, -1.0), gravity=1.5)
+    assert hash(load) == hash(Load("stress", [1.0, 2.0], tensor=[-1, 0, -1], gravity=1.5))
+
+
 @pytest.mark.parametrize("name", ["ala", "simulation"])
 def test_an_index_of_no_load_is_refused(name):
     packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, gp.Uniform(2e-6))
@@ -517,3 +538,7 @@ def test_an_index_of_no_load_is_refused(name):
         with pytest.raises(InputError, match="none of the loads"):
             _ = state[index]
     assert state[-1].force == 20.0
+    assert [one.force for one in state] == [10.0, 20.0]
+    assert state[0][...].force == 10.0
+    with pytest.raises(InputError, match="one load"):
+        _ = state[0][0]

@@ -181,9 +181,11 @@ def test_shapes_are_those_of_the_load(medium, states):
     assert states.elastic_tensor.shape == (2, 3, 3, 3)
     assert states.standard_error("overlap").shape == (2, 3)
     assert states.standard_error(lambda sample: sample.elastic_tensor).shape == (2, 3, 3, 3)
-    for wrong, words in (("overlp", "overlap"), (3, "of is 3")):
+    for wrong, words in (("overlp", "overlap"), (3, "of is 3"), ("atoms", "numbers")):
         with pytest.raises(InputError, match=words):
             states.standard_error(wrong)
+    with pytest.raises(InputError, match="function"):
+        states.over_samples("force")
     assert gp.sound_velocities(states).longitudinal_error.shape == (2, 3)
     assert gp.moduli(states).shears.shape == (2, 3, 2)
     assert gp.local_exponent(states).shape == (2, 3)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -80,6 +81,30 @@ def test_pressure_is_that_of_the_forces_on_the_cell(result):
     scene = gp.Scene(packing, packing.load, observe=("modes",))
     assert scene.state().pressure == pytest.approx(np.sqrt(3.0) * 5.0 / 2e-3)
     assert scene.load.values == pytest.approx((5.0,))
+
+
+@pytest.mark.parametrize("axis", [1, 2])
+def test_a_packing_that_repeats_along_another_axis_than_x(tmp_path, axis):
+    """A chain along y or z has the velocity d (k/M)^1/2 of the one along x."""
+    steel = gp.Ball(packings.MATERIAL, 2e-3)
+    network = gp.Crystal.on("chain", [steel, steel]).at_force(5.0).network
+    turned = replace(
+        network,
+        cell=np.roll(network.cell, (axis, axis), (0, 1)),
+        pbc=tuple(index == axis for index in range(3)),
+        positions=np.roll(network.positions, axis, 1),
+        normal=np.roll(network.normal, axis, 1),
+        shift=np.roll(network.shift, axis, 1),
+        dimension=axis + 1,
+        motions="all" if axis == 2 else "in_plane",
+    )
+    files = [tmp_path / name for name in ("balls.csv", "contacts.csv")]
+    turned.write_tables(*files)
+    packing = gp.NetworkFiles(format="tables", files=files)
+    np.testing.assert_allclose(packing.structure.vectors[0], np.eye(axis + 1)[0] * 2.0)
+    scene = gp.Scene(packing, packing.load, observe=("velocities",))
+    velocity = np.sqrt(network.normal_stiffness[0] / steel.mass) * 2e-3
+    assert np.max(scene.state().long_waves([1.0])) == pytest.approx(velocity)
 
 
 def test_a_run_keeps_its_packing_and_is_found_again(result):
