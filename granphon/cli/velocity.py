@@ -82,7 +82,7 @@ def find_velocity(
     from granphon.base.staging import ResultFiles
     from granphon.base.validation import require
     from granphon.fits.trace_files import TIMES
-    from granphon.fits.traces import THRESHOLD, Traces
+    from granphon.fits.traces import Traces
 
     require_name("--out", out)
     target = Path(out)
@@ -99,13 +99,9 @@ def find_velocity(
         cutoff = None
     elif lowpass != "auto":
         cutoff = require("--lowpass", FREQUENCY.read, lowpass)
-    options: dict[str, Any] = {
-        "method": method,
-        "threshold": THRESHOLD if threshold is None else threshold,
-        "frequency": None,
-        "lowpass": cutoff,
-        "quiet": None,
-    }
+    options: dict[str, Any] = {"method": method, "lowpass": cutoff}
+    if threshold is not None:
+        options["threshold"] = threshold
     if frequency is not None:
         options["frequency"] = require("--frequency", FREQUENCY.read, frequency)
     if quiet_until is not None:
@@ -138,9 +134,10 @@ def _read_distances(option: str) -> tuple[list[float], list[float]]:
 
 
 def _find_effects(traces: Traces, errors: Sequence[float], **options: Any) -> list[float]:
-    """Return for each sensor by how much the velocity, m/s, changes if the distance of the sensor
-    is larger by its standard error, (n,) m, in ``errors``: half the difference of the velocities
-    for the larger and the smaller distance. The ``options`` are those of :meth:`Traces.velocity`.
+    """Return for each of the m sensors by how much the velocity, m/s, changes if the distance of
+    the sensor is larger by its standard error, in ``errors`` (m,), m: half the difference of the
+    velocities for the larger and the smaller distance. The ``options`` are those of
+    :meth:`Traces.velocity`.
     """
     effects = []
     for sensor, error in enumerate(errors):
@@ -156,7 +153,9 @@ def _find_effects(traces: Traces, errors: Sequence[float], **options: Any) -> li
 
 
 def _draw(traces: Traces, velocity: TraceVelocity, path: Path) -> None:
-    """Draw the traces and the arrivals of the pulse into the file ``path``."""
+    """Draw the traces and the arrivals of the pulse, as the ``velocity`` has them, into the file
+    ``path``.
+    """
     from granphon.figures.style import save_figure
     from granphon.figures.traces import traces_figure
 
