@@ -40,7 +40,7 @@ from granphon.base.errors import InputError
 from granphon.base.scales import HertzPrefix
 from granphon.base.validation import real_array
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.figures.style import BLUE, FRAME, VERMILION, print_hertz
+from granphon.figures.style import BLUE, FRAME, VERMILION, write_hertz
 from granphon.figures.views import HALO, Painter, View
 from granphon.observables.velocities import SoundVelocities
 from granphon.phonons.bands import Bands
@@ -386,7 +386,7 @@ def plot_bands(
             _draw_branch(ax, x, frequencies[s, :, b], widths[:, b], gid=f"band-{s}-{b}", **shade)
     ax.axhline(0.0, color=FRAME, linewidth=0.5, zorder=0.5)
     _name_corners_of_bands(ax, bands)
-    ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(-0.02 * top, 1.05 * top))
+    ax.set(ylabel=f"Frequency ({write_hertz(unit)})", ylim=(-0.02 * top, 1.05 * top))
     if gaps is not None:
         _draw_gaps(ax, real_array("gaps", gaps), unit)
     if asymptotes is not None:
@@ -759,7 +759,7 @@ def _set_dos_axes(ax: Axes, dos: DensityOfStates, horizontal: bool, unit: HertzP
         separator = "\n"  # the axis of the density is short
         ticks = "labelleft"
         most_ticks = "auto"
-    unit_name = print_hertz(unit)
+    unit_name = write_hertz(unit)
     highest_frequency = dos.frequencies[-1] / unit.hertz
     peak = float(dos.total.max()) * unit.hertz
     top = _limit_density(dos.total) * unit.hertz

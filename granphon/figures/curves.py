@@ -67,7 +67,7 @@ from granphon.figures.style import (
     STYLE,
     VERMILION,
     pick_evenly,
-    print_hertz,
+    write_hertz,
 )
 from granphon.figures.words import (
     describe_medium,
@@ -1256,7 +1256,7 @@ def _draw_bands_together(runs: Sequence[Run], all_bands: Sequence[Bands], ax: Ax
     drawn = _draw_spectra(runs, ax, "bands", lines)
     corners = np.append(first.distances[:, 0], first.distances[-1, -1])
     name_corners(ax, corners, first.labels)
-    ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(0.0, None))
+    ax.set(ylabel=f"Frequency ({write_hertz(unit)})", ylim=(0.0, None))
     return drawn
 
 
@@ -1289,7 +1289,7 @@ def _draw_densities_together(
     unit = HertzPrefix.for_top(max(float(dos.frequencies.max()) for dos in densities))
     lines = [[(dos.frequencies / unit.hertz, dos.total * unit.hertz)] for dos in densities]
     drawn = _draw_spectra(runs, ax, "dos", lines)
-    unit_name = print_hertz(unit)
+    unit_name = write_hertz(unit)
     ax.set(xlabel=f"Frequency ({unit_name})", ylabel=f"DOS per ball (1/{unit_name})")
     ax.set(xlim=(0.0, None), ylim=(0.0, None))
     return drawn

@@ -39,7 +39,7 @@ from granphon.base.validation import (
     whole_number,
 )
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.figures.style import BLUE, COLUMN_WIDTH, STYLE, VERMILION, colour_kinds, print_hertz
+from granphon.figures.style import BLUE, COLUMN_WIDTH, STYLE, VERMILION, colour_kinds, write_hertz
 from granphon.figures.views import Painter, View
 
 if TYPE_CHECKING:
@@ -272,7 +272,7 @@ def plot_participation(modes: NetworkModes, ax: Axes | None = None) -> Axes:
             return plot_participation(modes, figure.subplots())
     unit = HertzPrefix.for_top(float(np.max(modes.frequencies)))
     ax.plot(modes.frequencies / unit.hertz, modes.participation_ratio, ".", color=BLUE)
-    ax.set(xlabel=f"Frequency ({print_hertz(unit)})", ylabel="Participation ratio")
+    ax.set(xlabel=f"Frequency ({write_hertz(unit)})", ylabel="Participation ratio")
     ax.set_ylim(bottom=0.0)
     return ax
 
@@ -370,7 +370,7 @@ def _write_network_title(modes: NetworkModes, mode: int, n_drawn: int) -> str:
     network = modes.network
     hertz = float(modes.frequencies[mode])
     unit = HertzPrefix.for_top(hertz)
-    title = f"{hertz / unit.hertz:.1f} {print_hertz(unit)}"
+    title = f"{hertz / unit.hertz:.1f} {write_hertz(unit)}"
     if network.ball_motions.rotate:
         title += f", rotation {100.0 * float(modes.rotational_fraction[mode]):.0f} %"
     title += f"\nparticipation {modes.participation_ratio[mode]:.2g}"
@@ -488,7 +488,7 @@ def _write_title(modes: PhononModes, q: Array, branch: int, rotate: bool) -> str
     """
     hertz = float(modes.frequencies[0, branch])
     unit = HertzPrefix.for_top(hertz)
-    frequency = f"{hertz / unit.hertz:.1f} {print_hertz(unit)}"
+    frequency = f"{hertz / unit.hertz:.1f} {write_hertz(unit)}"
     # a frequency of zero has rounding errors of this size
     n_branches = modes.frequencies.shape[1]
     rounding = n_branches * np.finfo(float).eps * float(modes.frequencies.max())

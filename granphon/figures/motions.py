@@ -26,7 +26,7 @@ from matplotlib.figure import Figure
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
 from granphon.base.scales import HertzPrefix, prefixed
-from granphon.figures.style import BLUE, COLOURS, PAGE_WIDTH, pick_evenly, print_hertz
+from granphon.figures.style import BLUE, COLOURS, PAGE_WIDTH, pick_evenly, write_hertz
 from granphon.figures.waves import choose_states
 from granphon.figures.words import write_unit
 from granphon.runs.dataset import Dataset
@@ -243,7 +243,7 @@ def plot_ball_spectrum(motion: Motion, ax: Axes, ball: int, *, axis: int = 0) ->
     shown = np.maximum(amplitudes, 1e-3 * _LEAST * greatest)
     ax.plot(frequencies / prefix.hertz, shown / scale, color=BLUE, linewidth=0.9)
     ax.set(
-        xlabel=f"Frequency ({print_hertz(prefix)})",
+        xlabel=f"Frequency ({write_hertz(prefix)})",
         ylabel=f"Displacement of ball {ball} ({write_unit(unit)})",
         yscale="log",
     )

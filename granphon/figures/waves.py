@@ -50,7 +50,7 @@ from granphon.figures.style import (
     PURPLE,
     VERMILION,
     pick_evenly,
-    print_hertz,
+    write_hertz,
 )
 from granphon.figures.words import find_differing, write_unit, write_value
 from granphon.fits.transfer import DampingFit
@@ -148,7 +148,7 @@ def plot_spectrum(
     if peaks:
         _draw_peaks(ax, spectra.distances, spectrum, unit)
     name_corners(ax, corners, spectra.labels)
-    ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(0.0, top / unit.hertz))
+    ax.set(ylabel=f"Frequency ({write_hertz(unit)})", ylim=(0.0, top / unit.hertz))
     return ax
 
 
@@ -259,7 +259,7 @@ def _draw_map(
         rasterized=True,
         **options,
     )
-    add_bar(ax, mesh, f"{label} (1/{print_hertz(unit)})")
+    add_bar(ax, mesh, f"{label} (1/{write_hertz(unit)})")
 
 
 def plot_surface(
@@ -314,7 +314,7 @@ def plot_surface(
         name_corners(ax, spectrum.corners, spectrum.labels)
     else:
         ax.set(xlabel=f"Wave vector $q_{changing[0] + 1}$ (reciprocal cell)")
-    ax.set(ylabel=f"Frequency ({print_hertz(unit)})", xlim=(x.min(), x.max()), ylim=(0.0, y[-1]))
+    ax.set(ylabel=f"Frequency ({write_hertz(unit)})", xlim=(x.min(), x.max()), ylim=(0.0, y[-1]))
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
     return ax
 
@@ -346,9 +346,9 @@ def _draw_surface_curves(
     ax.set(
         xlim=(frequencies[0], frequencies[-1]),
         ylim=(0.0, None),
-        xlabel=f"Frequency ({print_hertz(unit)})",
+        xlabel=f"Frequency ({write_hertz(unit)})",
     )
-    ax.set(ylabel=f"Outer layer (1/{print_hertz(unit)})")
+    ax.set(ylabel=f"Outer layer (1/{write_hertz(unit)})")
     ax.legend()
 
 
@@ -468,7 +468,7 @@ def plot_attenuation(
         ax.plot(ends, attenuations[lowest] * (ends / frequencies[lowest]) ** exponent, **style)
         ax.set(yscale="log")
         scale_axis(ax, "x", frequencies)
-    ax.set(xlabel=f"Frequency ({print_hertz(unit)})", ylabel="Attenuation of the amplitude (1/m)")
+    ax.set(xlabel=f"Frequency ({write_hertz(unit)})", ylabel="Attenuation of the amplitude (1/m)")
     ax.legend()
     return ax
 
@@ -493,10 +493,10 @@ def plot_lines(spectrum: SpectralFunction, ax: Axes) -> Axes:
             label=f"|q| = {spectrum.wavenumber[wave_vector]:.4g} /m",
         )
     ax.set(
-        xlabel=f"Frequency ({print_hertz(unit)})",
+        xlabel=f"Frequency ({write_hertz(unit)})",
         xlim=(0.0, 1.05 * top / unit.hertz),
         ylim=(0.0, None),
-        ylabel=f"Spectral function, {spectrum.polarisation} (1/{print_hertz(unit)})",
+        ylabel=f"Spectral function, {spectrum.polarisation} (1/{write_hertz(unit)})",
     )
     ax.legend()
     return ax
@@ -591,10 +591,10 @@ def sweep_spectra_figure(dataset: Dataset) -> Figure:
                     )
                 )
             name_corners(above, relative_corners, labels)
-            above.set(ylabel=f"Frequency, {name} ({print_hertz(unit)})", ylim=(0.0, None))
+            above.set(ylabel=f"Frequency, {name} ({write_hertz(unit)})", ylim=(0.0, None))
             _scale_attenuation(below, np.concatenate(frequencies))
             below.set(
-                xlabel=f"Frequency ({print_hertz(unit)})", ylabel=f"Attenuation, {name} (1/m)"
+                xlabel=f"Frequency ({write_hertz(unit)})", ylabel=f"Attenuation, {name} (1/m)"
             )
         add_legend(figure, handles, room=1)
     return figure
@@ -921,7 +921,7 @@ def _draw_lines(
         below.plot(shown_frequencies, phase / math.pi, color=colour, linewidth=width)
     above.set(ylabel=_label_decibels(name))
     below.set(
-        xlabel=f"Frequency ({print_hertz(prefix)})",
+        xlabel=f"Frequency ({write_hertz(prefix)})",
         ylabel="Phase (π)",
         xlim=(shown_frequencies[0], shown_frequencies[-1] if len(shown_frequencies) > 1 else None),
     )
@@ -1100,7 +1100,7 @@ def _map_figure(dataset: Dataset, name: str) -> Figure:
         for ax, (facts, index, receiver) in zip(axes, chosen_panels, strict=True):
             responses = dataset[name].isel(index | {"receiver": receiver}, missing_dims="ignore")
             _draw_decibel_map(ax, x, y, _find_decibels(responses.values[order]), name)
-            ax.set(ylabel=f"Frequency ({print_hertz(prefix)})", ylim=(y[0], y[-1]))
+            ax.set(ylabel=f"Frequency ({write_hertz(prefix)})", ylim=(y[0], y[-1]))
             words = [facts[kind] for kind in kinds]
             if len(receivers) > 1:
                 words.append(receivers[receiver])
@@ -1167,7 +1167,7 @@ def transfer_fit_figure(fit: DampingFit) -> Figure:
         label = "Magnitude" if unit == "1" else f"Magnitude ({unit})"
         above.set(yscale="log", ylabel=label)
         below.set(
-            xlabel=f"Frequency ({print_hertz(prefix)})",
+            xlabel=f"Frequency ({write_hertz(prefix)})",
             ylabel="Phase (π)",
             xlim=(frequencies[0], frequencies[-1]),
         )
@@ -1198,7 +1198,7 @@ def complex_bands_figure(bands: ComplexBands) -> Figure:
         # room for the dots at the border
         left.set(
             xlabel="Re $k$ ($\\pi/h$)",
-            ylabel=f"Frequency ({print_hertz(unit)})",
+            ylabel=f"Frequency ({write_hertz(unit)})",
             xlim=(-1.0 - _BORDER, 1.0 + _BORDER),
         )
         height = max(float(np.ptp(f)), _LEAST_HEIGHT * float(f.max()))
@@ -1232,7 +1232,7 @@ def plot_transmission(result: Transmission, ax: Axes) -> Axes:
             label=label,
         )
     ax.set(
-        xlabel=f"Frequency ({print_hertz(unit)})", ylabel="Part of the energy", ylim=(-0.02, 1.02)
+        xlabel=f"Frequency ({write_hertz(unit)})", ylabel="Part of the energy", ylim=(-0.02, 1.02)
     )
     ax.set_xlim(float(frequencies[0]), float(frequencies[-1]))
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, borderaxespad=0.2)
