@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import FigureError, InputError, MissingPackageError, needing
 from granphon.base.scales import HertzPrefix, prefixed
+from granphon.base.validation import real_array
 from granphon.figures.style import (
     COLUMN_WIDTH,
     DPI,
@@ -320,6 +321,18 @@ def draw_error_band(
     else:
         fill = ax.fill_betweenx if upright else ax.fill_between
         fill(x, lower, upper, color=colour, alpha=0.3, linewidth=0.0, gid=gid)
+
+
+def read_errors(errors: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """Return standard ``errors``, an argument of that name, as an array of a ``shape``, nan where
+    unknown; :class:`~granphon.base.errors.InputError` for errors of another shape, from which axes
+    of length 1 may differ.
+    """
+    values = real_array("errors", errors)
+    long_axes = tuple(length for length in values.shape if length > 1)
+    if long_axes != tuple(length for length in shape if length > 1):
+        raise InputError(f"errors have the shape {values.shape}", mend=f"Give {shape}")
+    return values.reshape(shape)
 
 
 def make_error_handle(values: ArrayLike = (), errors: ArrayLike = (), of: str = "") -> Line2D:

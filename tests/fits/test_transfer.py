@@ -15,6 +15,7 @@ from scipy.optimize import curve_fit
 import granphon as gp
 from granphon.base.errors import InputError
 from granphon.base.text import read_yaml
+from granphon.figures.waves import transfer_fit_figure
 from granphon.fits.pressed import PressedCrystal
 from granphon.scene.redraw import redraw
 
@@ -577,6 +578,15 @@ def test_bad_input_is_one_error(arguments, said):
         fit(given.pop("measured"), **given)
     with pytest.raises(InputError, match=r"2 .*magnitude.* 1 "):
         gp.TransferFunction([1.0], [1.0, 2.0])
+
+
+def test_a_fit_at_one_frequency_has_a_figure():
+    data = closed_form(TAU, 0.0, hertz=FOUR[:1])
+    found = fit(gp.TransferFunction(FOUR[:1], np.abs(data), np.angle(data)))
+    for ax in transfer_fit_figure(found).axes:
+        low, high = ax.get_xlim()
+        (place,) = ax.lines[-1].get_xdata()
+        assert low < place < high
 
 
 @pytest.mark.parametrize("phase", [True, False])
