@@ -274,19 +274,31 @@ def _fit_velocities(
             f"{scene_file} has the medium ala, which knows no width: the fit takes ema. Name afa or"
             " ema in it"
         )
+    names_direction = options.direction is not None or scene.direction is not None
+    notes += _list_notes(scene_file, scene, data, fit, names_direction=names_direction)
+    return fit, notes, rows_of_inputs
+
+
+def _list_notes(
+    scene_file: str, scene: Scene, data: str, fit: WidthFit, *, names_direction: bool
+) -> list[str]:
+    """Return a note if the ``scene`` has several loads, which a fit to the table ``data`` does not
+    use, and one if sound depends on its direction and neither the scene nor an option
+    ``names_direction``.
+    """
+    notes = list[str]()
     n_loads = len(scene.load.values)
     if n_loads > 1:
         notes.append(
             f"the {n_loads} loads of {scene_file} are not used: a fit takes the loads of {data}"
         )
-    names_direction = options.direction is not None or scene.direction is not None
     if not names_direction and not fit.is_isotropic:
         notes.append(
             f"sound in the lattice {fit.packing.structure.name} depends on the direction, and none"
             f" is given: the fit takes {write_direction(fit.waves.direction)}. Give --direction,"
             f" or direction in {scene_file}"
         )
-    return fit, notes, rows_of_inputs
+    return notes
 
 
 def _fit_with_errors(

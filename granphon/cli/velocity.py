@@ -78,10 +78,9 @@ def find_velocity(
       granphon velocity traces.csv --method correlation -o velocity.pdf
       granphon velocity near.csv far.csv --distances "0 mm, 152.4 mm"
     """
-    from granphon.base.quantities import FREQUENCY, TIME
+    from granphon.base.quantities import TIME
     from granphon.base.staging import ResultFiles
     from granphon.base.validation import require
-    from granphon.fits.trace_files import TIMES
     from granphon.fits.traces import Traces
 
     require_name("--out", out)
@@ -94,6 +93,33 @@ def find_velocity(
     places, errors = (None, []) if distances is None else _read_distances(distances)
     step = None if time_step is None else require("--time-step", TIME.read, time_step)
     traces = Traces.read(data, places, step)
+    options = _read_options(method, threshold, frequency, lowpass, quiet_until)
+    velocity = traces.velocity(**options)
+    if any(errors):
+        # the errors of the distances are independent of each other and of that of the arrivals
+        effects = _find_effects(traces, errors, **options)
+        velocity = replace(velocity, stderr=math.hypot(velocity.stderr, *effects))
+    with files.open() as locked, locked.staging() as stage:
+        _draw(traces, velocity, stage / target.name)
+    warn(velocity.warnings)
+    say_table(_describe(traces, velocity))
+    say(f"Wrote {out}")
+
+
+def _read_options(
+    method: str,
+    threshold: float | None,
+    frequency: str | None,
+    lowpass: str,
+    quiet_until: str | None,
+) -> dict[str, Any]:
+    """Return the options of :meth:`Traces.velocity`, SI, from those of :func:`find_velocity`;
+    without the options that are not given.
+    """
+    from granphon.base.quantities import FREQUENCY
+    from granphon.base.validation import require
+    from granphon.fits.trace_files import TIMES
+
     cutoff: float | str | None = lowpass
     if lowpass == _NO_FILTER:
         cutoff = None
@@ -106,16 +132,7 @@ def find_velocity(
         options["frequency"] = require("--frequency", FREQUENCY.read, frequency)
     if quiet_until is not None:
         options["quiet"] = require("--quiet-until", TIMES.read, quiet_until)
-    velocity = traces.velocity(**options)
-    if any(errors):
-        # the errors of the distances are independent of each other and of that of the arrivals
-        effects = _find_effects(traces, errors, **options)
-        velocity = replace(velocity, stderr=math.hypot(velocity.stderr, *effects))
-    with files.open() as locked, locked.staging() as stage:
-        _draw(traces, velocity, stage / target.name)
-    warn(velocity.warnings)
-    say_table(_describe(traces, velocity))
-    say(f"Wrote {out}")
+    return options
 
 
 def _read_distances(option: str) -> tuple[list[float], list[float]]:

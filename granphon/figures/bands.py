@@ -533,11 +533,11 @@ def _mix_edge_colours(weight: Array) -> Array:
 
     An edge has its colour in proportion to the energy beyond that of a wave spread evenly.
     """
-    excess = np.maximum(weight - _EVEN, 0.0) / (1.0 - _EVEN)
-    inside = 1.0 - excess.sum(axis=-1, keepdims=True)
+    parts_of_edges = np.maximum(weight - _EVEN, 0.0) / (1.0 - _EVEN)
+    part_inside = 1.0 - parts_of_edges.sum(axis=-1, keepdims=True)
     colours = np.array([to_rgb(colour) for colour in _EDGES])
     # the colours of both edges and of the inside, each times its part
-    return np.asarray(np.concatenate([excess, inside], axis=-1) @ colours)
+    return np.asarray(np.concatenate([parts_of_edges, part_inside], axis=-1) @ colours)
 
 
 def _draw_bulk(bands: Bands, ax: Axes, bulk: Array, unit: HertzPrefix) -> None:

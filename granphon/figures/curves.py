@@ -508,9 +508,9 @@ def read_values(dataset: Dataset, name: str, run: str = "") -> Any:
         raise InputError(
             f"{name} of {run or 'the sweep'} has no finite value", why, "Draw another variable"
         )
-    sizes = np.abs(np.asarray(values, float))
-    is_too_large = np.isfinite(sizes) & (sizes > _LARGEST)
-    is_too_small = (sizes > 0.0) & (sizes < 1.0 / _LARGEST)
+    magnitudes = np.abs(np.asarray(values, float))
+    is_too_large = np.isfinite(magnitudes) & (magnitudes > _LARGEST)
+    is_too_small = (magnitudes > 0.0) & (magnitudes < 1.0 / _LARGEST)
     is_far = is_too_large | is_too_small
     if np.any(is_far):
         problem = f"{name!r} has the value {np.asarray(values)[is_far].flat[0]:g}"
@@ -945,11 +945,11 @@ def _choose_variables(dataset: Dataset, variable: str | None) -> tuple[list[str]
     """
     # a table of numbers that are not from a sweep has no "observe"
     observed = json.loads(dataset.attrs.get("observe", "[]"))
-    single = variable
+    single_variable = variable
     if variable is None and "motion" in observed and "velocities" not in observed:
-        single = "peak_velocity" if "peak_velocity" in dataset else "greatest_force"
-    if single is not None:
-        return [], [single]
+        single_variable = "peak_velocity" if "peak_velocity" in dataset else "greatest_force"
+    if single_variable is not None:
+        return [], [single_variable]
     velocities = [name for name in _VELOCITIES if name in dataset and np.any(dataset[name] != 0.0)]
     return velocities, velocities or ["normal_stiffness"]
 
@@ -1020,9 +1020,9 @@ def _write_symbols(ax: Axes, curves: Mapping[str, Sequence[Curve]]) -> None:
     for name, curves_of_velocity in curves.items():
         # the right end is at the greatest x: a path may turn, and end anywhere
         velocities = [float(curve.y[np.argmax(curve.x)]) for curve in curves_of_velocity]
-        finite = [velocity for velocity in velocities if np.isfinite(velocity)]
+        finite_velocities = [velocity for velocity in velocities if np.isfinite(velocity)]
         if name != _PULSE:
-            all_ends += [(velocity, _VELOCITIES[name]) for velocity in finite]
+            all_ends += [(velocity, _VELOCITIES[name]) for velocity in finite_velocities]
     parts = itertools.groupby(sorted(all_ends), key=lambda end: end[1])
     ends = [max(part) for _symbol, part in parts]
     to_axes = ax.transData - ax.transAxes

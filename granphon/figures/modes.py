@@ -779,7 +779,7 @@ def _find_amplitudes(motion: NDArray[Any]) -> Array:
     """Return the largest length (n,) that each of the complex vectors ``motion`` (n, 3) reaches in
     a period: the longer half axis of its elliptic path.
     """
-    # sum and difference of the squares of both half axes of each path
-    total = np.sum(np.abs(motion) ** 2, axis=1)
-    difference = np.abs(np.sum(motion * motion, axis=1))
-    return np.asarray(np.sqrt(0.5 * (total + difference)))
+    # of the squares of both half axes of each path
+    sum_of_squares = np.sum(np.abs(motion) ** 2, axis=1)
+    difference_of_squares = np.abs(np.sum(motion * motion, axis=1))
+    return np.asarray(np.sqrt(0.5 * (sum_of_squares + difference_of_squares)))

@@ -75,27 +75,27 @@ def draw_panels(
     with styled_figure(height + _MARGINS, width) as figure:
         axes = figure.subplots(n_rows, n_columns, sharex=True, sharey=True, squeeze=False)
         cells = iter(axes.flat)
-        drawn: list[tuple[Axes, Panel]] = []
+        drawn_panels: list[tuple[Axes, Panel]] = []
         for row, column in itertools.product(numbers_of_rows, numbers_of_columns):
             ax = next(cells)
-            drawn.append((ax, draw(layout.select(dataset, row, column), ax)))
+            drawn_panels.append((ax, draw(layout.select(dataset, row, column), ax)))
         for ax in cells:
             ax.set_axis_off()
-        _label_shared(axes, drawn, label)
-        _name_panels(drawn, dataset, layout, n_columns, width / n_columns)
-        _write_shared(figure, drawn, dataset, layout)
+        _label_shared(axes, drawn_panels, label)
+        _name_panels(drawn_panels, dataset, layout, n_columns, width / n_columns)
+        _write_shared(figure, drawn_panels, dataset, layout)
     return figure
 
 
 def _label_shared(
-    axes: Any, drawn: Sequence[tuple[Axes, Panel]], label: Callable[[Axes, list[Any]], None]
+    axes: Any, drawn_panels: Sequence[tuple[Axes, Panel]], label: Callable[[Axes, list[Any]], None]
 ) -> None:
     """Scale all panels of the grid ``axes`` (rows, columns) alike, and write the names of the
-    shared axes once. ``drawn`` are the Axes that have a panel, each with what was drawn there, and
-    ``label`` is that of :func:`draw_panels`.
+    shared axes once. ``drawn_panels`` are the Axes that have a panel, each with what was drawn
+    there, and ``label`` is that of :func:`draw_panels`.
     """
-    all_curves = [curve for _, panel in drawn for curve in panel.curves]
-    panels = [ax for ax, _ in drawn]
+    all_curves = [curve for _, panel in drawn_panels for curve in panel.curves]
+    panels = [ax for ax, _ in drawn_panels]
     for ax in panels:
         label(ax, all_curves)
         ax.margins(x=0.08)
@@ -131,18 +131,18 @@ def _name_all(panels: Sequence[Axes], which: str, label: str) -> None:
 
 
 def _name_panels(
-    drawn: Sequence[tuple[Axes, Panel]],
+    drawn_panels: Sequence[tuple[Axes, Panel]],
     dataset: Dataset,
     layout: Layout,
     n_columns: int,
     width: float,
 ) -> None:
-    """Write the values of columns and rows beside the panels ``drawn``, of which ``n_columns``
-    stand in a line, each ``width`` inches wide. The value of a column stands above the panel of the
-    first row, or above each panel if panels stand in lines; the value of a row stands at the right
-    of the last panel of the row.
+    """Write the values of columns and rows beside the panels ``drawn_panels``, of which
+    ``n_columns`` stand in a line, each ``width`` inches wide. The value of a column stands above
+    the panel of the first row, or above each panel if panels stand in lines; the value of a row
+    stands at the right of the last panel of the row.
     """
-    for number, (ax, panel) in enumerate(drawn):
+    for number, (ax, panel) in enumerate(drawn_panels):
         row, column = divmod(number, n_columns)
         if layout.columns is not None and (row == 0 or layout.rows is None):
             text = panel.facts[_find_kind(dataset, layout.columns)]
@@ -169,20 +169,20 @@ def _find_kind(dataset: Dataset, name: str) -> str:
 
 
 def _write_shared(
-    figure: Figure, drawn: Sequence[tuple[Axes, Panel]], dataset: Dataset, layout: Layout
+    figure: Figure, drawn_panels: Sequence[tuple[Axes, Panel]], dataset: Dataset, layout: Layout
 ) -> None:
-    """Write below the panels ``drawn`` one legend of the entries of all, each label once, and above
-    the panels the facts of parameters that have one value in the figure.
+    """Write below the panels ``drawn_panels`` one legend of the entries of all, each label once,
+    and above the panels the facts of parameters that have one value in the figure.
     """
     handles: dict[str, Line2D] = {}
-    for _, panel in drawn:
+    for _, panel in drawn_panels:
         for handle in panel.handles:
             handles.setdefault(str(handle.get_label()), handle)
     add_legend(figure, list(handles.values()))
     # parameters with a single value, and those of which a single value is drawn
     names = [name for name in list_parameters(dataset) if dataset[name].size == 1]
     names += [name for name, numbers in layout.shown.items() if len(numbers) == 1]
-    _, panel = drawn[0]
+    _, panel = drawn_panels[0]
     facts = [panel.facts[_find_kind(dataset, name)] for name in names]
     if facts:
         figure.suptitle(join_facts(facts, _LETTERS_OF_TITLE), fontsize=STYLE["axes.titlesize"])

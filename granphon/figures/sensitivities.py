@@ -99,7 +99,7 @@ def _set_ticks(ax: Axes) -> None:
     near to its ends that their numbers would reach into the next panel.
     """
     low, high = ax.get_xlim()
-    ticks = MaxNLocator(_MOST_TICKS, steps=[1, 2, 5, 10]).tick_values(low, high)
+    ticks = np.asarray(MaxNLocator(_MOST_TICKS, steps=[1, 2, 5, 10]).tick_values(low, high))
     room = _ROOM * (high - low)
     ax.set_xticks(ticks[(ticks > low + room) & (ticks < high - room)])
     ax.xaxis.set_major_formatter("{x:g}")

@@ -692,9 +692,9 @@ def pick_states(
         raise InputError(f"the sweep has no {words}", mend="Draw another figure")
     dimensions = ("load", "medium", *list_parameters(dataset))
     counts = {dim: dataset.sizes[dim] for dim in dimensions if dim in dataset[name].dims}
-    held = choose_held(counts, _STATES)
-    states_of_held = dataset.isel({dim: [0] for dim in held})
-    labels, indices = _list_states(states_of_held, name)
+    held_dimensions = choose_held(counts, _STATES)
+    remaining_states = dataset.isel({dim: [0] for dim in held_dimensions})
+    labels, indices = _list_states(remaining_states, name)
     drawn_numbers = pick_evenly(len(labels), _STATES)
     # the light end of the colours is too pale; a single state has a colour of its dark end
     positions = np.linspace(0.0, 0.85, len(drawn_numbers)) if len(drawn_numbers) > 1 else [0.3]
@@ -704,7 +704,7 @@ def pick_states(
         """Return the values of a variable in the state with this ``index``."""
         # variables without polarisations have no such dimension
         state_index = index | {"polarisation": polarisation}
-        values = states_of_held[variable].isel(state_index, missing_dims="ignore")
+        values = remaining_states[variable].isel(state_index, missing_dims="ignore")
         return np.asarray(values, float)
 
     states = list[tuple[Any, Callable[..., Array]]]()
@@ -714,19 +714,19 @@ def pick_states(
         handles.append(Line2D([], [], color=tuple(shade), label=labels[number]))
     n_states = math.prod(counts.values())
     if n_states > len(drawn_numbers):
-        values = _describe_held(states_of_held, name, held)
+        values = _describe_held(remaining_states, name, held_dimensions)
         note = ", ".join([*values, f"{len(drawn_numbers)} of {n_states} are drawn"])
         handles.append(Line2D([], [], linestyle="none", label=note))
     return states, handles
 
 
-def _describe_held(dataset: Dataset, name: str, held: Sequence[str]) -> list[str]:
-    """Return in words the only value that each of the dimensions ``held`` has in a data set with
-    the variable ``name``.
+def _describe_held(dataset: Dataset, name: str, dimensions: Sequence[str]) -> list[str]:
+    """Return in words the only value that each of these ``dimensions`` has in a data set with the
+    variable ``name``.
     """
     facts, _index = describe_lines(dataset, name)[0]
     texts = []
-    for dimension in held:
+    for dimension in dimensions:
         if dimension == "load":
             _kind, text = describe_value(dataset, find_load(dataset), 0)
         else:

@@ -371,8 +371,9 @@ class FitProblem:
         InputError if the packing, or the medium at one of the forces, does not exist there.
         """
         velocities, slopes = self.model(logs)
-        relative = velocities / self.sigma
-        return (self.velocity - velocities) / self.sigma, slopes * relative[:, None]
+        # derivatives of logarithms, times the velocities in units of sigma
+        derivatives = slopes * (velocities / self.sigma)[:, None]
+        return (self.velocity - velocities) / self.sigma, derivatives
 
     def simulate_at(self, logs: Array) -> FitProblem:
         """Return the problem whose samples are those at ``logs``: itself if they serve there.
@@ -988,6 +989,15 @@ def fit_width(
     choice.require_fixed("a fit")
     problem = FitProblem.of(VelocityModel(packing, names, choice, data.force, waves), data)
     problem, logs = find_best(problem)
+    return _make_fit(problem, logs, data)
+
+
+def _make_fit(problem: FitProblem, logs: Array, data: Measurements) -> WidthFit:
+    """Return the fit of a ``problem`` to the ``data`` from the logarithms (p,) of the parameters at
+    the minimum; a sigma that is not given is found from the scatter.
+
+    Raises :class:`~granphon.base.errors.InputError` as :func:`_find_covariance` does.
+    """
     sigma_given = data.sigma is not None
     if not sigma_given:
         problem = _set_sigma_to_scatter(problem, logs)
@@ -1014,7 +1024,7 @@ def fit_width(
         packing=fitted_packing,
         choice=problem.model.choice,
         waves=waves,
-        parameters=names,
+        parameters=problem.model.names,
         values=values,
         covariance=covariance * np.outer(values, values),  # from that of the logarithms
         force=data.force,

@@ -387,14 +387,14 @@ class _Pulses:
         offsets = []
         noise = []
         # only ratios within a trace count: squares of very large or small numbers have no digits
-        sizes = np.max(np.abs(traces.signals), axis=1, keepdims=True)
-        scaled = traces.signals / np.where(sizes > 0.0, sizes, 1.0)
-        for name, signal in zip(traces.names, scaled, strict=True):
+        greatest = np.max(np.abs(traces.signals), axis=1, keepdims=True)
+        scaled_signals = traces.signals / np.where(greatest > 0.0, greatest, 1.0)
+        for name, signal in zip(traces.names, scaled_signals, strict=True):
             samples = signal[: _count_quiet_samples(traces, name, signal, quiet)]
             offsets.append(np.mean(samples))
             # noise below the rounding of the samples is that rounding
             noise.append(max(np.std(samples, ddof=1), ROUNDED * np.max(np.abs(signal))))
-        signals = scaled - np.array(offsets)[:, None]
+        signals = scaled_signals - np.array(offsets)[:, None]
         deviations = np.array(noise)
         lowpass_filter = _choose_filter(traces, signals, deviations, lowpass)
         pulses = cls(traces, lowpass_filter, lowpass_filter(signals), deviations)
@@ -442,25 +442,25 @@ class _Pulses:
         places = []
         weights = []
         for sensor, signal in enumerate(self.signals):
-            sizes = np.abs(signal)
+            magnitudes = np.abs(signal)
             top = self._find_top(sensor)
-            level = share * sizes[top]
+            level = share * magnitudes[top]
             name = self.traces.names[sensor]
             level_of_noise = _ABOVE_NOISE * self.filtered_noise[sensor]
             if level <= level_of_noise:
                 raise InputError(
                     f"the threshold {share:g} is in the noise of sensor {name}",
-                    mend=f"Give a threshold above {level_of_noise / sizes[top]:.2g}, a lower"
+                    mend=f"Give a threshold above {level_of_noise / magnitudes[top]:.2g}, a lower"
                     " cut-off of the filter, or the method 'correlation'",
                 )
-            crossing = int(np.argmax(sizes >= level))  # the first sample at the level or above
+            crossing = int(np.argmax(magnitudes >= level))  # the first sample at the level or above
             if crossing == 0:
                 raise InputError(
                     f"the trace of sensor {name} begins above the threshold",
                     mend="Start the record earlier, before the pulse",
                 )
-            rise = sizes[crossing] - sizes[crossing - 1]
-            fraction = (level - sizes[crossing - 1]) / rise
+            rise = magnitudes[crossing] - magnitudes[crossing - 1]
+            fraction = (level - magnitudes[crossing - 1]) / rise
             places.append(crossing - 1 + fraction)
             weight = np.zeros(signal.size)
             weight[crossing - 1] = -(1.0 - fraction) / rise * np.sign(signal[crossing - 1])
@@ -574,10 +574,11 @@ class _Pulses:
         index too, has its first maximum of at least half the greatest height; InputError if there
         is no maximum.
         """
-        sizes = np.abs(self.signals[sensor])
-        inner = sizes[1:-1]
-        is_top = (inner > sizes[:-2]) & (inner >= sizes[2:]) & (inner >= _HALF * np.max(sizes))
-        tops = 1 + np.flatnonzero(is_top)
+        magnitudes = np.abs(self.signals[sensor])
+        inner = magnitudes[1:-1]
+        is_maximum = (inner > magnitudes[:-2]) & (inner >= magnitudes[2:])
+        is_high = inner >= _HALF * np.max(magnitudes)
+        tops = 1 + np.flatnonzero(is_maximum & is_high)
         if not tops.size:
             raise InputError(
                 f"the trace of sensor {self.traces.names[sensor]} has no maximum",
@@ -714,10 +715,10 @@ def _count_quiet_samples(traces: Traces, name: str, signal: Array, quiet: float 
         count = int(np.count_nonzero(traces.times < quiet))
         content = f"{count} samples lie before {quiet:.6g} s"
     else:
-        sizes = np.abs(signal - np.mean(signal[:_LEAST_SAMPLES]))
-        rise = int(np.argmax(sizes >= _HALF * np.max(sizes)))
+        magnitudes = np.abs(signal - np.mean(signal[:_LEAST_SAMPLES]))
+        rise = int(np.argmax(magnitudes >= _HALF * np.max(magnitudes)))
         count = rise // 2
-        ratio = float(np.max(sizes)) / spread
+        ratio = float(np.max(magnitudes)) / spread
         content = (
             f"it has half of its greatest magnitude, {ratio:.3g} standard deviations of the whole,"
             f" after {rise} samples"
@@ -731,20 +732,20 @@ def _count_quiet_samples(traces: Traces, name: str, signal: Array, quiet: float 
     return count
 
 
-def _still_rises(sizes: Array, noise: float) -> bool:
-    """Whether a record ends while its pulse still rises. ``sizes`` (n,) are the magnitudes of the
+def _still_rises(magnitudes: Array, noise: float) -> bool:
+    """Whether a record ends while its pulse still rises. ``magnitudes`` (n,) are those of the
     samples, and ``noise`` is the standard deviation of their noise.
 
     The pulse does if the greatest sample lies no farther from the end than a quarter of the rise so
     far, and the mean over the last such quarter exceeds that over the quarter before by more than
     five times the noise.
     """
-    top = int(np.argmax(sizes))
-    rise = top - int(np.argmax(sizes >= THRESHOLD * sizes[top]))
+    top = int(np.argmax(magnitudes))
+    rise = top - int(np.argmax(magnitudes >= THRESHOLD * magnitudes[top]))
     quarter = max(rise // 4, 2)
-    if sizes.size - top > quarter or sizes.size < 2 * quarter:
+    if magnitudes.size - top > quarter or magnitudes.size < 2 * quarter:
         return False
-    late_rise = np.mean(sizes[-quarter:]) - np.mean(sizes[-2 * quarter : -quarter])
+    late_rise = np.mean(magnitudes[-quarter:]) - np.mean(magnitudes[-2 * quarter : -quarter])
     return bool(late_rise > _ABOVE_NOISE * noise)
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, ClassVar, Self
@@ -852,20 +852,36 @@ def fit_damping(
     }
     model = _Model(network, pressed, names, fixed_losses, measured.frequencies, places)
     comparison = _Comparison(model, measured)
-    sigma_given = measured.sigma is not None
+    _require_data(comparison.dof, len(names), sigma_given=measured.sigma is not None)
+    warnings = given_losses.find_warnings(float(np.max(measured.frequencies)))
+    quantity_of_data = Places(network, direction, polarisation, distance).refine(quantity, source)
+    return _make_fit(comparison, quantity_of_data, warnings)
+
+
+def _make_fit(
+    comparison: _Comparison, quantity: str, warnings_of_losses: Iterable[str]
+) -> DampingFit:
+    """Return the fit at the lowest minimum of a ``comparison`` of a response ``quantity``; its
+    warnings are those on the losses that are given, and on the fit itself.
+
+    Raises InputError as the methods of the comparison do.
+    """
+    model = comparison.model
+    measured = comparison.measured
+    names = comparison.names
     dof = comparison.dof
-    _require_data(dof, len(names), sigma_given=sigma_given)
+    sigma_given = measured.sigma is not None
     best = comparison.find_best()
     chi2 = 2.0 * float(best.cost)  # scipy's cost is half the sum of squares
     scatter = 1.0 if sigma_given else max(math.sqrt(chi2 / dof), float(np.finfo(float).eps))
     jacobian = comparison.find_jacobian(best, scatter)
     covariance = comparison.find_covariance(jacobian, scatter)
     values = best.x * comparison.scale
-    warnings = list(given_losses.find_warnings(float(np.max(measured.frequencies))))
+    warnings = list(warnings_of_losses)
     if sigma_given or not dof:
         warnings += judge_residuals(chi2, dof, len(names))
     warnings += _judge_errors(names, values, np.sqrt(np.diag(covariance)))
-    if "on_site" in names and pressed is None:
+    if "on_site" in names and model.pressed is None:
         warnings.append(KEPT_FORCES)
     losses = model.losses(dict(zip(names, values.tolist(), strict=True)))
     values, covariance = _find_restitution(names, values, covariance)
@@ -881,7 +897,7 @@ def fit_damping(
         **{name: _average_contacts(losses[name]) for name in SECOND_LOSSES},
         restitution=float(np.mean(losses[_RESTITUTION])),
         measured=with_errors,
-        quantity=Places(network, direction, polarisation, distance).refine(quantity, source),
+        quantity=quantity,
         sigma_given=sigma_given,
         magnitude=np.abs(comparison.respond(best.x)),
         phase=comparison.find_phases(best.x),

@@ -9,7 +9,7 @@ each of a few nodes of eta^1/2, between which it is a polynomial.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -123,21 +123,31 @@ def tabulate_medium(
     start = _find_start(require_values, np.log(least_force), PrecisionError)
     if start is None:
         raise PrecisionError("the medium has no solution at any load of the page")
-    # curves at roots of eta in the middle between two nodes
-    checks = []
-    for low, high in itertools.pairwise(roots):
-        middle = 0.5 * (low + high)
-        law = _make_law(packing, choice, middle**2)
-        if law is not None:
-            checks.append((middle, _make_curve(law)))
     valid = float(force_of(high_pressure_overlap(1.0)))
     note = ""
     if name == "ema":
         valid = VALID_FORCE
         change = _find_effect_of_rolling(packing, choice, most_rolling, start)
         note = _write_note_on_rolling(packing, change)
+    checks = _make_checks(packing, choice, roots)
     table = _tabulate(curves, roots, start, EXPONENT * np.log(_EQUAL), checks)
     return description | table | {"valid": valid, "note": note}
+
+
+def _make_checks(
+    packing: Packing, choice: MediumChoice, roots: Sequence[float]
+) -> list[tuple[float, _Curve]]:
+    """Return the middles between neighbouring ``roots`` of eta, and the curve of the medium at
+    each, with which the interpolation between the roots is compared; none where the medium has the
+    law of equal balls.
+    """
+    checks = []
+    for low, high in itertools.pairwise(roots):
+        middle = 0.5 * (low + high)
+        law = _make_law(packing, choice, middle**2)
+        if law is not None:
+            checks.append((middle, _make_curve(law)))
+    return checks
 
 
 def _tabulate_simulation(

@@ -305,16 +305,7 @@ def describe_page(
     return {
         "schema": PAGE_SCHEMA,
         "lattice": describe_lattice(packing, path or BandPath.default(structure)),
-        "balls": {
-            "diameter": packing.diameter,
-            "mass": packing.mass,
-            "coefficient": law.coefficient,
-            "power": EXPONENT,
-            "shear_modulus": packing.material.shear_modulus,
-            "density": packing.effective_density,
-            "mindlin_ratio": packing.material.mindlin_ratio,
-            "spread": (packing.spread or Uniform(1.0)).kind,
-        },
+        "balls": _describe_balls(packing),
         "pressure": pressure,
         "units": structure.units_of(("pressure", "modulus")),
         "media": tables,
@@ -337,6 +328,24 @@ def describe_page(
         },
         "remarks": [*remarks, *notes],
         "losses": _describe_losses(losses),
+    }
+
+
+def _describe_balls(packing: Packing) -> dict[str, Any]:
+    """Return the numbers of the balls of a packing, SI, by name, with "spread", the word for the
+    shape of the distribution of diameters that the slider of the width changes: that of the
+    packing, or a uniform one for equal balls.
+    """
+    material = packing.material
+    return {
+        "diameter": packing.diameter,
+        "mass": packing.mass,
+        "coefficient": packing.law.coefficient,
+        "power": EXPONENT,
+        "shear_modulus": material.shear_modulus,
+        "density": packing.effective_density,
+        "mindlin_ratio": material.mindlin_ratio,
+        "spread": (packing.spread or Uniform(1.0)).kind,
     }
 
 
